@@ -1,0 +1,85 @@
+"""Verdicts: mathematical failure is a value, not an exception.
+
+`proved` needs exact or outward-rounded arithmetic; `refuted` carries a witness; `where` holds under a condition;
+`generic` holds outside a set of measure zero; `unknown` is an honest "no answer".
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from hgogen.errors import HgogenError
+
+
+class Verdict(StrEnum):
+    """What is known of a claim."""
+
+    PROVED = "proved"
+    REFUTED = "refuted"
+    WHERE = "where"
+    GENERIC = "generic"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One claim with its verdict.
+
+    `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is the
+    point that refutes; `fix` says what a user can do about it.
+    """
+
+    id: str
+    claim: str
+    verdict: Verdict
+    reason: str
+    witness: Mapping[str, float] = field(default_factory=dict)
+    fix: str = ""
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{name} = {value:g}" for name, value in self.witness.items())
+        return f"{self.verdict:8} {self.id}: {self.claim} ({self.reason}{'; at ' + at if at else ''})"
+
+
+@dataclass(frozen=True)
+class Refuted(HgogenError):
+    """An observer was asked for on a form with a refuted hypothesis that nobody accepted."""
+
+    checks: tuple[Check, ...]
+
+    def __str__(self) -> str:
+        ids = tuple(check.id for check in self.checks)
+        lines = "; ".join(str(check) for check in self.checks)
+        fixes = " ".join(check.fix for check in self.checks if check.fix)
+        return f"refuted: {lines}. {fixes + ' ' if fixes else ''}To build all the same, say accept={ids!r}"
+
+
+@dataclass(frozen=True)
+class UnknownCheck(HgogenError):
+    """`accept=` names a check that does not exist."""
+
+    id: str
+    known: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"accept names {self.id!r}, which is no check here; the checks are {', '.join(self.known)}"
+
+
+def refuted(checks: Iterable[Check], accept: Iterable[str] = ()) -> tuple[Check, ...]:
+    """The refuted checks that `accept` does not name.
+
+    Raises: `UnknownCheck` for a name that is none of the checks'.
+    """
+    checks, accept = tuple(checks), tuple(accept)
+    known = tuple(check.id for check in checks)
+    for name in accept:
+        if name not in known:
+            raise UnknownCheck(name, known)
+    return tuple(check for check in checks if check.verdict is Verdict.REFUTED and check.id not in accept)
+
+
+def demand(checks: Iterable[Check], accept: Iterable[str] = ()) -> None:
+    """Raise `Refuted` if a check is refuted and not accepted; nothing else stops building."""
+    left = refuted(checks, accept)
+    if left:
+        raise Refuted(left)

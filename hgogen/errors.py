@@ -1,0 +1,5 @@
+"""The base of every error hgogen raises: a sentence that names the thing and the fix."""
+
+
+class HgogenError(Exception):
+    """Base class; each error is a frozen dataclass beside the code that raises it, its text in `__str__`."""

@@ -1,0 +1,54 @@
+"""A form: the plant in observer coordinates, z' = A(u) z + b(z, u), y = h(z, u), each claim a `Check`.
+
+The split matters to every observer: the linear part A(u) z is used as it is, the nonlinear part b takes its argument
+clamped to the declared box, because a proof about the plant holds on the box and the estimate leaves it while it
+peaks.
+"""
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from hgogen.check import Check
+from hgogen.signal import Signal
+from hgogen.system import System
+
+
+@dataclass(frozen=True)
+class Form:
+    """The plant in (or shown to be in) an observability form.
+
+    `states`: n Signals z_1..z_n with the ranges that the plant's states give them; `to_form`: z as expressions of
+    the plant's states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and parameters;
+    `b`: n expressions of z, inputs, parameters; `output`: p expressions of z, inputs, parameters; `checks`: one for
+    each hypothesis.
+    """
+
+    system: System
+    kind: str
+    states: tuple[Signal, ...]
+    to_form: tuple[sp.Expr, ...]
+    from_form: tuple[sp.Expr, ...]
+    A: sp.ImmutableDenseMatrix
+    b: tuple[sp.Expr, ...]
+    output: tuple[sp.Expr, ...]
+    checks: tuple[Check, ...]
+    reference: str
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def flow(self) -> tuple[sp.Expr, ...]:
+        """z' = A(u) z + b(z, u)."""
+        linear = self.A * sp.Matrix(self.states)
+        return tuple(row + rest for row, rest in zip(linear, self.b, strict=True))
+
+    def __str__(self) -> str:
+        arrow = ", ".join(f"{z} = {expression}" for z, expression in zip(self.states, self.to_form, strict=True))
+        lines = [f"{self.system.name} in {self.kind} form, {arrow}"]
+        lines += [f"  {z}' = {rate}" for z, rate in zip(self.states, self.flow, strict=True)]
+        lines += [f"  {y} = {expression}" for y, expression in zip(self.system.outputs, self.output, strict=True)]
+        return "\n".join(lines + [f"  {check}" for check in self.checks])

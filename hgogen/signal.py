@@ -1,0 +1,147 @@
+"""A signal: a SymPy symbol with a unit, a meaning, a nominal value and a range.
+
+One declaration of the range serves proof assumptions, clamping, the C comment and test sampling.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from hgogen.errors import HgogenError
+
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_RESERVED = frozenset(
+    """auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    alignas alignof bool complex constexpr false generic imaginary noreturn nullptr static_assert thread_local true
+    typeof asm fortran and and_eq bitand bitor catch class compl const_cast delete dynamic_cast explicit export
+    friend mutable namespace new not not_eq operator or or_eq private protected public reinterpret_cast
+    static_cast template this throw try typeid typename using virtual wchar_t xor xor_eq
+    I NULL EOF errno assert offsetof NAN INFINITY""".split()
+)
+
+
+@dataclass(frozen=True)
+class BadName(HgogenError):
+    """A signal's or a system's name that no C compiler would accept as a member name."""
+
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"the name {self.name!r} {self.reason}; choose another, letters and digits, such as {self.hint!r}"
+
+    @property
+    def hint(self) -> str:
+        cleaned = re.sub(r"\W", "_", str(self.name), flags=re.ASCII).strip("_")
+        return f"{cleaned or 'x'}_1" if cleaned[:1].isalpha() or not cleaned else f"x_{cleaned}"
+
+
+@dataclass(frozen=True)
+class BadRange(HgogenError):
+    """A range the wrong way round, or a value that is not a finite number or lies outside its range."""
+
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"signal {self.name!r}: {self.reason}"
+
+
+def check_name(name: str) -> None:
+    """Raise `BadName` unless `name` is an ASCII C identifier that C and C++ do not reserve."""
+    if not isinstance(name, str) or not _IDENTIFIER.match(name):
+        raise BadName(str(name), "is not an identifier (a letter, then letters, digits and underscores)")
+    if "__" in name:
+        raise BadName(name, "has a double underscore, which C++ reserves")
+    if name in _RESERVED:
+        raise BadName(name, "is reserved by C or C++")
+
+
+def _number(name: str, what: str, value: Any) -> float | None:
+    if value is None:
+        return None
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise BadRange(name, f"{what} = {value!r} is not a number; give a number or leave it out") from None
+    if not math.isfinite(number):
+        raise BadRange(name, f"{what} = {number} is not finite; give a finite number or leave it out")
+    return number
+
+
+class Signal(sp.Symbol):  # type: ignore[misc]
+    """A real symbol with its engineering data.
+
+    Args: `name`, a C identifier; `unit` and `meaning`, free text for reports and C comments; `nominal`, a
+    parameter's value or an input's value before the first sample; `low`, `high`, the closed range, both or
+    neither. A signal without a range is never clamped. A parameter with a range can be tuned at run time, one
+    without is folded into the code.
+
+    Raises: `BadName`, `BadRange`.
+
+    Signals of equal name but different data are different symbols (SymPy's own cache, which would hand back the
+    first, is bypassed), and signals pickle.
+    """
+
+    __slots__ = ("high", "low", "meaning", "nominal", "unit")
+
+    unit: str
+    meaning: str
+    nominal: float | None
+    low: float | None
+    high: float | None
+
+    def __new__(
+        cls,
+        name: str,
+        unit: str = "",
+        meaning: str = "",
+        nominal: Any = None,
+        low: Any = None,
+        high: Any = None,
+    ) -> "Signal":
+        check_name(name)
+        nominal, low, high = (
+            _number(name, what, value)
+            for what, value in (("nominal", nominal), ("low", low), ("high", high))
+        )
+        if (low is None) != (high is None):
+            raise BadRange(name, "has only one end of a range; give both low and high, or neither")
+        if low is not None and high is not None:
+            if not low < high:
+                raise BadRange(name, f"low = {low:g} is not below high = {high:g}; swap or widen them")
+            if nominal is not None and not low <= nominal <= high:
+                raise BadRange(name, f"nominal = {nominal:g} lies outside [{low:g}, {high:g}]; widen the range")
+        signal: Signal = sp.Symbol.__xnew__(cls, name, real=True)
+        signal.unit, signal.meaning = str(unit), str(meaning)
+        signal.nominal, signal.low, signal.high = nominal, low, high
+        return signal
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        """SymPy's base takes no arguments here; `__new__` has done the work."""
+
+    def _hashable_content(self) -> tuple[Any, ...]:
+        data = (self.unit, self.meaning, self.nominal, self.low, self.high)
+        return tuple(super()._hashable_content()) + tuple(str(value) for value in data)
+
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (self.name, self.unit, self.meaning, self.nominal, self.low, self.high), {}
+
+    def __reduce_ex__(self, protocol: Any) -> tuple[Any, ...]:
+        return Signal, self.__getnewargs_ex__()[0]
+
+    @property
+    def bounded(self) -> bool:
+        """Whether a range was declared."""
+        return self.low is not None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The closed range; (-inf, inf) where none was declared."""
+        if self.low is None or self.high is None:
+            return -math.inf, math.inf
+        return self.low, self.high

@@ -1,0 +1,133 @@
+"""The plant: x' = flow(x, u; p), y = output(x, u; p), as the user writes it in SymPy."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from hgogen.errors import HgogenError
+from hgogen.signal import Signal, check_name
+
+
+@dataclass(frozen=True)
+class BadSystem(HgogenError):
+    """A system that does not fit together; the sentence names the part and the fix."""
+
+    system: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"system {self.system!r}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class System:
+    """A plant, x' = flow(x, u; p), y = output(x, u; p).
+
+    Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and `output`
+    (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value.
+
+    Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value;
+    `BadName` for a name that C could not carry.
+    """
+
+    name: str
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    parameters: tuple[Signal, ...]
+    flow: tuple[sp.Expr, ...]
+    output: tuple[sp.Expr, ...]
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        states: Iterable[Signal],
+        inputs: Iterable[Signal] = (),
+        outputs: Iterable[Signal],
+        parameters: Iterable[Signal] = (),
+        flow: Sequence[Any],
+        output: Sequence[Any],
+    ) -> None:
+        check_name(name)
+        groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
+        for kind, signals in groups.items():
+            object.__setattr__(self, kind, _signals(name, kind, signals))
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "flow", _expressions(name, "flow", flow))
+        object.__setattr__(self, "output", _expressions(name, "output", output))
+        _validate(self)
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """Every declared signal: states, inputs, outputs, parameters."""
+        return self.states + self.inputs + self.outputs + self.parameters
+
+    @property
+    def nominal(self) -> dict[Signal, sp.Rational]:
+        """Parameter to nominal value, as the exact rational of its shortest decimal."""
+        return {p: sp.Rational(str(p.nominal)) for p in self.parameters}
+
+
+def _signals(system: str, kind: str, signals: Iterable[Signal]) -> tuple[Signal, ...]:
+    if isinstance(signals, Signal):
+        raise BadSystem(system, f"{kind} is a single Signal; write a tuple, {kind}=({signals.name},)")
+    signals = tuple(signals)
+    for signal in signals:
+        if not isinstance(signal, Signal):
+            raise BadSystem(system, f"{kind} holds {signal!r}, which is no Signal; declare it with hg.Signal")
+    return signals
+
+
+def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr, ...]:
+    if isinstance(values, sp.MatrixBase):
+        values = list(values)
+    if isinstance(values, sp.Basic) or not isinstance(values, Iterable):
+        raise BadSystem(system, f"{what} is {values!r}; write a list of expressions")
+    result = []
+    for index, value in enumerate(values, 1):
+        try:
+            expression = sp.sympify(value, strict=True)
+        except (sp.SympifyError, TypeError):
+            raise BadSystem(system, f"{what} {index} is {value!r}, not a SymPy expression or number") from None
+        if not isinstance(expression, sp.Expr):
+            raise BadSystem(system, f"{what} {index} is {expression}, which is not a scalar expression")
+        if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo) or expression.has(sp.I):
+            raise BadSystem(system, f"{what} {index}, {expression}, is not finite and real; correct it")
+        result.append(expression)
+    return tuple(result)
+
+
+def _validate(system: System) -> None:
+    name = system.name
+    for kind in ("states", "outputs"):
+        if not getattr(system, kind):
+            raise BadSystem(name, f"has no {kind}; an observer needs at least one")
+    for kind, values in (("states", "flow"), ("outputs", "output")):
+        want, have = len(getattr(system, kind)), len(getattr(system, values))
+        if want != have:
+            raise BadSystem(name, f"has {want} {kind} but {have} expressions in {values}; give one for each")
+    seen: dict[str, Signal] = {}
+    for signal in system.signals:
+        if signal.name in seen:
+            raise BadSystem(name, f"the name {signal.name!r} is declared twice; rename one of the two signals")
+        seen[signal.name] = signal
+    for parameter in system.parameters:
+        if parameter.nominal is None or not math.isfinite(parameter.nominal):
+            raise BadSystem(name, f"parameter {parameter.name!r} has no value; give it nominal=")
+    allowed = set(system.states + system.inputs + system.parameters)
+    for what, expressions in (("flow", system.flow), ("output", system.output)):
+        for index, expression in enumerate(expressions, 1):
+            for symbol in sorted(expression.free_symbols - allowed, key=str):
+                raise BadSystem(name, f"{what} {index} uses {_stranger(symbol, seen, system)}")
+
+
+def _stranger(symbol: sp.Symbol, seen: dict[str, Signal], system: System) -> str:
+    if symbol in system.outputs:
+        return f"the output {symbol}; write it in states and inputs"
+    if symbol.name in seen:
+        return f"a symbol {symbol} that is not the Signal declared with that name; use the Signal itself"
+    return f"the unknown symbol {symbol}; declare it as a Signal among states, inputs or parameters"
