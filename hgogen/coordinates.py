@@ -1,0 +1,98 @@
+"""Coordinates z = a signed permutation of the plant's states x, and the split x' = A(u) x + b(x, u)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain, count
+
+import sympy as sp
+
+from hgogen.signal import Signal
+from hgogen.system import System
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """z_i = sign_i x_order(i).
+
+    `states`: z_1..z_n with ranges, units and meanings from the plant's states; `to_form`: z in terms of x;
+    `from_form`: x, in the plant's order, in terms of z.
+    """
+
+    system: System
+    order: tuple[Signal, ...]
+    signs: tuple[int, ...]
+    states: tuple[Signal, ...]
+
+    @property
+    def to_form(self) -> tuple[sp.Expr, ...]:
+        """z as expressions of the plant's states."""
+        return tuple(sign * x for sign, x in zip(self.signs, self.order, strict=True))
+
+    @property
+    def from_form(self) -> tuple[sp.Expr, ...]:
+        """The plant's states as expressions of z."""
+        replace = self.replacement
+        return tuple(replace[x] for x in self.system.states)
+
+    @property
+    def replacement(self) -> dict[sp.Expr, sp.Expr]:
+        """Plant state to its expression in z."""
+        return {x: sign * z for x, sign, z in zip(self.order, self.signs, self.states, strict=True)}
+
+    def carry(self, expression: sp.Expr) -> sp.Expr:
+        """An expression of the plant's states, written in z."""
+        return expression.xreplace(self.replacement)
+
+    @property
+    def flow(self) -> tuple[sp.Expr, ...]:
+        """z' in terms of z."""
+        rows = dict(zip(self.system.states, self.system.flow, strict=True))
+        return tuple(sign * self.carry(rows[x]) for sign, x in zip(self.signs, self.order, strict=True))
+
+    @property
+    def output(self) -> tuple[sp.Expr, ...]:
+        """y in terms of z."""
+        return tuple(self.carry(expression) for expression in self.system.output)
+
+
+def coordinates(
+    system: System, order: Sequence[Signal] | None = None, signs: Sequence[int] | None = None
+) -> Coordinates:
+    """z from the plant's states in `order` (default: the plant's), each times its sign, +1 or -1 (default +1)."""
+    order = tuple(order or system.states)
+    signs = tuple(signs or (1,) * len(order))
+    stem = _stem({signal.name for signal in system.signals}, len(order))
+    states = tuple(
+        _signal(f"{stem}{i}", x, sign) for i, (x, sign) in enumerate(zip(order, signs, strict=True), 1)
+    )
+    return Coordinates(system, order, signs, states)
+
+
+def split(
+    flow: Iterable[sp.Expr], states: Sequence[Signal]
+) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
+    """A and b of flow = A x + b: A holds the coefficients, free of states, of the terms linear in one state."""
+    A, b = sp.zeros(len(states), len(states)), []
+    for i, row in enumerate(flow):
+        rest = []
+        for term in sp.Add.make_args(sp.expand_mul(row)):
+            coefficient, factor = term.as_independent(*states, as_Add=False)
+            if factor in states:
+                A[i, states.index(factor)] += coefficient
+            else:
+                rest.append(term)
+        b.append(sp.Add(*rest) if any(A.row(i)) else row)
+    return sp.ImmutableDenseMatrix(A), tuple(b)
+
+
+def _stem(taken: set[str], n: int) -> str:
+    stems = chain(("z", "zeta", "xi"), (f"z{k}_" for k in count(1)))
+    return next(stem for stem in stems if not any(f"{stem}{i}" in taken for i in range(1, n + 1)))
+
+
+def _signal(name: str, x: Signal, sign: int) -> Signal:
+    # "+ 0.0" turns the -0.0 of a mirrored zero into 0.0, which prints better.
+    low, high = (x.low, x.high) if sign > 0 else (x.high, x.low)
+    nominal, low, high = (None if value is None else sign * value + 0.0 for value in (x.nominal, low, high))
+    meaning = x.meaning if sign > 0 else f"minus {x.meaning or x.name}"
+    return Signal(name, x.unit, meaning, nominal, low, high)

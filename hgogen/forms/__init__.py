@@ -1,0 +1,14 @@
+"""Observability forms: each file is a case, a function from a System to a Form."""
+
+from typing import TYPE_CHECKING, Any
+
+from hgogen.registry import load
+
+if TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any: ...
+
+
+_cases = load(__name__)
+globals().update(_cases)
+__all__ = list(_cases)

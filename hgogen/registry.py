@@ -1,0 +1,37 @@
+"""The folder is the registry: every file of a plural folder is a case and has one public name, its own."""
+
+import sys
+from dataclasses import dataclass
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
+
+from hgogen.errors import HgogenError
+
+
+@dataclass(frozen=True)
+class NoCase(HgogenError):
+    """A file in a registry folder that does not define its own name."""
+
+    module: str
+
+    def __str__(self) -> str:
+        name = self.module.rpartition(".")[2]
+        return f"{self.module} defines no {name!r}; give the case the name of its file, or move the file elsewhere"
+
+
+def load(package: str) -> dict[str, Any]:
+    """Import every module of the package, in alphabetical order; return {case name: its public object}.
+
+    A folder's `__init__` says `globals().update(load(__name__))`. Loading is eager because importing a module later
+    would bind the package's attribute to the module in place of the function.
+
+    Raises: `NoCase`.
+    """
+    cases = {}
+    for name in sorted(info.name for info in iter_modules(sys.modules[package].__path__)):
+        module = import_module(f"{package}.{name}")
+        if name not in vars(module):
+            raise NoCase(module.__name__)
+        cases[name] = vars(module)[name]
+    return cases
