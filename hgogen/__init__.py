@@ -1,0 +1,31 @@
+"""hgogen turns a plant into a step, through four values, and hands the step to readers.
+
+plant : System --form--> Form --observer--> Observer --method, dt--> Step --target--> files
+                                                                       --call------> numbers
+"""
+
+from hgogen import forms, innovation, methods, observers, theta
+from hgogen.check import Check, Verdict
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.observer import Observer
+from hgogen.signal import Signal
+from hgogen.step import Step, sample
+from hgogen.system import System
+
+__all__ = [
+    "Check",
+    "Form",
+    "HgogenError",
+    "Observer",
+    "Signal",
+    "Step",
+    "System",
+    "Verdict",
+    "forms",
+    "innovation",
+    "methods",
+    "observers",
+    "sample",
+    "theta",
+]

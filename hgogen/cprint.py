@@ -1,0 +1,329 @@
+"""The C printer: a block's SX instructions as readable C, with named values, minimal parentheses and no double in float.
+
+The order of operations in the C is that of the instructions, so every reader of a block computes the same bits (where the
+compiler does not contract a*b + c). Values used more than once, or worth a name, become `const` locals; the rest is
+written in place.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from hgogen.errors import HgogenError
+
+Real = Literal["float", "double"]
+WIDTH = 92  # longest expression that is written in place
+
+SUM, PRODUCT, UNARY, ATOM = 4, 5, 6, 7  # C precedence, loosest first
+SELECT, OR, AND, EQUAL, ORDER = 0, 1, 2, 2.5, 3
+
+
+@dataclass(frozen=True)
+class NotPrintable(HgogenError):
+    """An operation that has no C of ours."""
+
+    operation: int
+
+    def __str__(self) -> str:
+        names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == self.operation]
+        return f"the operation {names[0] if names else self.operation} has no C; write the model without it"
+
+
+@dataclass(eq=False)
+class Node:
+    """One value of a graph."""
+
+    op: int
+    args: tuple["Node", ...] = ()
+    constant: float = 0.0
+    source: tuple[int, int] = (0, 0)  # of an input: argument, element
+    uses: int = 0
+    name: str = ""
+
+
+_BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
+_INFIX: dict[int, tuple[str, float]] = {
+    ca.OP_ADD: (" + ", SUM),
+    ca.OP_SUB: (" - ", SUM),
+    ca.OP_MUL: ("*", PRODUCT),
+    ca.OP_DIV: ("/", PRODUCT),
+    ca.OP_LT: (" < ", ORDER),
+    ca.OP_LE: (" <= ", ORDER),
+    ca.OP_EQ: (" == ", EQUAL),
+    ca.OP_NE: (" != ", EQUAL),
+}
+_LOGIC: dict[int, tuple[str, float]] = {ca.OP_AND: (" && ", AND), ca.OP_OR: (" || ", OR)}
+CALLS: dict[int, str] = {
+    ca.OP_FABS: "abs",
+    ca.OP_FMIN: "min",
+    ca.OP_FMAX: "max",
+    ca.OP_FLOOR: "floor",
+    ca.OP_SIGN: "sign",
+    ca.OP_SQRT: "sqrt",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_HYPOT: "hypot",
+}
+HELPERS = ("abs", "min", "max", "clamp", "within", "floor", "sign")
+_CLAMP, _WITHIN, _CHOOSE = -1, -2, -3  # patterns that have their own C
+
+
+def read(function: Any) -> list[list[Node]]:
+    """The outputs of an SX function as nodes, one list for each output."""
+    slots: dict[int, Node] = {}
+    outputs = [[Node(ca.OP_CONST)] * function.numel_out(i) for i in range(function.n_out())]
+    inputs: dict[tuple[int, int], Node] = {}
+    for k in range(function.n_instructions()):
+        op, take, give = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            outputs[give[0]][give[1]] = slots[take[0]]
+        elif op == ca.OP_INPUT:
+            source = (take[0], take[1])
+            slots[give[0]] = inputs.setdefault(source, Node(op, source=source))
+        elif op == ca.OP_CONST:
+            slots[give[0]] = Node(op, constant=function.instruction_constant(k))
+        else:
+            slots[give[0]] = _node(op, tuple(slots[i] for i in take))
+    return outputs
+
+
+def _node(op: int, args: tuple[Node, ...]) -> Node:
+    """A value, with the patterns of a choice, a clamp and a finite test recognised."""
+    if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
+        (test, yes), (negated, no) = args[0].args, args[1].args
+        if negated.op == ca.OP_NOT and negated.args[0] is test:
+            return Node(_CHOOSE, (test, yes, no))
+    if op == ca.OP_LE and args[0].op == ca.OP_FABS:
+        return Node(_WITHIN, (args[0].args[0], args[1]))
+    if op == ca.OP_FMIN and args[0].op == ca.OP_FMAX:
+        return Node(_CLAMP, (args[0].args[0], args[0].args[1], args[1]))
+    if op == ca.OP_SQ:
+        return Node(ca.OP_MUL, (args[0], args[0]))
+    if op == ca.OP_TWICE:
+        return Node(ca.OP_MUL, (Node(ca.OP_CONST, constant=2.0), args[0]))
+    if op == ca.OP_INV:
+        return Node(ca.OP_DIV, (Node(ca.OP_CONST, constant=1.0), args[0]))
+    return Node(op, args)
+
+
+def boolean(node: Node) -> bool:
+    """Whether the value is a truth value in C."""
+    return node.op in _BOOLEAN or node.op == _WITHIN
+
+
+def literal(value: float, real: Real) -> str:
+    """Shortest decimal that reads back as this number in the working precision."""
+    if real == "double":
+        return repr(float(value))
+    number = np.float32(value)
+    text = np.format_float_positional(number, trim="0") if 1e-4 <= abs(number) < 1e7 or number == 0 else f"{number!s}"
+    return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
+
+
+@dataclass
+class Printer:
+    """Prints one block. `inputs`: text of element j of argument i; `hoist`: which arguments must be read first."""
+
+    real: Real
+    prefix: str
+    inputs: Callable[[int, int], str]
+    is_flag: Callable[[int], bool] = lambda _: False
+    used: set[str] = field(default_factory=set)
+    lines: list[str] = field(default_factory=list)
+    taken: set[str] = field(default_factory=set)
+
+    def count(self, roots: Iterable[Node]) -> None:
+        """How often each value is used, over all roots."""
+        stack = list(roots)
+        seen: set[int] = set()
+        for root in stack:
+            root.uses += 1
+        while stack:
+            node = stack.pop()
+            if id(node) in seen:
+                continue
+            seen.add(id(node))
+            for child in node.args:
+                child.uses += 1
+                stack.append(child)
+
+    def declare(self, node: Node, name: str) -> None:
+        """A named constant for a value; the name is made unique."""
+        if node.name or node.op == ca.OP_CONST:
+            return
+        text, _ = self.raw(node)
+        node.name = self.fresh(name)
+        kind = "int" if boolean(node) else self.real
+        self.lines.append(f"const {kind} {node.name} = {text};")
+
+    def fresh(self, name: str) -> str:
+        """`name`, or `name` with a number where it is taken."""
+        candidate, k = name, 2
+        while candidate in self.taken:
+            candidate, k = f"{name}_{k}", k + 1
+        self.taken.add(candidate)
+        return candidate
+
+    def prepare(self, root: Node) -> None:
+        """Declare, in order, the values below `root` that are used more than once or too long to write in place."""
+        stack: list[tuple[Node, bool]] = [(root, False)]
+        done: set[int] = set()
+        while stack:
+            node, ready = stack.pop()
+            if node.name or id(node) in done:
+                continue
+            if not ready:
+                stack.append((node, True))
+                stack.extend((child, False) for child in reversed(node.args))
+                continue
+            done.add(id(node))
+            repeated = any(a is b for i, a in enumerate(node.args) for b in node.args[i + 1 :])
+            for child in node.args:
+                if repeated and child.op not in (ca.OP_CONST, ca.OP_INPUT) and not child.name:
+                    self.declare(child, self.number())
+            if node is not root and self.worthy(node):
+                self.declare(node, self.number())
+
+    def number(self) -> str:
+        """The next temporary."""
+        k = 1
+        while f"t{k}" in self.taken:
+            k += 1
+        return f"t{k}"
+
+    def worthy(self, node: Node) -> bool:
+        """Whether a value is better declared than written in place."""
+        if node.op in (ca.OP_CONST, ca.OP_NOT) or (node.op == ca.OP_INPUT and node.uses < 2):
+            return False
+        if node.op == ca.OP_NEG and node.args[0].name:
+            return False
+        return node.uses > 1 or len(self.raw(node)[0]) > WIDTH
+
+    def value(self, node: Node, level: float = 0) -> str:
+        """A number, in parentheses if it binds looser than `level`."""
+        if boolean(node):
+            text, binds = f"{self.truth(node, OR)} ? {self.literal(1)} : {self.literal(0)}", SELECT
+        else:
+            text, binds = (node.name, ATOM) if node.name else self.raw(node)
+        return f"({text})" if binds < level else text
+
+    def truth(self, node: Node, level: float = 0) -> str:
+        """A truth value, in parentheses if it binds looser than `level`."""
+        if boolean(node):
+            text, binds = (node.name, ATOM) if node.name else self.raw(node)
+        elif node.op == ca.OP_INPUT and self.is_flag(node.source[0]):
+            text, binds = node.name or self.inputs(*node.source), ATOM
+        elif node.op == ca.OP_CONST:
+            text, binds = ("1" if node.constant else "0"), ATOM
+        else:
+            text, binds = f"{self.value(node, SUM)} != {self.literal(0)}", EQUAL
+        return f"({text})" if binds < level else text
+
+    def literal(self, value: float) -> str:
+        """A number in the working precision."""
+        return literal(value, self.real)
+
+    def call(self, name: str, *args: Node) -> tuple[str, float]:
+        """A call of one of our functions."""
+        self.used.add(name)
+        return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
+
+    def raw(self, node: Node) -> tuple[str, float]:
+        """The C of a value from its operands, and how tightly it binds."""
+        op, args = node.op, node.args
+        if op == ca.OP_CONST:
+            return self.literal(node.constant), ATOM if node.constant >= 0 else UNARY
+        if op == ca.OP_INPUT:
+            text = self.inputs(*node.source)
+            return text, UNARY if text.startswith("(") else ATOM
+        if op == _CLAMP:
+            return self.call("clamp", *args)
+        if op == _WITHIN:
+            return self.call("within", *args)
+        if op == _CHOOSE:
+            return f"{self.truth(args[0], ATOM)} ? {self.value(args[1], OR)} : {self.value(args[2], OR)}", SELECT
+        if op == ca.OP_IF_ELSE_ZERO:
+            return f"{self.truth(args[0], ATOM)} ? {self.value(args[1], OR)} : {self.literal(0)}", SELECT
+        if op == ca.OP_NEG:
+            return f"-{self.value(args[0], ATOM)}", UNARY
+        if op == ca.OP_NOT:
+            return f"!{self.truth(args[0], ATOM)}", UNARY
+        if op in _LOGIC:
+            sign, binds = _LOGIC[op]
+            return f"{self.truth(args[0], ATOM)}{sign}{self.truth(args[1], ATOM)}", binds
+        if op in _INFIX:
+            sign, binds = _INFIX[op]
+            # the right operand of equal binding keeps its parentheses: the order of operations is part of the result
+            return f"{self.value(args[0], binds)}{sign}{self.value(args[1], binds + 0.1)}", binds
+        if op in CALLS:
+            return self.call(CALLS[op], *args)
+        raise NotPrintable(op)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where an output element goes: `write` makes the statement of the text; `flag` asks for a truth value."""
+
+    write: Callable[[str], Sequence[str]]
+    flag: bool = False
+
+
+def body(printer: Printer, function: Any, targets: Sequence[Sequence[Target]], names: Sequence[Sequence[str]], hoist: Mapping[int, Callable[[int], str]]) -> list[str]:
+    """The statements of a block.
+
+    `targets`: for each of the first outputs, its elements' targets; `names`: for each of the outputs after those, its
+    elements' names; `hoist`: arguments that must be read before anything is written, with the local's name by element.
+    """
+    outputs = read(function)
+    values = [node for output in outputs[: len(targets)] for node in output]
+    named = [node for output in outputs[len(targets) :] for node in output]
+    printer.count([*values, *named])
+    _hoist(printer, [*values, *named], hoist)
+    for node, name in zip(named, [name for group in names for name in group], strict=True):
+        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1 and not node.name:
+            printer.prepare(node)
+            printer.declare(node, name)
+    for node in values:
+        printer.prepare(node)
+        if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
+            printer.declare(node, printer.number())
+    flat = [target for group in targets for target in group]
+    for node, target in zip(values, flat, strict=True):
+        printer.lines += target.write(printer.truth(node) if target.flag else printer.value(node))
+    return printer.lines
+
+
+def _hoist(printer: Printer, roots: list[Node], hoist: Mapping[int, Callable[[int], str]]) -> None:
+    found: dict[tuple[int, int], Node] = {}
+    stack, seen = list(roots), set()
+    while stack:
+        node = stack.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        stack.extend(node.args)
+        if node.op == ca.OP_INPUT and (node.source[0] in hoist or node.uses > 1):
+            found[node.source] = node
+    for source, node in sorted(found.items(), key=lambda item: item[0]):
+        if source[0] in hoist and not printer.is_flag(source[0]):
+            printer.declare(node, hoist[source[0]](source[1]))

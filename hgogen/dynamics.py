@@ -1,0 +1,124 @@
+"""A form's equations as CasADi graphs: z' = A(u) z + b(sat(z), u), y = h(z, u), with their Jacobians.
+
+sat clamps the argument of b to the declared box of the states; the linear part is never clamped; the Jacobian is the
+model's, A(u) + b*(sat(z), u), at the clamped point. Parameters with a range become places `plant.NAME`, the others are
+folded.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.form import Form
+from hgogen.graph import to_casadi
+from hgogen.program import INF, column, sym
+
+
+def clamp(value: Any, low: float, high: float) -> Any:
+    """SX min(max(value, low), high); as it is where there is no bound."""
+    value = value if low == -INF else ca.fmax(value, low)
+    return value if high == INF else ca.fmin(value, high)
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Graphs of `form`; z is an SX column (n), u an SX column (m)."""
+
+    form: Form
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.form.n
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.form.output)
+
+    @cached_property
+    def box(self) -> tuple[tuple[float, float], ...]:
+        """Each state's declared range."""
+        return tuple(z.interval for z in self.form.states)
+
+    def saturated(self, z: Any) -> Any:
+        """z clamped to the box."""
+        return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self.box))
+
+    def flow(self, z: Any, u: Any) -> Any:
+        """z' (n), with the argument of b clamped."""
+        linear, nonlinear = self._graphs(self.saturated(z), u)
+        return linear @ z + nonlinear
+
+    def jacobian(self, z: Any, u: Any) -> Any:
+        """A(u) + b*(sat(z), u), n x n."""
+        linear, _ = self._graphs(self._z, self._u)
+        slope = ca.jacobian(self._graphs(self._z, self._u)[1], self._z)
+        return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
+
+    def output(self, z: Any, u: Any) -> Any:
+        """h(z, u) (p); a linear output is not clamped."""
+        return self._output(z, u)
+
+    def output_jacobian(self, z: Any, u: Any) -> Any:
+        """dh/dz, p x n."""
+        slope = ca.jacobian(self._output(self._z, self._u), self._z)
+        return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
+
+    def output_matrix(self) -> np.ndarray:
+        """dh/dz (p, n) at the middle of the box, nominal parameters."""
+        return self._numbers(self.output_jacobian(self._z, self._u), self._points(0))[0]
+
+    def estimate(self, z: Any) -> Any:
+        """The plant's states from z (n)."""
+        return column(self._convert(self.form.from_form, z, self._u))
+
+    def jacobians(self, samples: int = 64, seed: int = 1) -> np.ndarray:
+        """F on corners, midpoint and random points of the box of states and inputs, (k, n, n), nominal parameters.
+
+        Where a signal has no range the sample is its nominal value, or 0.
+        """
+        return self._numbers(self.jacobian(self._z, self._u), self._points(samples, seed))
+
+    def _points(self, samples: int, seed: int = 1) -> np.ndarray:
+        """Middle of the box, corners and random points, (1 + 2 samples, n + m)."""
+        signals = [*self.form.states, *self.form.system.inputs]
+        rng = np.random.default_rng(seed)
+        corners = rng.integers(0, 2, size=(samples, len(signals))).astype(float)
+        points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
+        lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
+        return np.asarray(lows + points * (highs - lows))
+
+    def _numbers(self, matrix: Any, points: np.ndarray) -> np.ndarray:
+        plant = [p for p in self.form.system.parameters if p.bounded]
+        graph = ca.Function("F", [self._z, self._u, *(sym(f"plant.{p.name}") for p in plant)], [matrix])
+        nominal = [p.nominal for p in plant]
+        return np.array([np.array(graph(v[: self.n], v[self.n :], *nominal)) for v in points])
+
+    @cached_property
+    def _z(self) -> Any:
+        return sym("form.z", self.n)
+
+    @cached_property
+    def _u(self) -> Any:
+        return column(sym("form.u", max(1, len(self.form.system.inputs)))[i] for i in range(len(self.form.system.inputs)))
+
+    def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
+        n = self.n
+        linear = ca.sparsify(ca.reshape(column(self._convert(list(self.form.A.T), z, u)), n, n))
+        return linear, column(self._convert(self.form.b, z, u))
+
+    def _output(self, z: Any, u: Any) -> Any:
+        return column(self._convert(self.form.output, z, u))
+
+    def _convert(self, expressions: Any, z: Any, u: Any) -> list[Any]:
+        system = self.form.system
+        constants = {p: value for p, value in system.nominal.items() if not p.bounded}
+        symbols = {s: z[i] for i, s in enumerate(self.form.states)}
+        symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
+        symbols |= {p: sym(f"plant.{p.name}") for p in system.parameters if p.bounded}
+        return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)

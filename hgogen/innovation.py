@@ -1,0 +1,278 @@
+"""The innovation over a sliding window, I_d(t) = integral over [t-d, t] of |y - yhat|^2, yhat predicted from z(t-d).
+
+Source: Boizot, Busvelle, Gauthier 2010, section 2.3. Two ways to compute it, both as values for an adaptive theta:
+
+`window(d)`: as the paper says, the model is run again from z(t - d) at every sample; N = d/dt model steps a sample and a
+history of N + 1 states, inputs and outputs.
+
+`staggered(d, predictors=M)`: M + 1 copies of the model, one restarted from z every d/M, each summing dt |y - yhat|^2. The
+oldest has an age between d and d (1 + 1/M); its sum is scaled down to d by its number of valid samples and never scaled
+up. M + 1 model steps a sample and no history: the default.
+
+A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. Missing samples are not counted.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+
+from hgogen.dynamics import Dynamics
+from hgogen.errors import HgogenError
+from hgogen.observer import HUGE, Clock, Jump, Part, Pieces
+from hgogen.program import Block, Field, Group, Loop, Program, When, scalar, sym
+from hgogen.runge_kutta import HEUN, Tableau, advance
+
+
+@dataclass(frozen=True)
+class BadWindow(HgogenError):
+    """A window that is no whole number of samples."""
+
+    d: float
+    dt: float
+    predictors: int
+
+    def __str__(self) -> str:
+        unit = self.dt * self.predictors
+        nearest = max(1, round(self.d / unit)) * unit
+        share = f" between {self.predictors} predictors" if self.predictors > 1 else ""
+        return (
+            f"the window d = {self.d:g} is no whole number of samples of dt = {self.dt:g}{share}; "
+            f"take d = {nearest:.6g}, or other dt or predictors"
+        )
+
+
+class Innovation(Protocol):
+    """A way to compute I_d into the place `state.innovation`."""
+
+    @property
+    def d(self) -> float:
+        """Length of the window."""
+        ...
+
+    def part(self, dynamics: Dynamics, z: Field) -> Part:
+        """The part that computes it, for the observer state of field `z`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """What both ways share: the open-loop model over one step and its output error."""
+
+    dynamics: Dynamics
+    z: Field
+    tableau: Tableau
+
+    def moved(self, z: Any, u: Callable[[float], Any], dt: float) -> Any:
+        """z one step later without correction, kept in the box of the observer's state; z(0) where it is lost."""
+        stages = advance(self.tableau, lambda v, c: {"z": self.dynamics.flow(v["z"], u(c))}, {"z": z}, dt)
+        return kept(self.z, stages.result["z"])
+
+
+def kept(field: Field, value: Any) -> Any:
+    """Each element clamped to the field's box; its initial value where it is not a number or absurd."""
+    elements = []
+    for i, (low, high) in enumerate(field.box):
+        clamped = ca.fmin(ca.fmax(value[i], max(low, -HUGE)), min(high, HUGE))
+        elements.append(ca.if_else(ca.fabs(value[i]) <= HUGE, clamped, field.initial[i]))
+    return ca.vertcat(*elements)
+
+
+def samples(d: float, dt: float, shares: int = 1) -> int:
+    """d/dt, which must be a whole multiple of `shares`.
+
+    Raises: `BadWindow`.
+    """
+    count = round(d / dt)
+    if count < 1 or count % shares or abs(count * dt - d) > 1e-9 * d:
+        raise BadWindow(d, dt, shares)
+    return count
+
+
+@dataclass(frozen=True)
+class Staggered:
+    """See the module."""
+
+    d: float
+    predictors: int
+    tableau: Tableau
+
+    def part(self, dynamics: Dynamics, z: Field) -> Part:
+        """M + 1 copies of the model in the group `predictor`."""
+        predictor = Predictor(dynamics, z, self.tableau)
+        return Jump(lambda clock: self._pieces(predictor, clock))
+
+    def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
+        count = samples(self.d, clock.dt, self.predictors)
+        members, period = self.predictors + 1, count // self.predictors
+        n = predictor.dynamics.n
+        z, total, valid = sym("predictor.z", n), sym("predictor.sum"), sym("predictor.samples")
+        moved = predictor.moved(z, clock.u, clock.dt)
+        move = Block(f"each predictor by {self.tableau.name}, without correction", {"predictor.z": moved})
+
+        def accumulate(output: int) -> Program:
+            error = sym("work.sample") - predictor.dynamics.output(z, clock.u(1.0))[output]
+            squared = ca.fmin(total + clock.dt * error * error, HUGE * HUGE)
+            counted = ca.fmin(valid + (1 if output == 0 else 0), members * period + 1)
+            block = Block("its squared output error", {"predictor.sum": squared, "predictor.samples": counted})
+            return (Loop("predictor", members, (block,)),)
+
+        read = Block(
+            "innovation: the sum of the oldest predictor, scaled to the window, never scaled up",
+            {"state.innovation": total * (count / ca.fmax(valid, count))},
+        )
+        tick = sym("state.tick") + 1
+        due = Block(
+            f"one predictor restarts every {period} samples",
+            {"work.restart": tick >= period, "state.tick": ca.if_else(tick >= period, 0, tick)},
+        )
+        restart = Block(
+            "the oldest predictor restarts from the estimate",
+            {"predictor.z": sym(f"state.{predictor.z.name}", n), "predictor.sum": 0, "predictor.samples": 0},
+        )
+        after = sym("state.oldest") + 1
+        rotate = Block("the next one is the oldest", {"state.oldest": ca.if_else(after >= members, 0, after)})
+        oldest = "state.oldest"
+        return Pieces(
+            fields=(
+                scalar("innovation", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="innovation I_d"),
+                scalar("oldest", 0, kind="index", high=members - 1, meaning="index of the oldest predictor"),
+                scalar("tick", 0, kind="index", high=period - 1, meaning="samples since the last restart"),
+            ),
+            groups=(
+                Group(
+                    "predictor",
+                    members,
+                    (
+                        Field("z", predictor.z.initial, labels=predictor.z.labels, meaning="predicted state"),
+                        scalar("sum", 0, unit="y^2 s", meaning="sum of dt (y - yhat)^2"),
+                        scalar("samples", 0, kind="index", meaning="valid samples in the sum"),
+                    ),
+                    "copies of the model that run without correction",
+                ),
+            ),
+            predict=(Loop("predictor", members, (move,)),),
+            update=tuple(accumulate(j) for j in range(clock.outputs)),
+            adapt=(
+                Loop("predictor", 1, (read,), start=oldest),
+                due,
+                When("work.restart", (Loop("predictor", 1, (restart,), start=oldest), rotate)),
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class Window:
+    """See the module."""
+
+    d: float
+    tableau: Tableau
+
+    def part(self, dynamics: Dynamics, z: Field) -> Part:
+        """A ring of N + 1 samples in the group `past`."""
+        predictor = Predictor(dynamics, z, self.tableau)
+        return Jump(lambda clock: self._pieces(predictor, clock))
+
+    def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
+        steps = samples(self.d, clock.dt)
+        n, m, p, size = predictor.dynamics.n, clock.inputs, clock.outputs, steps + 1
+        z, u, y, valid = sym("past.z", n), sym("past.u", m), sym("past.y", p), sym("past.valid", p)
+        newest, filled = sym("state.newest"), sym("state.filled")
+        after = ca.if_else(newest + 1 >= size, 0, newest + 1)
+        push = Block("the newest sample takes the place of the oldest", {"state.newest": after})
+        store = {"past.z": sym(f"state.{predictor.z.name}", n)}
+        store |= {"past.y": sym("state.recent_y", p), "past.valid": sym("state.recent_valid", p)}
+        store |= {"past.u": sym("state.u", m)} if m else {}
+        count = ca.fmin(filled + 1, size)
+        oldest = newest + 1 - count
+        oldest = ca.if_else(oldest < 0, oldest + size, oldest)
+        first = ca.if_else(oldest + 1 >= size, 0, oldest + 1)
+        find = Block(
+            "the window starts at the oldest sample",
+            {"state.filled": count, "work.oldest": oldest, "work.first": first, "work.steps": count - 1},
+        )
+        load = {"work.zw": z, "work.sum": ca.SX(0)} | ({"work.uw": u} if m else {})
+        held = {0.0: sym("work.uw", m), 1.0: u} if m else {}
+
+        def between(c: float) -> Any:
+            if not m:
+                return ca.SX(0, 1)
+            if clock.between == "hold" or c == 1.0:
+                return held[1.0]
+            return held[0.0] if c == 0.0 else held[0.0] + c * (held[1.0] - held[0.0])
+
+        moved = predictor.moved(sym("work.zw", n), between, clock.dt)
+        error = y - predictor.dynamics.output(moved, u)
+        squared = ca.fmin(sym("work.sum") + clock.dt * ca.dot(valid, error * error), HUGE * HUGE)
+        replay = {"work.zw": moved, "work.sum": squared} | ({"work.uw": u} if m else {})
+        recent = Block("no sample yet", {"state.recent_valid": ca.SX.zeros(p)})
+
+        def remember(output: int) -> Program:
+            values = ca.SX(sym("state.recent_y", p)), ca.SX(sym("state.recent_valid", p))
+            values[0][output], values[1][output] = sym("work.sample"), 1
+            return (Block("this sample", {"state.recent_y": values[0], "state.recent_valid": values[1]}),)
+
+        zeros = (0.0,) * p
+        past = [Field("z", predictor.z.initial, labels=predictor.z.labels, meaning="estimate")]
+        past += [Field("u", (0.0,) * m, meaning="input")] if m else []
+        past += [Field("y", zeros, meaning="measurement"), Field("valid", zeros, meaning="1 where it counts")]
+        return Pieces(
+            fields=(
+                scalar("innovation", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="innovation I_d"),
+                scalar("newest", 0, kind="index", high=size - 1, meaning="index of the newest sample"),
+                scalar("filled", 0, kind="index", high=size, meaning="samples in the window"),
+                Field("recent_y", zeros, meaning="measurement of this call"),
+                Field("recent_valid", zeros, meaning="1 where it counts"),
+            ),
+            groups=(Group("past", size, tuple(past), "the samples of the window"),),
+            predict=(recent,),
+            update=tuple(remember(j) for j in range(p)),
+            adapt=(
+                push,
+                Loop("past", 1, (Block("store", store),), start="state.newest"),
+                find,
+                Loop("past", 1, (Block("the model starts from the estimate d ago", load),), start="work.oldest"),
+                Loop(
+                    "past",
+                    steps,
+                    (Block(f"the model again by {self.tableau.name}, its squared output error", replay),),
+                    start="work.first",
+                    active="work.steps",
+                ),
+                Block("innovation", {"state.innovation": sym("work.sum")}),
+            ),
+        )
+
+
+def staggered(d: float, predictors: int = 4, method: Any = None) -> Staggered:
+    """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s); Heun unless `method` says.
+
+    Raises: `HgogenError` where d or the number is not positive.
+    """
+    _positive(d)
+    if predictors < 1:
+        raise BadWindowSize(f"predictors = {predictors}", "must be at least 1")
+    return Staggered(float(d), int(predictors), HEUN if method is None else method.tableau)
+
+
+def window(d: float, method: Any = None) -> Window:
+    """Innovation as the paper defines it, the model run again over the window `d` (s) at every sample."""
+    _positive(d)
+    return Window(float(d), HEUN if method is None else method.tableau)
+
+
+@dataclass(frozen=True)
+class BadWindowSize(HgogenError):
+    """A window or a number of predictors that is not positive."""
+
+    what: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.reason}"
+
+
+def _positive(d: float) -> None:
+    if not 0 < d < HUGE:
+        raise BadWindowSize(f"the window d = {d!r}", "must be a positive time in seconds")

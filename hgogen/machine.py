@@ -1,0 +1,169 @@
+"""Python's reading of a step: the same program, block by block, in double precision."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from hgogen.program import Block, Field, Kernel, Loop, Program, Statement, When, places, scope
+from hgogen.step import Step
+
+Action = Callable[[], None]
+Bound = tuple[Action, list[np.ndarray]]
+
+
+def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
+    """The block as an action that reads `arguments` where they lie, and its result arrays."""
+    buffer, evaluate = block.graph.buffer()
+    results = [np.zeros(block.graph.numel_out(i)) for i in range(len(block.writes) + len(block.names))]
+    for index, array in enumerate(arguments):
+        buffer.set_arg(index, memoryview(array))
+    for index, array in enumerate(results):
+        if array.size:
+            buffer.set_res(index, memoryview(array))
+
+    def run() -> None:
+        evaluate()
+
+    run.keep = (buffer, arguments, results)  # type: ignore[attr-defined]
+    return run, results[: len(block.writes)]
+
+
+class Machine:
+    """The memory of a step and its programs as closures over that memory.
+
+    `memory` maps each place to an array: (size), or (count, size) for a field of a group.
+    """
+
+    def __init__(
+        self,
+        step: Step,
+        bind: Callable[[Block, list[np.ndarray]], Bound] = casadi_block,
+        dtype: Any = np.float64,
+    ) -> None:
+        self.step, self._bind, self._dtype = step, bind, dtype
+        self.memory: dict[str, np.ndarray] = {}
+        self._rows: dict[str, np.ndarray] = {}  # the member that a loop is at
+        self._groups = {group.name for group in step.groups}
+        self._bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
+        self.status = 0
+        programs = (*step.program, *step.tune)
+        for place, size in sorted(places(programs)):
+            self.memory.setdefault(place, np.zeros(size, dtype))
+        for kind, fields in (("plant", step.plant), ("gain", step.gains), ("derived", step.derived), ("state", step.state)):
+            for field in fields:
+                self.memory[f"{kind}.{field.name}"] = np.zeros(field.size, dtype)
+        for group in step.groups:
+            for field in group.fields:
+                place = f"{group.name}.{field.name}"
+                self.memory[place] = np.zeros((group.count, field.size), dtype)
+                self._rows[place] = np.zeros(field.size, dtype)
+        for kind, fields in (("plant", step.plant), ("gain", step.gains)):
+            self._fill(kind, fields)
+        self._tune = self._program(step.tune)
+        self._sections = {section.name: self._program(section.program) for section in step.sections}
+        self._estimate = self._program(step.estimate)
+        self.tune()
+        self.reset()
+
+    def tune(self) -> int:
+        """Limit the parameters to their ranges and compute the derived ones; returns the status."""
+        return self._run(self._tune)
+
+    def reset(self) -> None:
+        """The state as before the first call."""
+        self._fill("state", self.step.state)
+        for group in self.step.groups:
+            for field in group.fields:
+                self.memory[f"{group.name}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+
+    def section(self, name: str) -> int:
+        """Run one section; returns its status."""
+        return self._run(self._sections[name])
+
+    def call(self) -> int:
+        """All sections, then the estimate; returns the status."""
+        status = 0
+        for actions in self._sections.values():
+            status |= self._run(actions)
+        self._run(self._estimate)
+        return status
+
+    def estimate(self) -> None:
+        """Only the estimate."""
+        self._run(self._estimate)
+
+    def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
+        for field in fields:
+            self.memory[f"{kind}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+
+    def _run(self, action: Action) -> int:
+        self.status = 0
+        action()
+        return self.status
+
+    def _program(self, program: Program) -> Action:
+        makers: Mapping[type, Callable[[Any], Action]] = {
+            Block: self._block,
+            Loop: self._loop,
+            When: self._when,
+            Kernel: self._kernel,
+        }
+        actions = [makers[type(statement)](statement) for statement in program]
+
+        def run() -> None:
+            for action in actions:
+                action()
+
+        return run
+
+    def _array(self, place: str) -> np.ndarray:
+        return self._rows[place] if scope(place) in self._groups else self.memory[place]
+
+    def _block(self, block: Block) -> Action:
+        evaluate, results = self._bind(block, [self._array(place) for place, _ in block.reads])
+        writes = [(self._array(p), r) for p, r in zip(block.writes, results, strict=True) if scope(p) != "status"]
+        raised = [
+            (self._bits[p.split(".", 1)[1]], r) for p, r in zip(block.writes, results, strict=True) if scope(p) == "status"
+        ]
+
+        def run() -> None:
+            evaluate()
+            for target, result in writes:
+                target[:] = result
+            for bit, result in raised:
+                if result[0] != 0:
+                    self.status |= bit
+
+        return run
+
+    def _loop(self, loop: Loop) -> Action:
+        body = self._program(loop.body)
+        touched = [p for p, _ in sorted(places(loop.body)) if scope(p) == loop.group]
+        pairs = [(self.memory[place], self._rows[place]) for place in touched]
+        start = self._array(loop.start) if loop.start else np.zeros(1)
+        active = self._array(loop.active) if loop.active else np.array([loop.count])
+        total = next(group.count for group in self.step.groups if group.name == loop.group)
+
+        def run() -> None:
+            first = int(start[0])
+            for k in range(min(loop.count, int(active[0]))):
+                member = (first + k) % total
+                for stored, row in pairs:
+                    row[:] = stored[member]
+                body()
+                for stored, row in pairs:
+                    stored[member] = row
+
+        return run
+
+    def _when(self, when: When) -> Action:
+        flag, body, otherwise = self._array(when.flag), self._program(when.body), self._program(when.otherwise)
+
+        def run() -> None:
+            (body if flag[0] != 0 else otherwise)()
+
+        return run
+
+    def _kernel(self, statement: Statement) -> Action:
+        raise NotImplementedError

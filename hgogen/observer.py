@@ -1,0 +1,259 @@
+"""An observer: the estimator's parts as CasADi graphs, with the form it stands on, its gains and its paper.
+
+A part says what memory it has and what it does; a method (`method.py`) turns the parts that are differential
+equations into statements. Places that every part may use: `state.u` the input at the last call, `work.u` the input
+now, `work.e` the innovation y_j - h_j(z, u) of the output under update.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.check import Check
+from hgogen.dynamics import Dynamics
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.program import INF, Bit, Field, Group, Program, sym
+from hgogen.signal import Signal
+
+if TYPE_CHECKING:
+    from hgogen.method import Method
+
+# A value beyond this is absurd in any unit; its square still is a float.
+HUGE = 1e15
+
+
+@dataclass(frozen=True)
+class BadGain(HgogenError):
+    """A gain of the wrong length, sign or kind; the sentence names it and the fix."""
+
+    gain: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.gain} {self.reason}"
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Sampling as a part sees it: the step length, and what the input does between samples."""
+
+    dt: float
+    between: str
+    inputs: int
+    outputs: int
+
+    def u(self, c: float) -> Any:
+        """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
+        if not self.inputs:
+            return ca.SX(0, 1)
+        last, now = sym("state.u", self.inputs), sym("work.u", self.inputs)
+        if self.between == "hold" or c == 1.0:
+            return now
+        return last if c == 0.0 else last + c * (now - last)
+
+    def y(self, c: float) -> Any:
+        """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
+        last, now = sym("work.y_last", self.outputs), sym("work.y", self.outputs)
+        return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
+
+    @property
+    def valid(self) -> Any:
+        """1 for each output (p) whose sample can be used, else 0."""
+        return sym("work.valid", self.outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """What a part adds to a step: memory, and statements for each section.
+
+    `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
+    the measurement; `limit` is the largest step length that can be stable, `why` the condition behind it.
+    """
+
+    fields: tuple[Field, ...] = ()
+    groups: tuple[Group, ...] = ()
+    derived: tuple[Field, ...] = ()
+    bits: tuple[Bit, ...] = ()
+    tune: Program = ()
+    predict: Program = ()
+    update: tuple[Program, ...] = ()
+    adapt: Program = ()
+    uses_output: bool = False
+    limit: float = INF
+    why: str = ""
+
+
+class Part(Protocol):
+    """A piece of an observer."""
+
+    def pieces(self, method: "Method", clock: Clock) -> Pieces:
+        """The part as memory and statements."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Ode:
+    """Any continuous estimator: field' = rhs(values by field name, u (m), y (p), valid (p)).
+
+    An invalid output must leave no trace in the right-hand side. `core` is the constant linear error core, if there
+    is one, for the check of dt.
+    """
+
+    fields: tuple[Field, ...]
+    rhs: Callable[[Mapping[str, Any], Any, Any, Any], Mapping[str, Any]]
+    derived: tuple[Field, ...] = ()
+    tune: Program = ()
+    core: np.ndarray | None = None
+
+    def pieces(self, method: "Method", clock: Clock) -> Pieces:
+        """By the method's rule for differential equations."""
+        return method.ode(self, clock)
+
+
+@dataclass(frozen=True, eq=False)
+class Riccati:
+    """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
+
+    z' = f(z,u) + P C' R_theta^-1 (y - h), Q_theta = theta Delta^-1 G diag(weights) G' Delta^-1, R_theta = R/theta, where
+    `weights` (n) and `R` (p) are SX, `factor` G (n, n) is unit lower triangular, `theta` is SX.
+    `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii;
+    `theta_peak`: the largest theta; `nominal`: (Q, R) as numbers.
+    """
+
+    dynamics: Dynamics
+    z: Field
+    theta: Any
+    theta_peak: float
+    weights: Any
+    factor: np.ndarray
+    R: Any
+    covariance: np.ndarray
+    cap: np.ndarray
+    nominal: tuple[np.ndarray, np.ndarray]
+
+    def pieces(self, method: "Method", clock: Clock) -> Pieces:
+        """By the method's rule for the covariance."""
+        return method.riccati(self, clock)
+
+    def scaling(self) -> Any:
+        """The diagonal of Delta^-1, 1, theta, ..., theta^(n-1), as SX column."""
+        powers = [ca.SX(1)]
+        for _ in range(self.dynamics.n - 1):
+            powers.append(powers[-1] * self.theta)
+        return ca.vertcat(*powers)
+
+    def noise(self) -> Any:
+        """Q_theta, n x n SX."""
+        factor = self.scaled_factor()
+        return factor @ ca.diag(self.theta * self.weights) @ factor.T
+
+    def scaled_factor(self) -> Any:
+        """Delta^-1 G, n x n SX."""
+        return ca.diag(self.scaling()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
+
+
+@dataclass(frozen=True, eq=False)
+class Jump:
+    """An exact map per sample: its fields and the statements of `tune` and `adapt`."""
+
+    build: Callable[[Clock], Pieces]
+
+    def pieces(self, method: "Method", clock: Clock) -> Pieces:
+        """The same whatever the method."""
+        return self.build(clock)
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """An estimator on a form.
+
+    `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state from
+    places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the state
+    worth recording; `checks`: the form's and the theorem's; `accepted`: ids of refuted checks the user took on;
+    `equations`: lines for the banner; `reference`: the paper.
+    """
+
+    form: Form
+    name: str
+    parts: tuple[Part, ...]
+    gains: tuple[Field, ...]
+    z: Any
+    dynamics: Dynamics
+    checks: tuple[Check, ...]
+    accepted: tuple[str, ...]
+    equations: tuple[str, ...]
+    reference: str
+    traces: tuple[str, ...] = ()
+
+
+def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
+    """The field `z` (n) of an estimate in the form's coordinates.
+
+    Its outer box is the declared one about its centre, half-width times peak^(i-1) (state i of a high-gain observer
+    overshoots like that), and at least three times the declared one's.
+
+    Raises: `BadGain` for an initial state of the wrong names or length, not finite, or outside its range.
+    """
+    start = _initial(form, initial)
+    values = [float(e.subs(form.system.nominal).subs(start)) for e in map(sp.sympify, form.to_form)]
+    low, high = [], []
+    for i, signal in enumerate(form.states):
+        bottom, top = signal.interval
+        centre, half = (bottom + top) / 2, (top - bottom) / 2 * max(3.0, peak**i)
+        low.append(centre - half if signal.bounded else -INF)
+        high.append(centre + half if signal.bounded else INF)
+    labels = tuple(str(expression) for expression in form.to_form)
+    return Field(
+        "z", tuple(values), low=tuple(low), high=tuple(high), labels=labels, meaning="estimate in the form's coordinates"
+    )
+
+
+def _initial(form: Form, initial: Mapping[str, float] | Sequence[float] | None) -> dict[Signal, float]:
+    states = form.system.states
+    names = [s.name for s in states]
+    default = [s.nominal if s.nominal is not None else min(max(0.0, s.interval[0]), s.interval[1]) for s in states]
+    if initial is None:
+        values: Sequence[float] = default
+    elif isinstance(initial, Mapping):
+        unknown = sorted(set(initial) - set(names))
+        if unknown:
+            raise BadGain(f"initial names {unknown[0]!r},", f"which is no state; the states are {', '.join(names)}")
+        values = [initial.get(name, value) for name, value in zip(names, default, strict=True)]
+    else:
+        values = list(initial)
+    if len(values) != len(names):
+        raise BadGain(f"initial of length {len(values)}", f"must have one number for each of {', '.join(names)}")
+    for signal, value in zip(states, values, strict=True):
+        low, high = signal.interval
+        if not (np.isfinite(value) and low <= value <= high):
+            raise BadGain(f"initial {signal.name} = {value}", f"must be finite and in [{low:g}, {high:g}]")
+    return dict(zip(states, map(float, values), strict=True))
+
+
+def gain(name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = "") -> Field:
+    """A tunable gain, scalar or array, with one range for all its elements, as the field of place `gain.NAME`.
+
+    Raises: `BadGain` for a value that is not finite or lies outside the range.
+    """
+    is_scalar = isinstance(value, int | float)
+    values = (float(value),) if isinstance(value, int | float) else tuple(float(v) for v in value)
+    for element in values:
+        if not np.isfinite(element) or not low <= element <= high:
+            raise BadGain(f"{name} = {element:g}", f"must be a finite number in [{low:g}, {high:g}]: {meaning}")
+    size = len(values)
+    return Field(name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning, scalar=is_scalar)
+
+
+def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:
+    """The plant's parameters that have a range, as fields of places `plant.NAME`."""
+    return tuple(
+        Field(s.name, (float(s.nominal or 0),), low=(low,), high=(high,), unit=s.unit, meaning=s.meaning, scalar=True)
+        for s in system_signals
+        if s.bounded
+        for low, high in (s.interval,)
+    )

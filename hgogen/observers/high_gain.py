@@ -1,0 +1,116 @@
+"""Standard high-gain observer with a constant gain.
+
+    z' = A z + b(sat z, u) + diag(theta, theta^2, ..., theta^n) K (y - C z),   A, C constant, A - K C Hurwitz
+
+The argument of b is saturated to the declared box, the linear part never. Source: Gauthier, Hammouri, Othman 1992; in the
+form of Astolfi, Jungers, Zaccarian 2018, (3).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.check import Check, Verdict, demand
+from hgogen.dynamics import Dynamics
+from hgogen.form import Form
+from hgogen.gains import coefficients
+from hgogen.graph import to_casadi
+from hgogen.observer import BadGain, Observer, Ode, gain, state_field
+from hgogen.program import Block, Field, sym
+
+REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
+
+
+def high_gain(
+    form: Form,
+    *,
+    theta: float,
+    poles: Sequence[complex],
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The standard high-gain observer on a triangular form whose A does not depend on the input.
+
+    Args: `theta` >= 1; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta;
+    `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `BadGain` for theta < 1, several outputs, or an A that depends on the input.
+    """
+    accept = (accept,) if isinstance(accept, str) else tuple(accept)
+    demand(form.checks, accept)
+    n, dynamics = form.n, Dynamics(form)
+    if not 1 <= theta < np.inf:
+        raise BadGain(f"theta = {theta!r}", "must be a finite number, at least 1")
+    chain = _chain(form)
+    p = coefficients(poles, n)
+    products = [sp.prod(chain[: i + 1]) for i in range(n)]
+    z = state_field(form, initial, theta)
+    place = sym("gain.theta")
+    tuned = [sp.Float(p[i]) / products[i] for i in range(n)]
+    parameters = {s: sym(f"plant.{s.name}") for s in form.system.parameters if s.bounded}
+    fixed = {s: v for s, v in form.system.nominal.items() if not s.bounded}
+    scaled = _graphs([g.subs(fixed) for g in tuned], parameters, place)
+    nominal = [float(a.subs(form.system.nominal)) for a in chain]
+    K = p / np.cumprod(nominal)
+    core = theta * (np.diag(nominal[1:], 1) - np.outer(K, np.eye(n)[0] * nominal[0]))
+
+    def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        error = valid * (y - dynamics.output(values["z"], u))
+        return {"z": dynamics.flow(values["z"], u) + sym("derived.K", n) * error}
+
+    labels = tuple(f"theta^{i + 1} K_{i + 1}" if i else "theta K_1" for i in range(n))
+    part = Ode(
+        fields=(z,),
+        rhs=rate,
+        derived=(Field("K", (0.0,) * n, labels=labels, meaning="observer gain"),),
+        tune=(Block("observer gain", {"derived.K": scaled}),),
+        core=core,
+    )
+    return Observer(
+        form=form,
+        name="high_gain",
+        parts=(part,),
+        gains=(gain("theta", float(theta), 1.0, float(theta), "high-gain parameter"),),
+        z=sym("state.z", n),
+        dynamics=dynamics,
+        checks=(*form.checks, _theorem()),
+        accepted=accept,
+        equations=("z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)",),
+        reference=REFERENCE,
+    )
+
+
+def _chain(form: Form) -> list[sp.Expr]:
+    """a_1..a_n, free of inputs."""
+    if len(form.output) != 1:
+        raise BadGain("high_gain", f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
+    n = form.n
+    chain = [sp.diff(form.output[0], form.states[0])] + [form.A[i, i + 1] for i in range(n - 1)]
+    off_chain = sp.Matrix(n, n, lambda i, j: 0 if j == i + 1 else form.A[i, j])
+    if any(entry != 0 for entry in off_chain):
+        raise BadGain("high_gain", f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati")
+    for i, a in enumerate(chain, 1):
+        if a.free_symbols & set(form.system.inputs):
+            raise BadGain(f"a_{i} = {a}", "depends on the input, a constant gain wants it constant; use riccati")
+    return chain
+
+
+def _graphs(gains: list[sp.Expr], parameters: Mapping[sp.Symbol, Any], theta: Any) -> Any:
+    power, result = ca.SX(1), []
+    for value in to_casadi(gains, parameters):
+        power = power * theta
+        result.append(power * value)
+    return ca.vertcat(*result)
+
+
+def _theorem() -> Check:
+    return Check(
+        "high_gain.convergence",
+        "the error converges exponentially for every theta above a bound",
+        Verdict.UNKNOWN,
+        "the bound 2 lambda_max(P) L_b on theta is not computed here",
+        fix="validate by trials",
+    )

@@ -1,0 +1,129 @@
+"""High-gain extended Kalman filter with constant, decaying or adaptive theta.
+
+    z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)
+    S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S
+    Q_theta = theta Delta^-1 Q Delta^-1,  R_theta = R/theta,  Delta = diag(1, 1/theta, ..., 1/theta^(n-1))
+
+theta = 1 is the extended Kalman filter; theta adapts to the innovation over a sliding window. Source: Boizot, Busvelle,
+Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), (4)-(6). The observer of the paper
+is continuous; the default method realises it as continuous-discrete (the authors' ECC 2009 paper).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hgogen.check import Check, Verdict, demand
+from hgogen.covariance import factor
+from hgogen.dynamics import Dynamics
+from hgogen.form import Form
+from hgogen.observer import HUGE, BadGain, Observer, Riccati, gain, state_field
+from hgogen.program import sym
+from hgogen.theta import Theta, constant
+
+REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
+EQUATIONS = (
+    "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
+    "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
+    "Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..)",
+)
+
+
+def riccati(
+    form: Form,
+    *,
+    Q: Sequence[float] | np.ndarray,
+    R: float | Sequence[float],
+    theta: Theta | float = 1.0,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    covariance: Sequence[float] | np.ndarray | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The high-gain extended Kalman filter of `form`.
+
+    Args: `Q` diagonal (n) or symmetric positive definite (n, n), in the form's coordinates, unit z^2/s; `R` positive,
+    one for each output, unit y^2 s (spectral densities: for white noise of variance v per sample, R = v dt); `theta` a
+    number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n numbers in the plant's order);
+    `covariance` P(0) = S(0)^-1, diagonal (n) or (n, n), default the unit matrix; `accept` ids of refuted checks to build
+    on all the same.
+
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`.
+    """
+    accept = (accept,) if isinstance(accept, str) else tuple(accept)
+    demand(form.checks, accept)
+    theta = constant(theta) if isinstance(theta, int | float) else theta
+    n, outputs = form.n, len(form.output)
+    if outputs > 1 and theta.peak != 1:
+        raise BadGain(f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}")
+    noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
+    variances = (float(R),) * outputs if isinstance(R, int | float) else tuple(float(r) for r in R)
+    if len(variances) != outputs:
+        raise BadGain(f"R of length {len(variances)}", f"must have one number for each of {outputs} outputs")
+    _unit, weights = factor(noise)
+    top, bottom = 1e6, 1e-6
+    gains = (
+        gain("Q", weights, bottom * weights.min(), top * weights.max(), "process noise, diagonal factor", "z^2/s"),
+        gain("R", variances, bottom * min(variances), top * max(variances), "output noise", "y^2 s"),
+        *theta.gains,
+    )
+    if any(value <= 0 for value in variances):
+        raise BadGain(f"R = {variances}", "must be positive")
+    dynamics = Dynamics(form)
+    z = state_field(form, initial, theta.peak)
+    half = np.array([(high - low) / 2 for low, high in z.box])
+    cap = np.where(np.isfinite(half), half**2, 1e12)
+    part = Riccati(
+        dynamics=dynamics,
+        z=z,
+        theta=theta.value,
+        theta_peak=theta.peak,
+        weights=sym("gain.Q", n),
+        factor=_unit,
+        R=sym("gain.R", outputs),
+        covariance=start,
+        cap=np.minimum(np.maximum(cap, 4 * np.diag(start)), HUGE),
+        nominal=(noise, np.array(variances)),
+    )
+    return Observer(
+        form=form,
+        name="riccati",
+        parts=(part, *theta.parts(dynamics, z)),
+        gains=gains,
+        z=sym("state.z", n),
+        dynamics=dynamics,
+        checks=(*form.checks, _theorem(theta)),
+        accepted=accept,
+        equations=(*EQUATIONS, theta.equation),
+        reference=REFERENCE,
+        traces=theta.traces,
+    )
+
+
+def spd(name: str, value: Any, n: int) -> np.ndarray:
+    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix.
+
+    Raises: `BadGain`.
+    """
+    matrix = np.asarray(value, dtype=float)
+    if matrix.ndim == 1:
+        matrix = np.diag(matrix)
+    if matrix.shape != (n, n):
+        raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
+    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
+        raise BadGain(name, "must be finite and symmetric")
+    if np.linalg.eigvalsh(matrix).min() <= 0:
+        raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
+    return matrix
+
+
+def _theorem(theta: Theta) -> Check:
+    return Check(
+        "riccati.convergence",
+        "the estimate converges exponentially from any initial state (theorem 5)",
+        Verdict.UNKNOWN,
+        "the theorem's constants are existential: no number for theta, d, gamma can be proved from it",
+        fix="validate by trials over noise seeds and jumps",
+    )
+
+

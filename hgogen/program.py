@@ -1,0 +1,198 @@
+"""The program of a step: straight-line blocks, loops over member structs, and whens.
+
+Every reader (Python's machine, the C printer, the operation counter) walks this one program. Memory is named by
+places, `scope.name`:
+
+    input, output     what a call is given            plant, gain, derived   parameters; derived by `tune`
+    state             what the step remembers         <group>                a member of an array of structs
+    estimate          what a call returns             work, status           values and flags of one section
+
+An expression is an SX graph over the symbols of `sym`, so a block knows what it reads.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Any, Literal
+
+import casadi as ca
+
+INF = float("inf")
+
+
+def sym(place: str, size: int = 1) -> Any:
+    """The SX column (size) that stands for a place; the same symbols for the same arguments."""
+    return _column(place, size)
+
+
+@lru_cache(maxsize=None)
+def _column(place: str, size: int) -> Any:
+    return ca.vertcat(*(ca.SX.sym(f"{place}:{index}:{size}") for index in range(size)))
+
+
+def address(symbol: Any) -> tuple[str, int, int]:
+    """(place, index, size) of one scalar symbol that `sym` made."""
+    place, index, size = symbol.name().rsplit(":", 2)
+    return place, int(index), int(size)
+
+
+def scope(place: str) -> str:
+    """`state` of `state.z`."""
+    return place.split(".", 1)[0]
+
+
+def column(values: Iterable[Any]) -> Any:
+    """SX column of scalars; an empty one for none."""
+    values = list(values)
+    return ca.vertcat(*values) if values else ca.SX(0, 1)
+
+
+@dataclass(frozen=True)
+class Field:
+    """One named array of a step's memory.
+
+    `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
+    step keeps it in; `labels`: what its elements are called in reports and C.
+    """
+
+    name: str
+    initial: tuple[float, ...]
+    kind: Literal["real", "index"] = "real"
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    labels: tuple[str, ...] = ()
+    unit: str = ""
+    meaning: str = ""
+    scalar: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return len(self.initial)
+
+    @property
+    def box(self) -> tuple[tuple[float, float], ...]:
+        """(low, high) of each element, infinite where no box was given."""
+        return tuple(zip(self.low or (-INF,) * self.size, self.high or (INF,) * self.size, strict=True))
+
+
+def scalar(name: str, initial: float, **data: Any) -> Field:
+    """A field of one element, printed in C without brackets."""
+    low, high = data.pop("low", -INF), data.pop("high", INF)
+    return Field(name, (float(initial),), low=(low,), high=(high,), scalar=True, **data)
+
+
+@dataclass(frozen=True)
+class Group:
+    """An array of `count` equal structs in the state."""
+
+    name: str
+    count: int
+    fields: tuple[Field, ...]
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Bit:
+    """One bit of the status: its C name, what it says, what it asks of the caller."""
+
+    name: str
+    meaning: str
+    action: str
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Straight-line code: every right-hand side is evaluated before anything is written.
+
+    `writes`: place to SX column; a write to `status.NAME` raises that bit when the value is not 0. `names`: values
+    worth a name of their own in C.
+    """
+
+    title: str
+    writes: Mapping[str, Any]
+    names: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def reads(self) -> tuple[tuple[str, int], ...]:
+        """The places read, with their sizes, sorted."""
+        symbols = ca.symvar(ca.veccat(*self.writes.values(), *self.names.values()))
+        return tuple(sorted({(place, size) for place, _, size in map(address, symbols)}))
+
+    @cached_property
+    def graph(self) -> Any:
+        """SX function from the places read to the places written, then the named values."""
+        inputs = [sym(place, size) for place, size in self.reads]
+        values = [ca.densify(ca.SX(value)) for value in (*self.writes.values(), *self.names.values())]
+        return ca.Function("block", inputs, ca.cse(values))
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Run `body` for members `start`, `start` + 1, ... of `group`, `count` of them, wrapping round.
+
+    `start` and `active` name index places: the first member (0 if none), and how many of `count` are wanted.
+    """
+
+    group: str
+    count: int
+    body: tuple["Statement", ...]
+    start: str | None = None
+    active: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class When:
+    """Run `body` if the scalar `flag` is not 0, else `otherwise`."""
+
+    flag: str
+    body: tuple["Statement", ...]
+    otherwise: tuple["Statement", ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """A matrix operation too large to unroll: `name` of `hgogen.kernels`, with places in its argument order."""
+
+    name: str
+    size: int
+    arguments: tuple[tuple[str, int], ...]
+
+
+Statement = Block | Loop | When | Kernel
+Program = tuple[Statement, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A program that firmware can call by itself; a step is its sections in order."""
+
+    name: str
+    meaning: str
+    program: Program
+
+
+def walk(program: Sequence[Statement]) -> Iterator[Statement]:
+    """Every statement, outer ones first."""
+    for statement in program:
+        yield statement
+        if isinstance(statement, Loop | When):
+            yield from walk(statement.body)
+        if isinstance(statement, When):
+            yield from walk(statement.otherwise)
+
+
+def places(program: Sequence[Statement]) -> set[tuple[str, int]]:
+    """Every (place, size) that a program reads or writes."""
+    found: set[tuple[str, int]] = set()
+    for statement in walk(program):
+        if isinstance(statement, Block):
+            found.update(statement.reads)
+            found.update((place, ca.SX(value).numel()) for place, value in statement.writes.items())
+        elif isinstance(statement, Kernel):
+            found.update(statement.arguments)
+        elif isinstance(statement, Loop):
+            found.update((place, 1) for place in (statement.start, statement.active) if place)
+        else:
+            found.add((statement.flag, 1))
+    return found

@@ -1,0 +1,82 @@
+"""Explicit Runge-Kutta methods as data: k_i = f(z + h sum_j a_ij k_j, c_i), z+ = z + h sum_i b_i k_i."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """A Butcher tableau; `a` holds the rows below the diagonal."""
+
+    name: str
+    a: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    c: tuple[float, ...]
+    order: int
+
+    @property
+    def polynomial(self) -> tuple[float, ...]:
+        """Coefficients of the stability polynomial R(z) = 1 + sum_k z^(k+1) b' A^k 1, constant first."""
+        weights, coefficients = [1.0] * len(self.b), [1.0]
+        for _ in self.b:
+            coefficients.append(sum(b * w for b, w in zip(self.b, weights, strict=True)))
+            weights = [sum(a * w for a, w in zip(row, weights, strict=False)) for row in self.a]
+        return tuple(coefficients)
+
+
+EULER = Tableau("Euler", ((),), (1.0,), (0.0,), 1)
+HEUN = Tableau("Heun", ((), (1.0,)), (0.5, 0.5), (0.0, 1.0), 2)
+RK4 = Tableau(
+    "classical Runge-Kutta",
+    ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
+    (1 / 6, 1 / 3, 1 / 3, 1 / 6),
+    (0.0, 0.5, 0.5, 1.0),
+    4,
+)
+
+
+@dataclass(frozen=True)
+class Stages:
+    """One Runge-Kutta step: the new values, and each stage's argument and slope."""
+
+    result: dict[str, Any]
+    arguments: tuple[dict[str, Any], ...]
+    slopes: tuple[dict[str, Any], ...]
+
+    @property
+    def names(self) -> dict[str, Any]:
+        """The slopes by name (`k1_z`, ...), for the C printer."""
+        return {f"k{i}_{key}": k[key] for i, k in enumerate(self.slopes, 1) for key in k}
+
+
+def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Values, h: float) -> Stages:
+    """One step of length h from `start`; `rate(values, c)` is the slope at the fraction c of the step."""
+    arguments: list[dict[str, Any]] = []
+    slopes: list[dict[str, Any]] = []
+    for row, c in zip(tableau.a, tableau.c, strict=True):
+        arguments.append(_combined(start, slopes, [h * a for a in row]))
+        slopes.append(dict(rate(arguments[-1], c)))
+    return Stages(_weighted(start, slopes, tableau.b, h), tuple(arguments), tuple(slopes))
+
+
+def _combined(start: Values, slopes: list[dict[str, Any]], weights: list[float]) -> dict[str, Any]:
+    result = dict(start)
+    for slope, weight in zip(slopes, weights, strict=False):
+        if weight:
+            result = {key: value + weight * slope[key] for key, value in result.items()}
+    return result
+
+
+def _weighted(start: Values, slopes: list[dict[str, Any]], b: tuple[float, ...], h: float) -> dict[str, Any]:
+    """z + h b_1 (k_1 + b_2/b_1 k_2 + ...): whole ratios cost no multiplication."""
+    result = {}
+    for key, value in start.items():
+        total = slopes[0][key]
+        for weight, slope in zip(b[1:], slopes[1:], strict=True):
+            ratio = round(weight / b[0], 12)
+            total = total + (slope[key] if ratio == 1 else ratio * slope[key])
+        result[key] = value + h * b[0] * total
+    return result

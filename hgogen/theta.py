@@ -1,0 +1,295 @@
+"""The high-gain parameter theta of a Riccati observer: constant, decaying, or adaptive; values for observers.riccati.
+
+    constant(theta)              theta = 1 is the plain extended Kalman filter
+    decaying(theta_0, rate)      theta(t) = 1 + (theta_0 - 1) exp(-rate t)
+    adaptive(theta_1, ...)       theta' = mu(I) F_0(theta) + rate (1 - mu(I)) (1 - theta),
+                                 F_0 = theta^2/rise_time if theta <= theta_1, else (theta - 2 theta_1)^2/rise_time
+
+The adaptive law is stepped by its exact sub-flows, because explicit Euler lets theta pass 2 theta_1, where F_0 > 0, and
+escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by
+exp(-rate (1 - mu) dt), then a clamp to [1, 2 theta_1]. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6); decaying: Busvelle's
+slides. mu is a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the paper's logistic, which is
+never 0 and so holds theta a little above 1.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+
+from hgogen.dynamics import Dynamics
+from hgogen.innovation import Innovation
+from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain
+from hgogen.program import Block, Field, scalar, sym
+
+
+class Theta(Protocol):
+    """A high-gain parameter."""
+
+    @property
+    def peak(self) -> float:
+        """The largest value it takes."""
+        ...
+
+    @property
+    def value(self) -> Any:
+        """SX scalar, from a place or a number."""
+        ...
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """Its tunable gains."""
+        ...
+
+    @property
+    def equation(self) -> str:
+        """Its law, for the banner."""
+        ...
+
+    @property
+    def traces(self) -> tuple[str, ...]:
+        """Scalar fields of the state worth recording."""
+        ...
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """The parts that move it, for the observer state of field `z`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Constant:
+    """See the module."""
+
+    theta: float
+
+    @property
+    def peak(self) -> float:
+        """theta."""
+        return self.theta
+
+    @property
+    def value(self) -> Any:
+        """1, or the gain."""
+        return ca.SX(1) if self.theta == 1 else sym("gain.theta")
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """theta, unless it is 1; the step length was admitted for its nominal value, which is its largest."""
+        if self.theta == 1:
+            return ()
+        return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
+
+    @property
+    def equation(self) -> str:
+        """For the banner."""
+        return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
+
+    @property
+    def traces(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """None."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Decaying:
+    """See the module."""
+
+    theta_0: float
+    rate: float
+    equation: str = "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
+    traces: tuple[str, ...] = ("theta",)
+
+    @property
+    def peak(self) -> float:
+        """theta_0."""
+        return self.theta_0
+
+    @property
+    def value(self) -> Any:
+        """The place `state.theta`."""
+        return sym("state.theta")
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """The rate; theta_0 is the initial value of the state."""
+        return (gain("rate", self.rate, 0.0, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """The exact decay."""
+        return (Jump(self._pieces),)
+
+    def _pieces(self, clock: Clock) -> Pieces:
+        theta, decay = sym("state.theta"), sym("derived.decay")
+        factor = ca.exp(-sym("gain.rate") * clock.dt)
+        return Pieces(
+            fields=(_theta_field(self.theta_0, self.theta_0),),
+            derived=(scalar("decay", 0.0, meaning="exp(-rate dt)"),),
+            tune=(Block("decay of theta over one step", {"derived.decay": factor}),),
+            adapt=(Block("theta decays to 1", {"state.theta": 1 + (theta - 1) * decay}),),
+        )
+
+
+@dataclass(frozen=True)
+class Smoothstep:
+    """mu = x^2 (3 - 2 x), x = (I - gamma_0)/(gamma_1 - gamma_0) clamped to [0, 1]: C1, satisfies (6) exactly."""
+
+    gamma_0: float
+    gamma_1: float
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """The two thresholds."""
+        top = 1e6 * self.gamma_1
+        return (
+            gain("gamma_0", self.gamma_0, 0.0, top, "innovation below which theta decays", "y^2 s"),
+            gain("gamma_1", self.gamma_1, 0.0, top, "innovation above which theta rises fully", "y^2 s"),
+        )
+
+    def of(self, innovation: Any) -> Any:
+        """SX mu(I)."""
+        low, high = sym("gain.gamma_0"), sym("gain.gamma_1")
+        x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
+        return x * x * (3 - 2 * x)
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """mu = 1/(1 + exp(-slope (I - centre))): the paper's sigmoid, never exactly 0 or 1."""
+
+    centre: float
+    slope: float
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """Centre and slope."""
+        return (
+            gain("centre", self.centre, 0.0, 1e6 * self.centre, "innovation at which mu = 1/2", "y^2 s"),
+            gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
+        )
+
+    def of(self, innovation: Any) -> Any:
+        """SX mu(I); the exponent is clamped to +-80, where exp still is a float."""
+        exponent = sym("gain.slope") * (sym("gain.centre") - innovation)
+        return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """See the module."""
+
+    theta_1: float
+    rise_time: float
+    rate: float
+    mu: Smoothstep | Logistic
+    innovation: Innovation
+    equation: str = "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows"
+    traces: tuple[str, ...] = ("theta", "innovation")
+
+    @property
+    def peak(self) -> float:
+        """2 theta_1."""
+        return 2 * self.theta_1
+
+    @property
+    def value(self) -> Any:
+        """The place `state.theta`."""
+        return sym("state.theta")
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """theta_1, rise_time, rate and mu's; the step length was admitted for the nominal theta_1, its largest."""
+        return (
+            gain("theta_1", self.theta_1, 1.0, self.theta_1, "half the largest theta"),
+            gain("rise_time", self.rise_time, 1e-3 * self.rise_time, 1e3 * self.rise_time, "Delta T", "s"),
+            gain("rate", self.rate, 0.0, 1e3 * self.rate, "lambda, rate at which theta decays to 1", "1/s"),
+            *self.mu.gains,
+        )
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """The innovation, then the law."""
+        return (self.innovation.part(dynamics, z), Jump(self._pieces))
+
+    def _pieces(self, clock: Clock) -> Pieces:
+        theta, mu = sym("state.theta"), self.mu.of(sym("state.innovation"))
+        risen = rise(theta, mu * clock.dt / sym("gain.rise_time"), sym("gain.theta_1"))
+        decay = ca.exp(-sym("gain.rate") * clock.dt * (1 - mu))
+        fallen = 1 + (risen - 1) * decay
+        top = 2 * sym("gain.theta_1")
+        block = Block(
+            "theta by the exact sub-flows of its law: rise, then decay",
+            {"state.theta": ca.fmin(ca.fmax(fallen, 1), top)},
+            {"mu": mu, "risen": risen, "decay": decay},
+        )
+        return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=(block,))
+
+
+def rise(theta: Any, s: Any, theta_1: Any) -> Any:
+    """theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2 theta_1 - theta)^2; exact.
+
+    `room` is the time to theta_1, 0 above it.
+    """
+    room = ca.fmax(1 / theta - 1 / theta_1, 0)
+    below = 1 / ca.fmax(1 / theta - s, 1 / theta_1)
+    gap = 2 * theta_1 - ca.fmax(theta, theta_1)
+    above = 2 * theta_1 - gap / (1 + gap * (s - room))
+    return ca.if_else(ca.logic_and(s <= room, theta <= theta_1), below, above)
+
+
+def _theta_field(initial: float, peak: float) -> Field:
+    return scalar("theta", initial, low=1.0, high=peak, meaning="high-gain parameter, 1: Kalman mode")
+
+
+def constant(theta: float = 1.0) -> Constant:
+    """A constant theta >= 1. Raises: `BadGain`."""
+    _at_least("theta", theta, 1.0)
+    return Constant(float(theta))
+
+
+def decaying(theta_0: float, rate: float) -> Decaying:
+    """theta decays from theta_0 >= 1 to 1 at `rate` > 0 (1/s). Raises: `BadGain`."""
+    _at_least("theta_0", theta_0, 1.0)
+    _positive("rate", rate)
+    return Decaying(float(theta_0), float(rate))
+
+
+def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
+    """mu for `adaptive`: 0 below gamma_0 > 0, 1 above gamma_1 > gamma_0 (y^2 s). Raises: `BadGain`."""
+    _positive("gamma_0", gamma_0)
+    _positive("gamma_1", gamma_1)
+    if not gamma_0 < gamma_1:
+        raise BadGain(f"gamma_0 = {gamma_0:g}", f"must be below gamma_1 = {gamma_1:g}")
+    return Smoothstep(float(gamma_0), float(gamma_1))
+
+
+def logistic(centre: float, slope: float) -> Logistic:
+    """mu for `adaptive`: the paper's sigmoid, `centre` (y^2 s) and `slope` (1/(y^2 s)) positive. Raises: `BadGain`."""
+    _positive("centre", centre)
+    _positive("slope", slope)
+    return Logistic(float(centre), float(slope))
+
+
+def adaptive(
+    theta_1: float, *, mu: Smoothstep | Logistic, innovation: Innovation, rise_time: float = 0.1, rate: float = 1.0
+) -> Adaptive:
+    """theta between 1 and 2 theta_1 by the innovation; `rise_time` is the paper's Delta T, `rate` its lambda.
+
+    Raises: `BadGain`.
+    """
+    _at_least("theta_1", theta_1, 1.0)
+    _positive("rise_time", rise_time)
+    _positive("rate", rate)
+    return Adaptive(float(theta_1), float(rise_time), float(rate), mu, innovation)
+
+
+def _positive(name: str, value: float) -> None:
+    if not 0 < value < float("inf"):
+        raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
+
+
+def _at_least(name: str, value: float, low: float) -> None:
+    if not low <= value < float("inf"):
+        raise BadGain(f"{name} = {value!r}", f"must be a finite number, at least {low:g}")

@@ -1,0 +1,46 @@
+"""Modified FitzHugh-Nagumo neuron with an unknown parameter, the example (22) of Boizot, Busvelle, Gauthier 2010.
+
+x1' = x1 - x1^3/3 - x2 u,  x2' = eps (3 sin x1 - x2 - eta),  eta' = 0,  y = x1,  u = sin t
+"""
+
+import sympy as sp
+
+import hgogen as hg
+
+x1 = hg.Signal("x1", "", "membrane potential", low=-5, high=5)
+x2 = hg.Signal("x2", "", "recovery", low=-12, high=12)
+eta = hg.Signal("eta", "", "slowly changing parameter", low=-12, high=12)
+u = hg.Signal("u", "", "input", low=-1, high=1)
+y = hg.Signal("y", "", "measured potential", low=-6, high=6)
+eps = hg.Signal("eps", "", "ratio of time scales", 0.8)
+
+plant = hg.System(
+    "fitzhugh_nagumo",
+    states=(x1, x2, eta),
+    inputs=(u,),
+    outputs=(y,),
+    parameters=(eps,),
+    flow=[x1 - x1**3 / 3 - x2 * u, eps * (3 * sp.sin(x1) - x2 - eta), 0],
+    output=[x1],
+)
+
+tuning = {
+    "riccati": {
+        "Q": (0.1, 0.01, 2.3e-4),
+        "R": 1.0,
+        "theta": hg.theta.adaptive(
+            4.0,
+            rise_time=0.1,
+            rate=1.0,
+            mu=hg.theta.smoothstep(0.16, 0.32),
+            innovation=hg.innovation.staggered(1.0, predictors=4),
+        ),
+        "accept": ("triangular.a_2",),
+    },
+}
+
+
+def step() -> hg.Step:
+    form = hg.forms.triangular(plant)
+    observer = hg.observers.riccati(form, **tuning["riccati"])
+    return hg.sample(observer, hg.methods.continuous_discrete, dt=0.01)
