@@ -58,7 +58,7 @@ class Coordinates:
 def coordinates(
     system: System, order: Sequence[Signal] | None = None, signs: Sequence[int] | None = None
 ) -> Coordinates:
-    """z from the plant's states in `order` (default: the plant's), each times its sign, +1 or -1 (default +1)."""
+    """z: the plant's states in `order` (default: the plant's), each times its sign, 1 or -1 (default 1)."""
     order = tuple(order or system.states)
     signs = tuple(signs or (1,) * len(order))
     stem = _stem({signal.name for signal in system.signals}, len(order))
@@ -71,7 +71,7 @@ def coordinates(
 def split(
     flow: Iterable[sp.Expr], states: Sequence[Signal]
 ) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
-    """A and b of flow = A x + b: A holds the coefficients, free of states, of the terms linear in one state."""
+    """A and b of flow = A x + b; A holds the coefficients, free of states, of the terms linear in a state."""
     A, b = sp.zeros(len(states), len(states)), []
     for i, row in enumerate(flow):
         rest = []

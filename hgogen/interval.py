@@ -1,7 +1,7 @@
 """Ranges of expressions on a box, in exact rational arithmetic: what they enclose is proved, not sampled.
 
-Ends are Fractions or +-inf. A function without a rule here has the range (-inf, inf), which proves nothing. Numbers
-are taken as the shortest decimal that stands for them: 0.1 is 1/10.
+Ends are Fractions or +-inf. A function without a rule here has the range (-inf, inf), which proves nothing. A
+number is taken as the shortest decimal that stands for it: 0.1 is 1/10.
 """
 
 import math
@@ -19,8 +19,11 @@ Interval: TypeAlias = tuple[End, End]
 Box: TypeAlias = Mapping[sp.Symbol, Interval]
 
 EVERYTHING: Interval = (-math.inf, math.inf)
-# exp is enclosed by powers of 2 and 3; beyond this exponent they would only cost time.
-_EXPONENT = 10_000
+# Powers beyond this exponent would only cost time; exp is enclosed by powers of 2 and 3.
+_EXPONENT = 1000
+_HALF_PI: Interval = (Fraction(-11, 7), Fraction(11, 7))
+# |tan t| <= 15 for |t| <= 3/2, where it is 14.1 at most.
+_TAN = (Fraction(3, 2), Fraction(15))
 
 
 def box(signals: Iterable[Signal]) -> dict[sp.Symbol, Interval]:
@@ -92,7 +95,7 @@ def _times(a: End, b: End) -> End:
 def _power(node: sp.Expr, base: Interval, exponent: Interval) -> Interval:
     if node.base == sp.E:
         return _exp(exponent)
-    if not node.exp.is_Rational:
+    if not node.exp.is_Rational or abs(node.exp) > _EXPONENT:
         return (Fraction(0), math.inf) if base[0] >= 0 else EVERYTHING
     p, q = int(node.exp.p), int(node.exp.q)
     if q != 1 and base[0] < 0:
@@ -103,14 +106,10 @@ def _power(node: sp.Expr, base: Interval, exponent: Interval) -> Interval:
 
 
 def _integer(a: Interval, times: int) -> Interval:
-    low, high = (_raise(end, times) for end in a)
+    low, high = (end**times for end in a)
     if times % 2:
         return low, high
     return (Fraction(0), max(low, high)) if contains_zero(a) else (min(low, high), max(low, high))
-
-
-def _raise(end: End, times: int) -> End:
-    return end**times
 
 
 def _fractional(a: Interval, whole: int) -> Interval:
@@ -134,7 +133,7 @@ def _inverse(end: End) -> End:
 
 
 def _exp(a: Interval) -> Interval:
-    """2 < e < 3: e^t lies between 2^floor(t) and 3^ceil(t) for t >= 0, between 3^floor(t) and 2^ceil(t) below."""
+    """2 < e < 3, so 2^floor(t) <= e^t <= 3^ceil(t) for t >= 0 and 3^floor(t) <= e^t <= 2^ceil(t) below."""
     low, high = a[0], a[1]
     if low < -_EXPONENT:
         least: End = Fraction(0)
@@ -159,13 +158,17 @@ def _function(node: sp.Expr, parts: list[Interval]) -> Interval:
         return one, _plus(_exp(parts[0])[1], _exp(_negate(parts[0]))[1])
     if kind is sp.sinh:
         return _negate((Fraction(0), _exp(_negate(parts[0]))[1]))[0], _exp(parts[0])[1]
-    if kind is sp.atan:
-        return Fraction(-11, 7), Fraction(11, 7)
+    if kind in (sp.atan, sp.asin):
+        return _HALF_PI
+    if kind in (sp.atan2, sp.acos):
+        return -2 * _HALF_PI[1], 2 * _HALF_PI[1]
+    if kind is sp.tan and -_TAN[0] <= parts[0][0] and parts[0][1] <= _TAN[0]:
+        return -_TAN[1], _TAN[1]
     if kind is sp.log and parts[0][0] > 0:  # 1 - 1/t <= log t <= t - 1
         return _plus(one, -_inverse(parts[0][0])), _plus(parts[0][1], -one)
     if kind is sp.Abs:
-        low, high = (abs(end) for end in parts[0])
-        return (Fraction(0) if contains_zero(parts[0]) else min(low, high)), max(low, high)
+        ends: list[End] = [abs(end) for end in parts[0]]
+        return (Fraction(0) if contains_zero(parts[0]) else min(ends)), max(ends)
     if kind is sp.Min:
         return min(low for low, _ in parts), min(high for _, high in parts)
     if kind is sp.Max:

@@ -1,13 +1,13 @@
 """The hypothesis 0 < a_m <= a(u) <= a_M on the closed box of inputs and parameters, and the sign of a(u)."""
 
-import itertools
 import random
 from collections.abc import Iterator, Mapping
+from itertools import islice, product
 
 import sympy as sp
 
 from hgogen.check import Check, Verdict
-from hgogen.interval import Interval, enclose, finite
+from hgogen.interval import End, Interval, enclose, finite
 from hgogen.interval import box as box_of
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -19,27 +19,28 @@ _RANDOM = 32
 
 
 def sign(a: sp.Expr, system: System) -> int:
-    """+1 or -1 if a has that sign on the box (proved, or else at every sample point), 0 if it has no one sign."""
-    a, box = _prepare(a, system)
-    low, high = _range(a, box_of(box))
+    """1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
+    a, signals = _varying(a, system)
+    low, high = _range(a, signals)
     if low > 0 or high < 0:
         return 1 if low > 0 else -1
-    seen = {_sign_at(a, point) for point in _points(box)}
-    return seen.pop() or 0 if len(seen) == 1 else 0
+    seen = {_kind(a, point) for point in _points(signals)}
+    return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
 
 
 def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     """The check that 0 < a_m <= a <= a_M. `name` is what the report calls a.
 
-    proved: by exact intervals. refuted: with a point where a is zero, has the other sign or is not finite.
+    proved: by exact intervals. refuted: with a point where a is zero, negative or not finite and real.
+    unknown: a range is missing, or neither decides.
     """
     claim = f"0 < a_m <= {name} = {a} <= a_M on the box"
-    a, signals = _prepare(a, system)
-    low, high = _range(a, box_of(signals))
+    a, signals = _varying(a, system)
+    low, high = _range(a, signals)
     if low > 0 and finite((low, high)):
         return Check(id, claim, Verdict.PROVED, _proof(low, high))
     witness = _witness(a, signals)
-    if witness is not None:
+    if witness:
         reason, point = witness
         at = {s.name: float(value) for s, value in point.items()}
         return Check(id, claim, Verdict.REFUTED, f"{name} {reason}", at, _fix(id, name, signals, system))
@@ -47,42 +48,41 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     if loose:
         fix = f"Declare low= and high= for {loose}."
         return Check(id, claim, Verdict.UNKNOWN, f"no range is declared for {loose}", fix=fix)
-    return Check(
-        id, claim, Verdict.UNKNOWN, "no sample point refutes it and exact intervals do not decide it"
-    )
+    return Check(id, claim, Verdict.UNKNOWN, "no sample point refutes it, exact intervals do not decide it")
 
 
-def _prepare(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
+def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
     """a with constants at their values, and the signals that it then varies with."""
     a = a.xreplace({p: value for p, value in system.nominal.items() if not p.bounded})
     return a, tuple(s for s in (*system.inputs, *system.parameters) if s in a.free_symbols)
 
 
-def _range(a: sp.Expr, box: Mapping[sp.Symbol, Interval]) -> Interval:
-    """The tightest of the ranges of a as written and in factors."""
-    first, second = enclose(a, box), enclose(sp.factor(a), box)
-    return max(first[0], second[0]), min(first[1], second[1])
+def _range(a: sp.Expr, signals: tuple[Signal, ...]) -> Interval:
+    """The tighter of the ranges of a as written and of a in factors."""
+    box = box_of(signals)
+    low, high = enclose(a, box)
+    try:
+        factors = enclose(sp.factor(a), box)
+    except sp.PolynomialError:
+        return low, high
+    return max(low, factors[0]), min(high, factors[1])
 
 
-def _proof(low: object, high: object) -> str:
-    low, high = sp.sympify(low), sp.sympify(high)
+def _proof(low: End, high: End) -> str:
     if low == high:
         return f"it is {low}"
-    return f"exact intervals give [{low}, {high}]"
+    return f"exact intervals: between {sp.Rational(low).evalf(3)} and {sp.Rational(high).evalf(3)}, rounded"
 
 
 def _points(signals: tuple[Signal, ...]) -> Iterator[Point]:
     """Midpoint, zeros in the box, corners, then random points from a fixed seed; exact rationals."""
     ends = [_ends(s) for s in signals]
-    yield dict(zip(signals, ((low + high) / 2 for low, high in ends), strict=True))
+    yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
     for s, (low, high) in zip(signals, ends, strict=True):
-        if low <= 0 <= high:
-            others = {t: sp.Rational(3 * a + 4 * b, 7) for t, (a, b) in zip(signals, ends, strict=True)}
-            yield {**others, s: sp.S.Zero}
-    yield from (
-        dict(zip(signals, corner, strict=True))
-        for corner in itertools.islice(itertools.product(*ends), _CORNERS)
-    )
+        if low <= 0 <= high:  # the others off centre, so that s alone is the reason for what happens
+            yield {t: (3 * a + 4 * b) / 7 for t, (a, b) in zip(signals, ends, strict=True)} | {s: sp.S.Zero}
+    for corner in islice(product(*ends), _CORNERS):
+        yield dict(zip(signals, corner, strict=True))
     draw = random.Random(1)
     for _ in range(_RANDOM if signals else 0):
         yield {
@@ -96,56 +96,56 @@ def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:
     if signal.bounded:
         return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
     centre = sp.Rational(str(signal.nominal or 0.0))
-    width = 10 * max(1, abs(centre))
-    return centre - width, centre + width
+    return centre - 10, centre + 10
 
 
-def _sign_at(a: sp.Expr, point: Point) -> int | None:
-    """The sign of a there, from exact zero tests and guaranteed digits; None where a is not finite and real."""
+def _kind(a: sp.Expr, point: Point) -> str:
+    """What a is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
     value = a.xreplace(dict(point))
     if value.is_zero:
-        return 0
+        return "= 0"
+    if value.has(sp.nan, sp.zoo, sp.oo) or value.is_real is False:
+        return "undefined"
     value = value.evalf(15)
     if not value.is_Float:
-        return None if value.is_finite is False or value.is_real is False else 0 if value == 0 else None
-    return 1 if value > 0 else -1
+        return "?"
+    return "> 0" if value > 0 else "< 0"
 
 
 def _witness(a: sp.Expr, signals: tuple[Signal, ...]) -> tuple[str, Point] | None:
     """Why and where a is not positive and finite, from sample points."""
-    by_sign: dict[int | None, Point] = {}
+    first: dict[str, Point] = {}
     for point in _points(signals):
-        by_sign.setdefault(_sign_at(a, point), point)
-    if 0 in by_sign:
-        return "vanishes there", by_sign[0]
-    if None in by_sign:
-        return "is not a finite real number there", by_sign[None]
-    if -1 in by_sign and 1 in by_sign:
-        return "changes sign there", _crossing(a, by_sign[-1], by_sign[1])
-    return ("is negative there", by_sign[-1]) if -1 in by_sign else None
+        first.setdefault(_kind(a, point), point)
+    if "= 0" in first:
+        return "vanishes", first["= 0"]
+    if "undefined" in first:
+        return "is not a finite real number", first["undefined"]
+    if "< 0" in first and "> 0" in first:
+        return "changes sign", _crossing(a, first["< 0"], first["> 0"])
+    return ("is negative", first["< 0"]) if "< 0" in first else None
 
 
 def _crossing(a: sp.Expr, below: Point, above: Point) -> Point:
-    """Bisection on the line between a point where a < 0 and one where a > 0."""
+    """Bisection, to float accuracy, on the line between a point where a < 0 and one where a > 0."""
     for _ in range(60):
         middle = {s: (below[s] + above[s]) / 2 for s in below}
-        value = _sign_at(a, middle)
-        if value == -1:
-            below = middle
-        elif value == 1:
-            above = middle
-        else:
+        kind = _kind(a, middle)
+        if kind not in ("< 0", "> 0"):
             return middle
+        below, above = (middle, above) if kind == "< 0" else (below, middle)
     return below
 
 
 def _fix(id: str, name: str, signals: tuple[Signal, ...], system: System) -> str:
-    inputs = [s.name for s in signals if s in system.inputs]
+    if not signals:
+        return f"{name} is a constant; correct the model or the parameter's value."
     names = ", ".join(s.name for s in signals)
-    accept = f"accept=({id!r},)"
-    if inputs:
-        return (
-            f"Restrict the range of {names} so that {name} keeps one sign, or build with {accept} knowing that the "
-            f"observer coasts while {name} is near 0: what lies behind it is then seen only as {inputs[0]} moves."
-        )
-    return f"Restrict the range of {names} so that {name} keeps one sign." if names else "Correct the model."
+    inputs = ", ".join(s.name for s in signals if s in system.inputs)
+    narrow = f"Restrict the range of {names} so that {name} keeps one sign"
+    if not inputs:
+        return f"{narrow}."
+    return (
+        f"{narrow}, or build with accept=({id!r},) knowing that the observer coasts while {name} is near 0: "
+        f"the states behind it are then seen only through changes of {inputs}."
+    )

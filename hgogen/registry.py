@@ -17,14 +17,14 @@ class NoCase(HgogenError):
 
     def __str__(self) -> str:
         name = self.module.rpartition(".")[2]
-        return f"{self.module} defines no {name!r}; give the case the name of its file, or move the file elsewhere"
+        return f"{self.module} defines no {name!r}; give the case its file's name, or move the file elsewhere"
 
 
 def load(package: str) -> dict[str, Any]:
     """Import every module of the package, in alphabetical order; return {case name: its public object}.
 
-    A folder's `__init__` says `globals().update(load(__name__))`. Loading is eager because importing a module later
-    would bind the package's attribute to the module in place of the function.
+    A folder's `__init__` says `globals().update(load(__name__))`. Loading is eager because importing a module
+    later would bind the package's attribute to the module in place of the function.
 
     Raises: `NoCase`.
     """

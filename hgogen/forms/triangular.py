@@ -4,12 +4,12 @@
     A = superdiagonal a_2(u)..a_n(u),   C = (a_1(u), 0..0),   0 < a_m <= a_i(u) <= a_M,
     b_i of z_1..z_i and u only, Lipschitz.
 
-z is the plant's state in another order, some with the other sign. The order is found by following dependencies: the
-output brings in one state, that state's derivative the next, and so on. A known offset, y = a_1(u) z_1 + c(u), stays
-in the output; it changes no innovation.
+z is the plant's state in another order, some with the other sign. The order follows the dependencies: the
+output brings in one state, that state's derivative the next, and so on. A known offset, y = a_1(u) z_1 + c(u),
+stays in the output; it changes no innovation.
 
-N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46 (2010),
-form (3).
+N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46
+(2010), form (3).
 """
 
 from collections.abc import Iterable
@@ -37,16 +37,9 @@ class OneOutput(HgogenError):
 
     def __str__(self) -> str:
         return (
-            f"system {self.system!r} has {len(self.outputs)} outputs, {', '.join(self.outputs)}, and the triangular "
-            f"form takes one; keep one of them, or use forms.original (block forms are for several outputs)"
+            f"system {self.system!r} has {len(self.outputs)} outputs, {', '.join(self.outputs)}, and the "
+            "triangular form takes one; keep one of them, or use forms.original (block forms are for several)"
         )
-
-
-@dataclass(frozen=True)
-class _Broken(HgogenError):
-    """The chain of dependencies does not go through."""
-
-    reason: str
 
 
 def triangular(plant: System) -> Form:
@@ -54,60 +47,57 @@ def triangular(plant: System) -> Form:
 
     A plant whose structure is refuted comes back in its own order with that one check; observers refuse it.
 
-    Checks: `triangular.structure`; `triangular.a_1`..`triangular.a_n` (0 < a_m <= a_i <= a_M on the box of inputs
-    and parameters); `triangular.lipschitz`.
+    Checks: `triangular.structure`; `triangular.a_1`..`triangular.a_n` (0 < a_m <= a_i <= a_M on the box of
+    inputs and parameters); `triangular.lipschitz`.
 
     Raises: `OneOutput`.
     """
     if len(plant.outputs) != 1:
         raise OneOutput(plant.name, tuple(y.name for y in plant.outputs))
-    try:
-        order, coefficients = _follow(plant)
-    except _Broken as broken:
-        return _refuted(plant, broken.reason)
+    chain = _follow(plant)
+    if isinstance(chain, str):
+        return _refuted(plant, chain)
+    order, coefficients = zip(*chain, strict=True)
     z = coordinates(plant, order, _signs(coefficients, plant))
     a = [s * gain * t for s, gain, t in zip((1, *z.signs), coefficients, z.signs, strict=False)]
     A = sp.zeros(len(a), len(a))
     for i, gain in enumerate(a[1:]):
         A[i, i + 1] = gain
     linear = A * sp.Matrix(z.states)
+    y = a[0] * z.states[0]
+    output = y + _remainder(z.output[0], y, z.states)
     b = tuple(_remainder(row, linear[i], z.states[i + 1 :]) for i, row in enumerate(z.flow))
     checks = (
         _structure(Verdict.PROVED, " -> ".join(s.name for s in (*plant.outputs, *order))),
         *(positive(f"triangular.a_{i}", f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
         lipschitz("triangular.lipschitz", b, z.states, plant),
     )
-    return _form(z, sp.ImmutableDenseMatrix(A), b, checks)
+    return _form(z, sp.ImmutableDenseMatrix(A), b, (output,), checks)
 
 
-def _follow(plant: System) -> tuple[list[Signal], list[sp.Expr]]:
-    """The order of states and a_1..a_n: from the output to a state, from its derivative to the next."""
+def _follow(plant: System) -> list[tuple[Signal, sp.Expr]] | str:
+    """States in order, each with its a_i, from the output to one, from that one to the next; or why not."""
     flow = dict(zip(plant.states, plant.flow, strict=True))
     name, row = plant.outputs[0].name, plant.output[0]
-    order: list[Signal] = []
-    coefficients: list[sp.Expr] = []
-    while len(order) < len(plant.states):
-        left = [x for x in plant.states if x not in order]
+    chain: list[tuple[Signal, sp.Expr]] = []
+    left = list(plant.states)
+    while left:
         new = states_in(row, left)
         if not new:
-            raise _Broken(
-                f"{name} brings in no new state, so {_list(left)} cannot be reached from the output"
-            )
+            return f"{name} brings in no new state, so the output never shows {_list(left)}"
         if len(new) > 1:
-            raise _Broken(f"{name} brings in {_list(new)} together, and each row may bring in one new state")
-        gain = row.diff(new[0])
-        varies = states_in(gain, plant.states)
+            return f"{name} brings in {_list(new)} together, and each row may bring in one new state"
+        slope = row.diff(new[0])
+        varies = _list(states_in(slope, plant.states))
         if varies:
-            raise _Broken(
-                f"{name} brings in {new[0]} with a slope that varies with {_list(varies)}, {gain}, and it may vary "
-                f"with inputs and parameters only"
+            return (
+                f"{name} brings in {new[0]} with a slope that varies with {varies}, {slope}; it may vary "
+                "with inputs and parameters only"
             )
-        if not order and states_in(row - gain * new[0], plant.states):
-            raise _Broken(f"{name} = {row} is not a gain times one state")
-        order.append(new[0])
-        coefficients.append(free_of(gain, plant.states))
+        chain.append((new[0], free_of(slope, plant.states)))
+        left.remove(new[0])
         name, row = f"{new[0]}'", flow[new[0]]
-    return order, coefficients
+    return chain
 
 
 def _signs(coefficients: Iterable[sp.Expr], plant: System) -> list[int]:
@@ -119,7 +109,7 @@ def _signs(coefficients: Iterable[sp.Expr], plant: System) -> list[int]:
 
 
 def _remainder(row: sp.Expr, linear: sp.Expr, later: tuple[Signal, ...]) -> sp.Expr:
-    """row - linear, which depends on no later state. Setting the next state to 0 keeps the row as it was written."""
+    """row - linear, which depends on no later state; setting the next one to 0 keeps the row as written."""
     if not later:
         return row
     rest = row.subs(later[0], 0)
@@ -130,7 +120,7 @@ def _remainder(row: sp.Expr, linear: sp.Expr, later: tuple[Signal, ...]) -> sp.E
 
 def _refuted(plant: System, reason: str) -> Form:
     z = coordinates(plant)
-    return _form(z, *split(z.flow, z.states), (_structure(Verdict.REFUTED, reason),))
+    return _form(z, *split(z.flow, z.states), z.output, (_structure(Verdict.REFUTED, reason),))
 
 
 def _structure(verdict: Verdict, reason: str) -> Check:
@@ -144,7 +134,11 @@ def _structure(verdict: Verdict, reason: str) -> Check:
 
 
 def _form(
-    z: Coordinates, A: sp.ImmutableDenseMatrix, b: tuple[sp.Expr, ...], checks: tuple[Check, ...]
+    z: Coordinates,
+    A: sp.ImmutableDenseMatrix,
+    b: tuple[sp.Expr, ...],
+    output: tuple[sp.Expr, ...],
+    checks: tuple[Check, ...],
 ) -> Form:
     return Form(
         system=z.system,
@@ -154,7 +148,7 @@ def _form(
         from_form=z.from_form,
         A=A,
         b=b,
-        output=z.output,
+        output=output,
         checks=checks,
         reference="Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)",
     )
