@@ -1,17 +1,21 @@
 """Oracle: the adaptive high-gain extended Kalman filter, sampled, in plain numpy.
 
     z' = f(z,u) = A(u) z + b(z,u),   y = C(u) z,   F = A + b*
-    P  <- Phi P Phi' + h Q_theta,    Phi = I + hF + (hF)^2/2,   Q_theta = theta Delta^-1 Q Delta^-1,  Delta = diag(1, 1/theta, ..)
+    P  <- Phi P Phi' + h Q_theta,   Phi = I + hF + (hF)^2/2,
+          Q_theta = theta Delta^-1 Q Delta^-1,   Delta = diag(1, 1/theta, .., 1/theta^(n-1))
     z  <- z + K (y - C z),  P <- P - K C P,   K = P C'/(r + C P C'),   r = R/(theta h)
-    theta' = mu(I) F_0(theta) + lambda (1 - mu(I)) (1 - theta),   F_0 = theta^2/T up to theta_1, (theta - 2 theta_1)^2/T above
+    theta' = mu(I) F_0(theta) + lambda (1 - mu(I)) (1 - theta),
+          F_0 = theta^2/T up to theta_1, (theta - 2 theta_1)^2/T above
     I      = sum over a sliding window d of h |y - yhat|^2, yhat predicted without correction from z(t - d)
 
-N. Boizot, E. Busvelle, J.-P. Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010),
-equations (3)-(6); continuous-discrete as in the same authors' ECC 2009 paper. P is kept as a full symmetric matrix.
+N. Boizot, E. Busvelle, J.-P. Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46
+(2010), equations (3)-(6); continuous-discrete as in the same authors' ECC 2009 paper. P is kept in full.
+One call takes u_k, y_k: predict, update, then theta, which the next call's Q and R use.
 Every array leads with one axis of independent records (noise seeds), s of them; n states, one output.
 It is written apart from the package and imports nothing of it, so that agreement means something.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -24,14 +28,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Form:
-    """The plant: f and its Jacobian F over any leading axes of z, C for one u. Saturating b is the caller's choice."""
+    """The plant: f, its Jacobian F, over any leading axes of z; C for one u. Saturating b is the caller's."""
 
     f: Callable[[Array, float], Array]  # (..., n), u -> (..., n)
     F: Callable[[Array, float], Array]  # (..., n), u -> (..., n, n)
     C: Callable[[float], Array]  # u -> (n,)
 
 
-# --- mu: how much of the innovation counts as a disturbance, 0..1 -------------------------------------------------
+# --- mu: how much of the innovation counts as a disturbance, 0..1 -------------------------------------------
 
 
 def smoothstep(gamma_0: float, gamma_1: float) -> Callable[[Array], Array]:
@@ -39,17 +43,23 @@ def smoothstep(gamma_0: float, gamma_1: float) -> Callable[[Array], Array]:
 
     def mu(innovation: Array) -> Array:
         x = np.clip((innovation - gamma_0) / (gamma_1 - gamma_0), 0.0, 1.0)
-        return x * x * (3.0 - 2.0 * x)
+        weight: Array = x * x * (3.0 - 2.0 * x)
+        return weight
 
     return mu
 
 
 def logistic(m: float, beta: float) -> Callable[[Array], Array]:
     """The paper's figure 1: 1/(1 + exp(-beta (I - m))), never exactly 0."""
-    return lambda innovation: 1.0 / (1.0 + np.exp(-beta * (innovation - m)))
+
+    def mu(innovation: Array) -> Array:
+        weight: Array = 1.0 / (1.0 + np.exp(-beta * (innovation - m)))
+        return weight
+
+    return mu
 
 
-# --- theta: constant, decaying, adaptive --------------------------------------------------------------------------
+# --- theta: constant, decaying, adaptive --------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -70,7 +80,7 @@ class Decaying:
     decay: float
 
     def next(self, theta: Array, innovation: Array, dt: float) -> Array:
-        return 1.0 + (theta - 1.0) * np.exp(-self.decay * dt)
+        return 1.0 + (theta - 1.0) * math.exp(-self.decay * dt)
 
 
 @dataclass(frozen=True)
@@ -94,16 +104,16 @@ class Adaptive:
         until_theta_1 = np.maximum(1.0 / theta - 1.0 / self.theta_1, 0.0)
         below = 1.0 / (1.0 / theta - np.minimum(s, until_theta_1))
         distance = 2.0 * self.theta_1 - np.maximum(theta, self.theta_1)
-        above = 2.0 * self.theta_1 - distance / (1.0 + distance * (s - until_theta_1))
+        above = 2.0 * self.theta_1 - distance / (1.0 + distance * np.maximum(s - until_theta_1, 0.0))
         return np.where(s <= until_theta_1, below, above)
 
 
-# --- the innovation's predictors ----------------------------------------------------------------------------------
+# --- the innovation's predictors ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Staggered:
-    """M + 1 uncorrected copies of the model, one restarted from z every d/M; the oldest has seen d .. d (1 + 1/M)."""
+    """M + 1 copies of the model, one restarted from z every d/M; the oldest is d to d (1 + 1/M) old."""
 
     d: float
     M: int = 4
@@ -117,9 +127,9 @@ class Staggered:
 
 @dataclass(frozen=True)
 class Window:
-    """The textbook's: at every sample k the model is simulated anew from z(k - N), over samples k - N + 1 .. k.
+    """The textbook's: at every sample k the model is simulated anew from z(k - N), samples k - N + 1 .. k.
 
-    N copies, one started at each sample and kept running, make the same numbers as N steps repeated every sample.
+    N copies, one started at each sample and kept running, make the numbers of N steps repeated every sample.
     Before a window has passed it starts from the first corrected z, with the samples there are.
     """
 
@@ -146,12 +156,12 @@ class Predictors:
         return replace(self, z=z_all, total=total, count=count)
 
 
-# --- the observer -------------------------------------------------------------------------------------------------
+# --- the observer -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Observer:
-    """Gains. Q (n, n) and R are those of continuous noise, dt in the units of d; P0 (n, n) = S(0)^-1; z0 (n,)."""
+    """Q (n, n) and R: intensities of continuous noise; P0 (n, n) = S(0)^-1; z0 (n,); dt in the units of d."""
 
     form: Form
     Q: Array
