@@ -1,17 +1,21 @@
-"""Modified FitzHugh-Nagumo neuron with an unknown parameter, the example (22) of Boizot, Busvelle, Gauthier 2010.
+"""Modified FitzHugh-Nagumo neuron with an unknown parameter, the example (22) of Boizot, Busvelle, Gauthier
+2010.
 
 x1' = x1 - x1^3/3 - x2 u,  x2' = eps (3 sin x1 - x2 - eta),  eta' = 0,  y = x1,  u = sin t
 """
 
+from typing import Any
+
 import sympy as sp
 
 import hgogen as hg
+from hgogen.trial import Jump, OrnsteinUhlenbeck, Settled, Trial, t
 
-x1 = hg.Signal("x1", "", "membrane potential", low=-5, high=5)
-x2 = hg.Signal("x2", "", "recovery", low=-12, high=12)
-eta = hg.Signal("eta", "", "slowly changing parameter", low=-12, high=12)
+x1 = hg.Signal("x1", "", "membrane potential", low=-3.5, high=3.5)
+x2 = hg.Signal("x2", "", "recovery", low=-10, high=10)
+eta = hg.Signal("eta", "", "slowly changing parameter", low=-8, high=8)
 u = hg.Signal("u", "", "input", low=-1, high=1)
-y = hg.Signal("y", "", "measured potential", low=-6, high=6)
+y = hg.Signal("y", "", "measured potential", low=-5, high=5)
 eps = hg.Signal("eps", "", "ratio of time scales", 0.8)
 
 plant = hg.System(
@@ -44,3 +48,18 @@ def step() -> hg.Step:
     form = hg.forms.triangular(plant)
     observer = hg.observers.riccati(form, **tuning["riccati"])
     return hg.sample(observer, hg.methods.continuous_discrete, dt=0.01)
+
+
+def trial() -> tuple[Trial, ...]:
+    """The paper's two scenarios."""
+    common: dict[str, Any] = {
+        "start": {"x1": 1.06, "x2": 2.69, "eta": 5},
+        "inputs": {"u": sp.sin(t)},
+        "noise": {"y": OrnsteinUhlenbeck(sigma=0.2, tau=0.1)},
+        "settled": Settled("eta", band=0.3, hold=3),
+    }
+    jumps = ((30, -6), (60, -3), (90, 5), (120, 5.2), (150, -6), (180, 3))
+    return (
+        Trial("one_jump", 100, jumps=(Jump(50, "eta", -6),), steady=75, **common),
+        Trial("six_jumps", 210, jumps=tuple(Jump(when, "eta", value) for when, value in jumps), **common),
+    )

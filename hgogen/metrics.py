@@ -1,0 +1,167 @@
+"""What a trial measures: time to settle after each event, steady errors, how theta behaved, whether a clamp
+was active.
+
+The events of a trial are its start (the initial state is wrong) and its jumps. An event lasts until the
+next one.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.step import Step
+from hgogen.trial import Settled, Trajectory
+
+TRIGGERED = 1.5  # theta above this: the adaptation has been triggered
+CALM = 1.05  # theta under this: Kalman mode again
+WARM_UP = 0.05  # the first part of a trial, in which the estimate may be anywhere
+
+
+@dataclass(frozen=True)
+class Response:
+    """What followed the event at `time` (s), None where it did not happen or does not apply.
+
+    `settled`: time to settle (s); `peak`: the largest theta; `calm`: time until theta is under 1.05 for
+    good (s); `triggers`: how often theta rose through 1.5.
+    """
+
+    time: float
+    settled: float | None
+    peak: float | None
+    calm: float | None
+    triggers: int | None
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """One trajectory in numbers.
+
+    `responses`: one for each event; `rms`: steady error by state; `clamped`: samples after the first 5% of
+    the trial with the estimate outside its declared or its outer box.
+    """
+
+    seed: int
+    engine: str
+    responses: tuple[Response, ...]
+    rms: Mapping[str, float]
+    clamped: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def metrics(step: Step, trajectory: Trajectory) -> Metrics:
+    """The trajectory in numbers; `step` is the one that made it."""
+    trial, t = trajectory.trial, trajectory.truth.t
+    names = [s.name for s in step.states]
+    error = trajectory.error
+    ends = (*trial.events[1:], math.inf)
+    responses = []
+    for begin, end in zip(trial.events, ends, strict=True):
+        span = (t >= begin - 1e-9) & (t < end - 1e-9)
+        settled = None
+        if trial.settled:
+            settled = settling(error[span, names.index(trial.settled.state)], trial.settled, step.dt)
+        theta = trajectory.traces["theta"][span] if "theta" in trajectory.traces else None
+        responses.append(Response(begin, settled, *_theta(theta, step.dt)))
+    steady = error[t >= trial.steady_from - 1e-9]
+    rms = np.sqrt(np.mean(steady**2, axis=0))
+    outside = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
+    late = trajectory.status[t > WARM_UP * trial.duration]
+    return Metrics(
+        seed=trajectory.seed,
+        engine=trajectory.engine,
+        responses=tuple(responses),
+        rms=dict(zip(names, map(float, rms), strict=True)),
+        clamped=int(np.count_nonzero(late & np.uint32(outside))),
+    )
+
+
+def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
+    """Time (s) from the first sample until |error| (k,) stays in the band for `hold`; None where it never
+    does."""
+    samples = round(settled.hold / dt) + 1
+    inside = np.concatenate([[0], np.cumsum(np.abs(error) <= settled.band)])
+    held = np.flatnonzero(inside[samples:] - inside[:-samples] == samples)
+    return float(held[0] * dt) if len(held) else None
+
+
+def _theta(theta: np.ndarray | None, dt: float) -> tuple[float | None, float | None, int | None]:
+    """(peak, time until calm for good, triggers); the last None where theta is not calm at the end."""
+    if theta is None:
+        return None, None, None
+    loud = np.flatnonzero(theta >= CALM)
+    after = 0 if not len(loud) else int(loud[-1]) + 1
+    calm = after * dt if after < len(theta) else None
+    return float(theta.max()), calm, len(crossings(theta))
+
+
+def crossings(theta: np.ndarray) -> np.ndarray:
+    """The samples at which theta has just risen through 1.5."""
+    above = theta > TRIGGERED
+    return np.flatnonzero(above[1:] & ~above[:-1]) + 1
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Several seeds of one trial; of a quantity that some seed lacks, the worst is None (it never happened).
+
+    `settled`, `worst`: median and largest time to settle after each event; `peak`: (smallest, largest) peak
+    of theta; `calm`: median; `triggered`: share of seeds in which theta rose through 1.5; `rms`: median by
+    state.
+    """
+
+    trial: str
+    seeds: int
+    engine: str
+    times: tuple[float, ...]
+    settled: tuple[float | None, ...]
+    worst: tuple[float | None, ...]
+    peak: tuple[tuple[float, float] | None, ...]
+    calm: tuple[float | None, ...]
+    triggered: tuple[float | None, ...]
+    rms: Mapping[str, float]
+    clamped: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def summary(trial: str, each: Sequence[Metrics]) -> Summary:
+    """The metrics of all seeds (at least one) in one."""
+    events = list(zip(*(m.responses for m in each), strict=True))
+    peaks = [_present(r.peak for r in event) for event in events]
+    triggers = [_present(r.triggers for r in event) for event in events]
+    return Summary(
+        trial=trial,
+        seeds=len(each),
+        engine=each[0].engine,
+        times=tuple(event[0].time for event in events),
+        settled=tuple(_median(r.settled for r in event) for event in events),
+        worst=tuple(_worst(r.settled for r in event) for event in events),
+        peak=tuple((min(p), max(p)) if p else None for p in peaks),
+        calm=tuple(_median(r.calm for r in event) for event in events),
+        triggered=tuple(float(np.mean([n > 0 for n in count])) if count else None for count in triggers),
+        rms={name: float(np.median([m.rms[name] for m in each])) for name in each[0].rms},
+        clamped=sum(m.clamped for m in each),
+    )
+
+
+def _present(values: Iterable[Any]) -> list[Any]:
+    return [value for value in values if value is not None]
+
+
+def _median(values: Iterable[float | None]) -> float | None:
+    """None counts as infinitely late."""
+    middle = float(np.median([math.inf if value is None else value for value in values]))
+    return middle if math.isfinite(middle) else None
+
+
+def _worst(values: Iterable[float | None]) -> float | None:
+    listed = list(values)
+    return None if None in listed else max(_present(listed))

@@ -1,0 +1,276 @@
+"""A trial: the plant's truth, noise on what is measured, jumps, a wrong initial state; and what an observer
+makes of it.
+
+    x' = flow(x, u(t); p),  y = output(x, u(t); p) + n,  x jumps at given times
+    n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0
+
+The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step), from jump to jump. The
+noise is the exact discretisation of a stationary Ornstein-Uhlenbeck process, g from numpy's
+default_rng(seed); tau = 0 is white noise.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.errors import HgogenError
+from hgogen.graph import to_casadi
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.system import System
+
+t = Signal("t", "s", "time")  # inputs of a trial are expressions of this
+
+
+@dataclass(frozen=True)
+class BadTrial(HgogenError):
+    """A trial that does not fit its plant, or that cannot be integrated."""
+
+    trial: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"trial {self.trial!r}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class OrnsteinUhlenbeck:
+    """Noise of standard deviation `sigma` (the output's unit) and correlation time `tau` (s), 0 for white."""
+
+    sigma: float
+    tau: float = 0.0
+
+
+@dataclass(frozen=True)
+class Jump:
+    """At `time` (s) the state `state` becomes `value`."""
+
+    time: float
+    state: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Settled:
+    """What "settled" means: |error of `state`| <= `band` for `hold` (s) from then on."""
+
+    state: str
+    band: float
+    hold: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A scenario, repeated over noise seeds.
+
+    `duration` (s); `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
+    number, for each input by name; `noise` by output name; `steady` (s): the errors count as steady from
+    then on, default the last tenth; `seeds`: of the noise.
+    """
+
+    name: str
+    duration: float
+    start: Mapping[str, float]
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    noise: Mapping[str, OrnsteinUhlenbeck] = field(default_factory=dict)
+    jumps: tuple[Jump, ...] = ()
+    settled: Settled | None = None
+    steady: float | None = None
+    seeds: tuple[int, ...] = tuple(range(12))
+
+    @property
+    def events(self) -> tuple[float, ...]:
+        """0 and the times of the jumps, in order, each once."""
+        return tuple(sorted({0.0, *(float(jump.time) for jump in self.jumps)}))
+
+    @property
+    def steady_from(self) -> float:
+        """`steady`, or where the last tenth begins."""
+        return 0.9 * self.duration if self.steady is None else self.steady
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """t (N,), x (N, n), u (N, m), y (N, p) without noise, at the samples; a jump's sample has the value
+    after it."""
+
+    t: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
+    y: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One seed of a trial: the truth, what was measured, y (N, p), and what the step made of it.
+
+    `x` (N, n) estimate; `traces` by name (N,); `status` (N,); `engine`: who ran the step.
+    """
+
+    trial: Trial
+    seed: int
+    truth: Truth
+    y: np.ndarray
+    x: np.ndarray
+    traces: Mapping[str, np.ndarray]
+    status: np.ndarray
+    engine: str
+
+    @property
+    def error(self) -> np.ndarray:
+        """Estimate minus truth (N, n)."""
+        error: np.ndarray = self.x - self.truth.x
+        return error
+
+
+def simulate(plant: System, trial: Trial, dt: float) -> Truth:
+    """The plant's truth at 0, dt, .. up to the trial's duration, parameters at their nominal values.
+
+    Raises: `BadTrial` for names or numbers that do not fit, or a plant that cannot be integrated that far.
+    """
+    _validate(plant, trial, dt)
+    times = np.arange(round(trial.duration / dt) + 1) * dt
+    time, x = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states))
+    u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: time})
+    symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
+    symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
+    flow = ca.vertcat(*to_casadi(plant.flow, symbols))
+    states = _integrate(plant, trial, {"x": x, "t": time, "ode": flow}, times)
+    measure = ca.Function(
+        "measure", [x, time], [ca.vertcat(*u), ca.vertcat(*to_casadi(plant.output, symbols))]
+    )
+    inputs, outputs = measure(states.T, times[None, :])
+    return Truth(times, states, np.array(inputs).T.reshape(len(times), -1), np.array(outputs).T)
+
+
+def _integrate(plant: System, trial: Trial, ode: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
+    """States (N, n) at `times`, from jump to jump; a jump takes effect at its very time."""
+    index = {s.name: i for i, s in enumerate(plant.states)}
+    now = np.array([trial.start[s.name] for s in plant.states], dtype=float)
+    states = np.empty((len(times), len(now)))
+    grain = 1e-9 * times[1]  # a jump this near to a sample is on it
+    events = (*trial.events, math.inf)
+    for begin, end in pairwise(events):
+        for jump in trial.jumps:
+            if jump.time == begin:
+                now[index[jump.state]] = jump.value
+        on_grid = np.abs(times - begin) <= grain
+        states[on_grid] = now
+        inside = np.flatnonzero((times > begin + grain) & (times < end - grain))
+        stops = [*times[inside], *([end] if end <= times[-1] + grain else [])]
+        if not stops:
+            continue
+        reached = _segment(trial, ode, now, begin, stops)
+        states[inside], now = reached[: len(inside)], reached[-1].copy()
+    return states
+
+
+def _segment(
+    trial: Trial, ode: Mapping[str, Any], start: np.ndarray, begin: float, stops: list[float]
+) -> np.ndarray:
+    options = {"abstol": 1e-13, "reltol": 1e-13, "max_num_steps": 100_000, "show_eval_warnings": False}
+    try:
+        integrator = ca.integrator("truth", "cvodes", ode, begin, stops, options)
+        reached = np.array(integrator(x0=start)["xf"]).T
+    except RuntimeError:
+        reached = np.full((len(stops), len(start)), np.nan)
+    if not np.isfinite(reached).all():
+        raise BadTrial(
+            trial.name,
+            f"the plant cannot be integrated from t = {begin:g} to t = {stops[-1]:g}; it may escape in finite "
+            "time or leave the domain of a function: check flow, start and inputs, or shorten the trial",
+        )
+    return reached
+
+
+def noisy(plant: System, truth: Truth, trial: Trial, seed: int) -> np.ndarray:
+    """What is measured, y (N, p): the truth plus the noise of this seed, output after output from one
+    generator."""
+    rng, dt = np.random.default_rng(seed), truth.t[1] - truth.t[0]
+    y = truth.y.copy()
+    for j, signal in enumerate(plant.outputs):
+        if signal.name in trial.noise:
+            y[:, j] += _ornstein_uhlenbeck(trial.noise[signal.name], rng.standard_normal(len(y)), dt)
+    return y
+
+
+def _ornstein_uhlenbeck(noise: OrnsteinUhlenbeck, normal: np.ndarray, dt: float) -> np.ndarray:
+    rho = math.exp(-dt / noise.tau) if noise.tau > 0 else 0.0
+    scaled = noise.sigma * normal
+    scaled[1:] *= math.sqrt(1.0 - rho * rho)
+    values = scaled.tolist()
+    for k in range(1, len(values)):
+        values[k] += rho * values[k - 1]
+    return np.array(values)
+
+
+def try_out(
+    step: Step, trial: Trial, engine: str | None = None, seeds: Sequence[int] | None = None
+) -> Iterator[Trajectory]:
+    """The step over the trial from its reset state, one trajectory for each seed; the step is left at the
+    last one's end.
+
+    `engine`: as in `Step.run`, "c", "python" or None for C where there is a compiler.
+
+    Raises: `BadTrial`.
+    """
+    plant = step.observer.form.system
+    truth = simulate(plant, trial, step.dt)
+    for seed in trial.seeds if seeds is None else seeds:
+        y = noisy(plant, truth, trial, seed)
+        step.reset()
+        run = step.run(u=truth.u, y=y, engine=engine)
+        yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
+
+
+def _validate(plant: System, trial: Trial, dt: float) -> None:
+    """Raise `BadTrial` unless every name is the plant's, every needed one is there, and every number makes
+    sense."""
+    states = {s.name for s in plant.states}
+    _names(trial, "start", trial.start, states, needed=True)
+    _names(trial, "inputs", trial.inputs, {s.name for s in plant.inputs}, needed=True)
+    _names(trial, "noise", trial.noise, {s.name for s in plant.outputs})
+    _names(trial, "jumps", [jump.state for jump in trial.jumps], states)
+    _names(trial, "settled", [trial.settled.state] if trial.settled else [], states)
+    for reason in _faults(trial, dt):
+        raise BadTrial(trial.name, reason)
+
+
+def _faults(trial: Trial, dt: float) -> Iterator[str]:
+    if not dt <= trial.duration < math.inf:
+        yield f"duration = {trial.duration!r} must be a time in seconds, at least dt = {dt:g}"
+    if not 0 <= trial.steady_from <= trial.duration:
+        yield f"steady = {trial.steady_from:g} must lie within 0..{trial.duration:g} s"
+    if not trial.seeds:
+        yield "it has no seeds; give at least one, seeds=(0,)"
+    for name, value in trial.start.items():
+        if not math.isfinite(value):
+            yield f"start {name} = {value} is not finite; give a finite number"
+    for jump in trial.jumps:
+        if not (0 < jump.time <= trial.duration and math.isfinite(jump.value)):
+            yield f"{jump} must lie within 0..{trial.duration:g} s and have a finite value"
+    for name, noise in trial.noise.items():
+        if not (0 <= noise.sigma < math.inf and 0 <= noise.tau < math.inf):
+            yield f"{noise} of {name} must have a finite sigma and tau, not negative"
+    for name, value in trial.inputs.items():
+        strangers = sp.sympify(value).free_symbols - {t}
+        if strangers:
+            yield f"input {name} uses {min(map(str, strangers))}; write it as an expression of hgogen.trial.t"
+
+
+def _names(trial: Trial, what: str, given: Any, known: set[str], needed: bool = False) -> None:
+    listed = ", ".join(sorted(known)) or "none"
+    for name in given:
+        if name not in known:
+            raise BadTrial(
+                trial.name, f"{what} names {name!r}, which the plant does not have; it has {listed}"
+            )
+    for name in sorted(known):
+        if needed and name not in given:
+            raise BadTrial(trial.name, f"{what} says nothing of {name!r}; give it a value")
