@@ -4,22 +4,27 @@ plant : System --form--> Form --observer--> Observer --method, dt--> Step --targ
                                                                        --call------> numbers
 """
 
-from hgogen import forms, innovation, methods, observers, theta
+from hgogen import forms, innovation, methods, observers, targets, theta
+from hgogen.call import Run, Sample, sample
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.signal import Signal
-from hgogen.step import Step, sample
+from hgogen.step import Step
 from hgogen.system import System
+from hgogen.target import write
 
 __all__ = [
     "Check",
     "Form",
     "HgogenError",
     "Observer",
+    "Run",
+    "Sample",
     "Signal",
     "Step",
+    "targets",
     "System",
     "Verdict",
     "forms",
@@ -28,4 +33,5 @@ __all__ = [
     "observers",
     "sample",
     "theta",
+    "write",
 ]

@@ -33,7 +33,7 @@ class Check:
     claim: str
     verdict: Verdict
     reason: str
-    witness: Mapping[str, float] = field(default_factory=dict)
+    witness: Mapping[str, float] = field(default_factory=dict, hash=False)
     fix: str = ""
 
     def __str__(self) -> str:
@@ -70,7 +70,7 @@ def refuted(checks: Iterable[Check], accept: Iterable[str] = ()) -> tuple[Check,
 
     Raises: `UnknownCheck` for a name that is none of the checks'.
     """
-    checks, accept = tuple(checks), tuple(accept)
+    checks, accept = tuple(checks), (accept,) if isinstance(accept, str) else tuple(accept)
     known = tuple(check.id for check in checks)
     for name in accept:
         if name not in known:

@@ -43,6 +43,10 @@ class Coordinates:
         """An expression of the plant's states, written in z."""
         return expression.xreplace(self.replacement)
 
+    def back(self, expression: sp.Expr) -> sp.Expr:
+        """An expression of z, written in the plant's states."""
+        return expression.xreplace(dict(zip(self.states, self.to_form, strict=True)))
+
     @property
     def flow(self) -> tuple[sp.Expr, ...]:
         """z' in terms of z."""

@@ -106,22 +106,26 @@ def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
     )
 
 
-def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> tuple[Any, Any]:
-    """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton).
+def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> tuple[Any, Any, dict[str, Any]]:
+    """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the values worth a name.
 
-    Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k). Returns (L, d).
+    Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
     """
     n = d.shape[0]
-    rows, weight = ca.horzcat(transition @ L, shaped), ca.vertcat(d, weights)
-    rows = [rows[i, :].T for i in range(n)]
-    factor, diagonal = ca.SX.eye(n), []
+    stacked, weight = ca.horzcat(transition @ L, shaped), ca.vertcat(d, weights)
+    rows = [stacked[i, :].T for i in range(n)]
+    factor, diagonal, names = ca.SX.eye(n), [], dict[str, Any]()
     for j in range(n):
         weighted = rows[j] * weight
         diagonal.append(ca.dot(rows[j], weighted))
+        inverse = 1 / diagonal[j]
+        names |= {f"w{j + 1}_{k + 1}": rows[j][k] for k in range(rows[j].shape[0])}
+        names |= {f"d{j + 1}": diagonal[j]} | ({f"d{j + 1}_inverse": inverse} if j < n - 1 else {})
         for i in range(j + 1, n):
-            factor[i, j] = ca.dot(rows[i], weighted) / diagonal[j]
+            factor[i, j] = ca.dot(rows[i], weighted) * inverse
+            names[f"l{i + 1}{j + 1}"] = factor[i, j]
             rows[i] = rows[i] - factor[i, j] * rows[j]
-    return factor, ca.vertcat(*diagonal)
+    return factor, ca.vertcat(*diagonal), names
 
 
 def measurement_update(L: Any, d: Any, c: Any, r: Any) -> tuple[Any, Any, Any]:
@@ -133,15 +137,18 @@ def measurement_update(L: Any, d: Any, c: Any, r: Any) -> tuple[Any, Any, Any]:
     n = d.shape[0]
     f = L.T @ c.T
     v = d * f
-    alpha, gain = r, ca.SX(n, 1)
+    alpha, inverse, gain = r, None, ca.SX(n, 1)
     factor, diagonal = ca.SX(L), ca.SX(d)
     for j in reversed(range(n)):
         if f[j].is_zero():
             continue
-        before, alpha = alpha, alpha + v[j] * f[j]
-        diagonal[j] = d[j] * before / alpha
+        before, last = alpha, inverse
+        alpha = alpha + v[j] * f[j]
+        inverse = 1 / alpha
+        diagonal[j] = d[j] * before * inverse
         for i in range(j + 1, n):
-            factor[i, j] = L[i, j] - f[j] * gain[i] / before
+            if last is not None:
+                factor[i, j] = L[i, j] - f[j] * gain[i] * last
             gain[i] = gain[i] + L[i, j] * v[j]
         gain[j] = v[j]
-    return factor, diagonal, gain / alpha
+    return factor, diagonal, gain * inverse

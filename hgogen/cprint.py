@@ -5,7 +5,7 @@ compiler does not contract a*b + c). Values used more than once, or worth a name
 written in place.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ import numpy as np
 from hgogen.errors import HgogenError
 
 Real = Literal["float", "double"]
+Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
 WIDTH = 92  # longest expression that is written in place
 
 SUM, PRODUCT, UNARY, ATOM = 4, 5, 6, 7  # C precedence, loosest first
@@ -84,8 +85,8 @@ CALLS: dict[int, str] = {
     ca.OP_LOG1P: "log1p",
     ca.OP_HYPOT: "hypot",
 }
-HELPERS = ("abs", "min", "max", "clamp", "within", "floor", "sign")
-_CLAMP, _WITHIN, _CHOOSE = -1, -2, -3  # patterns that have their own C
+HELPERS = ("abs", "min", "max", "clamp", "within", "keep", "floor", "sign")
+_CLAMP, _WITHIN, _CHOOSE, _KEEP = -1, -2, -3, -4  # patterns that have their own C
 
 
 def read(function: Any) -> list[list[Node]]:
@@ -112,6 +113,8 @@ def _node(op: int, args: tuple[Node, ...]) -> Node:
     if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
         (test, yes), (negated, no) = args[0].args, args[1].args
         if negated.op == ca.OP_NOT and negated.args[0] is test:
+            if test.op == _WITHIN and yes.op == _CLAMP and test.args[0] is yes.args[0]:
+                return Node(_KEEP, (*yes.args, no, test.args[1]))
             return Node(_CHOOSE, (test, yes, no))
     if op == ca.OP_LE and args[0].op == ca.OP_FABS:
         return Node(_WITHIN, (args[0].args[0], args[1]))
@@ -126,13 +129,29 @@ def _node(op: int, args: tuple[Node, ...]) -> Node:
     return Node(op, args)
 
 
+def _negative(node: Node) -> bool:
+    """Whether a product starts with a negative number, so that adding it prints as a subtraction (the same bits)."""
+    return node.op == ca.OP_MUL and node.args[0].op == ca.OP_CONST and node.args[0].constant < 0
+
+
+def _negated(node: Node) -> Node:
+    return Node(node.op, (Node(ca.OP_CONST, constant=-node.args[0].constant), node.args[1]))
+
+
 def boolean(node: Node) -> bool:
     """Whether the value is a truth value in C."""
     return node.op in _BOOLEAN or node.op == _WITHIN
 
 
-def literal(value: float, real: Real) -> str:
-    """Shortest decimal that reads back as this number in the working precision."""
+def literal(value: float, real: Number) -> str:
+    """Shortest decimal that reads back as this number in the working precision.
+
+    Raises: `NotPrintable` for a counter that is not a whole number from 0.
+    """
+    if real == "unsigned":
+        if value < 0 or value != int(value):
+            raise NotPrintable(ca.OP_CONST)
+        return f"{int(value)}u"
     if real == "double":
         return repr(float(value))
     number = np.float32(value)
@@ -142,11 +161,12 @@ def literal(value: float, real: Real) -> str:
 
 @dataclass
 class Printer:
-    """Prints one block. `inputs`: text of element j of argument i; `hoist`: which arguments must be read first."""
+    """Prints one block. `inputs`, `local`: text, and name as a local, of element j of argument i; `is_flag`: it is a truth value."""
 
-    real: Real
+    real: Number
     prefix: str
     inputs: Callable[[int, int], str]
+    local: Callable[[int, int], str]
     is_flag: Callable[[int], bool] = lambda _: False
     used: set[str] = field(default_factory=set)
     lines: list[str] = field(default_factory=list)
@@ -154,8 +174,7 @@ class Printer:
 
     def count(self, roots: Iterable[Node]) -> None:
         """How often each value is used, over all roots."""
-        stack = list(roots)
-        seen: set[int] = set()
+        stack, seen = list(roots), set[int]()
         for root in stack:
             root.uses += 1
         while stack:
@@ -202,7 +221,7 @@ class Printer:
                 if repeated and child.op not in (ca.OP_CONST, ca.OP_INPUT) and not child.name:
                     self.declare(child, self.number())
             if node is not root and self.worthy(node):
-                self.declare(node, self.number())
+                self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
 
     def number(self) -> str:
         """The next temporary."""
@@ -213,8 +232,10 @@ class Printer:
 
     def worthy(self, node: Node) -> bool:
         """Whether a value is better declared than written in place."""
-        if node.op in (ca.OP_CONST, ca.OP_NOT) or (node.op == ca.OP_INPUT and node.uses < 2):
+        if node.op in (ca.OP_CONST, ca.OP_NOT):
             return False
+        if node.op == ca.OP_INPUT:
+            return node.uses > 1 and not self.inputs(*node.source).isidentifier()
         if node.op == ca.OP_NEG and node.args[0].name:
             return False
         return node.uses > 1 or len(self.raw(node)[0]) > WIDTH
@@ -239,9 +260,23 @@ class Printer:
             text, binds = f"{self.value(node, SUM)} != {self.literal(0)}", EQUAL
         return f"({text})" if binds < level else text
 
+    def clause(self, node: Node, op: int) -> str:
+        """An operand of `op`, && or ||: chains of the same and plain comparisons need no parentheses."""
+        same = node.op == op or node.op in (ca.OP_NOT, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
+        return self.truth(node, 0 if same else ATOM)
+
     def literal(self, value: float) -> str:
         """A number in the working precision."""
         return literal(value, self.real)
+
+    def constant(self, value: float) -> tuple[str, float]:
+        """A literal; what C99 cannot write without <math.h> is a call."""
+        if value != value:
+            return self.call("nan")
+        if abs(value) == float("inf"):
+            text, _ = self.call("inf")
+            return (text, ATOM) if value > 0 else (f"-{text}", UNARY)
+        return self.literal(value), ATOM if value >= 0 else UNARY
 
     def call(self, name: str, *args: Node) -> tuple[str, float]:
         """A call of one of our functions."""
@@ -252,7 +287,7 @@ class Printer:
         """The C of a value from its operands, and how tightly it binds."""
         op, args = node.op, node.args
         if op == ca.OP_CONST:
-            return self.literal(node.constant), ATOM if node.constant >= 0 else UNARY
+            return self.constant(node.constant)
         if op == ca.OP_INPUT:
             text = self.inputs(*node.source)
             return text, UNARY if text.startswith("(") else ATOM
@@ -260,6 +295,8 @@ class Printer:
             return self.call("clamp", *args)
         if op == _WITHIN:
             return self.call("within", *args)
+        if op == _KEEP:
+            return self.call("keep", *args)
         if op == _CHOOSE:
             return f"{self.truth(args[0], ATOM)} ? {self.value(args[1], OR)} : {self.value(args[2], OR)}", SELECT
         if op == ca.OP_IF_ELSE_ZERO:
@@ -270,7 +307,12 @@ class Printer:
             return f"!{self.truth(args[0], ATOM)}", UNARY
         if op in _LOGIC:
             sign, binds = _LOGIC[op]
-            return f"{self.truth(args[0], ATOM)}{sign}{self.truth(args[1], ATOM)}", binds
+            return sign.join(self.clause(arg, op) for arg in args), binds
+        if op == ca.OP_ADD and not args[1].name and _negative(args[1]):
+            return f"{self.value(args[0], SUM)} - {self.value(_negated(args[1]), PRODUCT)}", SUM
+        if op in (ca.OP_LT, ca.OP_LE) and args[0].op == ca.OP_CONST:
+            sign = " > " if op == ca.OP_LT else " >= "
+            return f"{self.value(args[1], ORDER + 0.1)}{sign}{self.value(args[0], ORDER + 0.1)}", ORDER
         if op in _INFIX:
             sign, binds = _INFIX[op]
             # the right operand of equal binding keeps its parentheses: the order of operations is part of the result
@@ -282,48 +324,56 @@ class Printer:
 
 @dataclass(frozen=True)
 class Target:
-    """Where an output element goes: `write` makes the statement of the text; `flag` asks for a truth value."""
+    """Where an output element goes: `write` makes the statements of the text; `flag` asks for a truth value.
+
+    `source`: the input element that is this same place; writing it back unchanged is left out.
+    """
 
     write: Callable[[str], Sequence[str]]
     flag: bool = False
+    source: tuple[int, int] | None = None
 
 
-def body(printer: Printer, function: Any, targets: Sequence[Sequence[Target]], names: Sequence[Sequence[str]], hoist: Mapping[int, Callable[[int], str]]) -> list[str]:
+def body(
+    printer: Printer,
+    function: Any,
+    targets: Sequence[Target],
+    names: Sequence[str],
+    hoist: Collection[int],
+) -> list[str]:
     """The statements of a block.
 
-    `targets`: for each of the first outputs, its elements' targets; `names`: for each of the outputs after those, its
-    elements' names; `hoist`: arguments that must be read before anything is written, with the local's name by element.
+    `targets`: for each element of the first outputs; `names`: for each element of the outputs after those; `hoist`:
+    arguments that must be read before anything is written.
     """
-    outputs = read(function)
-    values = [node for output in outputs[: len(targets)] for node in output]
-    named = [node for output in outputs[len(targets) :] for node in output]
-    printer.count([*values, *named])
-    _hoist(printer, [*values, *named], hoist)
-    for node, name in zip(named, [name for group in names for name in group], strict=True):
-        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1 and not node.name:
+    nodes = [node for output in read(function) for node in output]
+    pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
+    named = nodes[len(targets) :]
+    printer.count(node for node, _ in pairs)
+    _hoist(printer, [node for node, _ in pairs], hoist)
+    for node, name in zip(named, names, strict=True):
+        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
             printer.prepare(node)
             printer.declare(node, name)
-    for node in values:
+    for node, _ in pairs:
         printer.prepare(node)
         if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
             printer.declare(node, printer.number())
-    flat = [target for group in targets for target in group]
-    for node, target in zip(values, flat, strict=True):
+    for node, target in pairs:
         printer.lines += target.write(printer.truth(node) if target.flag else printer.value(node))
     return printer.lines
 
 
-def _hoist(printer: Printer, roots: list[Node], hoist: Mapping[int, Callable[[int], str]]) -> None:
+def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
+    """Declare the inputs that the block also writes, before anything is written."""
     found: dict[tuple[int, int], Node] = {}
-    stack, seen = list(roots), set()
+    stack, seen = list(roots), set[int]()
     while stack:
         node = stack.pop()
-        if id(node) in seen:
-            continue
-        seen.add(id(node))
-        stack.extend(node.args)
-        if node.op == ca.OP_INPUT and (node.source[0] in hoist or node.uses > 1):
-            found[node.source] = node
+        if id(node) not in seen:
+            seen.add(id(node))
+            stack.extend(node.args)
+            if node.op == ca.OP_INPUT and node.source[0] in hoist:
+                found[node.source] = node
     for source, node in sorted(found.items(), key=lambda item: item[0]):
-        if source[0] in hoist and not printer.is_flag(source[0]):
-            printer.declare(node, hoist[source[0]](source[1]))
+        printer.declare(node, printer.local(*source))

@@ -43,7 +43,10 @@ def _nonzero_somewhere(expression: sp.Expr) -> bool:
     draw = random.Random(1)
     for _ in range(3):
         point = {s: sp.Rational(draw.randint(1, 97), 89) for s in sorted(expression.free_symbols, key=str)}
-        value = expression.xreplace(point).evalf(15)
+        try:
+            value = expression.xreplace(point).evalf(15)
+        except ValueError:  # Min or Max of a number that SymPy cannot compare
+            continue
         if value.is_Float and abs(value) > _NOT_ZERO:
             return True
     return bool(expression.is_number and expression.is_nonzero)

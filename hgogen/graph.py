@@ -80,7 +80,7 @@ def _convert(
     if isinstance(node, sp.Symbol):
         if node not in symbols:
             raise NoGraph(f"the symbol {node}", str(whole))
-        value = symbols[node]
+        value = ca.SX(symbols[node])  # a float, too: Python's own 1 / 0.0 would raise
     elif isinstance(node, sp.Number | sp.NumberSymbol):
         value = ca.SX(float(node))
     elif isinstance(node, sp.Add):

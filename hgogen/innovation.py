@@ -114,9 +114,10 @@ class Staggered:
         def accumulate(output: int) -> Program:
             error = sym("work.sample") - predictor.dynamics.output(z, clock.u(1.0))[output]
             squared = ca.fmin(total + clock.dt * error * error, HUGE * HUGE)
-            counted = ca.fmin(valid + (1 if output == 0 else 0), members * period + 1)
-            block = Block("its squared output error", {"predictor.sum": squared, "predictor.samples": counted})
-            return (Loop("predictor", members, (block,)),)
+            add = Block("its squared output error", {"predictor.sum": squared})
+            most = members * period + 1
+            tally = Block("one more sample", {"predictor.samples": ca.if_else(valid < most, valid + 1, most)})
+            return (Loop("predictor", members, (add, tally) if output == 0 else (add,)),)
 
         read = Block(
             "innovation: the sum of the oldest predictor, scaled to the window, never scaled up",
@@ -127,9 +128,12 @@ class Staggered:
             f"one predictor restarts every {period} samples",
             {"work.restart": tick >= period, "state.tick": ca.if_else(tick >= period, 0, tick)},
         )
-        restart = Block(
-            "the oldest predictor restarts from the estimate",
-            {"predictor.z": sym(f"state.{predictor.z.name}", n), "predictor.sum": 0, "predictor.samples": 0},
+        restart = (
+            Block(
+                "the oldest predictor restarts from the estimate",
+                {"predictor.z": sym(f"state.{predictor.z.name}", n), "predictor.sum": ca.SX(0)},
+            ),
+            Block("no sample yet", {"predictor.samples": ca.SX(0)}),
         )
         after = sym("state.oldest") + 1
         rotate = Block("the next one is the oldest", {"state.oldest": ca.if_else(after >= members, 0, after)})
@@ -157,7 +161,7 @@ class Staggered:
             adapt=(
                 Loop("predictor", 1, (read,), start=oldest),
                 due,
-                When("work.restart", (Loop("predictor", 1, (restart,), start=oldest), rotate)),
+                When("work.restart", (Loop("predictor", 1, restart, start=oldest), rotate)),
             ),
         )
 
@@ -184,9 +188,8 @@ class Window:
         store = {"past.z": sym(f"state.{predictor.z.name}", n)}
         store |= {"past.y": sym("state.recent_y", p), "past.valid": sym("state.recent_valid", p)}
         store |= {"past.u": sym("state.u", m)} if m else {}
-        count = ca.fmin(filled + 1, size)
-        oldest = newest + 1 - count
-        oldest = ca.if_else(oldest < 0, oldest + size, oldest)
+        count = ca.if_else(filled < size, filled + 1, size)
+        oldest = ca.if_else(newest + 1 < count, newest + 1 + size - count, newest + 1 - count)
         first = ca.if_else(oldest + 1 >= size, 0, oldest + 1)
         find = Block(
             "the window starts at the oldest sample",

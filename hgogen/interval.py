@@ -34,7 +34,7 @@ def box(signals: Iterable[Signal]) -> dict[sp.Symbol, Interval]:
 
 
 def enclose(expression: sp.Expr, box: Box) -> Interval:
-    """An interval that holds every value of the expression on the box (where it is defined and real)."""
+    """An interval that holds the values of the expression on the box, where it and its parts are real."""
     if expression.is_Rational:
         value = Fraction(int(expression.p), int(expression.q))
         return value, value
@@ -42,8 +42,8 @@ def enclose(expression: sp.Expr, box: Box) -> Interval:
         value = _exact(float(expression))
         return value, value
     if isinstance(expression, sp.NumberSymbol):
-        low, high = expression.approximation_interval(sp.Rational)
-        return Fraction(int(low.p), int(low.q)), Fraction(int(high.p), int(high.q))
+        value, error = Fraction(str(expression.evalf(30))), Fraction(1, 10**28)  # evalf guarantees its digits
+        return value - error, value + error
     if expression.is_Symbol:
         return box.get(expression, EVERYTHING)
     parts = [enclose(part, box) for part in expression.args if isinstance(part, sp.Expr)]
@@ -167,7 +167,7 @@ def _function(node: sp.Expr, parts: list[Interval]) -> Interval:
     if kind is sp.log and parts[0][0] > 0:  # 1 - 1/t <= log t <= t - 1
         return _plus(one, -_inverse(parts[0][0])), _plus(parts[0][1], -one)
     if kind is sp.Abs:
-        ends: list[End] = [abs(end) for end in parts[0]]
+        ends = [end if end >= 0 else -end for end in parts[0]]
         return (Fraction(0) if contains_zero(parts[0]) else min(ends)), max(ends)
     if kind is sp.Min:
         return min(low for low, _ in parts), min(high for _, high in parts)

@@ -10,6 +10,7 @@ from hgogen.check import Check, Verdict
 from hgogen.interval import End, Interval, enclose, finite
 from hgogen.interval import box as box_of
 from hgogen.signal import Signal
+from hgogen.singular import singular
 from hgogen.system import System
 
 Point = Mapping[Signal, sp.Rational]
@@ -37,7 +38,7 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     claim = f"0 < a_m <= {name} = {a} <= a_M on the box"
     a, signals = _varying(a, system)
     low, high = _range(a, signals)
-    if low > 0 and finite((low, high)):
+    if low > 0 and finite((low, high)) and not singular([a], box_of(signals)):
         return Check(id, claim, Verdict.PROVED, _proof(low, high))
     witness = _witness(a, signals)
     if witness:
@@ -101,7 +102,10 @@ def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:
 
 def _kind(a: sp.Expr, point: Point) -> str:
     """What a is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
-    value = a.xreplace(dict(point))
+    try:
+        value = a.xreplace(dict(point))
+    except ValueError:  # Min or Max of a number that SymPy cannot compare
+        return "?"
     if value.is_zero:
         return "= 0"
     if value.has(sp.nan, sp.zoo, sp.oo) or value.is_real is False:

@@ -20,6 +20,7 @@ _RESERVED = frozenset(
     typeof asm fortran and and_eq bitand bitor catch class compl const_cast delete dynamic_cast explicit export
     friend mutable namespace new not not_eq operator or or_eq private protected public reinterpret_cast
     static_cast template this throw try typeid typename using virtual wchar_t xor xor_eq
+    char8_t char16_t char32_t concept consteval constinit co_await co_return co_yield decltype noexcept requires
     I NULL EOF errno assert offsetof NAN INFINITY""".split()
 )
 
@@ -36,7 +37,7 @@ class BadName(HgogenError):
 
     @property
     def hint(self) -> str:
-        cleaned = re.sub(r"\W", "_", str(self.name), flags=re.ASCII).strip("_")
+        cleaned = re.sub(r"[\W_]+", "_", str(self.name), flags=re.ASCII).strip("_")
         return f"{cleaned or 'x'}_1" if cleaned[:1].isalpha() or not cleaned else f"x_{cleaned}"
 
 
@@ -66,7 +67,7 @@ def _number(name: str, what: str, value: Any) -> float | None:
         return None
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BadRange(name, f"{what} = {value!r} is not a number; give a number or leave it out") from None
     if not math.isfinite(number):
         raise BadRange(name, f"{what} = {number} is not finite; give a finite number or leave it out")

@@ -8,7 +8,7 @@ not a number reuses the last valid one; both are said in the status.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, Literal
 
 import casadi as ca
@@ -32,6 +32,7 @@ from hgogen.program import (
     scalar,
     scope,
     sym,
+    walk,
 )
 from hgogen.signal import Signal
 
@@ -109,17 +110,11 @@ class Step:
         return tuple(s for section in self.sections for s in section.program) + self.estimate
 
 
-def sample(observer: Observer, method: Method | None = None, dt: float = 0.0, *, between: str = "line") -> Step:
-    """The observer at the sampling period `dt` (s) by `method` (default: `methods.continuous_discrete`).
+def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
+    """The step of an observer; see `hgogen.call.sample`, which also makes it callable.
 
-    `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the one
-    applied since the last call).
-
-    Raises: `BadStep`; `StepTooLong`, with the admissible dt, where a constant linear core or the covariance equation
-    cannot be stable; `BadWindow`.
+    Raises: `BadStep`, `StepTooLong`, `BadWindow`.
     """
-    if method is None:
-        from hgogen.methods import continuous_discrete as method
     if not isinstance(dt, int | float) or not 0 < dt < INF:
         raise BadStep(f"dt = {dt!r}", "must be a positive time in seconds")
     if between not in ("line", "hold"):
@@ -201,7 +196,7 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], keep:
         program.append(_guard_outputs(observer, clock))
     calls = sym("state.calls")
     program.append(
-        Block("the first call advances no time", {"work.running": calls >= 1, "state.calls": ca.fmin(calls + 1, 2)})
+        Block("the first call advances no time", {"work.running": calls >= 1, "state.calls": ca.if_else(calls < 2, calls + 1, 2)})
     )
     moves = _all(piece.predict for piece in pieces)
     outside = Block("outside the declared box the model is evaluated at its edge", {"status.OUTSIDE_BOX": _outside(observer)})
@@ -217,10 +212,13 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], keep:
 def _outside(observer: Observer) -> Any:
     z = observer.z
     tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(observer.dynamics.box) if low > -INF]
-    result = ca.SX(0)
-    for test in tests:
-        result = ca.logic_or(result, test)
-    return result
+    return _any(tests)
+
+
+def _any(tests: Iterable[Any]) -> Any:
+    """Whether one of the truth values holds; 0 for none."""
+    tests = list(tests)
+    return reduce(ca.logic_or, tests) if tests else ca.SX(0)
 
 
 def _within(value: Any, limit: float) -> Any:
@@ -299,24 +297,22 @@ class _Keeper:
 
 
 def _written(program: Program) -> set[tuple[str, int]]:
-    from hgogen.program import walk
-
     return {(place, 0) for s in walk(program) if isinstance(s, Block) for place in s.writes}
 
 
 def _kept(field: Field) -> Block:
     value = sym(f"state.{field.name}", field.size)
-    kept, lost, limited = [], ca.SX(0), ca.SX(0)
+    limit = HUGE * HUGE
+    kept, usable, limited = [], [], []
     for i, (low, high) in enumerate(field.box):
-        low, high = max(low, -HUGE * HUGE), min(high, HUGE * HUGE)
-        usable = _within(value[i], HUGE * HUGE)
-        clamped = ca.fmin(ca.fmax(value[i], low), high)
-        kept.append(ca.if_else(usable, clamped, field.initial[i]))
-        lost = ca.logic_or(lost, ca.logic_not(usable))
-        limited = ca.logic_or(limited, value[i] != kept[i])
-    writes = {f"state.{field.name}": column(kept), "status.RESTARTED": lost}
+        usable.append(_within(value[i], limit))
+        clamped = ca.fmin(ca.fmax(value[i], max(low, -limit)), min(high, limit))
+        kept.append(ca.if_else(usable[-1], clamped, field.initial[i]))
+        limited.append(value[i] != kept[i])
+    writes = {f"state.{field.name}": column(kept)}
     if field.name == "z":
-        writes["status.STATE_LIMITED"] = limited
+        writes["status.STATE_LIMITED"] = _any(limited)
+    writes["status.RESTARTED"] = ca.logic_not(reduce(ca.logic_and, usable))
     return Block(f"keep {field.name} in its box", writes)
 
 
@@ -326,12 +322,12 @@ def _tune(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) 
     for kind, fields in (("plant", plant), ("gain", gains)):
         for field in fields:
             value = sym(f"{kind}.{field.name}", field.size)
-            kept, changed = [], ca.SX(0)
+            kept, changed = [], []
             for i, (low, high) in enumerate(field.box):
                 clamped = ca.fmin(ca.fmax(value[i], low), high)
                 kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
-                changed = ca.logic_or(changed, ca.logic_not(value[i] == kept[i]))
-            writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": changed}
+                changed.append(ca.logic_not(value[i] == kept[i]))
+            writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": _any(changed)}
             blocks.append(Block(f"{field.name} in its range", writes))
     return (*blocks, *derived)
 

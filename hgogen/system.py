@@ -1,7 +1,7 @@
 """The plant: x' = flow(x, u; p), y = output(x, u; p), as the user writes it in SymPy."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +75,8 @@ class System:
 def _signals(system: str, kind: str, signals: Iterable[Signal]) -> tuple[Signal, ...]:
     if isinstance(signals, Signal):
         raise BadSystem(system, f"{kind} is a single Signal; write a tuple, {kind}=({signals.name},)")
+    if isinstance(signals, Set) or not isinstance(signals, Iterable):
+        raise BadSystem(system, f"{kind} is {signals!r}; write a tuple of Signals, whose order counts")
     signals = tuple(signals)
     for signal in signals:
         if not isinstance(signal, Signal):
@@ -85,17 +87,17 @@ def _signals(system: str, kind: str, signals: Iterable[Signal]) -> tuple[Signal,
 def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr, ...]:
     if isinstance(values, sp.MatrixBase):
         values = list(values)
-    if isinstance(values, sp.Basic) or not isinstance(values, Iterable):
-        raise BadSystem(system, f"{what} is {values!r}; write a list of expressions")
+    if isinstance(values, sp.Basic | str | Mapping | Set) or not isinstance(values, Iterable):
+        raise BadSystem(system, f"{what} is {values!r}; write a list of expressions, in the order of the signals")
     result = []
     for index, value in enumerate(values, 1):
         try:
             expression = sp.sympify(value, strict=True)
         except (sp.SympifyError, TypeError):
             raise BadSystem(system, f"{what} {index} is {value!r}, not a SymPy expression or number") from None
-        if not isinstance(expression, sp.Expr):
+        if not isinstance(expression, sp.Expr) or expression.is_Matrix:
             raise BadSystem(system, f"{what} {index} is {expression}, which is not a scalar expression")
-        if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo) or expression.has(sp.I):
+        if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I) or expression.is_real is False:
             raise BadSystem(system, f"{what} {index}, {expression}, is not finite and real; correct it")
         result.append(expression)
     return tuple(result)

@@ -59,7 +59,7 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
     checks = (
         _connected(hidden),
         _shape(z, seen, needs),
-        lipschitz("original.lipschitz", b, z.states, plant),
+        lipschitz("original.lipschitz", map(z.back, b), plant),
         Check(
             "original.convergence",
             "the estimate converges from everywhere in the box",

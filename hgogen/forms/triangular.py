@@ -5,8 +5,8 @@
     b_i of z_1..z_i and u only, Lipschitz.
 
 z is the plant's state in another order, some with the other sign. The order follows the dependencies: the
-output brings in one state, that state's derivative the next, and so on. A known offset, y = a_1(u) z_1 + c(u),
-stays in the output; it changes no innovation.
+output brings in one state, that state's derivative the next, and so on. A known offset c(u), as in
+y = a_1(u) z_1 + c(u), stays in the output; it changes no innovation.
 
 N. Boizot, E. Busvelle, J.-P. Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46
 (2010), form (3).
@@ -70,7 +70,7 @@ def triangular(plant: System) -> Form:
     checks = (
         _structure(Verdict.PROVED, " -> ".join(s.name for s in (*plant.outputs, *order))),
         *(positive(f"triangular.a_{i}", f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
-        lipschitz("triangular.lipschitz", b, z.states, plant),
+        lipschitz("triangular.lipschitz", map(z.back, b), plant),
     )
     return _form(z, sp.ImmutableDenseMatrix(A), b, (output,), checks)
 

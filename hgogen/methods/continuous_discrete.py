@@ -11,14 +11,14 @@ the factored updates are Thornton's and Bierman's.
 """
 
 from dataclasses import dataclass
+from functools import reduce
 
 import casadi as ca
-import numpy as np
 
 from hgogen.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.method import Explicit
 from hgogen.observer import Clock, Ode, Pieces, Riccati
-from hgogen.program import INF, Bit, Block, Field, Program, When, column, sym
+from hgogen.program import Bit, Block, Field, Program, When, column, sym
 from hgogen.runge_kutta import RK4, advance
 
 # Below this a variance counts as 0; L stays within +-LARGEST: both only catch rounding and drop-outs.
@@ -97,12 +97,12 @@ def _predict_state(part: Riccati, clock: Clock) -> Block:
     F = part.dynamics.jacobian(stages.arguments[2]["z"], clock.u(0.5))
     transition = ca.sparsify(ca.SX.eye(n) + h * F + (h * h / 2) * (F @ F))
     weights = h * part.theta * part.weights
-    L, d = time_update(L, d, transition, part.scaled_factor(), weights)
+    L, d, names = time_update(L, d, transition, part.scaled_factor(), weights)
     Phi = {f"Phi_{i + 1}{j + 1}": transition[i, j] for i in range(n) for j in range(n) if transition[i, j].n_dep()}
     return Block(
         "z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta",
         {f"state.{part.z.name}": stages.result["z"], **_written(L, d)},
-        {**stages.names, **Phi},
+        {**stages.names, **Phi, **names},
     )
 
 
@@ -111,9 +111,10 @@ def _cap(part: Riccati) -> Program:
     _, L, d = _symbols(part)
     n = part.dynamics.n
     variance = column(ca.dot(L[i, :].T ** 2, d) for i in range(n))
-    cap = ca.SX(ca.DM(part.cap))
-    scale = ca.sqrt(ca.fmin(1, cap / variance))
-    test = Block("largest variances", {"work.capped": ca.mmax(variance / cap) > 1})
+    caps = [float(value) for value in part.cap]
+    tests = [variance[i] > caps[i] for i in range(n)]
+    scale = ca.vertcat(*(ca.sqrt(ca.fmin(1, caps[i] / variance[i])) for i in range(n)))
+    test = Block("largest variances", {"work.capped": reduce(ca.logic_or, tests)})
     scaled = ca.diag(scale) @ L @ ca.diag(1 / scale)
     apply = Block("cap", {**_written(scaled, scale**2 * d), "status.COVARIANCE_LIMITED": ca.SX(1)})
     return (test, When("work.capped", (apply,)))

@@ -60,15 +60,15 @@ def riccati(
     variances = (float(R),) * outputs if isinstance(R, int | float) else tuple(float(r) for r in R)
     if len(variances) != outputs:
         raise BadGain(f"R of length {len(variances)}", f"must have one number for each of {outputs} outputs")
-    _unit, weights = factor(noise)
+    shape, weights = factor(noise)
+    if any(not 0 < value < HUGE for value in variances):
+        raise BadGain(f"R = {variances}", "must be positive and finite")
     top, bottom = 1e6, 1e-6
     gains = (
         gain("Q", weights, bottom * weights.min(), top * weights.max(), "process noise, diagonal factor", "z^2/s"),
-        gain("R", variances, bottom * min(variances), top * max(variances), "output noise", "y^2 s"),
+        gain("R", variances if outputs > 1 else variances[0], bottom * min(variances), top * max(variances), "output noise", "y^2 s"),
         *theta.gains,
     )
-    if any(value <= 0 for value in variances):
-        raise BadGain(f"R = {variances}", "must be positive")
     dynamics = Dynamics(form)
     z = state_field(form, initial, theta.peak)
     half = np.array([(high - low) / 2 for low, high in z.box])
@@ -79,7 +79,7 @@ def riccati(
         theta=theta.value,
         theta_peak=theta.peak,
         weights=sym("gain.Q", n),
-        factor=_unit,
+        factor=shape,
         R=sym("gain.R", outputs),
         covariance=start,
         cap=np.minimum(np.maximum(cap, 4 * np.diag(start)), HUGE),

@@ -1,0 +1,243 @@
+"""The statements of a program as C text, and the structs they work on.
+
+Memory in C: `in`, `out` (what a call is given), `p` (parameters), `s` (state), `x` (estimate); work values are locals at the
+top of a function; a member of a group is reached through a pointer named after the group.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import casadi as ca
+
+from hgogen.cprint import Number, Printer, Real, Target, body, literal
+from hgogen.program import INF, Block, Field, Kernel, Loop, Program, Statement, When, places, scope, walk
+from hgogen.step import Step
+
+_STRUCTS = {"state": "s->", "plant": "p->plant.", "gain": "p->gain.", "derived": "p->derived.", "input": "in->"}
+_STRUCTS |= {"output": "out->", "estimate": "x->"}
+ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
+
+
+@dataclass
+class Writer:
+    """C text of a step's programs; collects the helper functions they call in `used`."""
+
+    step: Step
+    real: Real
+    used: set[str] = field(default_factory=set)
+
+    @property
+    def prefix(self) -> str:
+        """What every C name begins with."""
+        return self.step.name
+
+    @cached_property
+    def _fields(self) -> dict[str, Field]:
+        step = self.step
+        kinds = {"state": step.state, "plant": step.plant, "gain": step.gains, "derived": step.derived}
+        kinds |= {group.name: group.fields for group in step.groups}
+        return {f"{kind}.{f.name}": f for kind, fields in kinds.items() for f in fields}
+
+    @cached_property
+    def _flags(self) -> set[str]:
+        """Work places that are truth values."""
+        return {s.flag for s in walk(self._all) if isinstance(s, When)}
+
+    @cached_property
+    def _indices(self) -> set[str]:
+        """Work places that count or index."""
+        loops = [s for s in walk(self._all) if isinstance(s, Loop)]
+        return {place for loop in loops for place in (loop.start, loop.active) if place and scope(place) == "work"}
+
+    @cached_property
+    def _work(self) -> set[str]:
+        return {place for place, _ in places(self._all) if scope(place) == "work"}
+
+    @cached_property
+    def _all(self) -> Program:
+        return (*self.step.program, *self.step.tune)
+
+    def is_index(self, place: str) -> bool:
+        """Whether C holds the place as `unsigned`."""
+        known = self._fields.get(place)
+        return place in self._indices or (known is not None and known.kind == "index")
+
+    def lvalue(self, place: str, index: int, size: int) -> str:
+        """C text of one element of a place."""
+        kind, name = place.split(".", 1)
+        known = self._fields.get(place)
+        is_scalar = known.scalar if known else size == 1
+        start = "" if kind == "work" else _STRUCTS.get(kind, f"{kind}->")
+        return f"{start}{name}" if is_scalar else f"{start}{name}[{index}]"
+
+    def function(self, program: Program) -> list[str]:
+        """The body of a function: its work values, then its statements; it ends with `return status;` if it has one."""
+        work = sorted((p, n) for p, n in places(program) if scope(p) == "work")
+        lines = [self._declaration(place, size) for place, size in work]
+        taken = {place.split(".", 1)[1] for place, _ in work} | set(ARGUMENTS) | {g.name for g in self.step.groups}
+        return lines + self.statements(program, frozenset(taken))
+
+    def _declaration(self, place: str, size: int) -> str:
+        name = place.split(".", 1)[1]
+        if place in self._flags and size == 1:
+            return f"int {name} = 0;"
+        if place in self._indices:
+            return f"unsigned {name} = 0u;"
+        zero = literal(0, self.real)
+        return f"{self.real} {name} = {zero};" if size == 1 else f"{self.real} {name}[{size}] = {{{zero}}};"
+
+    def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> list[str]:
+        """Every statement in order."""
+        lines: list[str] = []
+        for statement in program:
+            lines += self._statement(statement, taken)
+        return lines
+
+    def _statement(self, statement: Statement, taken: frozenset[str]) -> list[str]:
+        match statement:
+            case Block():
+                return self._block(statement, taken)
+            case Loop():
+                return self._loop(statement, taken)
+            case When():
+                return self._when(statement, taken)
+            case Kernel():
+                return self._kernel(statement)
+
+    def _when(self, when: When, taken: frozenset[str]) -> list[str]:
+        name = when.flag.split(".", 1)[1]
+        lines = [f"if ({name} != 0) {{", *indented(self.statements(when.body, taken))]
+        if when.otherwise:
+            lines += ["} else {", *indented(self.statements(when.otherwise, taken))]
+        return [*lines, "}"]
+
+    def _loop(self, loop: Loop, taken: frozenset[str]) -> list[str]:
+        group = loop.group
+        total = next(g.count for g in self.step.groups if g.name == group)
+        kind = f"{self.prefix}_{group}"
+        inner = self.statements(loop.body, taken)
+        if loop.start is None:
+            pointer = f"{kind} *const {group} = &s->{group}[k];"
+            return [f"for (unsigned k = 0u; k < {loop.count}u; ++k) {{", *indented([pointer, *inner]), "}"]
+        start = self.lvalue(loop.start, 0, 1)
+        if loop.count == 1:
+            pointer = f"{kind} *const {group} = &s->{group}[({start} < {total}u) ? {start} : 0u];"
+            return ["{", *indented([pointer, *inner]), "}"]
+        test = f"k < {loop.count}u" + (f" && k < {self.lvalue(loop.active, 0, 1)}" if loop.active else "")
+        wrap = [f"if (i >= {total}u) {{", "    i = 0u;", "}"]
+        pointer = f"{kind} *const {group} = &s->{group}[i];"
+        looped = [f"for (unsigned k = 0u; {test}; ++k) {{", *indented([*wrap, pointer, *inner, "++i;"]), "}"]
+        return ["{", *indented([f"unsigned i = {start};", *looped]), "}"]
+
+    def _kernel(self, kernel: Kernel) -> list[str]:
+        raise NotImplementedError
+
+    def _block(self, block: Block, taken: frozenset[str]) -> list[str]:
+        reads, written = block.reads, set(block.writes)
+        real: Number = "unsigned" if self._counts(block) else self.real
+        printer = Printer(
+            real=real,
+            prefix=self.prefix,
+            inputs=lambda argument, element: self._read(*reads[argument], element, real),
+            local=lambda argument, element: self._local(*reads[argument], element),
+            is_flag=lambda argument: reads[argument][0] in self._flags,
+            used=self.used,
+            taken=set(taken),
+        )
+        sources = {place: argument for argument, (place, _) in enumerate(reads)}
+        targets = [
+            self._target(place, element, size, sources.get(place), real)
+            for place, size in ((place, ca.SX(value).numel()) for place, value in block.writes.items())
+            for element in range(size)
+        ]
+        names = [
+            name if size == 1 else f"{name}{element + 1}"
+            for name, size in ((name, ca.SX(value).numel()) for name, value in block.names.items())
+            for element in range(size)
+        ]
+        hoist = [argument for place, argument in sources.items() if place in written]
+        lines = body(printer, block.graph, targets, names, hoist)
+        if not lines:
+            return []
+        if any(line.startswith("const ") for line in lines):
+            return [comment(block.title), "{", *indented(lines), "}"]
+        return [comment(block.title), *lines]
+
+    def _counts(self, block: Block) -> bool:
+        """Whether a block works on counters and flags only, and so computes in `unsigned`."""
+        touched = [place for place, _ in block.reads] + [p for p in block.writes if scope(p) != "status"]
+        return bool(touched) and all(self.is_index(place) or place in self._flags for place in touched)
+
+    def _read(self, place: str, size: int, element: int, real: Number) -> str:
+        text = self.lvalue(place, element, size)
+        return f"({real}){text}" if self.is_index(place) and real != "unsigned" else text
+
+    def _local(self, place: str, size: int, element: int) -> str:
+        """Name of an element as a local: z1, L21, or that of the scalar."""
+        kind, name = place.split(".", 1)
+        if f"work.{name}" in self._work:
+            name = f"{name}_{kind}"
+        known = self._fields.get(place)
+        label = known.labels[element] if known and known.labels else ""
+        if re.fullmatch(r"\d+,\d+", label):
+            return f"{name}{label.replace(',', '')}"
+        return name if size == 1 else f"{name}{element + 1}"
+
+    def _target(self, place: str, element: int, size: int, argument: int | None, real: Number) -> Target:
+        kind, name = place.split(".", 1)
+        if kind == "status":
+            bit = f"{self.prefix.upper()}_{name}"
+
+            def raise_bit(text: str) -> list[str]:
+                if text in ("0", "1"):
+                    return [f"status |= {bit};"] if text == "1" else []
+                return [f"if ({text}) {{", f"    status |= {bit};", "}"]
+
+            return Target(raise_bit, flag=True)
+        target = self.lvalue(place, element, size)
+        source = None if argument is None else (argument, element)
+        if self.is_index(place) and real != "unsigned":
+            return Target(lambda text: [f"{target} = (unsigned)({text});"], source=source)
+        return Target(lambda text: [f"{target} = {text};"], flag=place in self._flags and size == 1, source=source)
+
+
+def indented(lines: Iterable[str], by: int = 4) -> list[str]:
+    """Every line four blanks to the right."""
+    return [" " * by + line if line else line for line in lines]
+
+
+def member(real: str, item: Field) -> str:
+    """A struct member with its comment: meaning, elements, range, unit."""
+    kind = "unsigned" if item.kind == "index" else real
+    size = "" if item.scalar else f"[{item.size}]"
+    return f"{kind} {item.name}{size}; {comment(describe(item))}".rstrip()
+
+
+def describe(item: Field) -> str:
+    """Meaning, elements, unit and range of a field."""
+    parts = [item.meaning] if item.meaning else []
+    if item.labels:
+        parts.append(", ".join(item.labels))
+    text = ": ".join(parts)
+    ranges = {(low, high) for low, high in item.box if low > -INF and high < INF}
+    if item.unit:
+        text += f" [{item.unit}]"
+    if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
+        low, high = ranges.pop()
+        text += f", {low:g} .. {high:g}"
+    return text
+
+
+def comment(text: str) -> str:
+    """A C comment that its text cannot end."""
+    return f"/* {text.replace('*/', '* /').replace('/*', '/ *')} */" if text else ""
+
+
+def struct(name: str, members: Sequence[str]) -> list[str]:
+    """typedef struct { ... } name; with the comments of the members in one column."""
+    code = [line.split("; /*", 1) for line in members]
+    width = max((len(parts[0]) for parts in code), default=0) + 1
+    body_lines = [f"{p[0] + ';':{width}} /*{p[1]}" if len(p) == 2 else p[0] for p in code]
+    return ["typedef struct {", *indented(body_lines), f"}} {name};"]

@@ -1,0 +1,452 @@
+"""Elementary functions as straight-line graphs of + - * /, comparisons, selection and floor: the same bits in C and Python.
+
+    sin x  = (-1)^k sin r,  r = x - k pi        exp x  = 2^k e^r,           r = x - k ln 2
+    log x  = k ln 2 + log m,  x = 2^k m         atan x = j pi/4 + atan z,   z = x, (x - 1)/(x + 1) or -1/x
+    sqrt x = 2^k sqrt m,  y <- (y + m/y)/2      asin x = pi/2 - 2 asin sqrt((1 - x)/2)  for x > 1/2
+
+Range reduction with split constants: W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980;
+sqrt by Heron's iteration. The polynomials are our own minimax fits. The compiler must round every operation to the
+working precision and contract nothing (-ffp-contract=off).
+
+NaN in gives NaN out (but x^0 = 1), the sign of a zero is not kept, a result below the smallest normal number may be 0,
+and sqrt, log and pow take such an argument for 0.
+
+CasADi rewrites (a + b) - a to b and x - x to 0 while it builds a graph. No formula here has such a pattern: what must
+be exact is so because constants are split, never by a two-sum.
+"""
+
+import math
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache, reduce
+from types import MappingProxyType
+from typing import Any, Literal
+
+import casadi as ca
+
+Graph = Any  # a scalar casadi.SX; CasADi carries no types
+
+PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
+LN2 = Fraction("0.69314718055994530941723212145817656807550013436025525")
+SQRT2 = Fraction("1.41421356237309504880168872420969807856967187537694807")
+
+UNARY = (
+    *("sqrt", "exp", "log", "expm1", "log1p", "sin", "cos", "tan", "asin", "acos", "atan"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+)
+BINARY = ("pow", "atan2", "hypot")  # pow(base, exponent), atan2(y, x), hypot(x, y)
+
+
+@cache
+def elementary(real: Literal["float", "double"]) -> Mapping[str, Any]:
+    """The functions by name: each a `casadi.Function` of one scalar (`BINARY`: two), its constants exact in `real`.
+
+    Accuracy in ulp of the result, as the tests measure it: 2 for sqrt, exp, log, sin, cos, asin, acos, atan, atan2,
+    expm1, cosh, tanh and hypot, 4 for the others, 2 + 2 |y log x| for x^y. sin, cos and tan keep it for |x| <= 8192
+    (float), 1e6 (double); beyond, the angle is some number within an ulp or so of x, and from 2^17 (float), 2^46
+    (double) on it is taken as 0. atan2 and hypot want |x| + |y| not to overflow.
+
+    The graphs hold inf and nan as constants. The argument of floor is always finite and below 2^31 (float), 2^53.
+    """
+    arithmetic = {"float": _FLOAT, "double": _DOUBLE}[real]
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    inputs = {name: [x] for name in UNARY} | {name: [x, y] for name in BINARY}
+    return MappingProxyType(
+        {
+            name: ca.Function(name, given, [getattr(arithmetic, name)(*given)])
+            for name, given in inputs.items()
+        }
+    )
+
+
+def _when(condition: Graph, value: Graph | float) -> Graph:
+    """value, or 0; a selection and no product, so that an unused inf or NaN vanishes."""
+    return ca.if_else(condition, value, 0.0)
+
+
+def _select(condition: Graph, value: Graph | float, otherwise: Graph | float) -> Graph:
+    return ca.if_else(condition, value, otherwise)
+
+
+def _polar(x: Graph) -> tuple[Graph, Graph]:
+    """The sign, 1 or -1, and |x|."""
+    sign = 1 - _when(x < 0, 2.0)
+    return sign, sign * x
+
+
+def _parity(k: Graph) -> Graph:
+    """1/2 for an odd whole number, 0 for an even one."""
+    half = k * 0.5
+    return half - ca.floor(half)
+
+
+@dataclass(frozen=True)
+class _Arithmetic:
+    """The functions in one working precision."""
+
+    letter: Literal["f", "d"]  # of struct
+    bits: int  # of the significand
+    octaves: int  # numbers are below 2^(2^octaves)
+    pi_widths: tuple[
+        int, ...
+    ]  # bits of the pieces of pi: k times each but the last is exact in the claimed range
+    ln2_widths: tuple[int, ...]
+    angle_limit: float  # a larger angle is taken as 0
+    heron: int  # iterations from a relative error of 1/9
+    sin_tail: tuple[float, ...]
+    exp_tail: tuple[float, ...]
+    log_tail: tuple[float, ...]
+    atan_tail: tuple[float, ...]
+    asin_tail: tuple[float, ...]
+
+    # --- numbers of this precision
+
+    def near(self, value: Fraction | float) -> float:
+        """The nearest number of this precision."""
+        return float(struct.unpack(self.letter, struct.pack(self.letter, float(value)))[0])
+
+    def pieces(self, value: Fraction, widths: Sequence[int]) -> list[float]:
+        """Numbers of the given widths in bits that sum up to value, the largest first."""
+        found = []
+        for width in widths:
+            unit = Fraction(2) ** (math.frexp(float(value))[1] - width)
+            found.append(round(value / unit) * unit)
+            value -= found[-1]
+        return [float(piece) for piece in found]
+
+    @property
+    def largest(self) -> float:
+        return (2 - 2.0 ** (1 - self.bits)) * 2.0 ** (2**self.octaves - 1)
+
+    @property
+    def smallest(self) -> float:
+        return 2.0 ** (2 - 2**self.octaves)
+
+    def polynomial(self, x: Graph, coefficients: Sequence[float]) -> Graph:
+        rounded = [self.near(c) for c in reversed(coefficients)]
+        return reduce(lambda value, c: value * x + c, rounded[1:], rounded[0])
+
+    # --- powers of two: conditional factors, each exactly 2^n or 1 because 2^n - 1 is exact or rounds to 2^n
+
+    def lift_if(self, condition: Graph, n: int) -> Graph:
+        return 1 + _when(condition, self.near(2.0**n - 1))
+
+    def lower_unless(self, condition: Graph, n: int) -> Graph:
+        return 2.0**-n + _when(condition, self.near(1 - 2.0**-n))
+
+    def power_of_two(self, k: Graph, octaves: int) -> Graph:
+        """2^k for whole k, 0 <= k < 2^octaves."""
+        power: Graph = 1.0
+        for i in reversed(range(octaves)):
+            bit = k >= 2**i
+            power = power * self.lift_if(bit, 2**i)
+            k = k - _when(bit, 2.0**i)
+        return power
+
+    def scaling(self, k: Graph) -> Callable[[Graph], Graph]:
+        """v -> 2^k v for whole k, |k| <= 2^octaves; only the result may overflow or underflow (k < 0)."""
+        half = self.lower_unless(k >= 0, 2 ** (self.octaves - 1))
+        one = _when(k >= 1, 1.0)
+        power = self.power_of_two(k - one + _when(k < 0, 2.0**self.octaves), self.octaves)
+        return lambda v: v * (1 + one) * half * power * half
+
+    # --- sqrt
+
+    def root(self, m: Graph, octaves: int) -> Graph:
+        """sqrt m for 1 <= m < 2^(2^octaves), octaves >= 2."""
+        shrink: Graph = 1.0
+        for i in reversed(range(2, octaves)):
+            small = m < 2.0**2**i
+            m = m * self.lower_unless(small, 2**i)
+            shrink = shrink * self.lower_unless(small, 2 ** (i - 1))
+        y = m * self.near(Fraction(2, 9)) + self.near(Fraction(8, 9))  # within 1/9 of sqrt m for 1 <= m <= 16
+        for _ in range(self.heron):
+            y = (y + m / y) * 0.5
+        return y / shrink
+
+    def sqrt(self, x: Graph) -> Graph:
+        lift = 2**self.octaves - 2
+        y = self.root(x * self.lift_if(x < 1, lift), self.octaves) * self.lower_unless(x >= 1, lift // 2)
+        y = _select(x > self.largest, x, y)
+        return _select(x < self.smallest, _when(x < 0, math.nan), y)
+
+    def hypot(self, x: Graph, y: Graph) -> Graph:
+        (_, a), (_, b) = _polar(x), _polar(y)
+        high, low = _select(a < b, b, a), _select(a < b, a, b)
+        slope = low / _select(high > 0, high, 1.0)  # NaN: the other branch is 1, but low is NaN
+        return high * self.root(1 + slope * slope, 2)
+
+    # --- exp and its kin: e^x = 2^k (1 + p)
+
+    def split(self, x: Graph) -> tuple[Graph, Graph]:
+        """k and p = e^r - 1, with x = k ln 2 + r, |r| <= ln 2 / 2, for |x| < 2^octaves (else k = 0)."""
+        inside = x * x < 4.0**self.octaves
+        k = ca.floor(_when(inside, x * self.near(1 / LN2)) + 0.5)
+        r = x
+        for piece in self.pieces(LN2, self.ln2_widths):
+            r = r - k * piece
+        return k, r + r * r * (0.5 + r * self.polynomial(r, self.exp_tail))
+
+    def saturated(self, x: Graph, y: Graph, doublings: int) -> Graph:
+        """y = e^x / 2^doublings, or inf where that is beyond doubt: y itself overflows at the right place before."""
+        return _select(x > self.near((2**self.octaves + doublings + Fraction(1, 4)) * LN2), math.inf, y)
+
+    def exp(self, x: Graph) -> Graph:
+        k, p = self.split(x)
+        y = _select(x < self.near(math.log(self.smallest)), 0.0, self.scaling(k)(1 + p))
+        return self.saturated(x, y, 0)
+
+    def expm1(self, x: Graph) -> Graph:
+        k, p = self.split(x)
+        times = self.scaling(k)
+        y = _select(x < -self.bits, -1.0, times((1 - 1 / times(1.0)) + p))
+        return self.saturated(x, y, 0)
+
+    def halves(self, x: Graph) -> tuple[Callable[[Graph], Graph], Graph, Graph]:
+        """v -> 2^(k-1) v, p = e^r - 1 and 4^-k, with x = k ln 2 + r >= 0: all that sinh and cosh need."""
+        k, p = self.split(x)
+        one = _when(k >= 1, 1.0)
+        times = self.scaling(k - one)
+        inverse = (1 - 0.5 * one) / times(1.0)
+        return lambda v: times(v * (0.5 + 0.5 * one)), p, inverse * inverse
+
+    def sinh(self, x: Graph) -> Graph:
+        sign, a = _polar(x)
+        times, p, decay = self.halves(a)
+        return sign * self.saturated(a, times((1 - decay) + (p + decay * (p / (1 + p)))), 1)
+
+    def cosh(self, x: Graph) -> Graph:
+        _, a = _polar(x)
+        times, p, decay = self.halves(a)
+        return self.saturated(a, times((1 + p) + decay / (1 + p)), 1)
+
+    def tanh(self, x: Graph) -> Graph:
+        sign, a = _polar(x)
+        last = self.bits + 3  # tanh rounds to 1 from (bits + 2) ln 2 / 2 on
+        k, p = self.split(_select(a * 2 > self.near(last * LN2), self.near(last * LN2), a * 2))
+        power = self.power_of_two(k, last.bit_length())
+        e = power * p + (power - 1)
+        return sign * (e / (e + 2))
+
+    # --- log and its kin
+
+    def normal(self, x: Graph) -> tuple[Graph, Graph]:
+        """m and k with x = 2^k m, sqrt(1/2) < m <= sqrt 2, for a normal number x > 0."""
+        low, lift = x < 1, 2**self.octaves - 2
+        m = x * self.lift_if(low, lift)
+        k = 2.0**self.octaves - 1 - _when(low, lift)
+        for i in reversed(range(self.octaves)):
+            small = m < 2.0**2**i
+            m = m * self.lower_unless(small, 2**i)
+            k = k - _when(small, 2.0**i)
+        upper = m > self.near(SQRT2)
+        return m * (1 - _when(upper, 0.5)), k + _when(upper, 1.0)
+
+    def logarithm(self, x: Graph, f: Graph, k: Graph) -> Graph:
+        """log x for x = 2^k (1 + f); x serves the exceptional cases only."""
+        high, low = self.pieces(LN2, self.ln2_widths)
+        s, h = f / (2 + f), f * f * 0.5
+        z = s * s
+        y = k * high - ((h - (s * (h + z * self.polynomial(z, self.log_tail)) + k * low)) - f)
+        y = _select(x > self.largest, x, y)
+        return _select(x < self.smallest, _when(x < 0, math.nan) - math.inf, y)
+
+    def log(self, x: Graph) -> Graph:
+        m, k = self.normal(x)
+        return self.logarithm(x, m - 1, k)
+
+    def log1p(self, x: Graph) -> Graph:
+        y = 1 + x
+        m, k = self.normal(y)
+        return self.logarithm(y, _select(k == 0, x, m - 1), k)
+
+    def asinh(self, x: Graph) -> Graph:
+        (sign, a), huge = _polar(x), 2.0 ** (self.bits + 1)  # above it the root is a
+        square = _when(a < huge, a * a)
+        root = self.root(1 + square, (2 * self.bits + 3).bit_length())
+        return sign * (self.log1p(a + square / (1 + root)) + _when(a >= huge, self.near(LN2)))
+
+    def acosh(self, x: Graph) -> Graph:
+        huge = 2.0 ** (self.bits + 1)
+        root = self.sqrt(_when(x < huge, (x - 1) * (x + 1)))
+        y = self.log1p((x - 1) + root) + _when(x >= huge, self.near(LN2))
+        return _select(x < 1, math.nan, y)
+
+    def atanh(self, x: Graph) -> Graph:
+        sign, a = _polar(x)
+        return sign * 0.5 * self.log1p(a * 2 / (1 - a))
+
+    def pow(self, x: Graph, y: Graph) -> Graph:
+        (_, a), (_, b) = _polar(x), _polar(y)
+        magnitude = self.exp(_select(y == 0, 0.0, y * self.log(a)))
+        whole = _when(b < 2.0**self.bits, y)  # larger numbers are even
+        negative = _select(ca.floor(whole) < whole, math.nan, 1 - _parity(whole) * 4)
+        return magnitude * _select(x < 0, negative, 1.0)
+
+    # --- angles
+
+    def folded(self, x: Graph) -> tuple[Graph, Graph, Graph]:
+        """The sign, |x| and |x| / pi; the last two are 0 beyond the limit, but NaN and inf leave NaN in |x|."""
+        sign, a = _polar(x)
+        inside = a < self.angle_limit
+        return sign, a - _select(inside, 0.0, a), _when(inside, a * self.near(1 / PI))
+
+    def wave(self, a: Graph, k: Graph) -> Graph:
+        """sin(a - k pi) for |a - k pi| <= pi / 2."""
+        r = a
+        for piece in self.pieces(PI, self.pi_widths):
+            r = r - k * piece
+        z = r * r
+        return r + z * (r * self.polynomial(z, self.sin_tail))
+
+    def sine(self, a: Graph, turns: Graph) -> Graph:
+        k = ca.floor(turns + 0.5)
+        return self.wave(a, k) * (1 - _parity(k) * 4)
+
+    def cosine(self, a: Graph, turns: Graph) -> Graph:
+        k = ca.floor(turns)
+        return self.wave(a, k + 0.5) * (_parity(k) * 4 - 1)
+
+    def sin(self, x: Graph) -> Graph:
+        sign, a, turns = self.folded(x)
+        return sign * self.sine(a, turns)
+
+    def cos(self, x: Graph) -> Graph:
+        _, a, turns = self.folded(x)
+        return self.cosine(a, turns)
+
+    def tan(self, x: Graph) -> Graph:
+        sign, a, turns = self.folded(x)
+        return sign * self.sine(a, turns) / self.cosine(a, turns)
+
+    # --- inverse angles
+
+    def slope_angle(self, b: Graph, a: Graph) -> Graph:
+        """atan(b / a) for a, b >= 0, not both 0."""
+        steep, upright = b > self.near(SQRT2 - 1) * a, b > self.near(SQRT2 + 1) * a
+        z = _select(upright, -a, _select(steep, b - a, b)) / _select(upright, b, _select(steep, b + a, a))
+        octants = _when(steep, 1.0) + _when(upright, 1.0)
+        high, low = self.pieces(PI / 4, (self.bits, self.bits))
+        w = z * z
+        return octants * high + (z + (z * (w * self.polynomial(w, self.atan_tail)) + octants * low))
+
+    def atan(self, x: Graph) -> Graph:
+        sign, a = _polar(x)
+        return sign * self.slope_angle(a, ca.SX(1))
+
+    def atan2(self, y: Graph, x: Graph) -> Graph:
+        (_, a), (sign, b) = _polar(x), _polar(y)
+        angle = self.slope_angle(b, a + _when(a + b == 0, 1.0))
+        high, low = self.pieces(PI, (self.bits, self.bits))
+        return sign * _select(x < 0, high - (angle - low), angle)
+
+    def arc(self, x: Graph) -> tuple[Graph, Graph, Graph, Graph]:
+        """The sign; wide = |x| > 1/2; s = sqrt((1 - |x|)/2) if wide, else |x|; c = asin s - s."""
+        (sign, a), octaves = _polar(x), self.bits.bit_length()
+        wide = a > 0.5
+        z = _select(wide, (1 - a) * 0.5, a * a)
+        root = self.root(z * 2.0 ** 2**octaves, octaves) * 2.0 ** -(2 ** (octaves - 1))
+        s = _select(wide, _when(a < 1, root) + _when(a > 1, math.nan), a)
+        return sign, wide, s, s * (z * self.polynomial(z, self.asin_tail))
+
+    def asin(self, x: Graph) -> Graph:
+        sign, wide, s, c = self.arc(x)
+        high, low = self.pieces(PI / 2, (self.bits, self.bits))
+        return sign * _select(wide, (high - s * 2) - (c * 2 - low), s + c)
+
+    def acos(self, x: Graph) -> Graph:
+        sign, wide, s, c = self.arc(x)
+        high, low = self.pieces(PI / 2, (self.bits, self.bits))
+        outer = _select(x < 0, (high * 2 - s * 2) - (c * 2 - low * 2), (s + c) * 2)
+        return _select(wide, outer, high - (sign * (s + c) - low))
+
+
+# Minimax fits; in brackets the largest error relative to the function, with these coefficients.
+_FLOAT = _Arithmetic(
+    letter="f",
+    bits=24,
+    octaves=7,
+    pi_widths=(11, 11, 11, 24),
+    ln2_widths=(16, 24),
+    angle_limit=2.0**17,
+    heron=3,
+    # sin r = r + r z s(z), z = r^2, |r| <= pi/2: degree 3 [2^-27.2]
+    sin_tail=(-0.166666597, 0.00833306927, -0.000198097681, 2.60605498e-06),
+    # e^r = 1 + r + r^2 (1/2 + r e(r)), |r| <= ln 2 / 2: degree 3 [2^-26.0 of e^r - 1]
+    exp_tail=(0.16666545, 0.0416664034, 0.00836643483, 0.00139406463),
+    # 2 atanh s = 2 s + s z l(z), z = s^2, |s| <= (sqrt 2 - 1)^2: degree 2 [2^-30.1]
+    log_tail=(0.666667759, 0.399775594, 0.298718989),
+    # atan t = t + t w a(w), w = t^2, |t| <= sqrt 2 - 1: degree 4 [2^-30.3]
+    atan_tail=(-0.333333164, 0.199985251, -0.142442971, 0.105982684, -0.060873501),
+    # asin s = s + s z a(z), z = s^2, |s| <= 1/2: degree 4 [2^-27.6]
+    asin_tail=(0.166667521, 0.0749530941, 0.0454691537, 0.024184756, 0.0421583615),
+)
+_DOUBLE = _Arithmetic(
+    letter="d",
+    bits=53,
+    octaves=10,
+    pi_widths=(33, 33, 53),
+    ln2_widths=(42, 53),
+    angle_limit=2.0**46,
+    heron=4,
+    # the same five forms: degree 7 [2^-60.5], 8 [2^-55.0], 6 [2^-59.4], 10 [2^-59.2], 11 [2^-55.8]
+    sin_tail=(
+        -0.16666666666666666,
+        0.008333333333333207,
+        -0.00019841269841212476,
+        2.755731921156885e-06,
+        -2.5052106904318463e-08,
+        1.605894099418856e-10,
+        -7.643019073175594e-13,
+        2.7214153708237633e-15,
+    ),
+    exp_tail=(
+        0.16666666666666677,
+        0.04166666666662006,
+        0.008333333333319133,
+        0.001388888892057158,
+        0.00019841269894133504,
+        2.4801516161509485e-05,
+        2.755723517363855e-06,
+        2.762234018767848e-07,
+        2.5112386170006326e-08,
+    ),
+    log_tail=(
+        0.6666666666666735,
+        0.3999999999940915,
+        0.28571428743768607,
+        0.22222198416940242,
+        0.1818357316098145,
+        0.15313807067218427,
+        0.1479855341727912,
+    ),
+    atan_tail=(
+        -0.3333333333333319,
+        0.19999999999952187,
+        -0.14285714280054532,
+        0.11111110776327872,
+        -0.09090897551899073,
+        0.0769205654090084,
+        -0.06663062132668172,
+        0.05847583085744142,
+        -0.05037919034280918,
+        0.038029199329731964,
+        -0.017868310533625382,
+    ),
+    asin_tail=(
+        0.16666666666665408,
+        0.07500000000337136,
+        0.044642856828224275,
+        0.030381959141436713,
+        0.022371757939212672,
+        0.01735970649535909,
+        0.013885217879333986,
+        0.012169329931608453,
+        0.006527452390421315,
+        0.019529725392007008,
+        -0.016226588131093463,
+        0.03191389964234026,
+    ),
+)

@@ -1,0 +1,210 @@
+"""Figures of a trial or of a measured record, as in Boizot, Busvelle, Gauthier 2010, figures 2 to 4.
+
+Truth black, estimate red, what was measured light grey; one panel for each state. Then the innovation with its
+thresholds, and theta. SVG for print and the web, PNG to look at; the same numbers give the same bytes.
+"""
+
+import io
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.target import CannotWrite
+from hgogen.trial import Trajectory
+
+TRUTH, ESTIMATE, MEASURED, QUIET = "black", "#c8102e", "#c4c4c4", "#8c8c8c"
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same glyphs everywhere
+    "font.size": 8.5,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.0,
+    "legend.frameon": False,
+    "svg.hashsalt": "hgogen",
+    "svg.fonttype": "path",
+}
+WIDTH, PANEL, MARGIN = 6.6, 1.35, 0.75  # inches
+BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
+
+
+def states(step: Step, trajectory: Trajectory) -> Figure:
+    """One panel for each state: truth, estimate, and what was measured of it."""
+    truth = trajectory.truth
+    return _panels(step, truth.t, trajectory.x, trajectory.y, truth.x)
+
+
+def record(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> Figure:
+    """One panel for each state of a measured record, t (N,), x (N, n) estimate, y (N, p) with NaN where missing."""
+    return _panels(step, t, x, y, None)
+
+
+def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> Figure:
+    """The innovation with its thresholds, where there is one, and theta; `traces` (N,) by name."""
+    shown = [name for name in ("innovation", "theta") if name in traces]
+    with rc_context(STYLE):
+        figure, axes = _figure(len(shown), t)
+        for axis, name in zip(axes, shown, strict=True):
+            {"innovation": _innovation, "theta": _theta}[name](axis, step, t, traces[name])
+    return figure
+
+
+def _panels(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray, truth: np.ndarray | None) -> Figure:
+    with rc_context(STYLE):
+        figure, axes = _figure(len(step.states), t)
+        for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
+            j = _measured_as(step, signal)
+            if j is not None:
+                axis.plot(*_thin(t, y[:, j]), color=MEASURED, linewidth=0.6, label="measured")
+            if truth is not None:
+                axis.plot(*_thin(t, truth[:, i]), color=TRUTH, label="truth")
+            axis.plot(*_thin(t, x[:, i]), color=ESTIMATE, label="estimate")
+            _name(axis, signal.name, signal.unit, signal.meaning)
+        _legend(figure, axes)
+    return figure
+
+
+def _measured_as(step: Step, state: Signal) -> int | None:
+    """The output that is this state, if one is."""
+    output = step.observer.form.system.output
+    return output.index(state) if state in output else None
+
+
+def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
+    """On a logarithmic axis: quiet and loud differ by orders of magnitude."""
+    axis.set_yscale("log")
+    at, drawn = _thin(t, np.where(values > 0, values, np.nan))
+    axis.plot(at, drawn, color=TRUTH)
+    axis.set_ylim(bottom=max(np.nanmin(drawn, initial=np.inf), 1e-4 * np.nanmax(drawn, initial=0)))
+    for gain in step.gains:
+        if gain.name in ("gamma_0", "gamma_1", "centre"):
+            level = gain.initial[0]
+            axis.axhline(level, color=ESTIMATE, linewidth=0.7, dashes=(5, 3))
+            axis.annotate(
+                _symbol(gain.name),
+                (1.0, level),
+                xycoords=("axes fraction", "data"),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va="center",
+                color=ESTIMATE,
+                annotation_clip=False,
+            )
+    units = {s.unit for s in step.outputs}
+    unit = f"{units.pop()}² s" if len(units) == 1 and "" not in units else "y² s"
+    _name(axis, "$I_d$", unit, "innovation over the window d")
+
+
+def _theta(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
+    axis.plot(*_thin(t, values), color=TRUTH)
+    axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
+    _name(axis, "θ", "", "high-gain parameter (1: extended Kalman filter)")
+
+
+def _symbol(name: str) -> str:
+    return {"gamma_0": "$\\gamma_0$", "gamma_1": "$\\gamma_1$", "centre": "m"}[name]
+
+
+def _figure(panels: int, t: np.ndarray) -> tuple[Figure, Sequence[Axes]]:
+    height = PANEL * panels + MARGIN
+    figure = Figure(figsize=(WIDTH, height))
+    grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
+    figure.subplots_adjust(
+        left=0.105, right=0.955, top=1 - 0.38 / height, bottom=0.42 / height, hspace=0.38
+    )
+    grid[-1].set_xlabel("time (s)")
+    grid[-1].set_xlim(float(t[0]), float(t[-1]))
+    return figure, list(grid)
+
+
+def _name(axis: Axes, name: str, unit: str, meaning: str) -> None:
+    axis.set_ylabel(f"{name} ({unit})" if unit else name)
+    axis.set_title(meaning, loc="left", pad=3)
+
+
+def _legend(figure: Figure, axes: Sequence[Axes]) -> None:
+    lines = {line.get_label(): line for axis in axes for line in axis.get_lines()}
+    order = [name for name in ("truth", "estimate", "measured") if name in lines]
+    figure.legend(
+        [lines[name] for name in order],
+        order,
+        loc="upper right",
+        ncols=len(order),
+        bbox_to_anchor=(0.96, 1.0),
+        borderaxespad=0.2,
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def _thin(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The samples that a line needs to look the same: the extremes of each bin; gaps (NaN) stay gaps."""
+    if len(t) <= 2 * BINS:
+        return t, values
+    keep = [0, len(t) - 1]
+    for part in np.array_split(np.arange(len(t)), BINS):
+        seen = values[part]
+        if np.isnan(seen).all():
+            keep.append(part[0])
+        else:
+            keep += [part[np.nanargmin(seen)], part[np.nanargmax(seen)]]
+    index = np.unique(keep)
+    return t[index], values[index]
+
+
+def svg(figure: Figure) -> str:
+    """The figure as SVG text; no date, no version, no random ids."""
+    stream = io.StringIO()
+    with rc_context(STYLE):
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    return stream.getvalue()
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as PNG, 200 dots an inch."""
+    stream = io.BytesIO()
+    with rc_context(STYLE):
+        figure.savefig(stream, format="png", dpi=200, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def save(figures: Mapping[str, Figure], folder: str | Path) -> list[Path]:
+    """Write NAME.svg and NAME.png for each figure; each file appears whole or not at all.
+
+    Raises: `CannotWrite`.
+    """
+    folder = Path(folder)
+    contents = {}
+    for name, figure in figures.items():
+        contents |= {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return [_replace(folder / name, content) for name, content in contents.items()]
+    except OSError as error:
+        raise CannotWrite(str(error.filename or folder), error.strerror or str(error)) from error
+
+
+def _replace(path: Path, content: bytes) -> Path:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+    return path

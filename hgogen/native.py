@@ -1,0 +1,124 @@
+"""Compile emitted C with this machine's compiler and call it."""
+
+import ctypes
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from hgogen.errors import HgogenError
+from hgogen.target import write
+
+WARNINGS = (
+    *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
+    *("-ffp-contract=off",),
+)
+
+
+class NoCompilerWarning(UserWarning):
+    """There is no C compiler: the record runs in Python's reading of the step, some forty times slower."""
+
+
+@dataclass(frozen=True)
+class NoCompiler(HgogenError):
+    """C was asked for where there is no compiler."""
+
+    def __str__(self) -> str:
+        return (
+            "there is no C compiler (looked for $CC, cc, gcc, clang); install one, or say engine='python' for Python's "
+            "reading of the step"
+        )
+
+
+@dataclass(frozen=True)
+class CompilerFailed(HgogenError):
+    """The compiler refused the emitted C."""
+
+    command: tuple[str, ...]
+    output: str
+
+    def __str__(self) -> str:
+        return f"the compiler failed: {' '.join(self.command)}\n{self.output}"
+
+
+def compiler() -> str | None:
+    """The C compiler: $CC, else cc, gcc or clang, whichever is found first; None where there is none."""
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        found = shutil.which(name) if name else None
+        if found:
+            return found
+    return None
+
+
+def library(files: Mapping[str, str]) -> ctypes.CDLL:
+    """The C files compiled into a shared library and loaded; a library made before from the same text is used again.
+
+    Raises: `NoCompiler`, `CompilerFailed`.
+    """
+    command = compiler()
+    if command is None:
+        raise NoCompiler()
+    digest = hashlib.sha256()
+    for text in (command, sys.platform, sysconfig.get_platform(), *(part for item in files.items() for part in item)):
+        digest.update(text.encode() + b"\0")
+    return _load(command, digest.hexdigest()[:32], tuple(files.items()))
+
+
+@cache
+def _load(command: str, digest: str, files: tuple[tuple[str, str], ...]) -> ctypes.CDLL:
+    path = cache_folder() / f"{digest}.so"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory() as folder:
+            write(dict(files), folder)
+            sources = [name for name, _ in files if name.endswith(".c")]
+            built = Path(folder) / "step.so"
+            run([command, "-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off", *sources, "-o", str(built)], folder)
+            handle, temporary = tempfile.mkstemp(dir=path.parent)
+            os.close(handle)
+            shutil.copyfile(built, temporary)
+            os.replace(temporary, path)
+    return ctypes.CDLL(str(path))
+
+
+def cache_folder() -> Path:
+    """Where compiled libraries are kept: $XDG_CACHE_HOME/hgogen or ~/.cache/hgogen, else the temporary folder."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    try:
+        (base / "hgogen").mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return Path(tempfile.gettempdir()) / "hgogen"
+    return base / "hgogen"
+
+
+def run(command: Sequence[str], folder: str | Path) -> str:
+    """Run a command in a folder and return what it prints.
+
+    Raises: `CompilerFailed`.
+    """
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise CompilerFailed(tuple(command), done.stdout + done.stderr)
+    return done.stdout
+
+
+def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
+    """Compile the files with every warning an error, run the self-check, and return what it prints.
+
+    Raises: `NoCompiler`, `CompilerFailed`.
+    """
+    command = compiler()
+    if command is None:
+        raise NoCompiler()
+    with tempfile.TemporaryDirectory() as folder:
+        write(files, folder)
+        sources = [name for name in files if name.endswith(".c")]
+        run([command, "-std=c99", *WARNINGS, *flags, *sources, "-o", "check"], folder)
+        return run([str(Path(folder) / "check")], folder)
