@@ -1,11 +1,12 @@
 """Figures of a trial or of a measured record, as in Boizot, Busvelle, Gauthier 2010, figures 2 to 4.
 
-Truth black, estimate red, what was measured light grey; one panel for each state. Then the innovation with its
-thresholds, and theta. SVG for print and the web, PNG to look at; the same numbers give the same bytes.
+Truth black, estimate red, what was measured light grey; one panel for each state. Then the innovation with
+its thresholds, and theta. SVG for print and the web, PNG to look at; the same numbers give the same bytes.
 """
 
 import io
 import os
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -37,7 +39,31 @@ STYLE: dict[str, Any] = {
     "svg.hashsalt": "hgogen",
     "svg.fonttype": "path",
 }
-WIDTH, PANEL, MARGIN = 6.6, 1.35, 0.75  # inches
+GREEK = frozenset(
+    [
+        "alpha",
+        "beta",
+        "gamma",
+        "delta",
+        "epsilon",
+        "zeta",
+        "eta",
+        "theta",
+        "kappa",
+        "lambda",
+        "mu",
+        "nu",
+        "xi",
+        "rho",
+        "sigma",
+        "tau",
+        "phi",
+        "chi",
+        "psi",
+        "omega",
+    ]
+)
+WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
 
 
@@ -48,7 +74,8 @@ def states(step: Step, trajectory: Trajectory) -> Figure:
 
 
 def record(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> Figure:
-    """One panel for each state of a measured record, t (N,), x (N, n) estimate, y (N, p) with NaN where missing."""
+    """One panel for each state of a measured record, t (N,), x (N, n) estimate, y (N, p) with NaN where
+    missing."""
     return _panels(step, t, x, y, None)
 
 
@@ -56,7 +83,7 @@ def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> F
     """The innovation with its thresholds, where there is one, and theta; `traces` (N,) by name."""
     shown = [name for name in ("innovation", "theta") if name in traces]
     with rc_context(STYLE):
-        figure, axes = _figure(len(shown), t)
+        figure, axes = _figure(len(shown), t, top=0.24)
         for axis, name in zip(axes, shown, strict=True):
             {"innovation": _innovation, "theta": _theta}[name](axis, step, t, traces[name])
     return figure
@@ -94,44 +121,50 @@ def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> No
             level = gain.initial[0]
             axis.axhline(level, color=ESTIMATE, linewidth=0.7, dashes=(5, 3))
             axis.annotate(
-                _symbol(gain.name),
+                _symbol(gain.name) if gain.name != "centre" else "$m$",
                 (1.0, level),
                 xycoords=("axes fraction", "data"),
                 xytext=(3, 0),
                 textcoords="offset points",
-                va="center",
+                va="top" if gain.name == "gamma_0" else "bottom" if gain.name == "gamma_1" else "center",
                 color=ESTIMATE,
                 annotation_clip=False,
             )
     units = {s.unit for s in step.outputs}
     unit = f"{units.pop()}² s" if len(units) == 1 and "" not in units else "y² s"
-    _name(axis, "$I_d$", unit, "innovation over the window d")
+    _name(axis, "I_d", unit, "innovation over the window d")
 
 
 def _theta(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
     axis.plot(*_thin(t, values), color=TRUTH)
     axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
-    _name(axis, "θ", "", "high-gain parameter (1: extended Kalman filter)")
+    axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    _name(axis, "theta", "", "high-gain parameter (1: extended Kalman filter)")
 
 
 def _symbol(name: str) -> str:
-    return {"gamma_0": "$\\gamma_0$", "gamma_1": "$\\gamma_1$", "centre": "m"}[name]
+    """x1 as x with an index, eta as the Greek letter; a longer name as it is."""
+    match = re.fullmatch(r"([A-Za-z]+)_?(\d*)", name)
+    if not match or (len(match[1]) > 1 and match[1] not in GREEK):
+        return name
+    letter = match[1] if len(match[1]) == 1 else f"\\{match[1]}"
+    return f"${letter}_{{{match[2]}}}$" if match[2] else f"${letter}$"
 
 
-def _figure(panels: int, t: np.ndarray) -> tuple[Figure, Sequence[Axes]]:
-    height = PANEL * panels + MARGIN
+def _figure(panels: int, t: np.ndarray, top: float = 0.4) -> tuple[Figure, Sequence[Axes]]:
+    height = PANEL * panels + top + BOTTOM
     figure = Figure(figsize=(WIDTH, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
-    figure.subplots_adjust(
-        left=0.105, right=0.955, top=1 - 0.38 / height, bottom=0.42 / height, hspace=0.38
-    )
+    figure.subplots_adjust(left=0.105, right=0.955, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
     grid[-1].set_xlabel("time (s)")
     grid[-1].set_xlim(float(t[0]), float(t[-1]))
+    figure.align_ylabels(grid)
     return figure, list(grid)
 
 
 def _name(axis: Axes, name: str, unit: str, meaning: str) -> None:
-    axis.set_ylabel(f"{name} ({unit})" if unit else name)
+    symbol = "$I_d$" if name == "I_d" else _symbol(name)
+    axis.set_ylabel(f"{symbol} ({unit})" if unit else symbol)
     axis.set_title(meaning, loc="left", pad=3)
 
 

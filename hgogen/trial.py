@@ -19,10 +19,10 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
+from hgogen.call import CallableStep, Engine
 from hgogen.errors import HgogenError
 from hgogen.graph import to_casadi
 from hgogen.signal import Signal
-from hgogen.step import Step
 from hgogen.system import System
 
 t = Signal("t", "s", "time")  # inputs of a trial are expressions of this
@@ -211,7 +211,7 @@ def _ornstein_uhlenbeck(noise: OrnsteinUhlenbeck, normal: np.ndarray, dt: float)
 
 
 def try_out(
-    step: Step, trial: Trial, engine: str | None = None, seeds: Sequence[int] | None = None
+    step: CallableStep, trial: Trial, engine: Engine | None = None, seeds: Sequence[int] | None = None
 ) -> Iterator[Trajectory]:
     """The step over the trial from its reset state, one trajectory for each seed; the step is left at the
     last one's end.
