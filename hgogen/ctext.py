@@ -27,6 +27,7 @@ class Writer:
     step: Step
     real: Real
     used: set[str] = field(default_factory=set)
+    kernels: set[tuple[str, int]] = field(default_factory=set)
 
     @property
     def prefix(self) -> str:
@@ -132,7 +133,11 @@ class Writer:
         return ["{", *indented([f"unsigned i = {start};", *looped]), "}"]
 
     def _kernel(self, kernel: Kernel) -> list[str]:
-        raise NotImplementedError
+        self.kernels.add((kernel.name, kernel.size))
+        group = kernel.columns.split(".", 1)[0]
+        arguments = [self.lvalue(place, 0, 1 if size == 1 else 0).removesuffix("[0]") for place, size in kernel.arguments]
+        call = f"{self.prefix}_{kernel.name}({', '.join([f's->{group}', *arguments])})"
+        return [f"{kernel.result.split('.', 1)[1]} = {call};" if kernel.result else f"{call};"]
 
     def _block(self, block: Block, taken: frozenset[str]) -> list[str]:
         reads, written = block.reads, set(block.writes)

@@ -24,7 +24,7 @@ from hgogen.target import CannotWrite
 from hgogen.trial import Trajectory
 
 TRUTH, ESTIMATE, MEASURED, QUIET = "black", "#c8102e", "#c4c4c4", "#8c8c8c"
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same glyphs everywhere
     "font.size": 8.5,
     "axes.titlesize": 8.5,
@@ -39,8 +39,8 @@ STYLE: dict[str, Any] = {
     "svg.hashsalt": "hgogen",
     "svg.fonttype": "path",
 }
-GREEK = frozenset(
-    [
+GREEK = (
+    *(
         "alpha",
         "beta",
         "gamma",
@@ -54,14 +54,8 @@ GREEK = frozenset(
         "mu",
         "nu",
         "xi",
-        "rho",
-        "sigma",
-        "tau",
-        "phi",
-        "chi",
-        "psi",
-        "omega",
-    ]
+    ),
+    *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
 )
 WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
@@ -220,7 +214,7 @@ def save(figures: Mapping[str, Figure], folder: str | Path) -> list[Path]:
     Raises: `CannotWrite`.
     """
     folder = Path(folder)
-    contents = {}
+    contents: dict[str, bytes] = {}
     for name, figure in figures.items():
         contents |= {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}
     try:

@@ -92,7 +92,9 @@ def _convert(
     elif isinstance(node, sp.Piecewise):
         value = ca.SX.nan()
         for branch, condition in reversed(node.args):
-            value = inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
+            value = (
+                inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
+            )
     elif type(node) in _RELATIONS:
         value = _RELATIONS[type(node)](inner(node.args[0]), inner(node.args[1]))
     elif isinstance(node, sp.And):

@@ -55,6 +55,8 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System) -> Check:
         if not finite(enclose(slope.xreplace(tamed), rest)):
             return answer(Verdict.UNKNOWN, f"exact intervals give the slope {slope} no bound")
     if poles:
-        holds = " and ".join(sorted(set(poles.values())))
+        conditions = set(poles.values())
+        conditions -= {positive.replace(" > 0", " != 0") for positive in conditions if " > 0" in positive}
+        holds = " and ".join(sorted(conditions))
         return answer(Verdict.WHERE, f"holds where {holds}", "Narrow the ranges so that it holds everywhere.")
     return answer(Verdict.PROVED, "every partial derivative is bounded there, by exact intervals")

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.program import Block, Field, Kernel, Loop, Program, Statement, When, places, scope
+from hgogen.kernels import KERNELS
+from hgogen.program import Block, Field, Kernel, Loop, Program, When, places, scope
 from hgogen.step import Step
 
 Action = Callable[[], None]
@@ -165,5 +166,13 @@ class Machine:
 
         return run
 
-    def _kernel(self, statement: Statement) -> Action:
-        raise NotImplementedError
+    def _kernel(self, kernel: Kernel) -> Action:
+        operation, columns = KERNELS[kernel.name], self.memory[kernel.columns]
+        arguments = [self._array(place) for place, _ in kernel.arguments]
+        result = self._array(kernel.result) if kernel.result else np.zeros(1)
+
+        def run() -> None:
+            with np.errstate(all="ignore"):
+                result[0] = operation(columns, *arguments) or 0
+
+        return run

@@ -53,8 +53,9 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
 
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
-    """a with constants at their values, and the signals that it then varies with."""
+    """a with constants at their values, all numbers exact, and the signals that it then varies with."""
     a = a.xreplace({p: value for p, value in system.nominal.items() if not p.bounded})
+    a = a.xreplace({number: sp.Rational(repr(float(number))) for number in a.atoms(sp.Float)})
     return a, tuple(s for s in (*system.inputs, *system.parameters) if s in a.free_symbols)
 
 

@@ -11,7 +11,7 @@ An expression is an SX graph over the symbols of `sym`, so a block knows what it
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal
 
@@ -152,11 +152,17 @@ class When:
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """A matrix operation too large to unroll: `name` of `hgogen.kernels`, with places in its argument order."""
+    """A matrix operation too large to unroll: `name` of `hgogen.kernels`, on places in its argument order.
+
+    The first is a group's field of columns, the others arrays, or numbers that are only read; `result` is the flag that
+    takes what the kernel returns.
+    """
 
     name: str
     size: int
-    arguments: tuple[tuple[str, int], ...]
+    columns: str
+    arguments: tuple[tuple[str, int], ...] = ()
+    result: str | None = None
 
 
 Statement = Block | Loop | When | Kernel
@@ -191,8 +197,45 @@ def places(program: Sequence[Statement]) -> set[tuple[str, int]]:
             found.update((place, ca.SX(value).numel()) for place, value in statement.writes.items())
         elif isinstance(statement, Kernel):
             found.update(statement.arguments)
+            found.update((place, 1) for place in (statement.result,) if place)
         elif isinstance(statement, Loop):
             found.update((place, 1) for place in (statement.start, statement.active) if place)
         else:
             found.add((statement.flag, 1))
     return found
+
+
+def read(program: Sequence[Statement]) -> set[str]:
+    """Every place whose value some statement needs."""
+    found: set[str] = set()
+    for statement in walk(program):
+        if isinstance(statement, Block):
+            found.update(place for place, _ in statement.reads)
+        elif isinstance(statement, Kernel):
+            found.update(place for place, _ in statement.arguments)
+        elif isinstance(statement, Loop):
+            found.update(place for place in (statement.start, statement.active) if place)
+        else:
+            found.add(statement.flag)
+    return found
+
+
+def pruned(program: Sequence[Statement]) -> Program:
+    """The program without work values that nothing reads."""
+    needed = read(program)
+
+    def kept(statement: Statement) -> Statement | None:
+        if isinstance(statement, Block):
+            writes = {p: v for p, v in statement.writes.items() if scope(p) != "work" or p in needed}
+            if len(writes) == len(statement.writes):
+                return statement
+            return replace(statement, writes=writes) if writes else None
+        if isinstance(statement, Loop):
+            return replace(statement, body=tuple(filter(None, map(kept, statement.body))))
+        if isinstance(statement, When):
+            inner, otherwise = (tuple(filter(None, map(kept, p))) for p in (statement.body, statement.otherwise))
+            return replace(statement, body=inner, otherwise=otherwise)
+        return statement
+
+    result = tuple(filter(None, map(kept, program)))
+    return result if read(result) == needed else pruned(result)

@@ -1,4 +1,4 @@
-"""Where, on a box, an expression may be undefined or not smooth: roots, poles, logarithms, unknown functions."""
+"""Where, on a box, an expression may be undefined or not smooth: roots, poles, logarithms, the unknown."""
 
 from collections.abc import Callable, Iterable
 from fractions import Fraction
@@ -32,7 +32,7 @@ _ENTIRE = (
 
 
 def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, str]:
-    """Parts of the expressions that may be singular somewhere on the box, each with what must hold to exclude it."""
+    """Parts that may be singular somewhere on the box, each with what must hold to exclude it."""
     nodes = {node for expression in expressions for node in expression.atoms(sp.Pow, sp.Function)}
     found = {node: _condition(node, box) for node in sorted(nodes, key=str)}
     return {node: condition for node, condition in found.items() if condition}

@@ -6,26 +6,28 @@ Linear core. e' = M e becomes e <- R(dt M) e with the method's stability polynom
 Riccati equation. With Q_theta = theta Delta^-1 Q Delta^-1, Delta = diag(1, 1/theta, ..), N = theta C'R^-1 C,
     covariance   P' =  F P + P F' + Q_theta - P N P
     information  S' = -F'S - S F + N - S Q_theta S
-are both X' = L X + X L' + W - X V X. Two things go wrong; the limit is the smaller of the two step lengths.
+are both X' = L X + X L' + W - X V X. Two things go wrong, and the smaller of their step lengths is the limit.
 
 Steady. Around its steady value X moves like dX' = M dX + dX M', M = L - X V, whose eigenvalues are the sums
 mu_i + mu_j. In both views the mu are those of the observer's closed loop F - P N, which are the stable
 eigenvalues of the Hamiltonian [F', -N; -Q_theta, -F]: no Riccati equation is solved, and where (C, F) is
-unobservable a mu is 0, which admits every step. Beyond this bound the steady value repels: X fails or wanders.
+unobservable a mu is 0, which admits every step. Beyond this bound the steady value repels: X fails or
+wanders.
 
-Transient. On its way X can lose positive definiteness, which the equation keeps and an explicit step need not.
-Where the quadratic term rules, X' = -X V X splits into scalars y' = -m y^2, m the eigenvalues of V X(0), and
-fails at once from dt m = x* on, the first zero of the method's step from y = 1 (Euler 1, Heun 1.544, RK4 1.739).
-Elsewhere F decides, and no such formula held within a factor of 5. So the step itself is taken, on the frozen
-equation, from every value that X starts from: X(0) and, where theta rises from a value at which it rests, the
-steady value there.
+Transient. On its way X can lose positive definiteness, which the equation keeps and an explicit step need
+not. Where the quadratic term rules, X' = -X V X splits into scalars y' = -m y^2, m the eigenvalues of V
+X(0), and fails at once from dt m = x* on, the first zero of the method's step from y = 1 (Euler 1, Heun
+1.544, RK4 1.739). Elsewhere F decides, and no such formula held within a factor of 5. So the step itself is
+taken, on the frozen equation, from every value that X starts from: X(0) and, where theta rises from a value
+at which it rests, the steady value there.
 
-Every Jacobian given counts as frozen, and the worst decides. So a refusal is about one point of the box: the
-observer started there fails, while from elsewhere steps up to twice as long may survive (about a rise: if the
-plant rests there). To be admitted promises less: a Jacobian that turns faster than the covariance settles is not
-seen (a pendulum swinging through its whole box at theta <= 2 fails from half the limit on), nor does z enter,
-which overshoots at first where P(0) is large. A Jacobian without a steady covariance (unobservable) is no start
-of a rise. All is computed in the coordinates Delta z, a congruence, with which the step commutes.
+Every Jacobian given counts as frozen, and the worst decides. So a refusal is about one point of the box:
+the observer started there fails, while from elsewhere steps twice as long may survive (about a rise: if the
+plant rests there). To be admitted promises less: a Jacobian that turns faster than the covariance settles
+is not seen (a pendulum that swings through its whole box at theta <= 2 can fail from half the limit on),
+nor does z enter, which overshoots at first where P(0) is large. A Jacobian without a steady covariance
+(unobservable) is no start of a rise. All is computed in the coordinates Delta z, a congruence, with which
+the step commutes.
 """
 
 from collections.abc import Callable, Sequence
@@ -74,11 +76,21 @@ class UnstableCore(HgogenError):
         )
 
 
+@dataclass(frozen=True)
+class NotDefinite(HgogenError):
+    """An initial covariance that is no covariance."""
+
+    covariance: Array
+
+    def __str__(self) -> str:
+        return f"P(0) = {self.covariance.tolist()} is not positive definite; give, say, a diagonal that is"
+
+
 def core_limit(core: Array, polynomial: Sequence[float]) -> float:
     """The largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and every eigenvalue of `core` (n, n).
 
-    `polynomial`: the coefficients of R, constant first. inf where nothing limits (every eigenvalue 0), 0 where
-    no step is stable (Euler on an undamped oscillation). Raises: `UnstableCore`.
+    `polynomial`: the coefficients of R, constant first. inf where nothing limits (every eigenvalue 0), 0
+    where no step is stable (Euler on an undamped oscillation). Raises: `UnstableCore`.
     """
     spectrum = np.linalg.eigvals(np.asarray(core, dtype=float)).astype(complex)
     size = np.abs(spectrum)
@@ -101,18 +113,21 @@ def covariance_limit(
 ) -> Limit:
     """The largest dt at which an explicit method keeps a Riccati observer's covariance equation stable.
 
-    `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n) and
-    `R` (p, p): as in Q_theta and R_theta, per unit of time; `initial_covariance` (n, n): P(0). `theta_min`:
-    where an adaptive theta rests (None: theta starts at theta_max); `rise(theta, dt)`: theta a time dt later
-    when it rises as fast as its law lets it (None: it jumps). A continuous-discrete step keeps P definite at any
-    dt: it has no such limit.
+    `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n)
+    and `R` (p, p): as in Q_theta and R_theta, per unit of time; `initial_covariance` (n, n): P(0).
+    `theta_min`: where an adaptive theta rests (None: theta starts at theta_max); `rise(theta, dt)`: theta a
+    time dt later when it rises as fast as its law lets it (None: it jumps). A continuous-discrete step keeps
+    P definite at any dt: it has no such limit. Raises: `NotDefinite`.
     """
+    initial = np.asarray(initial_covariance, dtype=float)
+    if not _definite(initial[None])[0]:
+        raise NotDefinite(initial)
     F = np.asarray(jacobians, dtype=float)
     C = np.broadcast_to(C, (len(F), *np.shape(C)[-2:]))
     riccati = _Riccati(F, np.swapaxes(C, 1, 2) @ np.linalg.inv(R) @ C, np.asarray(Q, dtype=float))
     rest = theta_max if theta_min is None else theta_min
     steady = _steady_limit(riccati, (rest, theta_max), tableau.polynomial)
-    starts = _starts(riccati, np.asarray(initial_covariance, dtype=float), rest, theta_max)
+    starts = _starts(riccati, initial, rest, theta_max)
     run = _Transients(riccati, theta_max, representation, rise or (lambda theta, dt: theta_max), tableau)
     return min(steady, _transient_limit(run, starts, steady.dt), key=lambda limit: limit.dt)
 
@@ -246,7 +261,7 @@ class _Transients:
     def _fails(self, start: _Start, dt: float) -> Flags:
         delta = _delta(self.theta_max, len(self.riccati.Q))
         X: Array = start.P * np.outer(delta, delta)
-        X = np.linalg.inv(X) if self.representation == "information" else X
+        X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
         riccati, theta, left = self.riccati.only(start.rows), start.theta, STEPS
         equation, alive = self._equation(riccati, theta), np.ones(len(X), dtype=bool)
         for _ in range(PATIENCE):
@@ -317,7 +332,7 @@ def _scan(
     ratio: float,
     first: tuple[_Start, ...],
 ) -> tuple[float, float, tuple[_Start, ...]]:
-    """The last step length without loss and the first with it, and what is lost there, going up from `good`."""
+    """Going up from `good`: the last step length without loss, the first with it, and what it loses."""
     while good * ratio < bad:
         if lost := run.lost(starts, good * ratio):
             return good, good * ratio, lost

@@ -7,7 +7,7 @@ not a number reuses the last valid one; both are said in the status.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, Literal
 
@@ -29,6 +29,7 @@ from hgogen.program import (
     When,
     column,
     places,
+    pruned,
     scalar,
     scope,
     sym,
@@ -157,7 +158,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         groups=_all(piece.groups for piece in pieces),
         bits=(),
         tune=_tune(plant, observer.gains, _all(piece.tune for piece in pieces)),
-        sections=tuple(sections),
+        sections=tuple(replace(section, program=pruned(section.program)) for section in sections),
         estimate=_estimate(observer),
         limit=limit,
     )

@@ -88,13 +88,17 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
     if isinstance(values, sp.MatrixBase):
         values = list(values)
     if isinstance(values, sp.Basic | str | Mapping | Set) or not isinstance(values, Iterable):
-        raise BadSystem(system, f"{what} is {values!r}; write a list of expressions, in the order of the signals")
+        raise BadSystem(
+            system, f"{what} is {values!r}; write a list of expressions, in the order of the signals"
+        )
     result = []
     for index, value in enumerate(values, 1):
         try:
             expression = sp.sympify(value, strict=True)
         except (sp.SympifyError, TypeError):
-            raise BadSystem(system, f"{what} {index} is {value!r}, not a SymPy expression or number") from None
+            raise BadSystem(
+                system, f"{what} {index} is {value!r}, not a SymPy expression or number"
+            ) from None
         if not isinstance(expression, sp.Expr) or expression.is_Matrix:
             raise BadSystem(system, f"{what} {index} is {expression}, which is not a scalar expression")
         if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I) or expression.is_real is False:
@@ -115,7 +119,9 @@ def _validate(system: System) -> None:
     seen: dict[str, Signal] = {}
     for signal in system.signals:
         if signal.name in seen:
-            raise BadSystem(name, f"the name {signal.name!r} is declared twice; rename one of the two signals")
+            raise BadSystem(
+                name, f"the name {signal.name!r} is declared twice; rename one of the two signals"
+            )
         seen[signal.name] = signal
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):

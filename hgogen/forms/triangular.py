@@ -42,6 +42,15 @@ class OneOutput(HgogenError):
         )
 
 
+@dataclass(frozen=True)
+class _Link:
+    """A row of the chain, y or the derivative of the state before: gain * state + rest, of the states before."""
+
+    state: Signal
+    gain: sp.Expr
+    rest: sp.Expr
+
+
 def triangular(plant: System) -> Form:
     """The plant in triangular form, by permutation and sign.
 
@@ -54,32 +63,30 @@ def triangular(plant: System) -> Form:
     """
     if len(plant.outputs) != 1:
         raise OneOutput(plant.name, tuple(y.name for y in plant.outputs))
-    chain = _follow(plant)
-    if isinstance(chain, str):
-        return _refuted(plant, chain)
-    order, coefficients = zip(*chain, strict=True)
-    z = coordinates(plant, order, _signs(coefficients, plant))
-    a = [s * gain * t for s, gain, t in zip((1, *z.signs), coefficients, z.signs, strict=False)]
+    links = _follow(plant)
+    if isinstance(links, str):
+        return _refuted(plant, links)
+    z = coordinates(plant, [link.state for link in links], _signs(links, plant))
+    before = (1, *z.signs)
+    a = [s * link.gain * t for s, link, t in zip(before, links, z.signs, strict=False)]
     A = sp.zeros(len(a), len(a))
     for i, gain in enumerate(a[1:]):
         A[i, i + 1] = gain
-    linear = A * sp.Matrix(z.states)
-    y = a[0] * z.states[0]
-    output = y + _remainder(z.output[0], y, z.states)
-    b = tuple(_remainder(row, linear[i], z.states[i + 1 :]) for i, row in enumerate(z.flow))
+    offset, *rest = (s * z.carry(link.rest) for s, link in zip(before, links, strict=False))
+    b = (*rest, z.flow[-1])
     checks = (
-        _structure(Verdict.PROVED, " -> ".join(s.name for s in (*plant.outputs, *order))),
+        _structure(Verdict.PROVED, " -> ".join(s.name for s in (*plant.outputs, *z.order))),
         *(positive(f"triangular.a_{i}", f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
         lipschitz("triangular.lipschitz", map(z.back, b), plant),
     )
-    return _form(z, sp.ImmutableDenseMatrix(A), b, (output,), checks)
+    return _form(z, sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,), checks)
 
 
-def _follow(plant: System) -> list[tuple[Signal, sp.Expr]] | str:
-    """States in order, each with its a_i, from the output to one, from that one to the next; or why not."""
+def _follow(plant: System) -> list[_Link] | str:
+    """From the output to a state, from its derivative to the next, until all are met; or why not."""
     flow = dict(zip(plant.states, plant.flow, strict=True))
     name, row = plant.outputs[0].name, plant.output[0]
-    chain: list[tuple[Signal, sp.Expr]] = []
+    links: list[_Link] = []
     left = list(plant.states)
     while left:
         new = states_in(row, left)
@@ -87,35 +94,32 @@ def _follow(plant: System) -> list[tuple[Signal, sp.Expr]] | str:
             return f"{name} brings in no new state, so the output never shows {_list(left)}"
         if len(new) > 1:
             return f"{name} brings in {_list(new)} together, and each row may bring in one new state"
-        slope = row.diff(new[0])
+        state, slope = new[0], row.diff(new[0])
         varies = _list(states_in(slope, plant.states))
         if varies:
             return (
-                f"{name} brings in {new[0]} with a slope that varies with {varies}, {slope}; it may vary "
+                f"{name} brings in {state} with a slope that varies with {varies}, {slope}; it may vary "
                 "with inputs and parameters only"
             )
-        chain.append((new[0], free_of(slope, plant.states)))
-        left.remove(new[0])
-        name, row = f"{new[0]}'", flow[new[0]]
-    return chain
+        left.remove(state)
+        gain, row = free_of(slope, plant.states), free_of(row, left)
+        links.append(_Link(state, gain, _rest(row, state, gain)))
+        name, row = f"{state}'", flow[state]
+    return links
 
 
-def _signs(coefficients: Iterable[sp.Expr], plant: System) -> list[int]:
+def _rest(row: sp.Expr, state: Signal, gain: sp.Expr) -> sp.Expr:
+    """row - gain * state, which is free of the state: its value at 0, or where that is 0/0 at 1, 2, 3."""
+    values = (row.subs(state, value) - gain * value for value in range(4))
+    return next((rest for rest in values if not rest.has(sp.nan, sp.zoo, sp.oo)), row - gain * state)
+
+
+def _signs(links: list[_Link], plant: System) -> list[int]:
     """The sign of each z_i that makes a_i positive; an a_i without one sign stays as it is."""
     signs = [1]
-    for gain in coefficients:
-        signs.append(signs[-1] * (sign(gain, plant) or 1))
+    for link in links:
+        signs.append(signs[-1] * (sign(link.gain, plant) or 1))
     return signs[1:]
-
-
-def _remainder(row: sp.Expr, linear: sp.Expr, later: tuple[Signal, ...]) -> sp.Expr:
-    """row - linear, which depends on no later state; setting the next one to 0 keeps the row as written."""
-    if not later:
-        return row
-    rest = row.subs(later[0], 0)
-    if rest.has(sp.nan, sp.zoo, sp.oo):
-        rest = row - linear
-    return free_of(rest, later)
 
 
 def _refuted(plant: System, reason: str) -> Form:

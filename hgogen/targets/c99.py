@@ -6,6 +6,7 @@ for ok. Compile with `-ffp-contract=off` for the same bits on every IEEE 754 tar
 
 from importlib.metadata import version
 
+from hgogen.ckernels import kernels
 from hgogen.cmath import helpers, mathematics
 from hgogen.cprint import Real, literal
 from hgogen.ctext import Writer, comment, describe, indented, member, struct
@@ -202,7 +203,8 @@ def _source(step: Step, real: Real) -> list[str]:
     include = [f'#include "{name}.h"', ""]
     if any("int32_t" in line or "int64_t" in line for line in small):
         include = [f'#include "{name}.h"', "", "#include <stdint.h>", ""]
-    return [f"/* {name}: see {name}.h, which is the manual. */", *include, *small, *bundled, *functions]
+    loops = kernels(name, real, writer.kernels)
+    return [f"/* {name}: see {name}.h, which is the manual. */", *include, *small, *bundled, *loops, *functions]
 
 
 def _function(prototype: str, lines: list[str], returns: str) -> list[str]:

@@ -1,0 +1,212 @@
+"""The Riccati observer on P = L D L' as statements: unrolled for few states, with loops over columns for many.
+
+Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta, rows of L
+scaled where a variance exceeds its cap (a congruence), and scalar updates with r = R/(theta h).
+"""
+
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
+from hgogen.observer import BadGain, Clock, Pieces, Riccati
+from hgogen.program import Bit, Block, Field, Group, Kernel, Loop, Program, When, column, sym
+from hgogen.runge_kutta import RK4, Stages, advance
+
+# Below this a variance counts as 0; L stays within +-LARGEST: both only catch rounding and drop-outs.
+SMALLEST, LARGEST = 1e-20, 1e9
+
+CAPPED = Bit(
+    "COVARIANCE_LIMITED",
+    "the covariance reached its cap, as after a long loss of measurements",
+    "none; the estimate is poor until measurements return",
+)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """z over one step, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
+
+    part: Riccati
+    clock: Clock
+
+    @property
+    def z(self) -> Any:
+        """The symbols of z (n)."""
+        return sym(f"state.{self.part.z.name}", self.part.dynamics.n)
+
+    def stages(self) -> Stages:
+        """The Runge-Kutta step of z."""
+        flow, u = self.part.dynamics.flow, self.clock.u
+        return advance(RK4, lambda v, c: {"z": flow(v["z"], u(c))}, {"z": self.z}, self.clock.dt)
+
+    def jacobian(self, stages: Stages) -> Any:
+        """F (n, n), at the third stage's argument and the input at mid-step."""
+        return self.part.dynamics.jacobian(stages.arguments[2]["z"], self.clock.u(0.5))
+
+    def row(self, output: int) -> Any:
+        """c = dh/dz of an output (1, n), sparse."""
+        return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u(1.0))[output, :])
+
+    def variance(self, output: int) -> Any:
+        """r = R/(theta h)."""
+        return self.part.R[output] / (self.part.theta * self.clock.dt)
+
+
+def _diagonal(part: Riccati, values: np.ndarray) -> Field:
+    n = part.dynamics.n
+    return Field(
+        "D",
+        tuple(float(value) for value in values),
+        low=(SMALLEST,) * n,
+        high=tuple(float(value) for value in part.cap),
+        meaning="diagonal factor of the covariance P = L D L'",
+    )
+
+
+# ---------------------------------------------------------------- unrolled
+
+
+def unrolled(part: Riccati, clock: Clock) -> Pieces:
+    """Straight-line code; L packed by columns."""
+    return Pieces(
+        fields=(part.z, *_factors(part)),
+        bits=(CAPPED,),
+        predict=(_predict(part, clock), *_cap(part)),
+        update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
+    )
+
+
+def _factors(part: Riccati) -> tuple[Field, ...]:
+    n = part.dynamics.n
+    start, diagonal = factor(part.covariance)
+    pairs = [(i, j) for j in range(n) for i in range(j + 1, n)]
+    if not pairs:
+        return (_diagonal(part, diagonal),)
+    L = Field(
+        "L",
+        tuple(float(start[i, j]) for i, j in pairs),
+        low=(-LARGEST,) * len(pairs),
+        high=(LARGEST,) * len(pairs),
+        labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
+        meaning="unit lower factor of P, strict lower triangle by columns",
+    )
+    return (L, _diagonal(part, diagonal))
+
+
+def _symbols(part: Riccati) -> tuple[Any, Any]:
+    n = part.dynamics.n
+    lower = unit_lower(sym("state.L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
+    return lower, sym("state.D", n)
+
+
+def _written(L: Any, d: Any) -> dict[str, Any]:
+    return {"state.L": pack_unit_lower(L), "state.D": d} if d.numel() > 1 else {"state.D": d}
+
+
+def _predict(part: Riccati, clock: Clock) -> Block:
+    moved, n, h = Moved(part, clock), part.dynamics.n, clock.dt
+    stages = moved.stages()
+    F = moved.jacobian(stages)
+    transition = ca.sparsify(ca.SX.eye(n) + h * F + (h * h / 2) * (F @ F))
+    weights = h * part.theta * part.weights
+    L, d, names = time_update(*_symbols(part), transition, part.scaled_factor(), weights)
+    Phi = {f"Phi_{i + 1}{j + 1}": transition[i, j] for i in range(n) for j in range(n) if transition[i, j].n_dep()}
+    return Block(
+        "z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta",
+        {f"state.{part.z.name}": stages.result["z"], **_written(L, d)},
+        {**stages.names, **Phi, **names},
+    )
+
+
+def _cap(part: Riccati) -> Program:
+    L, d = _symbols(part)
+    n, caps = part.dynamics.n, [float(value) for value in part.cap]
+    variance = [ca.dot(L[i, :].T ** 2, d) for i in range(n)]
+    test = Block("largest variances", {"work.capped": reduce(ca.logic_or, [variance[i] > caps[i] for i in range(n)])})
+    scale = column(ca.fmin(1, caps[i] / variance[i]) for i in range(n))
+    scaled = ca.diag(scale) @ L @ ca.diag(1 / scale)
+    apply = Block("cap", {**_written(scaled, scale**2 * d), "status.COVARIANCE_LIMITED": ca.SX(1)})
+    return (test, When("work.capped", (apply,)))
+
+
+def _update(part: Riccati, clock: Clock, output: int) -> Program:
+    moved = Moved(part, clock)
+    L, d, gain = measurement_update(*_symbols(part), moved.row(output), moved.variance(output))
+    return (
+        Block(
+            "correct by the scalar update",
+            {f"state.{part.z.name}": moved.z + gain * sym("work.e"), **_written(L, d)},
+            {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
+        ),
+    )
+
+
+# ---------------------------------------------------------------- loops
+
+
+def looped(part: Riccati, clock: Clock) -> Pieces:
+    """L as the columns of a group, matrix operations as kernels; needs diagonal Q and P(0).
+
+    Raises: `BadGain` where they are not.
+    """
+    n = part.dynamics.n
+    for name, matrix in (("Q", part.nominal[0]), ("covariance", part.covariance)):
+        if np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+            raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
+    columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
+    return Pieces(
+        fields=(part.z, _diagonal(part, np.diag(part.covariance))),
+        groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
+        bits=(CAPPED,),
+        predict=_looped_predict(part, clock),
+        update=tuple(_looped_update(part, clock, j) for j in range(clock.outputs)),
+    )
+
+
+def _looped_predict(part: Riccati, clock: Clock) -> Program:
+    moved, n, h = Moved(part, clock), part.dynamics.n, clock.dt
+    stages = moved.stages()
+    F = ca.sparsify(moved.jacobian(stages))
+    entries = sym("work.F", F.nnz())
+    held = ca.SX(F.sparsity(), entries)
+    v = sym("column.v", n)
+    weights = h * part.theta * part.weights * part.scaling() ** 2
+    caps = ca.SX(ca.DM(part.cap))
+    return (
+        Block(
+            "z by classical Runge-Kutta; the Jacobian F at mid-step, its entries by columns",
+            {f"state.{part.z.name}": stages.result["z"], "work.F": ca.vertcat(*F.nonzeros())},
+            stages.names,
+        ),
+        Kernel("expand", n, "column.v"),
+        Loop("column", n, (Block("a column of Phi L", {"column.v": v + h * (held @ (v + h / 2 * (held @ v)))}),)),
+        Kernel("triangularise", n, "column.v", (("state.D", n),)),
+        Block("h Q_theta", {"work.w": weights}),
+        Kernel("add", n, "column.v", (("state.D", n), ("work.w", n))),
+        Block("largest variances", {"work.caps": caps}),
+        Kernel("cap", n, "column.v", (("state.D", n), ("work.caps", n)), result="work.capped"),
+        When("work.capped", (Block("capped", {"status.COVARIANCE_LIMITED": ca.SX(1)}),)),
+        *_looped_keep(n),
+    )
+
+
+def _looped_keep(n: int) -> Program:
+    v = sym("column.v", n)
+    kept = column(ca.if_else(ca.fabs(v[i]) <= LARGEST, v[i], 0) for i in range(n))
+    return (Loop("column", n, (Block("a lost value restarts", {"column.v": kept}),)),)
+
+
+def _looped_update(part: Riccati, clock: Clock, output: int) -> Program:
+    moved, n = Moved(part, clock), part.dynamics.n
+    row = {"work.c": ca.densify(moved.row(output)).T, "work.r": moved.variance(output)}
+    arguments = (("state.D", n), ("work.c", n), ("work.r", 1), ("work.K", n))
+    gain = sym("work.K", n)
+    return (
+        Block("the measurement's row and variance", row),
+        Kernel("correct", n, "column.v", arguments),
+        Block("correct", {f"state.{part.z.name}": moved.z + gain * sym("work.e")}),
+    )

@@ -1,0 +1,167 @@
+"""A log file as a table of text: encoding, delimiter, quotes and header, whatever program wrote it."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from hgogen.errors import HgogenError
+
+DELIMITERS = ",;\t|"
+EMPTY = frozenset(("", "nan", "na", "n/a", "null", "none", "nil", "-", "--"))
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class BadRecord(HgogenError):
+    """A log that cannot be read; the sentence names the file, what is wrong and the fix."""
+
+    path: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column as numbers (N,), NaN where a cell is empty or no finite number, and how many of each there
+    are."""
+
+    name: str
+    values: np.ndarray
+    empty: int
+    not_numbers: int
+    example: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Header and rows of cells, each row as long as the header; `malformed` rows were longer and are left
+    out."""
+
+    path: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    malformed: int
+    decimal_comma: bool
+    notes: tuple[str, ...]
+
+    def column(self, name: str) -> Column:
+        """The column of that name. Raises: `BadRecord`, which lists the columns there are."""
+        if self.header.count(name) != 1:
+            raise BadRecord(self.path, self._no_column(name))
+        index = self.header.index(name)
+        values, empty, bad, example = np.full(len(self.rows), np.nan), 0, 0, ""
+        for k, row in enumerate(self.rows):
+            cell = row[index].replace(",", ".") if self.decimal_comma else row[index]
+            if _NUMBER.fullmatch(cell):
+                values[k] = float(cell.replace("d", "e").replace("D", "e"))
+            elif cell.lower() in EMPTY:
+                empty += 1
+            else:
+                bad, example = bad + 1, example or cell
+        infinite = np.isinf(values)
+        values[infinite] = np.nan
+        return Column(name, values, empty, bad + int(infinite.sum()), example)
+
+    def _no_column(self, name: str) -> str:
+        named = [column for column in self.header if column]
+        if name in named:
+            return f"has {named.count(name)} columns named {name!r}; rename all but one"
+        close = get_close_matches(name, named, 1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        return f"has no column {name!r}; its columns are {', '.join(named)}{hint}"
+
+
+def table(path: str | Path) -> Table:
+    """The CSV file at `path`.
+
+    The delimiter (comma, semicolon, tab or bar) is the header's most frequent; with another than the comma,
+    decimal commas are understood. Lines that start with # are comments; the last one before the data is the
+    header where the data has none. Each line stands alone, so a stray quote spoils only its own.
+
+    Raises: `BadRecord`.
+    """
+    text, notes = _text(Path(path))
+    lines = re.split(r"\r\n|\r|\n", text)
+    while lines and not lines[-1].strip():
+        lines.pop()
+    full = [line for line in lines if line.strip()]
+    if len(full) < len(lines):
+        notes.append(f"{len(lines) - len(full)} empty lines: skipped")
+    comments = [line for line in full if line.lstrip().startswith("#")]
+    data = [line for line in full if not line.lstrip().startswith("#")]
+    if not data:
+        raise BadRecord(str(path), "is empty; it needs a header with column names, then rows of numbers")
+    delimiter = max(DELIMITERS, key=re.sub(r'"[^"]*"', "", data[0]).count)
+    if _all_numbers(_cells(data[0], delimiter)):
+        if not comments:
+            raise BadRecord(
+                str(path), "has numbers in its first row; it needs a header with column names there"
+            )
+        data.insert(0, comments.pop().lstrip().lstrip("#"))
+    if comments:
+        notes.append(f"{len(comments)} comment lines: skipped")
+    header, *rows = (_cells(line, delimiter) for line in data)
+    return _aligned(str(path), header, rows, delimiter, notes)
+
+
+def _aligned(path: str, header: list[str], rows: list[list[str]], delimiter: str, notes: list[str]) -> Table:
+    if not rows:
+        raise BadRecord(path, "has a header but no rows")
+    width = len(header)
+    kept, malformed, short = [], 0, 0
+    for row in rows:
+        if any(row[width:]):
+            malformed += 1
+            continue
+        short += len(row) < width - (header[-1] == "")
+        kept.append(tuple(row[:width] + [""] * (width - len(row))))
+    if not kept:
+        raise BadRecord(
+            path, f"has no row that fits its header of {width} columns; is the delimiter {delimiter!r} right?"
+        )
+    if short:
+        notes.append(f"{short} rows have fewer cells than the header: the rest of them is empty")
+    cells = [cell for row in kept for cell in row]
+    comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell) for cell in cells)
+    if comma:
+        notes.append("decimal commas: read as decimal points")
+    return Table(path, tuple(header), tuple(kept), malformed, comma, tuple(notes))
+
+
+def _text(path: Path) -> tuple[str, list[str]]:
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise BadRecord(str(path), "there is no such file") from None
+    except IsADirectoryError:
+        raise BadRecord(str(path), "is a folder; give a CSV file in it") from None
+    except OSError as error:
+        raise BadRecord(str(path), f"cannot be read: {error.strerror}") from None
+    try:
+        wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        text, notes = content.decode("utf-16" if wide else "utf-8-sig"), []
+    except UnicodeDecodeError:
+        text, notes = content.decode("latin-1"), ["not UTF-8: read as Latin-1"]
+    if "\0" in text:
+        raise BadRecord(str(path), "is no text; give a CSV file")
+    return text, notes
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    try:
+        row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:
+        row = line.split(delimiter)
+    return [cell.strip() for cell in row]
+
+
+def _all_numbers(cells: Sequence[str]) -> bool:
+    named = [cell for cell in cells if cell.lower() not in EMPTY]
+    return bool(named) and all(_NUMBER.fullmatch(cell.replace(",", ".")) for cell in named)

@@ -1,0 +1,216 @@
+"""A measured record on the step's grid: u and y at t_0 + k dt, NaN where nothing was measured.
+
+Nothing is guessed in silence: the report counts what was missing, not a number, duplicated, out of order or
+in a gap, and says what was done with it. A row goes to the nearest grid point; where several meet at one,
+each column keeps its number nearest in time (of equals the first).
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hgogen.log import BadRecord, Column, Table, table
+from hgogen.signal import Signal
+
+LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was found in a log and what was done with it.
+
+    `rows` of the file; `samples` on the grid of `dt` (s); `period`: typical time between rows (s);
+    `columns` by signal; by signal too: `missing` (empty cells) and `not_numbers`, both treated as missing
+    samples; `malformed`: rows with more cells than the header, left out; `untimed`: rows without a usable
+    time, left out; `out_of_order`: rows earlier than one before them, sorted; `duplicates`: rows that
+    repeat a time, merged; `surplus`: rows of other times at a grid point that has one, merged; `gaps`:
+    pauses longer than 1.5 periods, the longest of `longest_gap` (s); `filled`: grid points without a row,
+    given as missing samples; `shift`: the farthest a row was moved (s); `notes`: whatever else was decided
+    on reading.
+    """
+
+    path: str
+    rows: int
+    samples: int
+    dt: float
+    period: float
+    columns: Mapping[str, str]
+    missing: Mapping[str, int]
+    not_numbers: Mapping[str, int]
+    malformed: int
+    untimed: int
+    out_of_order: int
+    duplicates: int
+    surplus: int
+    gaps: int
+    longest_gap: float
+    filled: int
+    shift: float
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was found and what was done with it, a sentence each; only what there is."""
+        said = [
+            f"{self.rows} rows, one every {self.period:g} s, became {self.samples} samples of {self.dt:g} s"
+        ]
+        for name, column in self.columns.items():
+            for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
+                if count:
+                    said.append(
+                        f"{name} ({column}): cells that are {what}: {count}, taken as missing samples"
+                    )
+        counted = (
+            (self.malformed, "rows with more cells than the header: {}, left out"),
+            (self.untimed, "rows without a usable time: {}, left out"),
+            (self.out_of_order, "rows earlier than one before them: {}, sorted by time"),
+            (self.duplicates, "rows that repeat a time: {}, merged; each column keeps its first number"),
+            (
+                self.surplus,
+                "rows at a grid point that has one: {}, merged; the number nearest in time is kept",
+            ),
+            (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} s"),
+            (self.filled, "grid points without a row: {}, given as missing samples"),
+        )
+        said += [text.format(count) for count, text in counted if count]
+        if self.shift > 1e-6 * self.dt:
+            said.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} s at most")
+        return (*said, *self.notes)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing; the
+    report."""
+
+    t: np.ndarray
+    names: tuple[str, ...]
+    values: np.ndarray
+    report: Report
+
+    def of(self, signals: Sequence[Signal]) -> np.ndarray:
+        """The columns (N, k) of some signals, in their order."""
+        return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
+
+
+def mapping(
+    path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
+) -> dict[str, str]:
+    """Signal name to column name from texts "SIGNAL=COLUMN"; a signal that none names has a column of its
+    own name.
+
+    Plain "u" and "y" name the only input and the only output.
+
+    Raises: `BadRecord`.
+    """
+    names = [s.name for s in (*inputs, *outputs)]
+    short = {"u": inputs, "y": outputs}
+    columns = {name: name for name in names}
+    for text in given:
+        key, equals, column = text.partition("=")
+        key = key.strip()
+        if key not in names and len(short.get(key, ())) == 1:
+            key = short[key][0].name
+        if not equals or not column.strip():
+            raise BadRecord(
+                path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}"
+            )
+        if key not in names:
+            raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
+        columns[key] = column.strip()
+    return columns
+
+
+def read(
+    path: str | Path,
+    columns: Mapping[str, str],
+    *,
+    dt: float,
+    time: str | None = None,
+    period: float | None = None,
+) -> Record:
+    """The log at `path` on the grid of `dt` (s).
+
+    Args: `columns` maps signal names to column names; `time` names the column of times (s), or `period` (s)
+    is the time between rows.
+
+    Raises: `BadRecord`.
+    """
+    if (time is None) == (period is None):
+        raise BadRecord(
+            str(path), "give either --time COLUMN or --period SECONDS, so that the rows have times"
+        )
+    if period is not None and not 0 < period < math.inf:
+        raise BadRecord(str(path), f"the period {period:g} must be a positive number of seconds")
+    log = table(path)
+    found = {name: log.column(column) for name, column in columns.items()}
+    if period is not None:
+        stamps = np.arange(len(log.rows)) * period
+    else:
+        stamps = _stamps(log, log.column(str(time)))
+    return _gridded(log, found, stamps, dt)
+
+
+def _stamps(log: Table, column: Column) -> np.ndarray:
+    """The times (rows,), NaN where a row has none."""
+    if np.isfinite(column.values).sum() <= len(column.values) / 2:
+        example = f", such as {column.example!r}" if column.example else ""
+        raise BadRecord(
+            log.path,
+            f"the time column {column.name!r} holds {column.not_numbers} cells that are no numbers{example} and "
+            f"{column.empty} empty ones; it must hold seconds, or say --period SECONDS",
+        )
+    return column.values
+
+
+def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: float) -> Record:
+    timed = np.flatnonzero(np.isfinite(stamps))
+    ordered = timed[np.argsort(stamps[timed], kind="stable")]
+    times = stamps[ordered]
+    steps = np.diff(np.unique(times))
+    period = float(np.median(steps)) if len(steps) else dt
+    pauses = steps[steps > 1.5 * period]
+    if (times[-1] - times[0]) / dt > LONGEST:
+        raise BadRecord(
+            log.path,
+            f"its times span {times[-1] - times[0]:g} s, more than {LONGEST} samples of {dt:g} s; are they seconds?",
+        )
+    point = np.floor((times - times[0]) / dt + 0.5).astype(int)
+    away = np.abs(times - times[0] - point * dt)
+    samples, used = int(point[-1]) + 1, len(np.unique(point))
+    values = np.full((samples, len(found)), np.nan)
+    nearest = np.lexsort((away, point))
+    for c, column in enumerate(found.values()):
+        numbers = column.values[ordered][nearest]
+        there = np.flatnonzero(np.isfinite(numbers))
+        points, first = np.unique(point[nearest][there], return_index=True)
+        values[points, c] = numbers[there[first]]
+    duplicates = int(np.count_nonzero(np.diff(times) == 0))
+    report = Report(
+        path=log.path,
+        rows=len(log.rows) + log.malformed,
+        samples=samples,
+        dt=dt,
+        period=period,
+        columns={name: column.name for name, column in found.items()},
+        missing={name: column.empty for name, column in found.items()},
+        not_numbers={name: column.not_numbers for name, column in found.items()},
+        malformed=log.malformed,
+        untimed=len(stamps) - len(timed),
+        out_of_order=int(np.count_nonzero(stamps[timed][1:] < np.maximum.accumulate(stamps[timed])[:-1])),
+        duplicates=duplicates,
+        surplus=len(times) - duplicates - used,
+        gaps=len(pauses),
+        longest_gap=float(pauses.max()) if len(pauses) else 0.0,
+        filled=samples - used,
+        shift=float(away.max()),
+        notes=log.notes,
+    )
+    return Record(times[0] + np.arange(samples) * dt, tuple(found), values, report)
