@@ -1,7 +1,7 @@
 """Verdicts: mathematical failure is a value, not an exception.
 
-`proved` needs exact or outward-rounded arithmetic; `refuted` carries a witness; `where` holds under a condition;
-`generic` holds outside a set of measure zero; `unknown` is an honest "no answer".
+`proved` needs exact or outward-rounded arithmetic; `refuted` carries a witness; `where` holds under a
+condition; `generic` holds outside a set of measure zero; `unknown` is an honest "no answer".
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,8 +25,8 @@ class Verdict(StrEnum):
 class Check:
     """One claim with its verdict.
 
-    `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is the
-    point that refutes; `fix` says what a user can do about it.
+    `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is
+    the point that refutes; `fix` says what a user can do about it.
     """
 
     id: str

@@ -1,8 +1,8 @@
 """A form: the plant in observer coordinates, z' = A(u) z + b(z, u), y = h(z, u), each claim a `Check`.
 
-The split matters to every observer: the linear part A(u) z is used as it is, the nonlinear part b takes its argument
-clamped to the declared box, because a proof about the plant holds on the box and the estimate leaves it while it
-peaks.
+The split matters to every observer: the linear part A(u) z is used as it is, the nonlinear part b takes its
+argument clamped to the declared box, because a proof about the plant holds on the box and the estimate leaves
+it while it peaks.
 """
 
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from hgogen.system import System
 class Form:
     """The plant in (or shown to be in) an observability form.
 
-    `states`: n Signals z_1..z_n with the ranges that the plant's states give them; `to_form`: z as expressions of
-    the plant's states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and parameters;
-    `b`: n expressions of z, inputs, parameters; `output`: p expressions of z, inputs, parameters; `checks`: one for
-    each hypothesis.
+    `states`: n Signals z_1..z_n with the ranges of the plant's states; `to_form`: z as expressions
+    of the plant's states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and
+    parameters; `b`: n expressions of z, inputs, parameters; `output`: p expressions of z, inputs, parameters;
+    `checks`: one for each hypothesis.
     """
 
     system: System

@@ -1,4 +1,4 @@
-"""The one door between SymPy, the language of the plant and of proof, and CasADi, the language from the observer on."""
+"""The one door from SymPy, the language of the plant and of proof, to CasADi, that of all that follows."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

@@ -13,117 +13,18 @@ import sympy as sp
 from hgogen.errors import HgogenError
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
-_RESERVED = frozenset(
-    [
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "continue",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-        "alignas",
-        "alignof",
-        "bool",
-        "complex",
-        "constexpr",
-        "false",
-        "generic",
-        "imaginary",
-        "noreturn",
-        "nullptr",
-        "static_assert",
-        "thread_local",
-        "true",
-        "typeof",
-        "asm",
-        "fortran",
-        "and",
-        "and_eq",
-        "bitand",
-        "bitor",
-        "catch",
-        "class",
-        "compl",
-        "const_cast",
-        "delete",
-        "dynamic_cast",
-        "explicit",
-        "export",
-        "friend",
-        "mutable",
-        "namespace",
-        "new",
-        "not",
-        "not_eq",
-        "operator",
-        "or",
-        "or_eq",
-        "private",
-        "protected",
-        "public",
-        "reinterpret_cast",
-        "static_cast",
-        "template",
-        "this",
-        "throw",
-        "try",
-        "typeid",
-        "typename",
-        "using",
-        "virtual",
-        "wchar_t",
-        "xor",
-        "xor_eq",
-        "char8_t",
-        "char16_t",
-        "char32_t",
-        "concept",
-        "consteval",
-        "constinit",
-        "co_await",
-        "co_return",
-        "co_yield",
-        "decltype",
-        "noexcept",
-        "requires",
-        "I",
-        "NULL",
-        "EOF",
-        "errno",
-        "assert",
-        "offsetof",
-        "NAN",
-        "INFINITY",
-    ]
-)
+_WORDS = """
+    auto break case char const continue default do double else enum extern float for goto if inline
+    int long register restrict return short signed sizeof static struct switch typedef union
+    unsigned void volatile while alignas alignof bool complex constexpr false generic imaginary
+    noreturn nullptr static_assert thread_local true typeof asm fortran and and_eq bitand bitor
+    catch class compl const_cast delete dynamic_cast explicit export friend mutable namespace new
+    not not_eq operator or or_eq private protected public reinterpret_cast static_cast template this
+    throw try typeid typename using virtual wchar_t xor xor_eq char8_t char16_t char32_t concept
+    consteval constinit co_await co_return co_yield decltype noexcept requires I NULL EOF errno
+    assert offsetof NAN INFINITY
+"""
+_RESERVED = frozenset(_WORDS.split())
 
 
 @dataclass(frozen=True)
@@ -187,8 +88,8 @@ class Signal(sp.Symbol):  # type: ignore[misc]
 
     Raises: `BadName`, `BadRange`.
 
-    Signals of equal name but different data are different symbols (SymPy's own cache, which would hand back the
-    first, is bypassed), and signals pickle.
+    Signals of equal name but different data are different symbols (SymPy's own cache, which would hand back
+    the first, is bypassed), and signals pickle.
     """
 
     __slots__ = ("high", "low", "meaning", "nominal", "unit")
@@ -218,9 +119,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
             if not low < high:
                 raise BadRange(name, f"low = {low:g} is not below high = {high:g}; swap or widen them")
             if nominal is not None and not low <= nominal <= high:
-                raise BadRange(
-                    name, f"nominal = {nominal:g} lies outside [{low:g}, {high:g}]; widen the range"
-                )
+                raise BadRange(name, f"nominal = {nominal:g} lies outside [{low:g}, {high:g}]; widen it")
         signal: Signal = sp.Symbol.__xnew__(cls, name, real=True)
         signal.unit, signal.meaning = str(unit), str(meaning)
         signal.nominal, signal.low, signal.high = nominal, low, high

@@ -26,8 +26,8 @@ class BadSystem(HgogenError):
 class System:
     """A plant, x' = flow(x, u; p), y = output(x, u; p).
 
-    Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and `output`
-    (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value.
+    Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and
+    `output` (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value.
 
     Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value;
     `BadName` for a name that C could not carry.
@@ -88,9 +88,7 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
     if isinstance(values, sp.MatrixBase):
         values = list(values)
     if isinstance(values, sp.Basic | str | Mapping | Set) or not isinstance(values, Iterable):
-        raise BadSystem(
-            system, f"{what} is {values!r}; write a list of expressions, in the order of the signals"
-        )
+        raise BadSystem(system, f"{what} is {values!r}; write a list of expressions in the signals' order")
     result = []
     for index, value in enumerate(values, 1):
         try:
@@ -119,9 +117,7 @@ def _validate(system: System) -> None:
     seen: dict[str, Signal] = {}
     for signal in system.signals:
         if signal.name in seen:
-            raise BadSystem(
-                name, f"the name {signal.name!r} is declared twice; rename one of the two signals"
-            )
+            raise BadSystem(name, f"the name {signal.name!r} is declared twice; rename one of the two")
         seen[signal.name] = signal
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):

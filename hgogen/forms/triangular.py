@@ -44,7 +44,7 @@ class OneOutput(HgogenError):
 
 @dataclass(frozen=True)
 class _Link:
-    """A row of the chain, y or the derivative of the state before: gain * state + rest, of the states before."""
+    """A row, y or the derivative of the state before: gain * state + rest, the rest of the states before."""
 
     state: Signal
     gain: sp.Expr
