@@ -10,6 +10,7 @@ from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.observer import Observer
+from hgogen.recast import recast
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.system import System
@@ -31,6 +32,7 @@ __all__ = [
     "innovation",
     "methods",
     "observers",
+    "recast",
     "sample",
     "theta",
     "write",

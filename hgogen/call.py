@@ -170,7 +170,10 @@ class CallableStep(Step):
         """The state that `save` gave. Raises: `BadShape` where the bytes are not those of this step."""
         kind = layout.state_type(self)
         if len(saved) != kind.itemsize:
-            raise BadShape(f"a saved state of {len(saved)} bytes", f"is not of this step, whose state has {kind.itemsize}")
+            raise BadShape(
+                f"a saved state of {len(saved)} bytes",
+                f"is not of this step, whose state has {kind.itemsize}",
+            )
         layout.unpack_state(self, np.frombuffer(saved, kind), self._machine.memory)
 
     def flags(self, status: int) -> tuple[str, ...]:
@@ -189,7 +192,9 @@ class CallableStep(Step):
             size.restype = ctypes.c_size_t
             mine = getattr(layout, f"{kind}_type")(self).itemsize
             if size() != mine:
-                raise BadShape(f"the C struct {kind}", f"has {size()} bytes, Python's {mine}; use engine='python'")
+                raise BadShape(
+                    f"the C struct {kind}", f"has {size()} bytes, Python's {mine}; use engine='python'"
+                )
         return loaded
 
     def _demand_sections(self) -> None:
@@ -252,7 +257,9 @@ class CannotUpdate(HgogenError):
         )
 
 
-def sample(observer: Observer, method: Method = continuous_discrete, dt: float = 0.0, *, between: str = "line") -> CallableStep:
+def sample(
+    observer: Observer, method: Method = continuous_discrete, dt: float = 0.0, *, between: str = "line"
+) -> CallableStep:
     """The observer at the sampling period `dt` (s) by `method` (default: `methods.continuous_discrete`).
 
     `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the one
@@ -290,6 +297,8 @@ def _table(name: str, value: Any, width: int, rows: int | None) -> np.ndarray:
     if width == 0 and array.size == 0:
         array = np.zeros((rows or 0, 0))
     if array.ndim != 2 or array.shape[1] != width or (rows is not None and len(array) != rows):
-        wanted = f"({'N' if rows is None else rows}, {width})" + (f" or ({'N' if rows is None else rows},)" if width == 1 else "")
+        wanted = f"({'N' if rows is None else rows}, {width})" + (
+            f" or ({'N' if rows is None else rows},)" if width == 1 else ""
+        )
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}")
     return np.ascontiguousarray(array)

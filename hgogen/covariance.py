@@ -67,7 +67,9 @@ def information_ode(part: Riccati) -> Ode:
         n = part.dynamics.n
         z, S = values[part.z.name], unpack(values["S"], n)
         F, C, weight, error = _along(part, z, u, y, valid)
-        correction = ca.solve(S, C.T @ ca.diag(weight) @ error, "ldl") if n > 1 else C.T @ (weight * error) / S
+        correction = (
+            ca.solve(S, C.T @ ca.diag(weight) @ error, "ldl") if n > 1 else C.T @ (weight * error) / S
+        )
         slope = C.T @ ca.diag(weight) @ C - F.T @ S - S @ F - S @ part.noise() @ S
         return {part.z.name: part.dynamics.flow(z, u) + correction, "S": pack(slope)}
 
@@ -106,7 +108,9 @@ def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
     )
 
 
-def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> tuple[Any, Any, dict[str, Any]]:
+def time_update(
+    L: Any, d: Any, transition: Any, shaped: Any, weights: Any
+) -> tuple[Any, Any, dict[str, Any]]:
     """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the values worth a name.
 
     Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
@@ -137,7 +141,7 @@ def measurement_update(L: Any, d: Any, c: Any, r: Any) -> tuple[Any, Any, Any]:
     n = d.shape[0]
     f = L.T @ c.T
     v = d * f
-    alpha, inverse, gain = r, None, ca.SX(n, 1)
+    alpha, inverse, gain = r, 1 / r, ca.SX(n, 1)
     factor, diagonal = ca.SX(L), ca.SX(d)
     for j in reversed(range(n)):
         if f[j].is_zero():
@@ -147,8 +151,7 @@ def measurement_update(L: Any, d: Any, c: Any, r: Any) -> tuple[Any, Any, Any]:
         inverse = 1 / alpha
         diagonal[j] = d[j] * before * inverse
         for i in range(j + 1, n):
-            if last is not None:
-                factor[i, j] = L[i, j] - f[j] * gain[i] * last
+            factor[i, j] = L[i, j] - f[j] * gain[i] * last
             gain[i] = gain[i] + L[i, j] * v[j]
         gain[j] = v[j]
     return factor, diagonal, gain * inverse

@@ -18,8 +18,8 @@ Real = Literal["float", "double"]
 Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
 WIDTH = 92  # longest expression that is written in place
 
-SUM, PRODUCT, UNARY, ATOM = 4, 5, 6, 7  # C precedence, loosest first
-SELECT, OR, AND, EQUAL, ORDER = 0, 1, 2, 2.5, 3
+SUM, PRODUCT, UNARY, ATOM = 4.0, 5.0, 6.0, 7.0  # C precedence, loosest first
+SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
 
 
 @dataclass(frozen=True)

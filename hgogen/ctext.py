@@ -58,7 +58,7 @@ class Writer:
 
     @cached_property
     def _all(self) -> Program:
-        return (*self.step.program, *self.step.tune)
+        return (*self.step.program, *self.step.tuning)
 
     def is_index(self, place: str) -> bool:
         """Whether C holds the place as `unsigned`."""

@@ -71,11 +71,11 @@ class Dynamics:
 
     def output_matrix(self) -> np.ndarray:
         """dh/dz (p, n) at the middle of the box, nominal parameters."""
-        return self._numbers(self.output_jacobian(self._z, self._u), self._points(0))[0]
+        return np.asarray(self._numbers(self.output_jacobian(self._z, self._u), self._points(0))[0])
 
     def estimate(self, z: Any) -> Any:
         """The plant's states from z (n)."""
-        return column(self._convert(self.form.from_form, z, self._u))
+        return column(self._convert([expression for _, expression in self.form.estimates], z, self._u))
 
     def jacobians(self, samples: int = 64, seed: int = 1) -> np.ndarray:
         """F on corners, midpoint and random points of the box of states and inputs, (k, n, n), nominal parameters.
@@ -89,14 +89,16 @@ class Dynamics:
         signals = [*self.form.states, *self.form.system.inputs]
         rng = np.random.default_rng(seed)
         corners = rng.integers(0, 2, size=(samples, len(signals))).astype(float)
-        points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
+        points = np.vstack(
+            [np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))]
+        )
         lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
         return np.asarray(lows + points * (highs - lows))
 
     def _numbers(self, matrix: Any, points: np.ndarray) -> np.ndarray:
         plant = [p for p in self.form.system.parameters if p.bounded]
         graph = ca.Function("F", [self._z, self._u, *(sym(f"plant.{p.name}") for p in plant)], [matrix])
-        nominal = [p.nominal for p in plant]
+        nominal = [float(p.nominal or 0) for p in plant]
         return np.array([np.array(graph(v[: self.n], v[self.n :], *nominal)) for v in points])
 
     @cached_property
@@ -105,7 +107,10 @@ class Dynamics:
 
     @cached_property
     def _u(self) -> Any:
-        return column(sym("form.u", max(1, len(self.form.system.inputs)))[i] for i in range(len(self.form.system.inputs)))
+        return column(
+            sym("form.u", max(1, len(self.form.system.inputs)))[i]
+            for i in range(len(self.form.system.inputs))
+        )
 
     def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
         n = self.n

@@ -74,7 +74,9 @@ def _listing(function: Any) -> tuple[tuple[int, tuple[int, ...], tuple[int, ...]
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         constant = function.instruction_constant(k) if op == ca.OP_CONST else 0.0
-        rows.append((op, tuple(function.instruction_input(k)), tuple(function.instruction_output(k)), constant))
+        rows.append(
+            (op, tuple(function.instruction_input(k)), tuple(function.instruction_output(k)), constant)
+        )
     return tuple(rows)
 
 

@@ -114,7 +114,12 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     transition = ca.sparsify(ca.SX.eye(n) + h * F + (h * h / 2) * (F @ F))
     weights = h * part.theta * part.weights
     L, d, names = time_update(*_symbols(part), transition, part.scaled_factor(), weights)
-    Phi = {f"Phi_{i + 1}{j + 1}": transition[i, j] for i in range(n) for j in range(n) if transition[i, j].n_dep()}
+    Phi = {
+        f"Phi_{i + 1}{j + 1}": transition[i, j]
+        for i in range(n)
+        for j in range(n)
+        if transition[i, j].n_dep()
+    }
     return Block(
         "z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta",
         {f"state.{part.z.name}": stages.result["z"], **_written(L, d)},
@@ -126,7 +131,9 @@ def _cap(part: Riccati) -> Program:
     L, d = _symbols(part)
     n, caps = part.dynamics.n, [float(value) for value in part.cap]
     variance = [ca.dot(L[i, :].T ** 2, d) for i in range(n)]
-    test = Block("largest variances", {"work.capped": reduce(ca.logic_or, [variance[i] > caps[i] for i in range(n)])})
+    test = Block(
+        "largest variances", {"work.capped": reduce(ca.logic_or, [variance[i] > caps[i] for i in range(n)])}
+    )
     scale = column(ca.fmin(1, caps[i] / variance[i]) for i in range(n))
     scaled = ca.diag(scale) @ L @ ca.diag(1 / scale)
     apply = Block("cap", {**_written(scaled, scale**2 * d), "status.COVARIANCE_LIMITED": ca.SX(1)})
@@ -183,7 +190,11 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
             stages.names,
         ),
         Kernel("expand", n, "column.v"),
-        Loop("column", n, (Block("a column of Phi L", {"column.v": v + h * (held @ (v + h / 2 * (held @ v)))}),)),
+        Loop(
+            "column",
+            n,
+            (Block("a column of Phi L", {"column.v": v + h * (held @ (v + h / 2 * (held @ v)))}),),
+        ),
         Kernel("triangularise", n, "column.v", (("state.D", n),)),
         Block("h Q_theta", {"work.w": weights}),
         Kernel("add", n, "column.v", (("state.D", n), ("work.w", n))),

@@ -41,6 +41,12 @@ class Form:
         return len(self.states)
 
     @property
+    def estimates(self) -> tuple[tuple[Signal, sp.Expr], ...]:
+        """What an observer reports, each state of the plant as first declared, in terms of z."""
+        back = dict(zip(self.system.states, self.from_form, strict=True))
+        return tuple((signal, expression.subs(back)) for signal, expression in self.system.reported)
+
+    @property
     def flow(self) -> tuple[sp.Expr, ...]:
         """z' = A(u) z + b(z, u)."""
         linear = self.A * sp.Matrix(self.states)

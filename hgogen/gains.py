@@ -31,7 +31,9 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
         raise BadPoles(values, "are not all finite numbers")
     unstable = [pole for pole in values if pole.real >= 0]
     if unstable:
-        raise BadPoles(values, f"{unstable[0]:g} is not in the open left half plane; give it a negative real part")
+        raise BadPoles(
+            values, f"{unstable[0]:g} is not in the open left half plane; give it a negative real part"
+        )
     polynomial = np.poly(values)
     if np.abs(np.imag(polynomial)).max() > 1e-12 * np.abs(polynomial).max():
         raise BadPoles(values, "complex poles must come in conjugate pairs")

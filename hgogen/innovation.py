@@ -235,7 +235,9 @@ class Window:
                 push,
                 Loop("past", 1, (Block("store", store),), start="state.newest"),
                 find,
-                Loop("past", 1, (Block("the model starts from the estimate d ago", load),), start="work.oldest"),
+                Loop(
+                    "past", 1, (Block("the model starts from the estimate d ago", load),), start="work.oldest"
+                ),
                 Loop(
                     "past",
                     steps,

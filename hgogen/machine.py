@@ -18,10 +18,10 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
     buffer, evaluate = block.graph.buffer()
     results = [np.zeros(block.graph.numel_out(i)) for i in range(len(block.writes) + len(block.names))]
     for index, array in enumerate(arguments):
-        buffer.set_arg(index, memoryview(array))
+        buffer.set_arg(index, array.data)
     for index, array in enumerate(results):
         if array.size:
-            buffer.set_res(index, memoryview(array))
+            buffer.set_res(index, array.data)
 
     def run() -> None:
         evaluate()
@@ -48,10 +48,15 @@ class Machine:
         self._groups = {group.name for group in step.groups}
         self._bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
         self.status = 0
-        programs = (*step.program, *step.tune)
+        programs = (*step.program, *step.tuning)
         for place, size in sorted(places(programs)):
             self.memory.setdefault(place, np.zeros(size, dtype))
-        for kind, fields in (("plant", step.plant), ("gain", step.gains), ("derived", step.derived), ("state", step.state)):
+        for kind, fields in (
+            ("plant", step.plant),
+            ("gain", step.gains),
+            ("derived", step.derived),
+            ("state", step.state),
+        ):
             for field in fields:
                 self.memory[f"{kind}.{field.name}"] = np.zeros(field.size, dtype)
         for group in step.groups:
@@ -61,7 +66,7 @@ class Machine:
                 self._rows[place] = np.zeros(field.size, dtype)
         for kind, fields in (("plant", step.plant), ("gain", step.gains)):
             self._fill(kind, fields)
-        self._tune = self._program(step.tune)
+        self._tune = self._program(step.tuning)
         self._sections = {section.name: self._program(section.program) for section in step.sections}
         self._estimate = self._program(step.estimate)
         self.tune()
@@ -123,9 +128,13 @@ class Machine:
 
     def _block(self, block: Block) -> Action:
         evaluate, results = self._bind(block, [self._array(place) for place, _ in block.reads])
-        writes = [(self._array(p), r) for p, r in zip(block.writes, results, strict=True) if scope(p) != "status"]
+        writes = [
+            (self._array(p), r) for p, r in zip(block.writes, results, strict=True) if scope(p) != "status"
+        ]
         raised = [
-            (self._bits[p.split(".", 1)[1]], r) for p, r in zip(block.writes, results, strict=True) if scope(p) == "status"
+            (self._bits[p.split(".", 1)[1]], r)
+            for p, r in zip(block.writes, results, strict=True)
+            if scope(p) == "status"
         ]
 
         def run() -> None:
@@ -159,7 +168,11 @@ class Machine:
         return run
 
     def _when(self, when: When) -> Action:
-        flag, body, otherwise = self._array(when.flag), self._program(when.body), self._program(when.otherwise)
+        flag, body, otherwise = (
+            self._array(when.flag),
+            self._program(when.body),
+            self._program(when.otherwise),
+        )
 
         def run() -> None:
             (body if flag[0] != 0 else otherwise)()

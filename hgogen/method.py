@@ -83,6 +83,6 @@ def riccati_limit(part: Riccati, tableau: Tableau, view: Literal["information", 
         variance,
         part.covariance,
         part.theta_peak,
-        tableau.polynomial,
+        tableau,
         view,
     )

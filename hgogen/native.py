@@ -66,7 +66,12 @@ def library(files: Mapping[str, str]) -> ctypes.CDLL:
     if command is None:
         raise NoCompiler()
     digest = hashlib.sha256()
-    for text in (command, sys.platform, sysconfig.get_platform(), *(part for item in files.items() for part in item)):
+    for text in (
+        command,
+        sys.platform,
+        sysconfig.get_platform(),
+        *(part for item in files.items() for part in item),
+    ):
         digest.update(text.encode() + b"\0")
     return _load(command, digest.hexdigest()[:32], tuple(files.items()))
 
@@ -80,7 +85,20 @@ def _load(command: str, digest: str, files: tuple[tuple[str, str], ...]) -> ctyp
             write(dict(files), folder)
             sources = [name for name, _ in files if name.endswith(".c")]
             built = Path(folder) / "step.so"
-            run([command, "-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off", *sources, "-o", str(built)], folder)
+            run(
+                [
+                    command,
+                    "-std=c99",
+                    "-O2",
+                    "-fPIC",
+                    "-shared",
+                    "-ffp-contract=off",
+                    *sources,
+                    "-o",
+                    str(built),
+                ],
+                folder,
+            )
             handle, temporary = tempfile.mkstemp(dir=path.parent)
             os.close(handle)
             shutil.copyfile(built, temporary)

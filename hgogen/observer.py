@@ -209,33 +209,56 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
         high.append(centre + half if signal.bounded else INF)
     labels = tuple(str(expression) for expression in form.to_form)
     return Field(
-        "z", tuple(values), low=tuple(low), high=tuple(high), labels=labels, meaning="estimate in the form's coordinates"
+        "z",
+        tuple(values),
+        low=tuple(low),
+        high=tuple(high),
+        labels=labels,
+        meaning="estimate in the form's coordinates",
     )
 
 
 def _initial(form: Form, initial: Mapping[str, float] | Sequence[float] | None) -> dict[Signal, float]:
-    states = form.system.states
-    names = [s.name for s in states]
-    default = [s.nominal if s.nominal is not None else min(max(0.0, s.interval[0]), s.interval[1]) for s in states]
+    """The states of the form's system from those of the plant as first declared."""
+    origin = form.system.origin
+    signals = form.system.states if origin is None else origin.plant.states
+    names = [s.name for s in signals]
+    default = [resting(s) for s in signals]
     if initial is None:
         values: Sequence[float] = default
     elif isinstance(initial, Mapping):
         unknown = sorted(set(initial) - set(names))
         if unknown:
-            raise BadGain(f"initial names {unknown[0]!r},", f"which is no state; the states are {', '.join(names)}")
+            raise BadGain(
+                f"initial names {unknown[0]!r},", f"which is no state; the states are {', '.join(names)}"
+            )
         values = [initial.get(name, value) for name, value in zip(names, default, strict=True)]
     else:
         values = list(initial)
     if len(values) != len(names):
-        raise BadGain(f"initial of length {len(values)}", f"must have one number for each of {', '.join(names)}")
-    for signal, value in zip(states, values, strict=True):
+        raise BadGain(
+            f"initial of length {len(values)}", f"must have one number for each of {', '.join(names)}"
+        )
+    for signal, value in zip(signals, values, strict=True):
         low, high = signal.interval
         if not (np.isfinite(value) and low <= value <= high):
             raise BadGain(f"initial {signal.name} = {value}", f"must be finite and in [{low:g}, {high:g}]")
-    return dict(zip(states, map(float, values), strict=True))
+    start = dict(zip(signals, map(float, values), strict=True))
+    if origin is None:
+        return start
+    numbers = start | form.system.nominal
+    return {s: float(e.subs(numbers)) for s, e in zip(form.system.states, origin.forward, strict=True)}
 
 
-def gain(name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = "") -> Field:
+def resting(signal: Signal) -> float:
+    """A signal's value before anything is known: nominal, else 0 or the end of the range nearest to it."""
+    low, high = signal.interval
+    return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
+
+
+def gain(
+    name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = ""
+) -> Field:
     """A tunable gain, scalar or array, with one range for all its elements, as the field of place `gain.NAME`.
 
     Raises: `BadGain` for a value that is not finite or lies outside the range.
@@ -244,15 +267,27 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
     values = (float(value),) if isinstance(value, int | float) else tuple(float(v) for v in value)
     for element in values:
         if not np.isfinite(element) or not low <= element <= high:
-            raise BadGain(f"{name} = {element:g}", f"must be a finite number in [{low:g}, {high:g}]: {meaning}")
+            raise BadGain(
+                f"{name} = {element:g}", f"must be a finite number in [{low:g}, {high:g}]: {meaning}"
+            )
     size = len(values)
-    return Field(name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning, scalar=is_scalar)
+    return Field(
+        name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning, scalar=is_scalar
+    )
 
 
 def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:
     """The plant's parameters that have a range, as fields of places `plant.NAME`."""
     return tuple(
-        Field(s.name, (float(s.nominal or 0),), low=(low,), high=(high,), unit=s.unit, meaning=s.meaning, scalar=True)
+        Field(
+            s.name,
+            (float(s.nominal or 0),),
+            low=(low,),
+            high=(high,),
+            unit=s.unit,
+            meaning=s.meaning,
+            scalar=True,
+        )
         for s in system_signals
         if s.bounded
         for low, high in (s.interval,)

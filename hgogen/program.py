@@ -231,11 +231,13 @@ def pruned(program: Sequence[Statement]) -> Program:
                 return statement
             return replace(statement, writes=writes) if writes else None
         if isinstance(statement, Loop):
-            return replace(statement, body=tuple(filter(None, map(kept, statement.body))))
+            return replace(statement, body=below(statement.body))
         if isinstance(statement, When):
-            inner, otherwise = (tuple(filter(None, map(kept, p))) for p in (statement.body, statement.otherwise))
-            return replace(statement, body=inner, otherwise=otherwise)
+            return replace(statement, body=below(statement.body), otherwise=below(statement.otherwise))
         return statement
 
-    result = tuple(filter(None, map(kept, program)))
+    def below(statements: Sequence[Statement]) -> Program:
+        return tuple(s for s in map(kept, statements) if s is not None)
+
+    result = below(program)
     return result if read(result) == needed else pruned(result)

@@ -15,7 +15,7 @@ import casadi as ca
 
 from hgogen.errors import HgogenError
 from hgogen.method import Method
-from hgogen.observer import HUGE, Clock, Observer, Pieces, tunable
+from hgogen.observer import HUGE, Clock, Observer, Pieces, resting, tunable
 from hgogen.program import (
     INF,
     Bit,
@@ -61,9 +61,7 @@ class StepTooLong(HgogenError):
     why: str
 
     def __str__(self) -> str:
-        return (
-            f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {self.limit:.3g} or another method"
-        )
+        return f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {self.limit:.3g} or another method"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ class Step:
     """The program of an observer at the sampling period `dt` (s).
 
     `plant`, `gains`, `derived`: fields of the parameters; `state`, `groups`: what a call remembers; `bits`: the status;
-    `tune`, `sections`, `estimate`: programs. `limit`: the largest dt that can be stable.
+    `tuning`, `sections`, `estimate`: programs. `limit`: the largest dt that can be stable.
     """
 
     name: str
@@ -85,7 +83,7 @@ class Step:
     state: tuple[Field, ...]
     groups: tuple[Group, ...]
     bits: tuple[Bit, ...]
-    tune: Program
+    tuning: Program
     sections: tuple[Section, ...]
     estimate: Program
     limit: float
@@ -103,7 +101,7 @@ class Step:
     @property
     def states(self) -> tuple[Signal, ...]:
         """The plant's states: what a call estimates."""
-        return self.observer.form.system.states
+        return tuple(signal for signal, _ in self.observer.form.estimates)
 
     @cached_property
     def program(self) -> Program:
@@ -129,7 +127,9 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
     return _assembled(observer, method, clock, pieces, tightest.limit)
 
 
-def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
+def _assembled(
+    observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float
+) -> Step:
     system = observer.form.system
     plant, derived = tunable(system.parameters), _all(piece.derived for piece in pieces)
     state = _memory(observer, clock, pieces)
@@ -142,7 +142,9 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
             sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
     adapt = _all(piece.adapt for piece in pieces)
     if adapt:
-        running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
+        running = Block(
+            "no time has passed before the second call", {"work.running": sym("state.calls") >= 2}
+        )
         program = (running, When("work.running", (*adapt, *keep(adapt))))
         sections.append(Section("adapt", "adapt the gain; once after the updates", program))
     step = Step(
@@ -157,7 +159,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         state=state,
         groups=_all(piece.groups for piece in pieces),
         bits=(),
-        tune=_tune(plant, observer.gains, _all(piece.tune for piece in pieces)),
+        tuning=_tune(plant, observer.gains, _all(piece.tune for piece in pieces)),
         sections=tuple(replace(section, program=pruned(section.program)) for section in sections),
         estimate=_estimate(observer),
         limit=limit,
@@ -174,20 +176,21 @@ def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...]) -> tup
     """The parts' fields, then the clock's: calls, the last input, and the last sample where predict reads it."""
     system = observer.form.system
     fields = list(_all(piece.fields for piece in pieces))
-    fields.append(scalar("calls", 0, kind="index", high=2, meaning="0 before the first call, 1 after it, then 2"))
+    fields.append(
+        scalar("calls", 0, kind="index", high=2, meaning="0 before the first call, 1 after it, then 2")
+    )
     if system.inputs:
-        start = tuple(_resting(signal) for signal in system.inputs)
-        fields.append(Field("u", start, labels=tuple(s.name for s in system.inputs), meaning="last valid input"))
+        start = tuple(resting(signal) for signal in system.inputs)
+        fields.append(
+            Field("u", start, labels=tuple(s.name for s in system.inputs), meaning="last valid input")
+        )
     if any(piece.uses_output for piece in pieces):
         zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
         fields.append(Field("y", zeros, labels=names, meaning="last valid sample"))
-        fields.append(Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample"))
+        fields.append(
+            Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample")
+        )
     return tuple(fields)
-
-
-def _resting(signal: Signal) -> float:
-    low, high = signal.interval
-    return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
 
 
 def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], keep: "_Keeper") -> Program:
@@ -197,10 +200,16 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], keep:
         program.append(_guard_outputs(observer, clock))
     calls = sym("state.calls")
     program.append(
-        Block("the first call advances no time", {"work.running": calls >= 1, "state.calls": ca.if_else(calls < 2, calls + 1, 2)})
+        Block(
+            "the first call advances no time",
+            {"work.running": calls >= 1, "state.calls": ca.if_else(calls < 2, calls + 1, 2)},
+        )
     )
     moves = _all(piece.predict for piece in pieces)
-    outside = Block("outside the declared box the model is evaluated at its edge", {"status.OUTSIDE_BOX": _outside(observer)})
+    outside = Block(
+        "outside the declared box the model is evaluated at its edge",
+        {"status.OUTSIDE_BOX": _outside(observer)},
+    )
     program.append(When("work.running", (*moves, *keep(moves), outside)))
     if clock.inputs:
         program.append(Block("remember the input", {"state.u": sym("work.u", clock.inputs)}))
@@ -212,7 +221,11 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], keep:
 
 def _outside(observer: Observer) -> Any:
     z = observer.z
-    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(observer.dynamics.box) if low > -INF]
+    tests = [
+        ca.logic_or(z[i] < low, z[i] > high)
+        for i, (low, high) in enumerate(observer.dynamics.box)
+        if low > -INF
+    ]
     return _any(tests)
 
 
@@ -254,7 +267,10 @@ def _judged(signal: Signal, raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
         plausible = _within(raw, HUGE)
     valid = ca.logic_and(number, ca.logic_and(plausible, _within(error, 10 * HUGE)))
     rejected = ca.logic_and(number, ca.logic_not(valid))
-    return valid, {f"status.MISSING_{signal.name}": ca.logic_not(number), f"status.REJECTED_{signal.name}": rejected}
+    return valid, {
+        f"status.MISSING_{signal.name}": ca.logic_not(number),
+        f"status.REJECTED_{signal.name}": rejected,
+    }
 
 
 def _measure(observer: Observer, clock: Clock, j: int) -> Block:
@@ -264,7 +280,9 @@ def _measure(observer: Observer, clock: Clock, j: int) -> Block:
     u = sym("state.u", clock.inputs) if clock.inputs else ca.SX(0, 1)
     error = raw - observer.dynamics.output(observer.z, u)[j]
     valid, status = _judged(signal, raw, error)
-    return Block(f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status})
+    return Block(
+        f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status}
+    )
 
 
 def _guard_outputs(observer: Observer, clock: Clock) -> Block:
@@ -281,7 +299,8 @@ def _guard_outputs(observer: Observer, clock: Clock) -> Block:
         valid.append(usable)
         status.update(bits)
     return Block(
-        "guard the samples", {"work.y": column(now), "work.y_last": column(before), "work.valid": column(valid), **status}
+        "guard the samples",
+        {"work.y": column(now), "work.y_last": column(before), "work.valid": column(valid), **status},
     )
 
 
@@ -334,16 +353,19 @@ def _tune(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) 
 
 
 def _estimate(observer: Observer) -> Program:
-    states = observer.form.system.states
     values = observer.dynamics.estimate(observer.z)
-    return (Block("the plant's state", {f"estimate.{s.name}": values[i] for i, s in enumerate(states)}),)
+    writes = {f"estimate.{s.name}": values[i] for i, (s, _) in enumerate(observer.form.estimates)}
+    return (Block("the plant's state", writes),)
 
 
 _SIGNAL_BITS: dict[str, tuple[str, str]] = {
     "MISSING": ("{} is not a number: predicted only", "none; watch for a sensor that stays silent"),
     "REJECTED": ("{} is implausible: predicted only", "check the sensor and the declared range"),
     "REUSED": ("{} is not a number or absurd: the last valid one was used", "check the source of the input"),
-    "CLAMPED": ("{} was clamped to its range", "the proofs hold on the range only; widen it or limit the input"),
+    "CLAMPED": (
+        "{} was clamped to its range",
+        "the proofs hold on the range only; widen it or limit the input",
+    ),
 }
 _STEP_BITS: dict[str, tuple[str, str]] = {
     "OUTSIDE_BOX": (
@@ -354,14 +376,22 @@ _STEP_BITS: dict[str, tuple[str, str]] = {
         "the estimate was projected to its outer box; the convergence theorem is suspended",
         "none if brief; if it stays, lower theta or widen the ranges",
     ),
-    "RESTARTED": ("a value was lost (not a number) and restarted", "treat the estimate as new; check parameters and ranges"),
-    "PARAMETER_LIMITED": ("a parameter was out of its range and was limited", "correct the parameter and tune again"),
+    "RESTARTED": (
+        "a value was lost (not a number) and restarted",
+        "treat the estimate as new; check parameters and ranges",
+    ),
+    "PARAMETER_LIMITED": (
+        "a parameter was out of its range and was limited",
+        "correct the parameter and tune again",
+    ),
 }
 
 
 def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     """The status bits that some block raises, in a fixed order."""
-    raised = {place.split(".", 1)[1] for place, _ in places((*step.program, *step.tune)) if scope(place) == "status"}
+    raised = {
+        place.split(".", 1)[1] for place, _ in places((*step.program, *step.tuning)) if scope(place) == "status"
+    }
     bits = []
     for signals, kinds in ((step.outputs, ("MISSING", "REJECTED")), (step.inputs, ("REUSED", "CLAMPED"))):
         for signal in signals:

@@ -7,6 +7,7 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.check import Check
 from hgogen.errors import HgogenError
 from hgogen.signal import Signal, check_name
 
@@ -20,6 +21,16 @@ class BadSystem(HgogenError):
 
     def __str__(self) -> str:
         return f"system {self.system!r}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a recast plant comes from: the plant, the new states in its states, its states in the new ones."""
+
+    plant: "System"
+    forward: tuple[sp.Expr, ...]
+    backward: tuple[sp.Expr, ...]
+    check: Check
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,7 @@ class System:
     parameters: tuple[Signal, ...]
     flow: tuple[sp.Expr, ...]
     output: tuple[sp.Expr, ...]
+    origin: Origin | None
 
     def __init__(
         self,
@@ -51,12 +63,14 @@ class System:
         parameters: Iterable[Signal] = (),
         flow: Sequence[Any],
         output: Sequence[Any],
+        origin: Origin | None = None,
     ) -> None:
         check_name(name)
         groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
         for kind, signals in groups.items():
             object.__setattr__(self, kind, _signals(name, kind, signals))
         object.__setattr__(self, "name", name)
+        object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "flow", _expressions(name, "flow", flow))
         object.__setattr__(self, "output", _expressions(name, "output", output))
         _validate(self)
@@ -65,6 +79,18 @@ class System:
     def signals(self) -> tuple[Signal, ...]:
         """Every declared signal: states, inputs, outputs, parameters."""
         return self.states + self.inputs + self.outputs + self.parameters
+
+    @property
+    def reported(self) -> tuple[tuple[Signal, sp.Expr], ...]:
+        """What an observer reports: each state of the plant as first declared, in terms of the states here."""
+        if self.origin is None:
+            return tuple((s, s) for s in self.states)
+        return tuple(zip(self.origin.plant.states, self.origin.backward, strict=True))
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Claims about the plant itself: that its recast coordinates are coordinates."""
+        return () if self.origin is None else (self.origin.check,)
 
     @property
     def nominal(self) -> dict[Signal, sp.Rational]:

@@ -273,7 +273,12 @@ def logistic(centre: float, slope: float) -> Logistic:
 
 
 def adaptive(
-    theta_1: float, *, mu: Smoothstep | Logistic, innovation: Innovation, rise_time: float = 0.1, rate: float = 1.0
+    theta_1: float,
+    *,
+    mu: Smoothstep | Logistic,
+    innovation: Innovation,
+    rise_time: float = 0.1,
+    rate: float = 1.0,
 ) -> Adaptive:
     """theta between 1 and 2 theta_1 by the innovation; `rise_time` is the paper's Delta T, `rate` its lambda.
 

@@ -29,8 +29,12 @@ class Vectors:
 
 def record(step: Step, real: Real) -> Vectors:
     """Run the step from a reset over the test inputs."""
-    u = np.array([[_wave(k, s, 37, LOST_INPUT, -1) for s in step.inputs] for k in range(SAMPLES)], DTYPE[real])
-    y = np.array([[_wave(k, s, 23, MISSING, ABSURD) for s in step.outputs] for k in range(SAMPLES)], DTYPE[real])
+    u = np.array(
+        [[_wave(k, s, 37, LOST_INPUT, -1) for s in step.inputs] for k in range(SAMPLES)], DTYPE[real]
+    )
+    y = np.array(
+        [[_wave(k, s, 23, MISSING, ABSURD) for s in step.outputs] for k in range(SAMPLES)], DTYPE[real]
+    )
     reader = machine(step, real)
     x, status = np.zeros((SAMPLES, len(step.states)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
     for k in range(SAMPLES):

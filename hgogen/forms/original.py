@@ -76,7 +76,7 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
         A=A,
         b=b,
         output=z.output,
-        checks=checks,
+        checks=(*z.system.checks, *checks),
         reference="the plant's own coordinates",
     )
 

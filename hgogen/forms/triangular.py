@@ -128,13 +128,9 @@ def _refuted(plant: System, reason: str) -> Form:
 
 
 def _structure(verdict: Verdict, reason: str) -> Check:
-    fix = (
-        ""
-        if verdict is Verdict.PROVED
-        else "Measure another output, or use forms.original, which takes any plant."
-    )
+    fix = "Measure another output, or use forms.original, which takes any plant."
     claim = "each row brings in one new state, linearly"
-    return Check("triangular.structure", claim, verdict, reason, fix=fix)
+    return Check("triangular.structure", claim, verdict, reason, fix="" if verdict is Verdict.PROVED else fix)
 
 
 def _form(
@@ -153,7 +149,7 @@ def _form(
         A=A,
         b=b,
         output=output,
-        checks=checks,
+        checks=(*z.system.checks, *checks),
         reference="Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)",
     )
 

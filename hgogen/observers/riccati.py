@@ -22,7 +22,9 @@ from hgogen.observer import HUGE, BadGain, Observer, Riccati, gain, state_field
 from hgogen.program import sym
 from hgogen.theta import Theta, constant
 
-REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
+REFERENCE = (
+    "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
+)
 EQUATIONS = (
     "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
     "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
@@ -55,7 +57,9 @@ def riccati(
     theta = constant(theta) if isinstance(theta, int | float) else theta
     n, outputs = form.n, len(form.output)
     if outputs > 1 and theta.peak != 1:
-        raise BadGain(f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}")
+        raise BadGain(
+            f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}"
+        )
     noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
     variances = (float(R),) * outputs if isinstance(R, int | float) else tuple(float(r) for r in R)
     if len(variances) != outputs:
@@ -65,8 +69,22 @@ def riccati(
         raise BadGain(f"R = {variances}", "must be positive and finite")
     top, bottom = 1e6, 1e-6
     gains = (
-        gain("Q", weights, bottom * weights.min(), top * weights.max(), "process noise, diagonal factor", "z^2/s"),
-        gain("R", variances if outputs > 1 else variances[0], bottom * min(variances), top * max(variances), "output noise", "y^2 s"),
+        gain(
+            "Q",
+            weights,
+            bottom * weights.min(),
+            top * weights.max(),
+            "process noise, diagonal factor",
+            "z^2/s",
+        ),
+        gain(
+            "R",
+            variances if outputs > 1 else variances[0],
+            bottom * min(variances),
+            top * max(variances),
+            "output noise",
+            "y^2 s",
+        ),
         *theta.gains,
     )
     dynamics = Dynamics(form)
@@ -109,11 +127,15 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
     if matrix.ndim == 1:
         matrix = np.diag(matrix)
     if matrix.shape != (n, n):
-        raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
+        raise BadGain(
+            f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix"
+        )
     if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
         raise BadGain(name, "must be finite and symmetric")
     if np.linalg.eigvalsh(matrix).min() <= 0:
-        raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
+        raise BadGain(
+            name, "must be positive definite; a state believed constant takes a small positive number"
+        )
     return matrix
 
 
@@ -125,5 +147,3 @@ def _theorem(theta: Theta) -> Check:
         "the theorem's constants are existential: no number for theta, d, gamma can be proved from it",
         fix="validate by trials over noise seeds and jumps",
     )
-
-

@@ -195,7 +195,7 @@ def _source(step: Step, real: Real) -> list[str]:
             functions += _function(prototypes[section.name], writer.function(section.program), "status") + [""]
     functions += _function(prototypes["step"], _step_body(step, writer), "status") + [""]
     functions += _function(prototypes["estimate"], writer.function(step.estimate), "") + [""]
-    functions += _function(prototypes["tune"], writer.function(step.tune), "status") + [""]
+    functions += _function(prototypes["tune"], writer.function(step.tuning), "status") + [""]
     functions += _function(prototypes["reset"], _reset(step, writer), "") + [""]
     functions += _function(prototypes["init"], _init(step, writer), "")
     bundled, calls = mathematics(name, real, writer.used)
