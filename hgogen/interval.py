@@ -63,11 +63,16 @@ def contains_zero(interval: Interval) -> bool:
 
 def finite(interval: Interval) -> bool:
     """Whether both ends are finite."""
-    return not (math.isinf(interval[0]) or math.isinf(interval[1]))
+    return not (_infinite(interval[0]) or _infinite(interval[1]))
 
 
 def _exact(value: float) -> Fraction:
     return Fraction(repr(float(value)))
+
+
+def _infinite(end: End) -> bool:
+    # Not math.isinf(end): it goes through float(end), which overflows.
+    return abs(end) == math.inf
 
 
 def _add(a: Interval, b: Interval) -> Interval:
@@ -75,8 +80,8 @@ def _add(a: Interval, b: Interval) -> Interval:
 
 
 def _plus(a: End, b: End) -> End:
-    # Not a + b: Fraction plus inf goes through float(Fraction), which overflows. No sum here is inf - inf.
-    return a if math.isinf(a) else b if math.isinf(b) else a + b
+    # Not a + b alone: Fraction plus inf goes through float, too. No sum here is inf - inf.
+    return a if _infinite(a) else b if _infinite(b) else a + b
 
 
 def _multiply(a: Interval, b: Interval) -> Interval:
@@ -87,7 +92,7 @@ def _multiply(a: Interval, b: Interval) -> Interval:
 def _times(a: End, b: End) -> End:
     if not a or not b:  # the ends of an unbounded interval are not reached: 0 * inf is 0 here
         return Fraction(0)
-    if math.isinf(a) or math.isinf(b):
+    if _infinite(a) or _infinite(b):
         return math.inf if (a > 0) == (b > 0) else -math.inf
     return a * b
 
@@ -129,7 +134,7 @@ def _reciprocal(a: Interval) -> Interval:
 
 
 def _inverse(end: End) -> End:
-    return Fraction(0) if math.isinf(end) else 1 / end
+    return Fraction(0) if _infinite(end) else 1 / end
 
 
 def _exp(a: Interval) -> Interval:

@@ -106,6 +106,9 @@ def test_exponentials_stay_positive_and_finite_on_a_bounded_box() -> None:
     low, high = enclose(sp.exp(-3 * x), BOX)
     assert 0 < low <= Fraction(math.exp(-6.0))
     assert Fraction(math.exp(4.5)) <= high < math.inf
+    low, high = enclose(2 * sp.exp(400 * y) / 3 + 1, {y: (Fraction(0), Fraction(2))})
+    assert (low, high) == (Fraction(5, 3), 2 * 3**799 + 1)  # far beyond a float, and finite all the same
+    assert finite((low, high))
     low, high = enclose(sp.exp(10_000 * x), BOX)
     assert (low, high) == (0, math.inf)
 
