@@ -101,9 +101,7 @@ def table(path: str | Path) -> Table:
     delimiter = max(DELIMITERS, key=re.sub(r'"[^"]*"', "", data[0]).count)
     if _all_numbers(_cells(data[0], delimiter)):
         if not comments:
-            raise BadRecord(
-                str(path), "has numbers in its first row; it needs a header with column names there"
-            )
+            raise BadRecord(str(path), "has numbers in its first row; it needs a header with column names there")
         data.insert(0, comments.pop().lstrip().lstrip("#"))
     if comments:
         notes.append(f"{len(comments)} comment lines: skipped")

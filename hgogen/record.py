@@ -58,15 +58,11 @@ class Report:
 
     def sentences(self) -> tuple[str, ...]:
         """What was found and what was done with it, a sentence each; only what there is."""
-        said = [
-            f"{self.rows} rows, one every {self.period:g} s, became {self.samples} samples of {self.dt:g} s"
-        ]
+        said = [f"{self.rows} rows, one every {self.period:g} s, became {self.samples} samples of {self.dt:g} s"]
         for name, column in self.columns.items():
             for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
                 if count:
-                    said.append(
-                        f"{name} ({column}): cells that are {what}: {count}, taken as missing samples"
-                    )
+                    said.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
         counted = (
             (self.malformed, "rows with more cells than the header: {}, left out"),
             (self.untimed, "rows without a usable time: {}, left out"),
@@ -100,9 +96,7 @@ class Record:
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
 
-def mapping(
-    path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
-) -> dict[str, str]:
+def mapping(path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, str]:
     """Signal name to column name from texts "SIGNAL=COLUMN"; a signal that none names has a column of its
     own name.
 
@@ -119,9 +113,7 @@ def mapping(
         if key not in names and len(short.get(key, ())) == 1:
             key = short[key][0].name
         if not equals or not column.strip():
-            raise BadRecord(
-                path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}"
-            )
+            raise BadRecord(path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}")
         if key not in names:
             raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
         columns[key] = column.strip()
@@ -144,18 +136,13 @@ def read(
     Raises: `BadRecord`.
     """
     if (time is None) == (period is None):
-        raise BadRecord(
-            str(path), "give either --time COLUMN or --period SECONDS, so that the rows have times"
-        )
+        raise BadRecord(str(path), "give either --time COLUMN or --period SECONDS, so that the rows have times")
     if period is not None and not 0 < period < math.inf:
         raise BadRecord(str(path), f"the period {period:g} must be a positive number of seconds")
     log = table(path)
     found = {name: log.column(column) for name, column in columns.items()}
-    if period is not None:
-        stamps = np.arange(len(log.rows)) * period
-    else:
-        stamps = _stamps(log, log.column(str(time)))
-    return _gridded(log, found, stamps, dt)
+    times = _stamps(log, log.column(time)) if time is not None else np.arange(len(log.rows)) * (period or dt)
+    return _gridded(log, found, times, dt)
 
 
 def _stamps(log: Table, column: Column) -> np.ndarray:

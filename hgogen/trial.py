@@ -142,9 +142,7 @@ def simulate(plant: System, trial: Trial, dt: float) -> Truth:
     symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
     flow = ca.vertcat(*to_casadi(plant.flow, symbols))
     states = _integrate(plant, trial, {"x": x, "t": time, "ode": flow}, times)
-    measure = ca.Function(
-        "measure", [x, time], [ca.vertcat(*u), ca.vertcat(*to_casadi(plant.output, symbols))]
-    )
+    measure = ca.Function("measure", [x, time], [ca.vertcat(*u), ca.vertcat(*to_casadi(plant.output, symbols))])
     inputs, outputs = measure(states.T, times[None, :])
     return Truth(times, states, np.array(inputs).T.reshape(len(times), -1), np.array(outputs).T)
 
@@ -171,9 +169,7 @@ def _integrate(plant: System, trial: Trial, ode: Mapping[str, Any], times: np.nd
     return states
 
 
-def _segment(
-    trial: Trial, ode: Mapping[str, Any], start: np.ndarray, begin: float, stops: list[float]
-) -> np.ndarray:
+def _segment(trial: Trial, ode: Mapping[str, Any], start: np.ndarray, begin: float, stops: list[float]) -> np.ndarray:
     options = {"abstol": 1e-13, "reltol": 1e-13, "max_num_steps": 100_000, "show_eval_warnings": False}
     try:
         integrator = ca.integrator("truth", "cvodes", ode, begin, stops, options)
@@ -268,9 +264,7 @@ def _names(trial: Trial, what: str, given: Any, known: set[str], needed: bool = 
     listed = ", ".join(sorted(known)) or "none"
     for name in given:
         if name not in known:
-            raise BadTrial(
-                trial.name, f"{what} names {name!r}, which the plant does not have; it has {listed}"
-            )
+            raise BadTrial(trial.name, f"{what} names {name!r}, which the plant does not have; it has {listed}")
     for name in sorted(known):
         if needed and name not in given:
             raise BadTrial(trial.name, f"{what} says nothing of {name!r}; give it a value")

@@ -1,0 +1,371 @@
+"""The command line: from a model file to an observer in C and in Python.
+
+Exit status 0: done; 1: a hypothesis refuted that nobody accepted, or C and Python (or C and its recorded
+vectors) disagree; 2: wrong usage or bad input. Results go to the standard output, as tables or, with
+--json, as JSON alone; everything else goes to the standard error stream.
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+import hgogen as hg
+from hgogen import jobs, native, noise, tables
+from hgogen.call import CallableStep, Engine
+from hgogen.check import Refuted, demand
+from hgogen.compare import Comparison
+from hgogen.metrics import summary
+from hgogen.model import listed, load
+from hgogen.prediction import predictions
+from hgogen.record import Record, mapping, read
+from hgogen.signal import Signal
+from hgogen.targets.c99 import c99
+from hgogen.trial import Trial
+
+app = typer.Typer(
+    help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
+    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted or a failed comparison, 2 usage or bad input.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class Precision(StrEnum):
+    """Working precision of the C."""
+
+    FLOAT = "float"
+    DOUBLE = "double"
+
+
+class Reader(StrEnum):
+    """Who runs the step."""
+
+    C = "c"
+    PYTHON = "python"
+
+
+ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model file, or the name of one in models/.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
+Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
+Seeds = Annotated[int | None, typer.Option(min=1, help="Number of noise seeds; by default the trial's.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
+Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
+Time = Annotated[str | None, typer.Option("--time", help="The column of times in seconds.")]
+Period = Annotated[float | None, typer.Option("--period", help="Seconds between rows, where no column has times.")]
+Map = Annotated[
+    list[str] | None, typer.Option("--map", metavar="SIGNAL=COLUMN", help="Which column is a signal; repeat it.")
+]
+
+
+@dataclass(frozen=True)
+class Disagree(hg.HgogenError):
+    """C and Python do not say the same."""
+
+    failed: tuple[Comparison, ...]
+
+    def __str__(self) -> str:
+        worst = max(self.failed, key=lambda one: one.before)
+        return (
+            f"C and Python disagree in trial {worst.trial!r}, seed {worst.seed}: {worst.before:.1e} of the peak until "
+            f"{worst.until:g} s, times to settle {worst.settled}; check the compiler's flags (no -ffast-math)"
+        )
+
+
+def main() -> None:
+    """The entry point: every error of hgogen's is one sentence and an exit status."""
+    try:
+        app()
+    except (Refuted, Disagree, native.CompilerFailed) as error:
+        _fail(str(error), 1)
+    except (hg.HgogenError, OSError) as error:
+        _fail(str(error), 2)
+
+
+def _fail(sentence: str, status: int) -> None:
+    print(f"hgogen: {sentence}", file=sys.stderr)
+    raise SystemExit(status)
+
+
+def _note(sentence: str) -> None:
+    print(f"hgogen: {sentence}", file=sys.stderr)
+
+
+@contextmanager
+def _progress(what: str, total: int) -> Iterator[jobs.Tick]:
+    """A bar on the standard error stream, if that is a terminal; calling what it yields moves it on."""
+    err = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda: bar.advance(task)
+
+
+def _print(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
+    if as_json:
+        print(json.dumps(value, indent=2, allow_nan=False))
+        return
+    for part in shown:
+        tables.console().print(part)
+
+
+def _engine() -> Engine:
+    """C where there is a compiler, else Python, and says so."""
+    if native.compiler():
+        return "c"
+    _note(str(native.NoCompilerWarning.__doc__))
+    return "python"
+
+
+def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
+    seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
+    language = {"c": "C", "python": "Python"}[engine]
+    with _progress(f"trials in {language}", sum(map(len, seeds.values()))) as tick:
+        return [jobs.tried(step, trial, engine, seeds[trial.name], tick) for trial in trials]
+
+
+def _save(drawn: dict[str, Any], folder: Path) -> list[Path]:
+    from hgogen import figure  # here, because matplotlib is slow to import
+
+    paths: list[Path] = []
+    with _progress("figures", len(drawn)) as tick:
+        for name, one in drawn.items():
+            paths += figure.save({name: one}, folder)
+            tick()
+    return paths
+
+
+@app.command()
+def build(
+    model: ModelArgument, out: Out = None, real: Real = Precision.FLOAT, seeds: Seeds = None, as_json: Json = False
+) -> None:
+    """Check a model, generate and compile its C, try it in C and in Python, compare them, draw the figures.
+
+    Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
+    the trials run in Python, one seed each, and the C is written but not tried.
+
+    JSON keys: model, plant, form, checks (id, claim, verdict, reason, witness, fix, accepted), refuted
+    (ids), compiler, self_check (what the self-check printed), trials (trial, seeds, engine, times, settled,
+    worst, peak, calm, triggered, rms, clamped), comparison (trial, seed, until, before, after, settled, dt,
+    agreed), files.
+    """
+    loaded = load(model)
+    folder = out or Path("build") / loaded.name
+    step = loaded.step()
+    claims = jobs.checked(loaded)
+    if not as_json:
+        tables.console().print(tables.checks(claims.plant, claims.kind, claims.checks, claims.accepted))
+    files = c99(step, real=real.value, command=f"hgogen generate {loaded.name}")
+    paths = hg.write(files, folder)
+    engine = _engine()
+    self_check = native.run_check(files).strip() if engine == "c" else None
+    done = _tried(step, loaded.trials(), engine, seeds if engine == "c" else 1)
+    again = _tried(step, loaded.trials(), "python", 1) if engine == "c" else []
+    comparison = jobs.compared(done, again, step.dt) if again else ()
+    paths += _save(jobs.figures(step, done), folder)
+    summaries = [summary(one.trial.name, one.each) for one in done]
+    report = {
+        "model": loaded.path,
+        **claims.as_dict(),
+        "compiler": native.compiler(),
+        "self_check": self_check,
+        "trials": [one.as_dict() for one in summaries],
+        "comparison": [one.as_dict() for one in comparison],
+        "files": [str(path) for path in (*paths, folder / "report.json")],
+    }
+    paths += hg.write({"report.json": json.dumps(report, indent=2, allow_nan=False) + "\n"}, folder)
+    shown = [tables.trials(summaries)]
+    shown += [tables.comparisons(comparison), f"self-check of the {real.value} C: {self_check}\n"] if again else []
+    _print(as_json, report, *shown, tables.files(paths))
+    if not all(one.agreed for one in comparison):
+        raise Disagree(tuple(one for one in comparison if not one.agreed))
+
+
+@app.command()
+def check(model: ModelArgument, as_json: Json = False) -> None:
+    """Print what is claimed of a model's form and observer, each claim with its verdict.
+
+    JSON keys: model, plant, form, checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids
+    of refuted checks that nobody accepted; the exit status is 1 if there are any).
+    """
+    loaded = load(model)
+    claims = jobs.checked(loaded)
+    shown = tables.checks(claims.plant, claims.kind, claims.checks, claims.accepted)
+    _print(as_json, {"model": loaded.path, **claims.as_dict()}, shown)
+    demand(claims.checks, claims.accepted)
+
+
+@app.command()
+def generate(
+    models: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Model files, or names in models/.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
+    real: Real = Precision.FLOAT,
+    as_json: Json = False,
+) -> None:
+    """Write the C of models, and the figures of their trials as that C draws them.
+
+    JSON keys: models (a list of: model, files).
+    """
+    written = []
+    for given in models:
+        loaded = load(given)
+        step = loaded.step()
+        files = c99(step, real=real.value, command=f"hgogen generate {loaded.name}")
+        drawn = {}
+        if loaded.has("trial"):
+            drawn = jobs.figures(step, _tried(step, loaded.trials(), "c", 1))
+        else:
+            _note(f"{loaded.path} defines no trial(), so there are no figures of it")
+        paths = hg.write(files, out / loaded.name) + _save(drawn, out / loaded.name)
+        written.append({"model": loaded.path, "files": [str(path) for path in paths]})
+    _print(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
+
+
+@app.command()
+def simulate(
+    model: ModelArgument,
+    seeds: Seeds = None,
+    engine: Annotated[Reader | None, typer.Option(help="c or python; C where there is a compiler.")] = None,
+    trial: Annotated[str | None, typer.Option(help="The trial of this name; by default all.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Try a model's observer on its trials and print the metrics.
+
+    JSON keys: model, trials (trial, seeds, engine, times of the events, settled and worst time to settle
+    after each, peak of theta as [smallest, largest], calm: time until theta < 1.05, triggered: share of
+    seeds, rms by state, clamped: samples outside the box after the first 5%, each: the same by seed).
+    """
+    loaded = load(model)
+    step, trials = loaded.step(), loaded.trials()
+    chosen = tuple(one for one in trials if trial in (None, one.name))
+    if not chosen:
+        raise typer.BadParameter(f"{trial!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
+    done = _tried(step, chosen, engine.value if engine else _engine(), seeds)
+    summaries = [summary(one.trial.name, one.each) for one in done]
+    each = [[seed.as_dict() for seed in one.each] for one in done]
+    listed_ = [{**one.as_dict(), "each": by_seed} for one, by_seed in zip(summaries, each, strict=True)]
+    _print(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries))
+
+
+@app.command()
+def run(
+    model: ModelArgument,
+    data: Data,
+    time: Time = None,
+    period: Period = None,
+    map_: Map = None,
+    out: Out = None,
+    horizon: Annotated[str, typer.Option(help="Samples ahead of the prediction errors, such as 1,5,25.")] = "1,5,25",
+    as_json: Json = False,
+) -> None:
+    """Run a model's observer over a measured record: estimates as CSV, figures, and what was wrong with the
+    record.
+
+    JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers,
+    malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift, notes), status
+    (samples by status bit), predictions (output, ahead: samples or null for open loop, model, copying,
+    count), files.
+    """
+    ahead = _horizons(horizon)
+    loaded = load(model)
+    step = loaded.step()
+    record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs))
+    u, y = record.of(step.inputs), record.of(step.outputs)
+    engine = _engine()
+    done = step.run(u=u, y=y, engine=engine)
+    errors = predictions(step, done.x, u, y, ahead)
+    status = jobs.flagged(step, done.status)
+    folder, name = out or Path("build") / loaded.name, data.stem
+    paths = hg.write({f"{name}_estimates.csv": jobs.estimates(step, record, done)}, folder)
+    paths += _save(jobs.record_figures(step, name, record, done), folder)
+    report = {
+        "model": loaded.path,
+        "engine": engine,
+        "record": record.report.as_dict(),
+        "status": status,
+        "predictions": [one.as_dict() for one in errors],
+        "files": [str(path) for path in (*paths, folder / f"{name}_report.json")],
+    }
+    paths += hg.write({f"{name}_report.json": json.dumps(report, indent=2, allow_nan=False) + "\n"}, folder)
+    shown = (
+        tables.report(record.report),
+        tables.status(step.bits, status, len(y)),
+        tables.predictions(errors, step.dt),
+        tables.files(paths),
+    )
+    _print(as_json, report, *shown)
+
+
+def _horizons(text: str) -> tuple[int, ...]:
+    try:
+        ahead = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        ahead = (0,)
+    if min(ahead) < 1:
+        raise typer.BadParameter(f"{text!r} must be positive whole numbers, such as 1,5,25", param_hint="--horizon")
+    return ahead
+
+
+def _record(
+    step: CallableStep,
+    data: Path,
+    time: str | None,
+    period: float | None,
+    given: list[str] | None,
+    signals: tuple[Signal, ...],
+) -> Record:
+    columns = mapping(str(data), given or (), step.inputs, step.outputs)
+    wanted = {s.name: columns[s.name] for s in signals}
+    return read(data, wanted, dt=step.dt, time=time, period=period)
+
+
+@app.command("noise")
+def noise_(
+    model: ModelArgument,
+    data: Data,
+    time: Time = None,
+    period: Period = None,
+    map_: Map = None,
+    begin: Annotated[float | None, typer.Option("--from", help="Where the quiet part begins (s).")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="Where the quiet part ends (s).")] = None,
+    d: Annotated[float | None, typer.Option("--window", help="Window d (s); by default the model's.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests.
+
+    JSON keys: model, record (as in `run`), noise (a list of: output, samples, sigma, tau, d, spread,
+    gamma_0, gamma_1, R, notes).
+    """
+    loaded = load(model)
+    step = loaded.step()
+    d = d if d is not None else jobs.window(getattr(loaded.module, "tuning", {}))
+    if d is None or not 0 < d < float("inf"):
+        raise typer.BadParameter("give seconds; the model has no adaptive theta", param_hint="--window")
+    record = _record(step, data, time, period, map_, step.outputs)
+    low, high = record.t[0] if begin is None else begin, record.t[-1] if end is None else end
+    quiet = (record.t >= low) & (record.t <= high)
+    found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
+    value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in found]}
+    _print(as_json, value, tables.report(record.report), *(tables.suggestion(one) for one in found))
+
+
+@app.command("list")
+def list_(as_json: Json = False) -> None:
+    """List the models found in models/, and the forms, observers, methods and targets there are.
+
+    JSON keys: models, forms, observers, methods, targets.
+    """
+    groups = {"models": list(listed())}
+    for kind in ("forms", "observers", "methods", "targets"):
+        groups[kind] = list(getattr(hg, kind).__all__)
+    _print(as_json, groups, tables.names(groups))

@@ -1,0 +1,135 @@
+"""What the commands of the command line do, apart from talking to a terminal."""
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import hgogen as hg
+from hgogen.call import CallableStep, Engine, Run
+from hgogen.check import Check, Refuted, refuted
+from hgogen.compare import Comparison, compare
+from hgogen.metrics import Metrics, metrics
+from hgogen.model import Model
+from hgogen.record import Record
+from hgogen.trial import Trajectory, Trial, try_out
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Tick = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The claims about a model: of its step's observer, or of its plant's form where it has no step."""
+
+    plant: str
+    kind: str
+    checks: tuple[Check, ...]
+    accepted: tuple[str, ...]
+
+    @property
+    def open(self) -> tuple[Check, ...]:
+        """The refuted checks that nobody accepted."""
+        return refuted(self.checks, self.accepted)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        listed = [{**asdict(c), "accepted": c.id in self.accepted} for c in self.checks]
+        return {"plant": self.plant, "form": self.kind, "checks": listed, "refuted": [c.id for c in self.open]}
+
+
+def checked(model: Model) -> Checked:
+    """The model's claims; a model without `step()` is brought into the triangular form.
+
+    Raises: `MissingPart`, `ModelFails`.
+    """
+    if not model.has("step"):
+        form = hg.forms.triangular(model.plant)
+        return Checked(model.plant.name, form.kind, form.checks, ())
+    try:
+        observer = model.step().observer
+    except Refuted as error:
+        return Checked(model.plant.name, "the observer's", error.checks, ())
+    return Checked(model.plant.name, observer.form.kind, observer.checks, observer.accepted)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A trial over its seeds: the first seed's trajectory, and every seed's metrics."""
+
+    trial: Trial
+    first: Trajectory
+    each: tuple[Metrics, ...]
+
+
+def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
+    """The step over a trial; `tick` is called after each seed."""
+    first: Trajectory | None = None
+    each: list[Metrics] = []
+    for trajectory in try_out(step, trial, engine, seeds):
+        first = first or trajectory
+        each.append(metrics(step, trajectory))
+        tick()
+    assert first is not None  # a trial without seeds has been refused
+    return Tried(trial, first, tuple(each))
+
+
+def compared(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Comparison, ...]:
+    """C against Python, on the first seed of each trial."""
+    pairs = zip(c, python, strict=True)
+    return tuple(compare((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
+
+
+def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:
+    """Two figures a trial, by file name without ending: the states, and what theta did."""
+    from hgogen import figure  # here, because matplotlib is slow to import
+
+    drawn = {}
+    for one in done:
+        drawn[f"{one.trial.name}_states"] = figure.states(step, one.first)
+        if one.first.traces:
+            drawn[f"{one.trial.name}_theta"] = figure.adaptation(step, one.first.truth.t, one.first.traces)
+    return drawn
+
+
+def record_figures(step: CallableStep, name: str, record: Record, run: Run) -> dict[str, "Figure"]:
+    """The figures of a measured record, by file name without ending."""
+    from hgogen import figure
+
+    drawn = {f"{name}_states": figure.record(step, record.t, run.x, record.of(step.outputs))}
+    if run.traces:
+        drawn[f"{name}_theta"] = figure.adaptation(step, record.t, run.traces)
+    return drawn
+
+
+def flagged(step: CallableStep, status: np.ndarray) -> dict[str, int]:
+    """In how many samples each status bit was raised; only those that were."""
+    counts = {bit.name: int(np.count_nonzero(status & np.uint32(1 << k))) for k, bit in enumerate(step.bits)}
+    return {name: count for name, count in counts.items() if count}
+
+
+def estimates(step: CallableStep, record: Record, run: Run) -> str:
+    """The estimates as CSV text: time, what was measured, the estimated states, traces, status; empty where
+    missing."""
+    measured = [f"{s.name}_measured" if s.name in run.names else s.name for s in step.outputs]
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["t", *measured, *run.names, *run.traces, "status"])
+    numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
+    for row, status in zip(numbers.tolist(), run.status.tolist(), strict=True):
+        writer.writerow([*("" if value != value else f"{value:.10g}" for value in row), status])
+    return stream.getvalue()
+
+
+def window(tuning: Mapping[str, Any]) -> float | None:
+    """The innovation's window d (s) in a model's `tuning`, if an adaptive theta is there."""
+    for gains in tuning.values():
+        innovation = getattr(gains.get("theta"), "innovation", None) if isinstance(gains, Mapping) else None
+        if innovation is not None:
+            return float(innovation.d)
+    return None

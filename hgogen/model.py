@@ -1,0 +1,169 @@
+"""A model file: a Python file that holds `plant` and, where they apply, `step()`, `trial()` and `tuning`."""
+
+import linecache
+import sys
+import tokenize
+import traceback
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from hgogen.call import CallableStep
+from hgogen.check import Refuted
+from hgogen.errors import HgogenError
+from hgogen.system import System
+from hgogen.trial import Trial
+
+FOLDER = Path("models")
+
+
+@dataclass(frozen=True)
+class NoModel(HgogenError):
+    """A path that leads to no model file."""
+
+    path: str
+    reason: str
+    found: tuple[str, ...]
+
+    def __str__(self) -> str:
+        listed = f"the models here are {', '.join(self.found)}" if self.found else "give the path of a Python file"
+        return f"{self.path}: {self.reason}; {listed}"
+
+
+@dataclass(frozen=True)
+class ModelFails(HgogenError):
+    """A model file, or a function in it, that raises."""
+
+    path: str
+    line: int
+    error: str
+
+    def __str__(self) -> str:
+        return f"{self.path}, line {self.line}: {self.error}"
+
+
+@dataclass(frozen=True)
+class MissingPart(HgogenError):
+    """A model file lacks what a command needs, or holds something else under its name."""
+
+    path: str
+    part: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A loaded model file."""
+
+    name: str
+    path: str
+    module: ModuleType
+
+    @property
+    def plant(self) -> System:
+        """Its `plant`. Raises: `MissingPart`."""
+        plant = self._part("plant", "plant = hg.System(...)")
+        if not isinstance(plant, System):
+            raise MissingPart(self.path, "plant", f"plant is a {type(plant).__name__}; make it an hg.System")
+        return plant
+
+    def has(self, part: str) -> bool:
+        """Whether the file defines `part`."""
+        return hasattr(self.module, part)
+
+    def step(self) -> CallableStep:
+        """What its `step()` returns. Raises: `MissingPart`, `ModelFails`, `Refuted`."""
+        step = self._called("step", "def step(): return hg.sample(...)")
+        if not isinstance(step, CallableStep):
+            raise MissingPart(self.path, "step", f"step() returns a {type(step).__name__}; return hg.sample(...)")
+        return step
+
+    def trials(self) -> tuple[Trial, ...]:
+        """What its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""
+        given = self._called("trial", "def trial(): return hgogen.trial.Trial(...)")
+        trials = (given,) if isinstance(given, Trial) else given
+        if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
+            kind = type(given).__name__
+            raise MissingPart(self.path, "trial", f"trial() returns a {kind}; return a Trial or a tuple of them")
+        names = [trial.name for trial in trials]
+        if len(set(names)) < len(names):
+            raise MissingPart(
+                self.path, "trial", f"trial() returns two trials of one name, {', '.join(names)}; rename one"
+            )
+        return tuple(trials)
+
+    def _part(self, part: str, fix: str) -> Any:
+        if not self.has(part):
+            raise MissingPart(self.path, part, f"defines no {part}, which this command needs; add {fix}")
+        return getattr(self.module, part)
+
+    def _called(self, part: str, fix: str) -> Any:
+        function = self._part(part, fix)
+        if not callable(function):
+            raise MissingPart(self.path, part, f"{part} is a {type(function).__name__}; make it a function, {fix}")
+        return _guarded(self.path, function)
+
+
+def load(given: str | Path) -> Model:
+    """The model at a path, or of a bare name in the folder `models`.
+
+    What the file prints goes to the standard error stream.
+
+    Raises: `NoModel`; `ModelFails` with file, line and error where it cannot be imported.
+    """
+    path = _located(str(given))
+    try:
+        with tokenize.open(path) as stream:
+            text = stream.read()
+        code = compile(text, str(path), "exec", dont_inherit=True)
+    except OSError as error:
+        raise NoModel(str(path), f"cannot be read: {error.strerror}", listed()) from None
+    except SyntaxError as error:
+        raise ModelFails(str(path), error.lineno or 1, f"{error.msg}; correct the syntax") from None
+    except ValueError as error:  # a null byte, or a byte that is not in the file's encoding
+        raise ModelFails(str(path), 1, f"is no Python text ({error})") from None
+    module = ModuleType(f"hgogen_model_{sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
+    linecache.checkcache(str(path))
+    _guarded(str(path), lambda: exec(code, module.__dict__))
+    return Model(path.stem, str(path), module)
+
+
+def listed() -> tuple[str, ...]:
+    """The model files in the folder `models` here, sorted."""
+    return tuple(sorted(str(path) for path in FOLDER.glob("*.py") if not path.name.startswith("_")))
+
+
+def _located(given: str) -> Path:
+    path, named = Path(given), FOLDER / f"{given}.py"
+    if path.is_file():
+        if path.suffix != ".py":
+            raise NoModel(given, "is no Python file (.py)", listed())
+        return path
+    if given.isidentifier() and named.is_file():
+        return named
+    if path.is_dir():
+        raise NoModel(given, "is a folder, not a model file", tuple(sorted(map(str, path.glob("*.py")))) or listed())
+    raise NoModel(given, "there is no such model file", listed())
+
+
+def _guarded(path: str, function: Callable[[], Any]) -> Any:
+    """What `function`, code of the model file, returns; whatever it raises becomes a sentence with file and
+    line."""
+    try:
+        with redirect_stdout(sys.stderr):
+            return function()
+    except Refuted:
+        raise
+    except (Exception, SystemExit) as error:
+        frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
+        kind = "" if isinstance(error, HgogenError) else f"{type(error).__name__}: "
+        raise ModelFails(path, frames[-1] or 1 if frames else 1, f"{kind}{error}") from error

@@ -1,0 +1,122 @@
+"""Noise from a quiet record, and the thresholds that follow from it.
+
+    sigma: standard deviation about a straight line;  tau: the lag at which the autocorrelation falls to 1/e
+    s^2 = (2/N) (1 + 2 sum_{k=1..N-1} (1 - k/N) rho^k),  rho = exp(-2 dt/tau),  N = d/dt
+    gamma_0 = sigma^2 d (1 + k s),  k = 6.5,  gamma_1 = 2 gamma_0
+
+sigma^2 d is the mean of the innovation when nothing but noise is there, s its standard deviation over that
+mean. The mean alone, which Boizot, Busvelle, Gauthier 2010 propose as threshold, is exceeded four times in
+ten; it is the foot.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.errors import HgogenError
+
+SPREADS = 6.5  # standard deviations of the quiet innovation between its mean and gamma_0
+LEAST = 100  # samples without which a standard deviation and a correlation say little
+
+
+@dataclass(frozen=True)
+class TooLittle(HgogenError):
+    """A record too short, or without any noise, to learn from."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return self.reason
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What a quiet record of the output `output` suggests.
+
+    `sigma` (unit of y), `tau` (s, 0: white), from `samples` samples; over the window `d` (s): the quiet
+    innovation's `spread` over its mean, `gamma_0`, `gamma_1` (y^2 s); `R` (y^2 s): the noise's spectral
+    density; `notes`: doubts.
+    """
+
+    output: str
+    samples: int
+    sigma: float
+    tau: float
+    d: float
+    spread: float
+    gamma_0: float
+    gamma_1: float
+    R: float
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def suggest(output: str, y: np.ndarray, dt: float, d: float) -> Suggestion:
+    """sigma, tau and thresholds from y (N,), sampled every `dt` (s), NaN where missing, for the window `d`
+    (s).
+
+    Raises: `TooLittle`.
+    """
+    there = np.isfinite(y)
+    if there.sum() < LEAST:
+        raise TooLittle(f"{output} has {there.sum()} samples; give at least {LEAST} from a quiet part of the record")
+    t = np.arange(len(y)) * dt
+    residual = y - np.polyval(np.polyfit(t[there], y[there], 1), t)
+    sigma = float(np.std(residual[there], ddof=2))
+    if sigma <= 1e-12 * float(np.abs(y[there]).max()):
+        raise TooLittle(f"{output} is constant or a straight line: there is no noise to learn from")
+    tau = correlation_time(residual, dt)
+    window = max(1, round(d / dt))
+    relative = spread(window, dt, tau)
+    gamma = sigma**2 * d * (1 + SPREADS * relative)
+    rho = math.exp(-dt / tau) if tau else 0.0
+    notes = []
+    kurtosis = float(np.mean(residual[there] ** 4)) / sigma**4
+    if not 2 < kurtosis < 5:  # 3 for noise, 1.5 for a sine, more for steps and outliers
+        notes.append(
+            f"the values are not spread as noise is (kurtosis {kurtosis:.2g}, not about 3): is this part quiet?"
+        )
+    if tau > len(y) * dt / 30:
+        notes.append(
+            f"the correlation time is {tau:.3g} s in a record of {len(y) * dt:.3g} s: this part is not quiet, or too "
+            "short; sigma holds the plant's own motion"
+        )
+    density = sigma**2 * dt * (1 + rho) / (1 - rho)
+    return Suggestion(output, int(there.sum()), sigma, tau, d, relative, gamma, 2 * gamma, density, tuple(notes))
+
+
+def correlation_time(residual: np.ndarray, dt: float) -> float:
+    """The lag (s) at which the autocorrelation of a residual (N,), NaN where missing, falls to 1/e; 0 for
+    white noise.
+
+    Between samples the logarithm is interpolated, which is exact for an Ornstein-Uhlenbeck process. White:
+    the first lag's correlation is within two standard deviations, 2/sqrt(N), of 0.
+    """
+    there = np.isfinite(residual).astype(float)
+    value = np.where(there > 0, residual, 0.0)
+    variance = float(np.sum(value**2) / np.sum(there))
+    last = 1.0
+    for lag in range(1, len(value) // 2):
+        pairs = float(np.sum(there[lag:] * there[:-lag]))
+        now = float(np.sum(value[lag:] * value[:-lag])) / max(pairs, 1.0) / variance
+        if lag == 1 and now < 2 / math.sqrt(float(np.sum(there))):
+            return 0.0
+        if now <= math.exp(-1):
+            if now <= 0:
+                return lag * dt
+            return float((lag - 1 + (1 + math.log(last)) / math.log(last / now)) * dt)
+        last = now
+    return len(value) // 2 * dt
+
+
+def spread(window: int, dt: float, tau: float) -> float:
+    """Standard deviation over mean of the innovation of pure noise over `window` samples."""
+    if tau == 0:
+        return math.sqrt(2 / window)
+    k = np.arange(1, window)
+    return math.sqrt(2 / window * (1 + 2 * float(np.sum((1 - k / window) * np.exp(-2 * dt / tau * k)))))

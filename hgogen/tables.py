@@ -1,0 +1,169 @@
+"""What the commands print: checks, metrics, comparisons, predictions and reports as tables."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from hgogen.check import Check, Verdict
+from hgogen.compare import Comparison
+from hgogen.metrics import Summary
+from hgogen.noise import Suggestion
+from hgogen.prediction import Prediction
+from hgogen.program import Bit
+from hgogen.record import Report
+
+COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
+WIDTH = 110  # of what is not a terminal
+
+
+def console() -> Console:
+    """For the standard output."""
+    out = Console(highlight=False)
+    return out if out.is_terminal else Console(highlight=False, width=WIDTH)
+
+
+def _table(title: str, *columns: str, numbers: int = 0) -> Table:
+    """A table whose last `numbers` columns are flushed right."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for index, name in enumerate(columns):
+        table.add_column(name, justify="right" if index >= len(columns) - numbers else "left", overflow="fold")
+    return table
+
+
+def checks(plant: str, kind: str, listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
+    """The claims with their verdicts; what to do about those that are open."""
+    listed = tuple(listed)
+    table = _table(f"{plant} in {kind} form", "verdict", "check", "claim and reason")
+    for check in listed:
+        at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
+        said = f"{check.claim}\n{check.reason}{'; at ' + at if at else ''}"
+        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        if check.id in accepted:
+            verdict.append("\naccepted", style="yellow")
+        table.add_row(verdict, Text(check.id), Text(said))
+    fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
+    return Group(table, *fixes, "")
+
+
+def trials(each: Iterable[Summary]) -> RenderableType:
+    """What followed each event of each trial, over the seeds."""
+    parts: list[RenderableType] = []
+    for one in each:
+        table = _table(
+            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}",
+            *("event at (s)", "settled after (s)", "worst (s)", "peak theta", "theta < 1.05 after (s)", "triggered"),
+            numbers=6,
+        )
+        for k, time in enumerate(one.times):
+            peak, share = one.peak[k], one.triggered[k]
+            table.add_row(
+                f"{time:g}",
+                _number(one.settled[k]),
+                _number(one.worst[k]),
+                "" if peak is None else _range(*peak),
+                "" if peak is None else _number(one.calm[k]),
+                "" if share is None else f"{100 * share:.0f}%",
+            )
+        rms = ", ".join(f"{name} {value:.3g}" for name, value in one.rms.items())
+        clamped = f"{one.clamped} samples" if one.clamped else "no sample"
+        parts += [table, Text(f"steady RMS: {rms}; outside the box after the first 5%: {clamped}"), ""]
+    return Group(*parts)
+
+
+_ENGINE = {"c": "C", "python": "Python"}
+
+
+def _number(value: float | None) -> str:
+    return "never" if value is None else f"{value:.2f}"
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} .. {high:.2f}"
+
+
+def comparisons(each: Iterable[Comparison]) -> RenderableType:
+    """C against Python."""
+    table = _table(
+        "C against Python, double precision, relative to each state's peak",
+        *(
+            "trial",
+            "seed",
+            "until (s)",
+            "difference until then",
+            "afterwards",
+            "settled after (s), both",
+            "agreed",
+        ),
+        numbers=5,
+    )
+    for one in each:
+        settled = ", ".join(_pair(*pair) for pair in one.settled)
+        agreed = Text("yes", style="green") if one.agreed else Text("no", style="red")
+        difference = f"{one.before:.1e}", f"{one.after:.1e}"
+        table.add_row(one.trial, str(one.seed), f"{one.until:g}", *difference, settled, agreed)
+    return Group(table, "")
+
+
+def _pair(first: float | None, second: float | None) -> str:
+    return _number(first) if _number(first) == _number(second) else f"{_number(first)}/{_number(second)}"
+
+
+def predictions(each: Sequence[Prediction], dt: float) -> RenderableType:
+    """RMS prediction errors."""
+    table = _table(
+        "RMS prediction error of the measured outputs",
+        *("output", "samples ahead", "time ahead (s)", "from the estimate", "copying the last value"),
+        numbers=4,
+    )
+    for one in each:
+        ahead = ("all, open loop", "") if one.ahead is None else (str(one.ahead), f"{one.ahead * dt:g}")
+        table.add_row(one.output, *ahead, f"{one.model:.4g}", "" if one.copying is None else f"{one.copying:.4g}")
+    return Group(table, "")
+
+
+def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:
+    """How often each status bit was raised, and what it asks for."""
+    raised = [bit for bit in bits if counts.get(bit.name)]
+    if not raised:
+        return Text(f"status: 0 (ok) in all {samples} samples\n")
+    table = _table(f"status over {samples} samples", "samples", "bit", "meaning", "what to do")
+    for bit in raised:
+        table.add_row(str(counts[bit.name]), bit.name, Text(bit.meaning), Text(bit.action))
+    return Group(table, "")
+
+
+def report(read: Report) -> RenderableType:
+    """What was found in a log."""
+    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in read.sentences()), "")
+
+
+def suggestion(found: Suggestion) -> RenderableType:
+    """What a quiet record suggests."""
+    table = _table(f"noise of {found.output}, from {found.samples} samples", "value", "", "meaning")
+    rows = (
+        ("sigma", f"{found.sigma:.4g}", "standard deviation about a straight line"),
+        ("tau", f"{found.tau:.4g} s", "correlation time" if found.tau else "white noise"),
+        ("d", f"{found.d:g} s", "window of the innovation"),
+        ("gamma_0", f"{found.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {found.spread:.3g}): theta may rise above it"),
+        ("gamma_1", f"{found.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
+        ("R", f"{found.R:.4g}", "spectral density of the noise; a larger R smooths more"),
+    )
+    for row in rows:
+        table.add_row(*row)
+    return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in found.notes), "")
+
+
+def names(groups: Mapping[str, Sequence[str]]) -> RenderableType:
+    """What there is, a line each."""
+    table = _table("", "", "")
+    for kind, values in groups.items():
+        table.add_row(kind, Text(", ".join(values) or "none"))
+    return table
+
+
+def files(paths: Iterable[Any]) -> RenderableType:
+    """The files written."""
+    return Group(Text("files", style="bold"), *(Text(f"  {path}", no_wrap=True, overflow="ignore") for path in paths))
