@@ -25,7 +25,6 @@ __all__ = [
     "Sample",
     "Signal",
     "Step",
-    "targets",
     "System",
     "Verdict",
     "forms",
@@ -34,6 +33,7 @@ __all__ = [
     "observers",
     "recast",
     "sample",
+    "targets",
     "theta",
     "write",
 ]

@@ -67,9 +67,7 @@ def information_ode(part: Riccati) -> Ode:
         n = part.dynamics.n
         z, S = values[part.z.name], unpack(values["S"], n)
         F, C, weight, error = _along(part, z, u, y, valid)
-        correction = (
-            ca.solve(S, C.T @ ca.diag(weight) @ error, "ldl") if n > 1 else C.T @ (weight * error) / S
-        )
+        correction = solve(S, C.T @ ca.diag(weight) @ error)
         slope = C.T @ ca.diag(weight) @ C - F.T @ S - S @ F - S @ part.noise() @ S
         return {part.z.name: part.dynamics.flow(z, u) + correction, "S": pack(slope)}
 
@@ -93,7 +91,7 @@ def covariance_ode(part: Riccati) -> Ode:
 def _along(part: Riccati, z: Any, u: Any, y: Any, valid: Any) -> tuple[Any, Any, Any, Any]:
     """F, C, the weights theta/R of the valid outputs, and y - h(z, u), of which an invalid one counts as 0."""
     F, C = part.dynamics.jacobian(z, u), part.dynamics.output_jacobian(z, u)
-    weight = ca.if_else(valid, part.theta / part.R, 0)
+    weight = ca.if_else(valid, part.theta.value / part.R, 0)
     return F, C, weight, y - part.dynamics.output(z, u)
 
 
@@ -106,6 +104,23 @@ def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
         labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
         meaning=f"{meaning}, lower triangle by columns",
     )
+
+
+def solve(S: Any, right: Any) -> Any:
+    """S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
+    n = S.shape[0]
+    L, d = ca.SX.eye(n), list[Any]()
+    for j in range(n):
+        d.append(S[j, j] - sum(L[j, k] ** 2 * d[k] for k in range(j)))
+        for i in range(j + 1, n):
+            L[i, j] = (S[i, j] - sum(L[i, k] * L[j, k] * d[k] for k in range(j))) / d[j]
+    x = [right[i] for i in range(n)]
+    for i in range(n):
+        x[i] = x[i] - sum(L[i, k] * x[k] for k in range(i))
+    x = [x[i] / d[i] for i in range(n)]
+    for i in reversed(range(n)):
+        x[i] = x[i] - sum(L[k, i] * x[k] for k in range(i + 1, n))
+    return ca.vertcat(*x)
 
 
 def time_update(

@@ -53,7 +53,7 @@ class Moved:
 
     def variance(self, output: int) -> Any:
         """r = R/(theta h)."""
-        return self.part.R[output] / (self.part.theta * self.clock.dt)
+        return self.part.R[output] / (self.part.theta.value * self.clock.dt)
 
 
 def _diagonal(part: Riccati, values: np.ndarray) -> Field:
@@ -112,7 +112,7 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     stages = moved.stages()
     F = moved.jacobian(stages)
     transition = ca.sparsify(ca.SX.eye(n) + h * F + (h * h / 2) * (F @ F))
-    weights = h * part.theta * part.weights
+    weights = h * part.theta.value * part.weights
     L, d, names = time_update(*_symbols(part), transition, part.scaled_factor(), weights)
     Phi = {
         f"Phi_{i + 1}{j + 1}": transition[i, j]
@@ -181,7 +181,7 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
     entries = sym("work.F", F.nnz())
     held = ca.SX(F.sparsity(), entries)
     v = sym("column.v", n)
-    weights = h * part.theta * part.weights * part.scaling() ** 2
+    weights = h * part.theta.value * part.weights * part.scaling() ** 2
     caps = ca.SX(ca.DM(part.cap))
     return (
         Block(

@@ -3,11 +3,15 @@
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
 from hgogen.covariance import covariance_ode, information_ode
 from hgogen.observer import Clock, Ode, Pieces, Riccati
 from hgogen.program import INF, Block, sym
 from hgogen.runge_kutta import Tableau, advance
 from hgogen.stability import Limit, core_limit, covariance_limit
+
+POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 
 
 class Method(Protocol):
@@ -66,23 +70,43 @@ class Explicit:
         """z and S, or z and P, as one differential equation."""
         views = {"information": information_ode, "covariance": covariance_ode}
         pieces = self.ode(views[self.view](part), clock)
-        limit = riccati_limit(part, self.tableau, self.view)
+        limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         return Pieces(
-            fields=pieces.fields, predict=pieces.predict, uses_output=True, limit=limit.dt, why=limit.why
+            fields=pieces.fields,
+            predict=pieces.predict,
+            uses_output=True,
+            limit=limits[-1].dt,
+            caution=limits[0].dt,
+            why=f"nowhere in the declared box is the covariance equation stable beyond it ({limits[-1].why})",
         )
 
 
-def riccati_limit(part: Riccati, tableau: Tableau, view: Literal["information", "covariance"]) -> Limit:
-    """The step length that the covariance equation admits on this model's box."""
-    dynamics = part.dynamics
+def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["information", "covariance"]) -> list[Limit]:
+    """The step length that the covariance equation admits at each of a number of points of the declared box.
+
+    Points at which the frozen model is not observable are left out where theta rises from rest: there is no covariance at
+    rest to rise from.
+    """
     noise, variance = part.nominal
-    return covariance_limit(
-        dynamics.jacobians(),
-        dynamics.output_matrix(),
-        noise,
-        variance,
-        part.covariance,
-        part.theta_peak,
-        tableau,
-        view,
-    )
+    C, points = part.dynamics.output_matrix(), part.dynamics.jacobians(POINTS)
+    if part.theta.rest is not None:
+        points = [F for F in points if np.linalg.matrix_rank(_observability(F, C)) == len(F)] or points
+    return [
+        covariance_limit(
+            jacobian[None],
+            C,
+            noise,
+            variance,
+            part.covariance,
+            part.theta.peak,
+            tableau,
+            view,
+            part.theta.rest,
+            part.theta.rise,
+        )
+        for jacobian in points
+    ]
+
+
+def _observability(F: np.ndarray, C: np.ndarray) -> np.ndarray:
+    return np.vstack([C @ np.linalg.matrix_power(F, k) for k in range(len(F))])

@@ -72,7 +72,8 @@ class Pieces:
     """What a part adds to a step: memory, and statements for each section.
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
-    the measurement; `limit` is the largest step length that can be stable, `why` the condition behind it.
+    the measurement; `limit` is the largest step length that can be stable, `why` the condition behind it; from `caution`
+    on it may fail in a part of the declared box.
     """
 
     fields: tuple[Field, ...] = ()
@@ -85,6 +86,7 @@ class Pieces:
     adapt: Program = ()
     uses_output: bool = False
     limit: float = INF
+    caution: float = INF
     why: str = ""
 
 
@@ -115,20 +117,42 @@ class Ode:
         return method.ode(self, clock)
 
 
+class HighGain(Protocol):
+    """What a Riccati observer needs to know of theta."""
+
+    @property
+    def value(self) -> Any:
+        """SX scalar."""
+        ...
+
+    @property
+    def peak(self) -> float:
+        """The largest value it takes."""
+        ...
+
+    @property
+    def rest(self) -> float | None:
+        """Where it rests, if it comes back to its peak from there."""
+        ...
+
+    def rise(self, theta: float, dt: float) -> float:
+        """theta a time dt later when it rises as fast as its law lets it."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Riccati:
     """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
 
     z' = f(z,u) + P C' R_theta^-1 (y - h), Q_theta = theta Delta^-1 G diag(weights) G' Delta^-1, R_theta = R/theta, where
-    `weights` (n) and `R` (p) are SX, `factor` G (n, n) is unit lower triangular, `theta` is SX.
+    `weights` (n) and `R` (p) are SX, `factor` G (n, n) is unit lower triangular.
     `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii;
-    `theta_peak`: the largest theta; `nominal`: (Q, R) as numbers.
+    `nominal`: (Q, R) as numbers.
     """
 
     dynamics: Dynamics
     z: Field
-    theta: Any
-    theta_peak: float
+    theta: HighGain
     weights: Any
     factor: np.ndarray
     R: Any
@@ -144,13 +168,13 @@ class Riccati:
         """The diagonal of Delta^-1, 1, theta, ..., theta^(n-1), as SX column."""
         powers = [ca.SX(1)]
         for _ in range(self.dynamics.n - 1):
-            powers.append(powers[-1] * self.theta)
+            powers.append(powers[-1] * self.theta.value)
         return ca.vertcat(*powers)
 
     def noise(self) -> Any:
         """Q_theta, n x n SX."""
         factor = self.scaled_factor()
-        return factor @ ca.diag(self.theta * self.weights) @ factor.T
+        return factor @ ca.diag(self.theta.value * self.weights) @ factor.T
 
     def scaled_factor(self) -> Any:
         """Delta^-1 G, n x n SX."""

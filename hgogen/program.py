@@ -12,7 +12,7 @@ An expression is an SX graph over the symbols of `sym`, so a block knows what it
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 from typing import Any, Literal
 
 import casadi as ca
@@ -25,7 +25,7 @@ def sym(place: str, size: int = 1) -> Any:
     return _column(place, size)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _column(place: str, size: int) -> Any:
     return ca.vertcat(*(ca.SX.sym(f"{place}:{index}:{size}") for index in range(size)))
 

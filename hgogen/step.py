@@ -6,7 +6,8 @@ t_k using y_k; the first call advances no time. A sample that is not a number is
 not a number reuses the last valid one; both are said in the status.
 """
 
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, Literal
@@ -22,7 +23,6 @@ from hgogen.program import (
     Block,
     Field,
     Group,
-    Loop,
     Program,
     Section,
     Statement,
@@ -62,6 +62,10 @@ class StepTooLong(HgogenError):
 
     def __str__(self) -> str:
         return f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {self.limit:.3g} or another method"
+
+
+class StepMayFail(UserWarning):
+    """A step length that is stable in a part of the declared box only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +128,14 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
     tightest = min(pieces, key=lambda piece: piece.limit)
     if dt > tightest.limit:
         raise StepTooLong(dt, tightest.limit, method.name, tightest.why)
+    caution = min(piece.caution for piece in pieces)
+    if dt > caution:
+        warnings.warn(
+            f"dt = {dt:g} is longer than {caution:.3g}, from where on {method.name} may fail in a part of the declared box; "
+            "shorten it or take methods.continuous_discrete",
+            StepMayFail,
+            stacklevel=3,
+        )
     return _assembled(observer, method, clock, pieces, tightest.limit)
 
 

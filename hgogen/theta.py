@@ -19,22 +19,12 @@ import casadi as ca
 
 from hgogen.dynamics import Dynamics
 from hgogen.innovation import Innovation
-from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain
+from hgogen.observer import BadGain, Clock, HighGain, Jump, Part, Pieces, gain
 from hgogen.program import Block, Field, scalar, sym
 
 
-class Theta(Protocol):
+class Theta(HighGain, Protocol):
     """A high-gain parameter."""
-
-    @property
-    def peak(self) -> float:
-        """The largest value it takes."""
-        ...
-
-    @property
-    def value(self) -> Any:
-        """SX scalar, from a place or a number."""
-        ...
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -66,6 +56,14 @@ class Constant:
     def peak(self) -> float:
         """theta."""
         return self.theta
+
+    @property
+    def rest(self) -> None:
+        """It never comes back to its peak."""
+
+    def rise(self, theta: float, dt: float) -> float:
+        """It never rises."""
+        return theta
 
     @property
     def value(self) -> Any:
@@ -107,6 +105,14 @@ class Decaying:
     def peak(self) -> float:
         """theta_0."""
         return self.theta_0
+
+    @property
+    def rest(self) -> None:
+        """It never comes back to its peak."""
+
+    def rise(self, theta: float, dt: float) -> float:
+        """It never rises."""
+        return theta
 
     @property
     def value(self) -> Any:
@@ -193,6 +199,15 @@ class Adaptive:
     def peak(self) -> float:
         """2 theta_1."""
         return 2 * self.theta_1
+
+    @property
+    def rest(self) -> float:
+        """1."""
+        return 1.0
+
+    def rise(self, theta: float, dt: float) -> float:
+        """By the exact sub-flow at mu = 1."""
+        return float(rise(theta, dt / self.rise_time, self.theta_1))
 
     @property
     def value(self) -> Any:

@@ -94,8 +94,7 @@ def riccati(
     part = Riccati(
         dynamics=dynamics,
         z=z,
-        theta=theta.value,
-        theta_peak=theta.peak,
+        theta=theta,
         weights=sym("gain.Q", n),
         factor=shape,
         R=sym("gain.R", outputs),
