@@ -7,10 +7,10 @@ vectors) disagree; 2: wrong usage or bad input. Results go to the standard outpu
 
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,6 +36,7 @@ app = typer.Typer(
     epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted or a failed comparison, 2 usage or bad input.",
     no_args_is_help=True,
     add_completion=False,
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -83,32 +84,47 @@ class Disagree(hg.HgogenError):
 
 
 def main() -> None:
-    """The entry point: every error of hgogen's is one sentence and an exit status."""
-    try:
-        app()
-    except (Refuted, Disagree, native.CompilerFailed) as error:
-        _fail(str(error), 1)
-    except (hg.HgogenError, OSError) as error:
-        _fail(str(error), 2)
+    """The entry point of the command `hgogen`."""
+    app()
 
 
-def _fail(sentence: str, status: int) -> None:
-    print(f"hgogen: {sentence}", file=sys.stderr)
-    raise SystemExit(status)
+def _command(name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a command whose errors are one sentence and an exit status."""
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        @app.command(name)
+        @wraps(function)
+        def command(*args: Any, **kwargs: Any) -> None:
+            try:
+                function(*args, **kwargs)
+            except (Refuted, Disagree, native.CompilerFailed) as error:
+                _note(str(error))
+                raise typer.Exit(1) from None
+            except (hg.HgogenError, OSError) as error:
+                _note(str(error))
+                raise typer.Exit(2) from None
+
+        return function
+
+    return register
 
 
 def _note(sentence: str) -> None:
     print(f"hgogen: {sentence}", file=sys.stderr)
 
 
-@contextmanager
-def _progress(what: str, total: int) -> Iterator[jobs.Tick]:
-    """A bar on the standard error stream, if that is a terminal; calling what it yields moves it on."""
-    err = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda: bar.advance(task)
+class _Bar(Progress):
+    """A progress bar on the standard error stream, if that is a terminal."""
+
+    def __init__(self, what: str, total: int) -> None:
+        err = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        super().__init__(*columns, console=err, transient=True, disable=not err.is_terminal)
+        self._only = self.add_task(what, total=total)
+
+    def tick(self) -> None:
+        """One more is done."""
+        self.advance(self._only)
 
 
 def _print(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
@@ -130,22 +146,27 @@ def _engine() -> Engine:
 def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     language = {"c": "C", "python": "Python"}[engine]
-    with _progress(f"trials in {language}", sum(map(len, seeds.values()))) as tick:
-        return [jobs.tried(step, trial, engine, seeds[trial.name], tick) for trial in trials]
+    with _Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
+        return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
 def _save(drawn: dict[str, Any], folder: Path) -> list[Path]:
     from hgogen import figure  # here, because matplotlib is slow to import
 
     paths: list[Path] = []
-    with _progress("figures", len(drawn)) as tick:
+    with _Bar("figures", len(drawn)) as bar:
         for name, one in drawn.items():
             paths += figure.save({name: one}, folder)
-            tick()
+            bar.tick()
     return paths
 
 
-@app.command()
+def _made_by(name: str, real: Precision) -> str:
+    """The command that makes the same C, for its banner."""
+    return f"hgogen generate {name}" + (" --real double" if real is Precision.DOUBLE else "")
+
+
+@_command()
 def build(
     model: ModelArgument, out: Out = None, real: Real = Precision.FLOAT, seeds: Seeds = None, as_json: Json = False
 ) -> None:
@@ -161,16 +182,16 @@ def build(
     """
     loaded = load(model)
     folder = out or Path("build") / loaded.name
-    step = loaded.step()
+    step, trials = loaded.step(), loaded.trials()
     claims = jobs.checked(loaded)
     if not as_json:
         tables.console().print(tables.checks(claims.plant, claims.kind, claims.checks, claims.accepted))
-    files = c99(step, real=real.value, command=f"hgogen generate {loaded.name}")
+    files = c99(step, real=real.value, command=_made_by(loaded.name, real))
     paths = hg.write(files, folder)
     engine = _engine()
     self_check = native.run_check(files).strip() if engine == "c" else None
-    done = _tried(step, loaded.trials(), engine, seeds if engine == "c" else 1)
-    again = _tried(step, loaded.trials(), "python", 1) if engine == "c" else []
+    done = _tried(step, trials, engine, seeds if engine == "c" else 1)
+    again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.compared(done, again, step.dt) if again else ()
     paths += _save(jobs.figures(step, done), folder)
     summaries = [summary(one.trial.name, one.each) for one in done]
@@ -191,7 +212,7 @@ def build(
         raise Disagree(tuple(one for one in comparison if not one.agreed))
 
 
-@app.command()
+@_command()
 def check(model: ModelArgument, as_json: Json = False) -> None:
     """Print what is claimed of a model's form and observer, each claim with its verdict.
 
@@ -205,7 +226,7 @@ def check(model: ModelArgument, as_json: Json = False) -> None:
     demand(claims.checks, claims.accepted)
 
 
-@app.command()
+@_command()
 def generate(
     models: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Model files, or names in models/.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
@@ -220,7 +241,7 @@ def generate(
     for given in models:
         loaded = load(given)
         step = loaded.step()
-        files = c99(step, real=real.value, command=f"hgogen generate {loaded.name}")
+        files = c99(step, real=real.value, command=_made_by(loaded.name, real))
         drawn = {}
         if loaded.has("trial"):
             drawn = jobs.figures(step, _tried(step, loaded.trials(), "c", 1))
@@ -231,7 +252,7 @@ def generate(
     _print(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
 
 
-@app.command()
+@_command()
 def simulate(
     model: ModelArgument,
     seeds: Seeds = None,
@@ -257,7 +278,7 @@ def simulate(
     _print(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries))
 
 
-@app.command()
+@_command()
 def run(
     model: ModelArgument,
     data: Data,
@@ -329,7 +350,7 @@ def _record(
     return read(data, wanted, dt=step.dt, time=time, period=period)
 
 
-@app.command("noise")
+@_command("noise")
 def noise_(
     model: ModelArgument,
     data: Data,
@@ -359,7 +380,7 @@ def noise_(
     _print(as_json, value, tables.report(record.report), *(tables.suggestion(one) for one in found))
 
 
-@app.command("list")
+@_command("list")
 def list_(as_json: Json = False) -> None:
     """List the models found in models/, and the forms, observers, methods and targets there are.
 

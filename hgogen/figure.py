@@ -89,7 +89,10 @@ def _panels(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray, truth: np.n
         for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
             j = _measured_as(step, signal)
             if j is not None:
-                axis.plot(*_thin(t, y[:, j]), color=MEASURED, linewidth=0.6, label="measured")
+                # a record has no truth to hide behind the estimate, and may be quiet: a broad line shows beside it
+                axis.plot(
+                    *_thin(t, y[:, j]), color=MEASURED, linewidth=0.6 if truth is not None else 3, label="measured"
+                )
             if truth is not None:
                 axis.plot(*_thin(t, truth[:, i]), color=TRUTH, label="truth")
             axis.plot(*_thin(t, x[:, i]), color=ESTIMATE, label="estimate")
@@ -109,7 +112,8 @@ def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> No
     axis.set_yscale("log")
     at, drawn = _thin(t, np.where(values > 0, values, np.nan))
     axis.plot(at, drawn, color=TRUTH)
-    axis.set_ylim(bottom=max(np.nanmin(drawn, initial=np.inf), 1e-4 * np.nanmax(drawn, initial=0)))
+    if (values > 0).any():
+        axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # it may touch 0, where a logarithm has no end
     for gain in step.gains:
         if gain.name in ("gamma_0", "gamma_1", "centre"):
             level = gain.initial[0]
@@ -201,10 +205,10 @@ def svg(figure: Figure) -> str:
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as PNG, 200 dots an inch."""
+    """The figure as PNG, 160 dots an inch."""
     stream = io.BytesIO()
     with rc_context(STYLE):
-        figure.savefig(stream, format="png", dpi=200, metadata={"Software": None})
+        figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
     return stream.getvalue()
 
 

@@ -140,6 +140,10 @@ def read(
     if period is not None and not 0 < period < math.inf:
         raise BadRecord(str(path), f"the period {period:g} must be a positive number of seconds")
     log = table(path)
+    for name, column in columns.items():
+        if name == column and name not in log.header:
+            listed = ", ".join(filter(None, log.header))
+            raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
     found = {name: log.column(column) for name, column in columns.items()}
     times = _stamps(log, log.column(time)) if time is not None else np.arange(len(log.rows)) * (period or dt)
     return _gridded(log, found, times, dt)
