@@ -47,6 +47,15 @@ class Form:
         return tuple((signal, expression.subs(back)) for signal, expression in self.system.reported)
 
     @property
+    def entry(self) -> tuple[sp.Expr, ...]:
+        """z in terms of what is reported, the inverse of `estimates`."""
+        origin = self.system.origin
+        if origin is None:
+            return self.to_form
+        forward = dict(zip(self.system.states, origin.forward, strict=True))
+        return tuple(expression.subs(forward) for expression in self.to_form)
+
+    @property
     def flow(self) -> tuple[sp.Expr, ...]:
         """z' = A(u) z + b(z, u)."""
         linear = self.A * sp.Matrix(self.states)

@@ -85,19 +85,19 @@ def _functions(step: Step) -> tuple[Any, Any, Any]:
     plant's state."""
     form = step.observer.form
     dynamics = Dynamics(form)
-    z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(form.system.states))
+    z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(step.states))
     u0, u1 = (ca.SX.sym(name, len(step.inputs)) for name in ("u0", "u1"))
 
     def between(c: float) -> Any:
         return u1 if step.between == "hold" or c == 1.0 else u0 + c * (u1 - u0)
 
     moved = advance(RK4, lambda v, c: {"z": dynamics.flow(v["z"], between(c))}, {"z": z}, step.dt).result["z"]
-    plant = dict(zip(form.system.states, ca.vertsplit(x), strict=True))
+    plant = dict(zip(step.states, ca.vertsplit(x), strict=True))
     plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
     return (
         ca.Function("move", [z, u0, u1], [_nominal(step, moved)]),
         ca.Function("read", [z, u1], [_nominal(step, dynamics.output(z, u1))]),
-        ca.Function("enter", [x], [column(to_casadi(form.to_form, plant))]),
+        ca.Function("enter", [x], [column(to_casadi(form.entry, plant))]),
     )
 
 
