@@ -9,16 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hgogen import layout, native
+from hgogen import layout, methods, native, targets
 from hgogen.errors import HgogenError
 from hgogen.machine import Machine
 from hgogen.method import Method
-from hgogen.methods.continuous_discrete import continuous_discrete
 from hgogen.observer import Observer
 from hgogen.program import places, scope
 from hgogen.step import Step, plan
-from hgogen.targets.c99 import c99
-from hgogen.targets.record import record
 
 Engine = Literal["c", "python"]
 
@@ -186,15 +183,13 @@ class CallableStep(Step):
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
-        loaded = native.library({**c99(self, real="double", check=False), **record(self)})
+        loaded = native.library({**targets.c99(self, real="double", check=False), **targets.record(self)})
         for kind in ("state", "params"):
             size = getattr(loaded, f"{self.name}_{kind}_size")
             size.restype = ctypes.c_size_t
             mine = getattr(layout, f"{kind}_type")(self).itemsize
             if size() != mine:
-                raise BadShape(
-                    f"the C struct {kind}", f"has {size()} bytes, Python's {mine}; use engine='python'"
-                )
+                raise BadShape(f"the C struct {kind}", f"has {size()} bytes, Python's {mine}; use engine='python'")
         return loaded
 
     def _demand_sections(self) -> None:
@@ -258,12 +253,12 @@ class CannotUpdate(HgogenError):
 
 
 def sample(
-    observer: Observer, method: Method = continuous_discrete, dt: float = 0.0, *, between: str = "line"
+    observer: Observer, method: Method = methods.continuous_discrete, dt: float = 0.0, *, between: str = "line"
 ) -> CallableStep:
     """The observer at the sampling period `dt` (s) by `method` (default: `methods.continuous_discrete`).
 
-    `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the one
-    applied since the last call).
+    `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the
+    one applied since the last call).
 
     Raises: `BadStep`; `StepTooLong`, with the admissible dt, where a constant linear core or the covariance equation
     cannot be stable; `BadWindow`.

@@ -1,7 +1,7 @@
 """A reader that computes the bits of the emitted C: instruction by instruction, in its precision, with its functions.
 
-Python's floats and numpy's float32 round each operation as C does (IEEE 754, no contraction), and the elementary functions
-are the graphs that the C prints, so the result does not depend on this machine's mathematical library.
+Python's floats and numpy's float32 round each operation as C does (IEEE 754, no contraction), and the elementary
+functions are the graphs that the C prints, so the result does not depend on this machine's mathematical library.
 """
 
 from collections.abc import Callable, Mapping
@@ -74,9 +74,7 @@ def _listing(function: Any) -> tuple[tuple[int, tuple[int, ...], tuple[int, ...]
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         constant = function.instruction_constant(k) if op == ca.OP_CONST else 0.0
-        rows.append(
-            (op, tuple(function.instruction_input(k)), tuple(function.instruction_output(k)), constant)
-        )
+        rows.append((op, tuple(function.instruction_input(k)), tuple(function.instruction_output(k)), constant))
     return tuple(rows)
 
 

@@ -1,7 +1,7 @@
 """The Riccati observer on P = L D L' as statements: unrolled for few states, with loops over columns for many.
 
-Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta, rows of L
-scaled where a variance exceeds its cap (a congruence), and scalar updates with r = R/(theta h).
+Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
+rows of L scaled where a variance exceeds its cap (a congruence), and scalar updates with r = R/(theta h).
 """
 
 from dataclasses import dataclass
@@ -114,12 +114,7 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     transition = ca.sparsify(ca.SX.eye(n) + h * F + (h * h / 2) * (F @ F))
     weights = h * part.theta.value * part.weights
     L, d, names = time_update(*_symbols(part), transition, part.scaled_factor(), weights)
-    Phi = {
-        f"Phi_{i + 1}{j + 1}": transition[i, j]
-        for i in range(n)
-        for j in range(n)
-        if transition[i, j].n_dep()
-    }
+    Phi = {f"Phi_{i + 1}{j + 1}": transition[i, j] for i in range(n) for j in range(n) if transition[i, j].n_dep()}
     return Block(
         "z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta",
         {f"state.{part.z.name}": stages.result["z"], **_written(L, d)},
@@ -131,9 +126,7 @@ def _cap(part: Riccati) -> Program:
     L, d = _symbols(part)
     n, caps = part.dynamics.n, [float(value) for value in part.cap]
     variance = [ca.dot(L[i, :].T ** 2, d) for i in range(n)]
-    test = Block(
-        "largest variances", {"work.capped": reduce(ca.logic_or, [variance[i] > caps[i] for i in range(n)])}
-    )
+    test = Block("largest variances", {"work.capped": reduce(ca.logic_or, [variance[i] > caps[i] for i in range(n)])})
     scale = column(ca.fmin(1, caps[i] / variance[i]) for i in range(n))
     scaled = ca.diag(scale) @ L @ ca.diag(1 / scale)
     apply = Block("cap", {**_written(scaled, scale**2 * d), "status.COVARIANCE_LIMITED": ca.SX(1)})

@@ -2,12 +2,12 @@
 
 Source: Boizot, Busvelle, Gauthier 2010, section 2.3. Two ways to compute it, both as values for an adaptive theta:
 
-`window(d)`: as the paper says, the model is run again from z(t - d) at every sample; N = d/dt model steps a sample and a
-history of N + 1 states, inputs and outputs.
+`window(d)`: as the paper says, the model is run again from z(t - d) at every sample; N = d/dt model steps a sample and
+a history of N + 1 states, inputs and outputs.
 
-`staggered(d, predictors=M)`: M + 1 copies of the model, one restarted from z every d/M, each summing dt |y - yhat|^2. The
-oldest has an age between d and d (1 + 1/M); its sum is scaled down to d by its number of valid samples and never scaled
-up. M + 1 model steps a sample and no history: the default.
+`staggered(d, predictors=M)`: M + 1 copies of the model, one restarted from z every d/M, each summing dt |y - yhat|^2.
+The oldest has an age between d and d (1 + 1/M); its sum is scaled down to d by its number of valid samples and never
+scaled up. M + 1 model steps a sample and no history: the default.
 
 A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. Missing samples are not counted.
 """
@@ -235,9 +235,7 @@ class Window:
                 push,
                 Loop("past", 1, (Block("store", store),), start="state.newest"),
                 find,
-                Loop(
-                    "past", 1, (Block("the model starts from the estimate d ago", load),), start="work.oldest"
-                ),
+                Loop("past", 1, (Block("the model starts from the estimate d ago", load),), start="work.oldest"),
                 Loop(
                     "past",
                     steps,

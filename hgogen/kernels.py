@@ -1,7 +1,8 @@
 """Matrix operations on P = L D L' as loops, for states too many to unroll: Python's reading.
 
-The columns of L lie in the members of a group: `columns[k, i]` is row i of column k, of which i > k counts, the diagonal being
-1. Each kernel is written once here and once in C (`ckernels`), in the same order of operations, so both give the same bits.
+The columns of L lie in the members of a group: `columns[k, i]` is row i of column k, of which i > k counts, the
+diagonal being 1. Each kernel is written once here and once in C (`ckernels`), in the same order of operations, so both
+give the same bits.
 
     expand         unit diagonal and zeros above it, so that a column can be multiplied by Phi
     triangularise  L, D of M diag(D) M' for a full matrix M, by weighted Gram-Schmidt on its rows (Thornton)

@@ -84,8 +84,8 @@ class Explicit:
 def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["information", "covariance"]) -> list[Limit]:
     """The step length that the covariance equation admits at each of a number of points of the declared box.
 
-    Points at which the frozen model is not observable are left out where theta rises from rest: there is no covariance at
-    rest to rise from.
+    Points at which the frozen model is not observable are left out where theta rises from rest: there is no covariance
+    at rest to rise from.
     """
     noise, variance = part.nominal
     C, points = part.dynamics.output_matrix(), part.dynamics.jacobians(POINTS)

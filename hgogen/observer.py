@@ -72,8 +72,8 @@ class Pieces:
     """What a part adds to a step: memory, and statements for each section.
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
-    the measurement; `limit` is the largest step length that can be stable, `why` the condition behind it; from `caution`
-    on it may fail in a part of the declared box.
+    the measurement; `limit` is the largest step length that can be stable, `why` the condition behind it; from
+    `caution` on it may fail in a part of the declared box.
     """
 
     fields: tuple[Field, ...] = ()
@@ -144,7 +144,8 @@ class HighGain(Protocol):
 class Riccati:
     """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
 
-    z' = f(z,u) + P C' R_theta^-1 (y - h), Q_theta = theta Delta^-1 G diag(weights) G' Delta^-1, R_theta = R/theta, where
+    z' = f(z,u) + P C' R_theta^-1 (y - h), Q_theta = theta Delta^-1 G diag(weights) G' Delta^-1, R_theta = R/theta,
+    where
     `weights` (n) and `R` (p) are SX, `factor` G (n, n) is unit lower triangular.
     `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii;
     `nominal`: (Q, R) as numbers.
@@ -196,9 +197,9 @@ class Jump:
 class Observer:
     """An estimator on a form.
 
-    `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state from
-    places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the state
-    worth recording; `checks`: the form's and the theorem's; `accepted`: ids of refuted checks the user took on;
+    `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state
+    from places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the
+    state worth recording; `checks`: the form's and the theorem's; `accepted`: ids of refuted checks the user took on;
     `equations`: lines for the banner; `reference`: the paper.
     """
 
@@ -253,16 +254,12 @@ def _initial(form: Form, initial: Mapping[str, float] | Sequence[float] | None) 
     elif isinstance(initial, Mapping):
         unknown = sorted(set(initial) - set(names))
         if unknown:
-            raise BadGain(
-                f"initial names {unknown[0]!r},", f"which is no state; the states are {', '.join(names)}"
-            )
+            raise BadGain(f"initial names {unknown[0]!r},", f"which is no state; the states are {', '.join(names)}")
         values = [initial.get(name, value) for name, value in zip(names, default, strict=True)]
     else:
         values = list(initial)
     if len(values) != len(names):
-        raise BadGain(
-            f"initial of length {len(values)}", f"must have one number for each of {', '.join(names)}"
-        )
+        raise BadGain(f"initial of length {len(values)}", f"must have one number for each of {', '.join(names)}")
     for signal, value in zip(signals, values, strict=True):
         low, high = signal.interval
         if not (np.isfinite(value) and low <= value <= high):
@@ -280,9 +277,7 @@ def resting(signal: Signal) -> float:
     return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
 
 
-def gain(
-    name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = ""
-) -> Field:
+def gain(name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = "") -> Field:
     """A tunable gain, scalar or array, with one range for all its elements, as the field of place `gain.NAME`.
 
     Raises: `BadGain` for a value that is not finite or lies outside the range.
@@ -291,13 +286,9 @@ def gain(
     values = (float(value),) if isinstance(value, int | float) else tuple(float(v) for v in value)
     for element in values:
         if not np.isfinite(element) or not low <= element <= high:
-            raise BadGain(
-                f"{name} = {element:g}", f"must be a finite number in [{low:g}, {high:g}]: {meaning}"
-            )
+            raise BadGain(f"{name} = {element:g}", f"must be a finite number in [{low:g}, {high:g}]: {meaning}")
     size = len(values)
-    return Field(
-        name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning, scalar=is_scalar
-    )
+    return Field(name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning, scalar=is_scalar)
 
 
 def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:

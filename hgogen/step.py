@@ -1,9 +1,9 @@
 """A step: observer + method + dt as one program that every reader (Python, C, the operation counter) walks.
 
-One call is the sections in order: `predict` (guard the input, advance the estimate from the last call to now), `update_Y`
-for each output (guard the sample, correct), `adapt` (theta and the like), then `estimate`. The call k returns the estimate at
-t_k using y_k; the first call advances no time. A sample that is not a number is missing: predict only; an input that is
-not a number reuses the last valid one; both are said in the status.
+One call is the sections in order: `predict` (guard the input, advance the estimate from the last call to now),
+`update_Y` for each output (guard the sample, correct), `adapt` (theta and the like), then `estimate`. The call k
+returns the estimate at t_k using y_k; the first call advances no time. A sample that is not a number is missing:
+predict only; an input that is not a number reuses the last valid one; both are said in the status.
 """
 
 import warnings
@@ -61,7 +61,7 @@ class StepTooLong(HgogenError):
     why: str
 
     def __str__(self) -> str:
-        return f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {self.limit:.3g} or another method"
+        return f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {self.limit:.3g}, or another method"
 
 
 class StepMayFail(UserWarning):
@@ -131,17 +131,15 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
     caution = min(piece.caution for piece in pieces)
     if dt > caution:
         warnings.warn(
-            f"dt = {dt:g} is longer than {caution:.3g}, from where on {method.name} may fail in a part of the declared box; "
-            "shorten it or take methods.continuous_discrete",
+            f"dt = {dt:g} is longer than {caution:.3g}, from where on {method.name} may fail in a part of the declared "
+            "box; shorten it or take methods.continuous_discrete",
             StepMayFail,
             stacklevel=3,
         )
     return _assembled(observer, method, clock, pieces, tightest.limit)
 
 
-def _assembled(
-    observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float
-) -> Step:
+def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
     system = observer.form.system
     plant, derived = tunable(system.parameters), _all(piece.derived for piece in pieces)
     state = _memory(observer, clock, pieces)
@@ -154,9 +152,7 @@ def _assembled(
             sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
     adapt = _all(piece.adapt for piece in pieces)
     if adapt:
-        running = Block(
-            "no time has passed before the second call", {"work.running": sym("state.calls") >= 2}
-        )
+        running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
         program = (running, When("work.running", (*adapt, *keep(adapt))))
         sections.append(Section("adapt", "adapt the gain; once after the updates", program))
     step = Step(
@@ -188,20 +184,14 @@ def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...]) -> tup
     """The parts' fields, then the clock's: calls, the last input, and the last sample where predict reads it."""
     system = observer.form.system
     fields = list(_all(piece.fields for piece in pieces))
-    fields.append(
-        scalar("calls", 0, kind="index", high=2, meaning="0 before the first call, 1 after it, then 2")
-    )
+    fields.append(scalar("calls", 0, kind="index", high=2, meaning="0 before the first call, 1 after it, then 2"))
     if system.inputs:
         start = tuple(resting(signal) for signal in system.inputs)
-        fields.append(
-            Field("u", start, labels=tuple(s.name for s in system.inputs), meaning="last valid input")
-        )
+        fields.append(Field("u", start, labels=tuple(s.name for s in system.inputs), meaning="last valid input"))
     if any(piece.uses_output for piece in pieces):
         zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
         fields.append(Field("y", zeros, labels=names, meaning="last valid sample"))
-        fields.append(
-            Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample")
-        )
+        fields.append(Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample"))
     return tuple(fields)
 
 
@@ -233,11 +223,7 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], keep:
 
 def _outside(observer: Observer) -> Any:
     z = observer.z
-    tests = [
-        ca.logic_or(z[i] < low, z[i] > high)
-        for i, (low, high) in enumerate(observer.dynamics.box)
-        if low > -INF
-    ]
+    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(observer.dynamics.box) if low > -INF]
     return _any(tests)
 
 
@@ -269,7 +255,8 @@ def _guard_inputs(observer: Observer) -> Block:
 
 
 def _judged(signal: Signal, raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
-    """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the prediction."""
+    """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
+    prediction."""
     low, high = signal.interval
     width = high - low
     number = _within(raw, LARGEST_NUMBER)
@@ -292,9 +279,7 @@ def _measure(observer: Observer, clock: Clock, j: int) -> Block:
     u = sym("state.u", clock.inputs) if clock.inputs else ca.SX(0, 1)
     error = raw - observer.dynamics.output(observer.z, u)[j]
     valid, status = _judged(signal, raw, error)
-    return Block(
-        f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status}
-    )
+    return Block(f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status})
 
 
 def _guard_outputs(observer: Observer, clock: Clock) -> Block:
@@ -401,9 +386,7 @@ _STEP_BITS: dict[str, tuple[str, str]] = {
 
 def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     """The status bits that some block raises, in a fixed order."""
-    raised = {
-        place.split(".", 1)[1] for place, _ in places((*step.program, *step.tuning)) if scope(place) == "status"
-    }
+    raised = {place.split(".", 1)[1] for place, _ in places((*step.program, *step.tuning)) if scope(place) == "status"}
     bits = []
     for signals, kinds in ((step.outputs, ("MISSING", "REJECTED")), (step.inputs, ("REUSED", "CLAMPED"))):
         for signal in signals:

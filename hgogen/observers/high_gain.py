@@ -2,8 +2,8 @@
 
     z' = A z + b(sat z, u) + diag(theta, theta^2, ..., theta^n) K (y - C z),   A, C constant, A - K C Hurwitz
 
-The argument of b is saturated to the declared box, the linear part never. Source: Gauthier, Hammouri, Othman 1992; in the
-form of Astolfi, Jungers, Zaccarian 2018, (3).
+The argument of b is saturated to the declared box, the linear part never. Source: Gauthier, Hammouri, Othman 1992; in
+the form of Astolfi, Jungers, Zaccarian 2018, (3).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -86,21 +86,15 @@ def high_gain(
 def _chain(form: Form) -> list[sp.Expr]:
     """a_1..a_n, free of inputs."""
     if len(form.output) != 1:
-        raise BadGain(
-            "high_gain", f"takes one output, {form.system.name} has {len(form.output)}; use riccati"
-        )
+        raise BadGain("high_gain", f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
     n = form.n
     chain = [sp.diff(form.output[0], form.states[0])] + [form.A[i, i + 1] for i in range(n - 1)]
     off_chain = sp.Matrix(n, n, lambda i, j: 0 if j == i + 1 else form.A[i, j])
     if any(entry != 0 for entry in off_chain):
-        raise BadGain(
-            "high_gain", f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati"
-        )
+        raise BadGain("high_gain", f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati")
     for i, a in enumerate(chain, 1):
         if a.free_symbols & set(form.system.inputs):
-            raise BadGain(
-                f"a_{i} = {a}", "depends on the input, a constant gain wants it constant; use riccati"
-            )
+            raise BadGain(f"a_{i} = {a}", "depends on the input, a constant gain wants it constant; use riccati")
     return chain
 
 

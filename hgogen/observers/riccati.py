@@ -5,8 +5,8 @@
     Q_theta = theta Delta^-1 Q Delta^-1,  R_theta = R/theta,  Delta = diag(1, 1/theta, ..., 1/theta^(n-1))
 
 theta = 1 is the extended Kalman filter; theta adapts to the innovation over a sliding window. Source: Boizot, Busvelle,
-Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), (4)-(6). The observer of the paper
-is continuous; the default method realises it as continuous-discrete (the authors' ECC 2009 paper).
+Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), (4)-(6). The observer of the
+paper is continuous; the default method realises it as continuous-discrete (the authors' ECC 2009 paper).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,9 +22,7 @@ from hgogen.observer import HUGE, BadGain, Observer, Riccati, gain, state_field
 from hgogen.program import sym
 from hgogen.theta import Theta, constant
 
-REFERENCE = (
-    "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
-)
+REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
 EQUATIONS = (
     "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
     "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
@@ -47,8 +45,8 @@ def riccati(
     Args: `Q` diagonal (n) or symmetric positive definite (n, n), in the form's coordinates, unit z^2/s; `R` positive,
     one for each output, unit y^2 s (spectral densities: for white noise of variance v per sample, R = v dt); `theta` a
     number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n numbers in the plant's order);
-    `covariance` P(0) = S(0)^-1, diagonal (n) or (n, n), default the unit matrix; `accept` ids of refuted checks to build
-    on all the same.
+    `covariance` P(0) = S(0)^-1, diagonal (n) or (n, n), default the unit matrix; `accept` ids of refuted checks to
+    build on all the same.
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`.
     """
@@ -57,9 +55,7 @@ def riccati(
     theta = constant(theta) if isinstance(theta, int | float) else theta
     n, outputs = form.n, len(form.output)
     if outputs > 1 and theta.peak != 1:
-        raise BadGain(
-            f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}"
-        )
+        raise BadGain(f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}")
     noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
     variances = (float(R),) * outputs if isinstance(R, int | float) else tuple(float(r) for r in R)
     if len(variances) != outputs:
@@ -126,15 +122,11 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
     if matrix.ndim == 1:
         matrix = np.diag(matrix)
     if matrix.shape != (n, n):
-        raise BadGain(
-            f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix"
-        )
+        raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
     if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
         raise BadGain(name, "must be finite and symmetric")
     if np.linalg.eigvalsh(matrix).min() <= 0:
-        raise BadGain(
-            name, "must be positive definite; a state believed constant takes a small positive number"
-        )
+        raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
     return matrix
 
 

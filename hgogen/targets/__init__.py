@@ -11,4 +11,4 @@ if TYPE_CHECKING:
 
 _cases = load(__name__)
 globals().update(_cases)
-__all__ = list(_cases)  # noqa: PLE0605
+__all__ = list(_cases)

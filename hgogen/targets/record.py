@@ -1,7 +1,7 @@
 """A C function that runs a step over a whole record, for use on a computer: NAME_record.c beside the files of `c99`.
 
-Rows of u (count, m) and y (count, p) go in; rows of x (count, n), of the traces (count, number of traces) and the status
-(count) come out.
+Rows of u (count, m) and y (count, p) go in; rows of x (count, n), of the traces (count, number of traces) and the
+status (count) come out.
 """
 
 from hgogen.cprint import Real
