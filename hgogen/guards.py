@@ -1,0 +1,168 @@
+"""Guards: no input, sample or parameter, however absurd, makes the state infinite or not a number.
+
+A value is taken if it is a number of plausible size, and clamped to its declared range; what the step wrote is kept in
+its box; each guard says in the status what it did.
+"""
+
+from collections.abc import Iterable
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+
+from hgogen.observer import HUGE, Clock, Observer
+from hgogen.program import INF, Block, Field, Program, column, sym, walk
+from hgogen.signal import Signal
+
+LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
+
+SIGNAL_BITS: dict[str, tuple[str, str]] = {
+    "MISSING": ("{} is not a number: predicted only", "none; watch for a sensor that stays silent"),
+    "REJECTED": ("{} is implausible: predicted only", "check the sensor and the declared range"),
+    "REUSED": ("{} is not a number or absurd: the last valid one was used", "check the source of the input"),
+    "CLAMPED": (
+        "{} was clamped to its range",
+        "the proofs hold on the range only; widen it or limit the input",
+    ),
+}
+STEP_BITS: dict[str, tuple[str, str]] = {
+    "OUTSIDE_BOX": (
+        "the estimate is outside the declared box, where the model is evaluated at the edge",
+        "normal while the estimate peaks; if it stays, the declared ranges are too narrow",
+    ),
+    "STATE_LIMITED": (
+        "the estimate was projected to its outer box; the convergence theorem is suspended",
+        "none if brief; if it stays, lower theta or widen the ranges",
+    ),
+    "RESTARTED": (
+        "a value was lost (not a number) and restarted",
+        "treat the estimate as new; check parameters and ranges",
+    ),
+    "PARAMETER_LIMITED": (
+        "a parameter was out of its range and was limited",
+        "correct the parameter and tune again",
+    ),
+}
+
+
+def outside(observer: Observer) -> Block:
+    """Say so where the estimate is outside the declared box, so that the model is evaluated at its edge."""
+    z, box = observer.z, observer.dynamics.box
+    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(box) if low > -INF]
+    return Block("outside the declared box the model is evaluated at its edge", {"status.OUTSIDE_BOX": _any(tests)})
+
+
+def _any(tests: Iterable[Any]) -> Any:
+    """Whether one of the truth values holds; 0 for none."""
+    tests = list(tests)
+    return reduce(ca.logic_or, tests) if tests else ca.SX(0)
+
+
+def _within(value: Any, limit: float) -> Any:
+    """|value| <= limit; 0 for what is not a number."""
+    return ca.fabs(value) <= limit
+
+
+def guard_inputs(observer: Observer) -> Block:
+    """Each input: the last valid one where it is no number or absurd, clamped to its range."""
+    values, writes = [], {}
+    last = sym("state.u", len(observer.form.system.inputs))
+    for i, signal in enumerate(observer.form.system.inputs):
+        raw, (low, high) = sym(f"input.{signal.name}"), signal.interval
+        usable = _within(raw, HUGE)
+        taken = ca.if_else(usable, raw, last[i])
+        clamped = ca.fmin(ca.fmax(taken, low), high) if signal.bounded else taken
+        values.append(clamped)
+        writes[f"status.REUSED_{signal.name}"] = ca.logic_not(usable)
+        if signal.bounded:
+            writes[f"status.CLAMPED_{signal.name}"] = taken != clamped
+    return Block("guard the input", {"work.u": column(values), **writes})
+
+
+def _judged(signal: Signal, raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
+    """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
+    prediction."""
+    low, high = signal.interval
+    width = high - low
+    number = _within(raw, LARGEST_NUMBER)
+    if signal.bounded:
+        plausible = ca.logic_and(raw >= low - width, raw <= high + width)
+    else:
+        plausible = _within(raw, HUGE)
+    valid = ca.logic_and(number, ca.logic_and(plausible, _within(error, 10 * HUGE)))
+    rejected = ca.logic_and(number, ca.logic_not(valid))
+    return valid, {
+        f"status.MISSING_{signal.name}": ca.logic_not(number),
+        f"status.REJECTED_{signal.name}": rejected,
+    }
+
+
+def measure(observer: Observer, clock: Clock, j: int) -> Block:
+    """The sample of output j, its innovation, and whether it can be used."""
+    signal = observer.form.system.outputs[j]
+    raw = sym(f"output.{signal.name}")
+    u = sym("state.u", clock.inputs) if clock.inputs else ca.SX(0, 1)
+    error = raw - observer.dynamics.output(observer.z, u)[j]
+    valid, status = _judged(signal, raw, error)
+    return Block(f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status})
+
+
+def guard_outputs(observer: Observer, clock: Clock) -> Block:
+    """All samples at once for a part that integrates with the measurement: y now, y at the last call, valid."""
+    u = sym("state.u", clock.inputs) if clock.inputs else ca.SX(0, 1)
+    predicted = observer.dynamics.output(observer.z, u)
+    last, had = sym("state.y", clock.outputs), sym("state.y_valid", clock.outputs)
+    now, before, valid, status = [], [], [], {}
+    for j, signal in enumerate(observer.form.system.outputs):
+        raw = sym(f"output.{signal.name}")
+        usable, bits = _judged(signal, raw, raw - predicted[j])
+        now.append(ca.if_else(usable, raw, predicted[j]))
+        before.append(ca.if_else(ca.logic_and(usable, had[j]), last[j], now[-1]))
+        valid.append(usable)
+        status.update(bits)
+    return Block(
+        "guard the samples",
+        {"work.y": column(now), "work.y_last": column(before), "work.valid": column(valid), **status},
+    )
+
+
+def kept(program: Program, state: tuple[Field, ...]) -> Program:
+    """Keep what a program wrote to the state in its box; restart a value that is lost."""
+    written = _written(program)
+    return tuple(_kept(f) for f in state if f"state.{f.name}" in written and f.kind == "real")
+
+
+def _written(program: Program) -> set[str]:
+    return {place for s in walk(program) if isinstance(s, Block) for place in s.writes}
+
+
+def _kept(field: Field) -> Block:
+    value = sym(f"state.{field.name}", field.size)
+    limit = HUGE * HUGE
+    kept, usable, limited = [], [], []
+    for i, (low, high) in enumerate(field.box):
+        usable.append(_within(value[i], limit))
+        clamped = ca.fmin(ca.fmax(value[i], max(low, -limit)), min(high, limit))
+        kept.append(ca.if_else(usable[-1], clamped, field.initial[i]))
+        limited.append(value[i] != kept[i])
+    writes = {f"state.{field.name}": column(kept)}
+    if field.name == "z":
+        writes["status.STATE_LIMITED"] = _any(limited)
+    writes["status.RESTARTED"] = ca.logic_not(reduce(ca.logic_and, usable))
+    return Block(f"keep {field.name} in its box", writes)
+
+
+def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
+    """Each parameter in its range, its nominal value where it is no number; then the derived gains."""
+    blocks = []
+    for kind, fields in (("plant", plant), ("gain", gains)):
+        for field in fields:
+            value = sym(f"{kind}.{field.name}", field.size)
+            kept, changed = [], []
+            for i, (low, high) in enumerate(field.box):
+                clamped = ca.fmin(ca.fmax(value[i], low), high)
+                kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
+                changed.append(ca.logic_not(value[i] == kept[i]))
+            writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": _any(changed)}
+            blocks.append(Block(f"{field.name} in its range", writes))
+    return (*blocks, *derived)
