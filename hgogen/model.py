@@ -71,7 +71,7 @@ class Model:
         """Its `plant`. Raises: `MissingPart`."""
         plant = self._part("plant", "plant = hg.System(...)")
         if not isinstance(plant, System):
-            raise MissingPart(self.path, "plant", f"plant is a {type(plant).__name__}; make it an hg.System")
+            raise MissingPart(self.path, "plant", f"plant is of type {type(plant).__name__}; make it an hg.System")
         return plant
 
     def has(self, part: str) -> bool:
@@ -82,7 +82,9 @@ class Model:
         """What its `step()` returns. Raises: `MissingPart`, `ModelFails`, `Refuted`."""
         step = self._called("step", "def step(): return hg.sample(...)")
         if not isinstance(step, CallableStep):
-            raise MissingPart(self.path, "step", f"step() returns a {type(step).__name__}; return hg.sample(...)")
+            raise MissingPart(
+                self.path, "step", f"step() returns the type {type(step).__name__}; return hg.sample(...)"
+            )
         return step
 
     def trials(self) -> tuple[Trial, ...]:
@@ -91,7 +93,7 @@ class Model:
         trials = (given,) if isinstance(given, Trial) else given
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
             kind = type(given).__name__
-            raise MissingPart(self.path, "trial", f"trial() returns a {kind}; return a Trial or a tuple of them")
+            raise MissingPart(self.path, "trial", f"trial() returns the type {kind}; return a Trial or a tuple of them")
         names = [trial.name for trial in trials]
         if len(set(names)) < len(names):
             raise MissingPart(
@@ -107,7 +109,9 @@ class Model:
     def _called(self, part: str, fix: str) -> Any:
         function = self._part(part, fix)
         if not callable(function):
-            raise MissingPart(self.path, part, f"{part} is a {type(function).__name__}; make it a function, {fix}")
+            raise MissingPart(
+                self.path, part, f"{part} is of type {type(function).__name__}; make it a function, {fix}"
+            )
         return _guarded(self.path, function)
 
 

@@ -1,0 +1,299 @@
+"""The command line: exit status, JSON alone, sentences instead of tracebacks, nothing half written."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hgogen import cli, native
+from hgogen.compare import Comparison
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+NEURON = MODELS / "fitzhugh_nagumo.py"
+SHORT = """
+
+def trial():
+    common = {"start": {"x1": 1.06, "x2": 2.69, "eta": 5}, "inputs": {"u": sp.sin(t)}}
+    noise = {"y": OrnsteinUhlenbeck(0.2, 0.1)}
+    return Trial("short", 3, noise=noise, jumps=(Jump(2, "eta", 4),), seeds=(0, 1), **common)
+"""
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder with models/neuron.py, a quick trial of the neuron, and log.csv, ten seconds of it."""
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "neuron.py").write_text(NEURON.read_text() + SHORT)
+    rows = "".join(f"{k / 100},{np.cos(k / 100)},{np.sin(k / 100)}\n" for k in range(1000))
+    (tmp_path / "log.csv").write_text("time,potential,drive\n" + rows)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    return tmp_path
+
+
+def hgogen(*arguments: str, status: int = 0) -> tuple[str, str]:
+    """Run the command; what it prints on the standard output and on the standard error stream."""
+    result = CliRunner().invoke(cli.app, list(arguments))
+    assert result.exit_code == status, (result.stdout, result.stderr, result.exception)
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert "Traceback" not in result.stdout + result.stderr
+    return result.stdout, result.stderr
+
+
+def documented(command: str) -> str:
+    return hgogen(command, "--help")[0].split("JSON keys:")[1]
+
+
+def as_json(*arguments: str, status: int = 0) -> dict[str, Any]:
+    """The JSON a command prints; every key of it stands in the command's help."""
+    found: dict[str, Any] = json.loads(hgogen(*arguments, "--json", status=status)[0])
+    text = documented(arguments[0])
+    assert [key for key in found if key not in text] == []
+    return found
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+LOG = ("--data", "log.csv", "--map", "y=potential", "--map", "u=drive")
+
+# --- what the commands do -------------------------------------------------------------------------------------
+
+
+def test_list(here: Path):
+    found = as_json("list")
+    assert found["models"] == [str(Path("models/neuron.py"))]
+    assert {"triangular"} <= set(found["forms"])
+    assert {"riccati", "high_gain"} <= set(found["observers"])
+    assert {"rk4", "continuous_discrete"} <= set(found["methods"])
+    assert "c99" in found["targets"]
+    assert "models/neuron.py" in hgogen("list")[0]
+
+
+def test_check(here: Path):
+    found = as_json("check", "neuron")
+    verdicts = {check["id"]: (check["verdict"], check["accepted"]) for check in found["checks"]}
+    assert verdicts["triangular.a_2"] == ("refuted", True)
+    assert found["refuted"] == []
+    shown = hgogen("check", "neuron")[0]
+    assert "accepted" in shown
+    assert "u = 0" in shown
+
+
+def test_check_of_a_refuted_plant_exits_1(here: Path):
+    text = NEURON.read_text()
+    (here / "bare.py").write_text(text[: text.index("tuning = ")])
+    found = as_json("check", "bare.py", status=1)
+    assert found["refuted"] == ["triangular.a_2"]
+    out, err = hgogen("check", "bare.py", status=1)
+    assert "refuted" in out
+    assert err.startswith("hgogen: refuted")
+
+
+def test_a_step_on_a_refuted_form_exits_1(here: Path):
+    text = NEURON.read_text().replace('"accept": ("triangular.a_2",)', '"accept": ()')
+    (here / "stubborn.py").write_text(text)
+    assert as_json("check", "stubborn.py", status=1)["refuted"] == ["triangular.a_2"]
+    for command in ("build", "generate", "simulate"):
+        out, err = hgogen(command, "stubborn.py", status=1)
+        assert (out, err.count("\n")) == ("", 1)
+        assert "accept=('triangular.a_2',)" in err
+    assert not (here / "build").exists()
+    assert not (here / "generated").exists()
+
+
+@needs_compiler
+def test_build(here: Path):
+    found = as_json("build", "neuron")
+    names = [*(f"fitzhugh_nagumo{end}" for end in (".c", ".h", "_check.c")), "report.json"]
+    names += [f"short_{what}.{kind}" for what in ("states", "theta") for kind in ("png", "svg")]
+    assert files(here / "build" / "neuron") == sorted(names)
+    assert sorted(Path(path).name for path in found["files"]) == sorted(names)
+    assert json.loads((here / "build" / "neuron" / "report.json").read_text()) == found
+    assert found["comparison"][0]["agreed"] is True
+    assert (found["trials"][0]["seeds"], found["trials"][0]["engine"]) == (2, "c")
+    assert found["self_check"]
+
+
+def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(native, "compiler", lambda: None)
+    out, err = hgogen("build", "neuron", "--out", "made", "--json")
+    found = json.loads(out)
+    assert "no C compiler" in err
+    assert (found["compiler"], found["self_check"], found["comparison"]) == (None, None, [])
+    assert (found["trials"][0]["seeds"], found["trials"][0]["engine"]) == (1, "python")
+    assert "fitzhugh_nagumo.c" in files(here / "made")
+
+
+@needs_compiler
+def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pytest.MonkeyPatch):
+    bad = Comparison("short", 0, until=1.0, before=0.5, after=0.5, settled=((1.0, 2.0),), dt=0.01)
+    monkeypatch.setattr(cli.jobs, "compared", lambda *_: (bad,))
+    _, err = hgogen("build", "neuron", status=1)
+    assert err.startswith("hgogen: C and Python disagree in trial 'short', seed 0: 5.0e-01")
+
+
+@needs_compiler
+def test_generate_is_the_same_again(here: Path):
+    found = as_json("generate", "neuron", "-o", "one")
+    hgogen("generate", "neuron", "-o", "two")
+    one, two = (here / name / "neuron" for name in ("one", "two"))
+    assert sorted(found["models"][0]["files"]) == sorted(str(Path("one/neuron") / name) for name in files(one))
+    assert len(files(one)) == 7
+    assert {name: (one / name).read_bytes() for name in files(one)} == {
+        name: (two / name).read_bytes() for name in files(two)
+    }
+
+
+@needs_compiler
+def test_generate_of_a_model_without_a_trial(here: Path):
+    text = NEURON.read_text()
+    (here / "untried.py").write_text(text[: text.index("def trial")])
+    _, err = hgogen("generate", "untried.py")
+    assert "no trial()" in err
+    assert len(files(here / "generated" / "untried")) == 3
+
+
+def test_simulate(here: Path):
+    found = as_json("simulate", "neuron", "--engine", "python", "--seeds", "1")
+    (trial,) = found["trials"]
+    assert (trial["trial"], trial["seeds"], trial["engine"]) == ("short", 1, "python")
+    assert trial["times"] == [0.0, 2.0]
+    assert len(trial["each"]) == 1
+    assert "trial short" in hgogen("simulate", "neuron", "--engine", "python", "--trial", "short", "--seeds", "1")[0]
+
+
+def test_run(here: Path):
+    found = as_json("run", "neuron", *LOG, "--time", "time", "--horizon", "1,5")
+    folder = here / "build" / "neuron"
+    assert files(folder) == sorted(Path(path).name for path in found["files"])
+    assert len(files(folder)) == 6
+    assert [(p["ahead"], p["count"]) for p in found["predictions"]] == [(1, 999), (5, 995), (None, 999)]
+    assert found["record"]["rows"] == found["record"]["samples"] == 1000
+    with (folder / "log_estimates.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert list(rows[0]) == ["t", "y", "x1", "x2", "eta", "theta", "innovation", "status"]
+    assert len(rows) == 1000
+    assert float(rows[-1]["y"]) == pytest.approx(np.cos(9.99))
+
+
+def test_run_says_what_is_wrong_with_a_record(here: Path):
+    lines = (here / "log.csv").read_text().splitlines()
+    lines[5:8] = ["0.04,,0.1", "0.05,err,0.1", "0.05,1,0.1"]
+    del lines[100:120]
+    lines[300], lines[301] = lines[301], lines[300]
+    (here / "log.csv").write_text("\n".join(lines))
+    out, _ = hgogen("run", "neuron", *LOG, "--time", "time")
+    for said in (
+        "y (potential): cells that are empty: 1, taken as missing samples",
+        "y (potential): cells that are no finite number: 1, taken as missing samples",
+        "rows earlier than one before them: 1, sorted by time",
+        "rows that repeat a time: 1, merged",
+        "gaps longer than 1.5 periods: 2",
+        "grid points without a row: 21, given as missing samples",
+        "MISSING_y",
+    ):
+        assert said in out
+    assert ",," in (here / "build" / "neuron" / "log_estimates.csv").read_text()
+
+
+def test_run_stays_finite_over_absurd_values(here: Path):
+    rows = [
+        f"{k / 100},{'1e30' if k % 7 == 3 else 'inf' if k % 7 == 5 else 1},{'1e30' if k % 5 == 2 else 0.5}"
+        for k in range(500)
+    ]
+    (here / "log.csv").write_text("time,potential,drive\n" + "\n".join(rows))
+    found = as_json("run", "neuron", *LOG, "--time", "time")
+    assert found["status"]["REJECTED_y"] == sum(k % 7 == 3 for k in range(500))
+    assert found["status"]["MISSING_y"] == sum(k % 7 == 5 for k in range(500))
+    assert found["status"]["REUSED_u"] == sum(k % 5 == 2 for k in range(500))
+    text = (here / "build" / "neuron" / "log_estimates.csv").read_text()
+    assert "nan" not in text
+    assert "inf" not in text
+
+
+def test_noise(here: Path):
+    rng = np.random.default_rng(0)
+    (here / "quiet.csv").write_text("y\n" + "\n".join(str(value) for value in 5 + 0.2 * rng.standard_normal(4000)))
+    found = as_json("noise", "neuron", "--data", "quiet.csv", "--period", "0.01", "--from", "1", "--to", "39")
+    (one,) = found["noise"]
+    assert (one["samples"], one["tau"], one["d"]) == (3801, 0.0, 1.0)
+    assert one["sigma"] == pytest.approx(0.2, rel=0.05)
+    assert "gamma_0" in hgogen("noise", "neuron", "--data", "quiet.csv", "--period", "0.01")[0]
+
+
+# --- bad input ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("frobnicate",), "frobnicate"),
+        (("check",), "MODEL"),
+        (("check", "none"), "there is no such model file; the models here are models/neuron.py"),
+        (("check", "models"), "is a folder"),
+        (("check", "log.csv"), "is no Python file"),
+        (("check", "broken.py"), "broken.py, line 1: ModuleNotFoundError"),
+        (("check", "empty.py"), "defines no plant"),
+        (("build", "plantless.py"), "defines no step"),
+        (("build", "untried.py"), "defines no trial"),
+        (("simulate", "untried.py"), "defines no trial"),
+        (("simulate", "neuron", "--trial", "long"), "'long' is none of short"),
+        (("simulate", "neuron", "--engine", "rust"), "rust"),
+        (("simulate", "neuron", "--seeds", "0"), "seeds"),
+        (("build", "neuron", "--out", "log.csv"), "cannot write log.csv"),
+        (("build", "neuron", "--real", "half"), "half"),
+        (("run", "neuron"), "--data"),
+        (("run", "neuron", "--data", "none.csv", "--time", "time"), "none.csv: there is no such file"),
+        (("run", "neuron", "--data", "models", "--time", "time"), "models: is a folder"),
+        (("run", "neuron", *LOG), "give either --time COLUMN or --period SECONDS"),
+        (("run", "neuron", *LOG, "--time", "clock"), "no column 'clock'; its columns are time, potential, drive"),
+        (("run", "neuron", *LOG, "--period", "-1"), "positive number of seconds"),
+        (("run", "neuron", *LOG, "--period", "often"), "--period"),
+        (("run", "neuron", *LOG, "--time", "time", "--map", "z=drive"), "the signals are u, y"),
+        (("run", "neuron", *LOG, "--time", "time", "--map", "u=driv"), "did you mean 'drive'?"),
+        (("run", "neuron", "--data", "log.csv", "--time", "time"), "say --map u=COLUMN, one of time, potential, drive"),
+        (("run", "neuron", *LOG, "--time", "time", "--horizon", "1,x"), "positive whole numbers"),
+        (("run", "neuron", *LOG, "--time", "time", "--horizon", "0"), "positive whole numbers"),
+        (("run", "neuron", *LOG, "--time", "time", "--out", "log.csv"), "cannot write log.csv"),
+        (("run", "neuron", "--data", "header.csv", "--time", "time"), "header but no rows"),
+        (("run", "neuron", "--data", "void.csv", "--time", "time"), "is empty"),
+        (
+            ("noise", "neuron", "--data", "log.csv", "--time", "time", "--map", "y=potential", "--to", "0.1"),
+            "at least 100",
+        ),
+        (("noise", "neuron", "--data", "log.csv", "--time", "time", "--window", "-1"), "give seconds"),
+    ],
+)
+def test_bad_input_is_a_sentence_and_exit_2(here: Path, arguments: tuple[str, ...], said: str):
+    (here / "broken.py").write_text("import nothing_of_that_name\n")
+    (here / "empty.py").write_text("x = 1\n")
+    text = NEURON.read_text()
+    (here / "plantless.py").write_text(text[: text.index("def step")])
+    (here / "untried.py").write_text(text[: text.index("def trial")])
+    (here / "header.csv").write_text("time,u,y\n")
+    (here / "void.csv").write_text("")
+    before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
+    _, err = hgogen(*arguments, status=2)
+    assert said in err
+    assert {path: path.read_bytes() for path in here.rglob("*") if path.is_file()} == before
+
+
+def test_the_installed_command(here: Path):
+    """One run in a process of its own, for what a runner inside this one cannot see."""
+    command = [sys.executable, "-c", "from hgogen.cli import main; main()"]
+    good = subprocess.run([*command, "list", "--json"], capture_output=True, text=True, check=False)
+    assert (good.returncode, good.stderr) == (0, "")
+    assert json.loads(good.stdout)["models"]
+    bad = subprocess.run([*command, "check", "none"], capture_output=True, text=True, check=False)
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr.startswith("hgogen: none: ")
+    assert bad.stderr.count("\n") == 1

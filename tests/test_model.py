@@ -1,0 +1,131 @@
+"""Loading model files, and what is said of those that do not load."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import hgogen as hg
+from hgogen.model import MissingPart, ModelFails, NoModel, listed, load
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+FIRST = "import hgogen as hg\n"
+
+
+def model(folder: Path, text: str | bytes, name: str = "made.py") -> Path:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_a_model_has_its_parts():
+    loaded = load(MODELS / "fitzhugh_nagumo.py")
+    assert loaded.name == "fitzhugh_nagumo"
+    assert loaded.plant.name == "fitzhugh_nagumo"
+    assert loaded.step().dt == 0.01
+    assert [trial.name for trial in loaded.trials()] == ["one_jump", "six_jumps"]
+    assert loaded.has("tuning")
+    assert not loaded.has("tunings")
+
+
+def test_a_bare_name_and_the_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "models").mkdir()
+    model(tmp_path / "models", "plant = 1\n", "one.py")
+    model(tmp_path / "models", "plant = 2\n", "_helper.py")
+    monkeypatch.chdir(tmp_path)
+    assert load("one").path == str(Path("models/one.py"))
+    assert listed() == (str(Path("models/one.py")),)
+    with pytest.raises(NoModel, match=r"two: there is no such model file; the models here are .*one\.py"):
+        load("two")
+    with pytest.raises(NoModel, match=r"models: is a folder.*one\.py"):
+        load("models")
+
+
+def test_two_files_of_one_name_are_two_models(tmp_path: Path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    loaded = [load(model(tmp_path / folder, f"plant = {folder!r}\n")) for folder in "ab"]
+    assert [one.module.plant for one in loaded] == ["a", "b"]
+    assert all(sys.modules[one.module.__name__] is one.module for one in loaded)
+    assert not list(tmp_path.rglob("__pycache__"))
+
+
+def test_what_a_model_prints_is_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    load(model(tmp_path, "print('hello')\n"))
+    assert capsys.readouterr() == ("", "hello\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ("x = 1\nimport nothing_of_that_name\n", 2, "ModuleNotFoundError: No module named 'nothing_of_that_name'"),
+        ("x = 1\n\ny = (\n", 3, "never closed"),
+        ("def f():\n    return 1/0\nf()\n", 2, "ZeroDivisionError"),
+        ("import sys\nsys.exit('no')\n", 2, "SystemExit: no"),
+        (FIRST + "x = hg.Signal('int')\n", 2, "reserved by C"),
+        (FIRST + "x = hg.Signal('x', low=2, high=1)\n", 2, "low = 2 is not below high = 1"),
+        (FIRST + "p = hg.Signal('p', '', '', float('nan'))\n", 2, "not finite"),
+        (
+            FIRST + "x = hg.Signal('x')\nhg.System('s', states=(x, x), outputs=(x,), flow=[1, 1], output=[x])\n",
+            3,
+            "twice",
+        ),
+        ("x = 1\0\n", 1, ""),
+        (b"x = '\xff'\n", 1, ""),
+    ],
+)
+def test_a_model_that_fails_to_import_is_a_sentence(tmp_path: Path, text: str | bytes, line: int, said: str):
+    path = model(tmp_path, text)
+    with pytest.raises(ModelFails) as caught:
+        load(path)
+    sentence = str(caught.value)
+    assert sentence.startswith(f"{path}, line {line}: ")
+    assert said in sentence
+    assert "Traceback" not in sentence
+
+
+def test_paths_that_lead_nowhere(tmp_path: Path):
+    with pytest.raises(NoModel, match="no such model file"):
+        load(tmp_path / "none.py")
+    with pytest.raises(NoModel, match="is a folder"):
+        load(tmp_path)
+    with pytest.raises(NoModel, match="is no Python file"):
+        load(model(tmp_path, "", "model.txt"))
+
+
+def test_missing_parts_say_so(tmp_path: Path):
+    loaded = load(model(tmp_path, "x = 1\n"))
+    for part, wanted in (("plant", lambda: loaded.plant), ("step", loaded.step), ("trial", loaded.trials)):
+        with pytest.raises(MissingPart, match=rf"made\.py: defines no {part}, which this command needs; add"):
+            wanted()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("plant = 3\n", "plant is of type int; make it an hg.System"),
+        ("step = 3\n", "step is of type int; make it a function"),
+        ("def step(): return 3\n", "step() returns the type int"),
+        ("def trial(): return 3\n", "trial() returns the type int"),
+        ("def trial(): return ()\n", "trial() returns the type tuple"),
+        ("from hgogen.trial import Trial\ndef trial(): return (Trial('a', 1, {}), Trial('a', 2, {}))\n", "two trials"),
+    ],
+)
+def test_parts_of_the_wrong_kind_say_so(tmp_path: Path, text: str, said: str):
+    loaded = load(model(tmp_path, text))
+    part = {"plant": lambda: loaded.plant, "step()": loaded.step, "step": loaded.step, "trial()": loaded.trials}
+    with pytest.raises(MissingPart) as caught:
+        part[said.split(" ")[0] if said != "two trials" else "trial()"]()
+    assert said in str(caught.value)
+
+
+def test_a_step_that_fails_names_its_line(tmp_path: Path):
+    loaded = load(model(tmp_path, "def step():\n    x = {}\n    return x['dt']\n"))
+    with pytest.raises(ModelFails, match=r"made\.py, line 3: KeyError: 'dt'"):
+        loaded.step()
+
+
+def test_a_refuted_form_is_not_wrapped(tmp_path: Path):
+    text = (MODELS / "fitzhugh_nagumo.py").read_text().replace('"accept": ("triangular.a_2",)', '"accept": ()')
+    with pytest.raises(hg.check.Refuted, match=r"triangular\.a_2"):
+        load(model(tmp_path, text)).step()

@@ -1,0 +1,291 @@
+"""Reading logs, good and bad; predictions and noise from them."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import hgogen as hg
+from hgogen import noise
+from hgogen.log import BadRecord, table
+from hgogen.prediction import predictions
+from hgogen.record import mapping, read
+from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
+
+U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")
+
+
+def log(folder: Path, text: str | bytes) -> Path:
+    path = folder / "log.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def column(folder: Path, text: str | bytes, name: str = "y") -> list[float]:
+    return table(log(folder, text)).column(name).values.tolist()
+
+
+# --- the file -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,y\n0,1.5\n1,-2\n",
+        "t;y\n0;1.5\n1;-2\n",
+        "t;y\n0;1,5\n1;-2,0\n",
+        "t\ty\n0\t1.5\n1\t-2\n",
+        "t|y\n0|1.5\n1|-2",
+        '"t","y",\r\n"0","1.5",\r\n"1","-2",\r\n',
+        "\ufefft,y\n0,1.5\n1,-2\n",
+        "# made by a logger\nt, y \n 0 , 1.5 \n\n1,-2\n\n",
+        "# t,y\n0,1.5\n1,-2\n",
+        "t,y\r0,15e-1\r1,-.2E+1\r",
+        "t,y\n0,1.5,\n1,-2,,\n",
+    ],
+)
+def test_a_log_is_read_whatever_wrote_it(tmp_path: Path, text: str):
+    assert column(tmp_path, text) == [1.5, -2.0]
+
+
+def test_other_encodings(tmp_path: Path):
+    assert column(tmp_path, "t,y\n0,1\n".encode("utf-16")) == [1.0]
+    latin = table(log(tmp_path, "t,Höhe\n0,1\n".encode("latin-1")))
+    assert latin.column("Höhe").values.tolist() == [1.0]
+    assert "Latin-1" in latin.notes[0]
+
+
+def test_what_is_no_number_is_missing_and_counted(tmp_path: Path):
+    cells = ["1", "", "nan", "NA", "inf", "1e999", "-Infinity", "err", "1_000", "0x10", "--", "1 2", "2"]
+    found = table(log(tmp_path, "t,y\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells)))).column("y")
+    assert np.flatnonzero(np.isfinite(found.values)).tolist() == [0, 12]
+    assert found.empty == 4
+    assert found.not_numbers == 7
+    assert found.example == "inf"
+
+
+def test_rows_of_another_length(tmp_path: Path):
+    found = table(log(tmp_path, "t,y\n0,1\n1\n2,2,99\n3,3,\n"))
+    assert found.malformed == 1
+    assert found.column("t").values.tolist() == [0.0, 1.0, 3.0]
+    assert found.column("y").empty == 1
+    assert "fewer cells" in found.notes[0]
+
+
+def test_a_stray_quote_spoils_only_its_line(tmp_path: Path):
+    values = column(tmp_path, 't,y\n0,1\n1,"2\n2,3\n')
+    assert values[0::2] == [1.0, 3.0]
+    assert len(values) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("\n\n", "is empty"),
+        ("# nothing\n", "is empty"),
+        ("t,y\n", "header but no rows"),
+        ("1,2\n3,4\n", "numbers in its first row"),
+        ("t,y\n0,1,2\n1,2,3\n", "no row that fits"),
+        (b"t,y\n0,\x00\n", "is no text"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "is no text"),
+    ],
+)
+def test_a_bad_file_is_a_sentence(tmp_path: Path, text: str | bytes, said: str):
+    with pytest.raises(BadRecord, match=r"log\.csv") as caught:
+        table(log(tmp_path, text))
+    assert said in str(caught.value)
+
+
+def test_no_file_and_a_folder(tmp_path: Path):
+    with pytest.raises(BadRecord, match="no such file"):
+        table(tmp_path / "none.csv")
+    with pytest.raises(BadRecord, match="is a folder"):
+        table(tmp_path)
+
+
+def test_columns_that_are_not_there(tmp_path: Path):
+    found = table(log(tmp_path, "time,level,y,y\n0,1,2,3\n"))
+    with pytest.raises(BadRecord, match=r"its columns are time, level, y, y; did you mean 'level'\?"):
+        found.column("levle")
+    with pytest.raises(BadRecord, match="2 columns named 'y'"):
+        found.column("y")
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=100) | st.text('ty,;\t|"# \r\n01.e-', max_size=100).map(str.encode))
+def test_no_file_makes_the_reader_fall(tmp_path_factory: pytest.TempPathFactory, content: bytes):
+    path = log(tmp_path_factory.getbasetemp(), content)
+    try:
+        found = table(path)
+    except BadRecord as error:
+        assert str(error)
+    else:
+        assert all(len(row) == len(found.header) for row in found.rows)
+
+
+# --- the mapping ----------------------------------------------------------------------------------------------
+
+
+def test_mapping():
+    assert mapping("log", (), (U,), (Y,)) == {"pump": "pump", "level": "level"}
+    assert mapping("log", ("u=a b", "level = c=d"), (U,), (Y,)) == {"pump": "a b", "level": "c=d"}
+    assert mapping("log", ("y=c",), (U,), (hg.Signal("y"),)) == {"pump": "pump", "y": "c"}
+
+
+@pytest.mark.parametrize("text", ["pump", "pump=", "valve=3", "y=a"])
+def test_a_bad_mapping_is_a_sentence(text: str):
+    with pytest.raises(BadRecord, match="the signals are pump, level, flow"):
+        mapping("log", (text,), (U,), (Y, Z))
+
+
+# --- the grid -------------------------------------------------------------------------------------------------
+
+
+def test_missing_duplicated_and_unordered_rows(tmp_path: Path):
+    text = "t,u,y\n10.0,1,1\n10.1,,2\n10.1,5,9\n10.3,3,bad\n10.2,2,3\n,7,7\n10.9,4,4\n"
+    got = read(log(tmp_path, text), {"u": "u", "y": "y"}, dt=0.1, time="t")
+    nan = math.nan
+    expected = [[1, 1], [5, 2], [2, 3], [3, nan], *[[nan, nan]] * 5, [4, 4]]
+    np.testing.assert_array_equal(got.values, expected)
+    assert got.t == pytest.approx(10 + 0.1 * np.arange(10))
+    report = got.report
+    assert (report.rows, report.samples, report.period) == (7, 10, pytest.approx(0.1))
+    assert (report.missing, report.not_numbers) == ({"u": 1, "y": 0}, {"u": 0, "y": 1})
+    assert (report.untimed, report.out_of_order, report.duplicates, report.surplus) == (1, 1, 1, 0)
+    assert (report.gaps, report.longest_gap, report.filled) == (1, pytest.approx(0.6), 5)
+    said = "; ".join(report.sentences())
+    for part in ("u (u): cells that are empty: 1", "no finite number: 1", "earlier than one before them: 1", "gaps"):
+        assert part in said
+
+
+def test_rows_go_to_the_nearest_grid_point(tmp_path: Path):
+    got = read(log(tmp_path, "t,y\n0,1\n0.9,2\n1.2,3\n1.4,\n2.6,5\n"), {"y": "y"}, dt=1.0, time="t")
+    np.testing.assert_array_equal(got.values[:, 0], [1, 2, np.nan, 5])
+    assert (got.report.surplus, got.report.filled) == (2, 1)
+    assert got.report.shift == pytest.approx(0.4)
+
+
+def test_a_clean_record_says_nothing_but_its_size(tmp_path: Path):
+    got = read(log(tmp_path, "y\n" + "1\n" * 50), {"y": "y"}, dt=0.02, period=0.02)
+    assert got.report.sentences() == ("50 rows, one every 0.02 s, became 50 samples of 0.02 s",)
+    assert got.t[-1] == pytest.approx(0.98)
+
+
+def test_a_coarse_record_leaves_the_step_to_predict(tmp_path: Path):
+    got = read(log(tmp_path, "y\n1\n2\n3\n"), {"y": "y"}, dt=0.5, period=1.0)
+    np.testing.assert_array_equal(got.values[:, 0], [1, np.nan, 2, np.nan, 3])
+    assert (got.report.gaps, got.report.filled) == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("times", "arguments", "said"),
+    [
+        ("0\n1\n", {}, "give either --time COLUMN or --period"),
+        ("0\n1\n", {"time": "t", "period": 1.0}, "give either"),
+        ("0\n1\n", {"period": 0.0}, "positive number"),
+        ("0\n1\n", {"period": math.nan}, "positive number"),
+        ("0\n1\n", {"time": "clock"}, "no column 'clock'; its columns are t, y"),
+        ("12:00\n12:01\n", {"time": "t"}, "such as '12:00'"),
+        ("\n\n", {"time": "t"}, "2 empty ones"),
+        ("0\n1e12\n", {"time": "t"}, "are they seconds"),
+    ],
+)
+def test_bad_times_are_a_sentence(tmp_path: Path, times: str, arguments: dict, said: str):
+    rows = "".join(f"{time},1\n" for time in times.split("\n")[:-1])
+    with pytest.raises(BadRecord) as caught:
+        read(log(tmp_path, "t,y\n" + rows), {"y": "y"}, dt=0.1, **arguments)
+    assert said in str(caught.value)
+
+
+def test_a_signal_without_a_column_asks_for_the_mapping(tmp_path: Path):
+    with pytest.raises(BadRecord, match="say --map level=COLUMN, one of t, y"):
+        read(log(tmp_path, "t,y\n0,1\n"), {"level": "level"}, dt=0.1, time="t")
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.floats(0, 20), st.floats(-5, 5)), min_size=2, max_size=40))
+def test_every_number_on_the_grid_was_measured_nearby(tmp_path_factory: pytest.TempPathFactory, rows):
+    text = "t,y\n" + "".join(f"{t!r},{y!r}\n" for t, y in rows)
+    got = read(log(tmp_path_factory.getbasetemp(), text), {"y": "y"}, dt=0.7, time="t")
+    assert got.report.surplus + got.report.duplicates + got.report.samples - got.report.filled == len(rows)
+    for t, y in zip(got.t, got.values[:, 0], strict=True):
+        near = [value for time, value in rows if abs(time - t) <= 0.35 + 1e-9]
+        assert y in near if np.isfinite(y) else not [v for time, v in rows if abs(time - t) < 0.35 - 1e-9]
+
+
+# --- predictions ----------------------------------------------------------------------------------------------
+
+
+def decaying(low: float | None = None, high: float | None = None) -> hg.Step:
+    """x' = -x + u, an extended Kalman filter at dt = .1; y has the range [low, high]."""
+    x, u = hg.Signal("x", low=-10, high=10), hg.Signal("u", low=-1, high=1)
+    plant = hg.System(
+        "tank", states=(x,), inputs=(u,), outputs=(hg.Signal("y", low=low, high=high),), flow=[-x + u], output=[x]
+    )
+    return hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=(1.0,), R=1.0), dt=0.1)
+
+
+def test_predictions_of_the_exact_model():
+    t = 0.1 * np.arange(60)
+    u = np.sin(t)[:, None]
+    y = 1.5 * np.exp(-t) + (np.sin(t) - np.cos(t)) / 2
+    found = predictions(decaying(), y[:, None], u, y[:, None], (1, 5))
+    one, five, free = found
+    # The input on a line between samples is off by dt^2/8 |u''| at most; through x' = -x + u that much reaches x.
+    assert max(one.model, five.model, free.model) < 0.1**2 / 8
+    assert five.copying == pytest.approx(np.sqrt(np.mean((y[5:] - y[:-5]) ** 2)))
+    assert [p.ahead for p in found] == [1, 5, None]
+    assert [p.count for p in found] == [59, 55, 59]
+    wrong = predictions(decaying(), y[:, None] + 1, u, y[:, None], (5,))[0]
+    assert wrong.model == pytest.approx(math.exp(-0.5), abs=0.1**2 / 8)
+
+
+def test_predictions_with_holes_and_limits():
+    y = np.array([1.0, np.nan, 1.0, 1.0])[:, None]
+    u = np.array([5.0, np.nan, np.nan, np.nan])[:, None]  # clamped to 1, then reused: x stays at 1
+    one = predictions(decaying(), np.ones((4, 1)), u, y, (1, 9))[0]
+    assert (one.count, one.model, one.copying) == (2, pytest.approx(0.0, abs=1e-12), 0.0)
+    limited = predictions(decaying(0.0, 0.5), np.ones((4, 1)), u, y, (1,))[0]
+    assert limited.model == pytest.approx(0.5)
+
+
+# --- noise ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.1, 0.5])
+def test_noise_is_found_again(tau: float):
+    x, y = hg.Signal("x"), hg.Signal("y")
+    plant = hg.System("drift", states=(x,), outputs=(y,), flow=[0.01], output=[x])
+    trial = Trial("quiet", 400.0, {"x": 3.0}, noise={"y": OrnsteinUhlenbeck(0.2, tau)})
+    record = noisy(plant, simulate(plant, trial, 0.02), trial, 1)[:, 0]
+    record[100:200] = np.nan
+    found = noise.suggest("y", record, 0.02, 1.0)
+    # Two estimates' deviations over T/tau independent stretches: 400/(2 tau) for sigma, some 3 sqrt(tau/T) for tau.
+    assert found.sigma == pytest.approx(0.2, rel=4 * math.sqrt(max(tau, 0.01) / 400))
+    assert found.tau == pytest.approx(tau, rel=10 * math.sqrt(max(tau, 0.01) / 400))
+    assert found.notes == ()
+    assert found.gamma_0 == pytest.approx(found.sigma**2 * (1 + 6.5 * noise.spread(50, 0.02, found.tau)))
+
+
+def test_the_spread_of_the_quiet_innovation():
+    assert noise.spread(100, 0.01, 0.0) == pytest.approx(math.sqrt(0.02))
+    rho = math.exp(-0.2)
+    exact = math.sqrt(0.02 * (1 + 2 * sum((1 - k / 100) * rho**k for k in range(1, 100))))
+    assert noise.spread(100, 0.01, 0.1) == pytest.approx(exact, rel=1e-12)
+    # The reference trial's gamma_0 = .16 lies 6..7 spreads above the mean .04.
+    assert 0.04 * (1 + 6 * exact) < 0.16 < 0.04 * (1 + 7 * exact)
+
+
+def test_a_record_that_is_not_quiet_is_doubted():
+    moving = noise.suggest("y", np.sin(np.arange(2000) * 0.01), 0.01, 1.0)
+    assert any("quiet" in note for note in moving.notes)
+
+
+@pytest.mark.parametrize("values", [np.ones(500), np.arange(500.0), np.full(500, np.nan), np.zeros(5)])
+def test_nothing_to_learn_from_is_a_sentence(values: np.ndarray):
+    with pytest.raises(noise.TooLittle, match="y "):
+        noise.suggest("y", values, 0.1, 1.0)
