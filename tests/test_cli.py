@@ -206,10 +206,8 @@ def test_run_says_what_is_wrong_with_a_record(here: Path):
 
 
 def test_run_stays_finite_over_absurd_values(here: Path):
-    rows = [
-        f"{k / 100},{'1e30' if k % 7 == 3 else 'inf' if k % 7 == 5 else 1},{'1e30' if k % 5 == 2 else 0.5}"
-        for k in range(500)
-    ]
+    y, u = {3: "1e30", 5: "inf"}, {2: "1e30"}
+    rows = [f"{k / 100},{y.get(k % 7, 1)},{u.get(k % 5, 0.5)}" for k in range(500)]
     (here / "log.csv").write_text("time,potential,drive\n" + "\n".join(rows))
     found = as_json("run", "neuron", *LOG, "--time", "time")
     assert found["status"]["REJECTED_y"] == sum(k % 7 == 3 for k in range(500))

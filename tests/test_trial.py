@@ -152,20 +152,21 @@ def test_crossings_are_the_rises():
 def trajectory(theta, error, status):
     """A made-up trajectory of a one-state step over 1 s samples."""
     signal = hg.Signal("x")
-    step = SimpleNamespace(
-        states=(signal,), dt=1.0, bits=(SimpleNamespace(name="MISSING_y"), SimpleNamespace(name="OUTSIDE_BOX"))
-    )
-    n = len(error)
-    trial = Trial(
-        "made_up", n - 1.0, {"x": 0.0}, settled=Settled("x", 0.1, 2.0), jumps=(Jump(10.0, "x", 1.0),), steady=15.0
-    )
-    truth = SimpleNamespace(t=np.arange(n) * 1.0, x=np.zeros((n, 1)))
+    bits = (SimpleNamespace(name="MISSING_y"), SimpleNamespace(name="OUTSIDE_BOX"))
+    step, n = SimpleNamespace(states=(signal,), dt=1.0, bits=bits), len(error)
+    wanted = {"settled": Settled("x", 0.1, 2.0), "jumps": (Jump(10.0, "x", 1.0),), "steady": 15.0}
     error = np.asarray(error, float)[:, None]
-    traces = {"theta": np.asarray(theta, float)}
-    status = np.asarray(status, np.uint32)
-    return step, SimpleNamespace(
-        trial=trial, seed=4, truth=truth, x=error, error=error, traces=traces, status=status, engine="c"
+    made = SimpleNamespace(
+        trial=Trial("made_up", n - 1.0, {"x": 0.0}, **wanted),
+        truth=SimpleNamespace(t=np.arange(n) * 1.0, x=np.zeros((n, 1))),
+        x=error,
+        error=error,
+        traces={"theta": np.asarray(theta, float)},
+        status=np.asarray(status, np.uint32),
+        seed=4,
+        engine="c",
     )
+    return step, made
 
 
 def test_metrics_of_a_made_up_trajectory():
