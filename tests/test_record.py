@@ -50,6 +50,7 @@ def column(folder: Path, text: str | bytes, name: str = "y") -> list[float]:
 )
 def test_a_log_is_read_whatever_wrote_it(tmp_path: Path, text: str):
     assert column(tmp_path, text) == [1.5, -2.0]
+    assert column(tmp_path, text, "t") == [0.0, 1.0]
 
 
 def test_other_encodings(tmp_path: Path):
@@ -162,7 +163,7 @@ def test_missing_duplicated_and_unordered_rows(tmp_path: Path):
 
 
 def test_rows_go_to_the_nearest_grid_point(tmp_path: Path):
-    got = read(log(tmp_path, "t,y\n0,1\n0.9,2\n1.2,3\n1.4,\n2.6,5\n"), {"y": "y"}, dt=1.0, time="t")
+    got = read(log(tmp_path, "t,y\n0,1\n0.7,3\n1.1,2\n1.4,\n2.6,5\n"), {"y": "y"}, dt=1.0, time="t")
     np.testing.assert_array_equal(got.values[:, 0], [1, 2, np.nan, 5])
     assert (got.report.surplus, got.report.filled) == (2, 1)
     assert got.report.shift == pytest.approx(0.4)
