@@ -4,13 +4,14 @@ plant : System --form--> Form --observer--> Observer --method, dt--> Step --targ
                                                                        --call------> numbers
 """
 
-from hgogen import forms, innovation, methods, observers, targets, theta
+from hgogen import forms, innovation, methods, observers, targets, theta, trial
 from hgogen.call import Run, Sample, sample
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.recast import recast
+from hgogen.reference import reference
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.system import System
@@ -32,8 +33,10 @@ __all__ = [
     "methods",
     "observers",
     "recast",
+    "reference",
     "sample",
     "targets",
     "theta",
+    "trial",
     "write",
 ]

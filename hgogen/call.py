@@ -20,7 +20,7 @@ from hgogen.step import Step, plan
 Engine = Literal["c", "python"]
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadShape(HgogenError):
     """An input or output array of the wrong shape or kind."""
 
@@ -59,7 +59,7 @@ class Run:
     names: tuple[str, ...]
     traces: Mapping[str, np.ndarray]
     status: np.ndarray
-    engine: Engine
+    engine: Engine | Literal["cvodes"]
 
     def __getitem__(self, name: str) -> np.ndarray:
         return np.asarray(self.x[:, self.names.index(name)])
@@ -238,7 +238,7 @@ class CallableStep(Step):
         return x, traces, status
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class CannotUpdate(HgogenError):
     """Prediction and correction asked for apart, of an observer that integrates with the measurement."""
 

@@ -41,7 +41,7 @@ class Check:
         return f"{self.verdict:8} {self.id}: {self.claim} ({self.reason}{'; at ' + at if at else ''})"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Refuted(HgogenError):
     """An observer was asked for on a form with a refuted hypothesis that nobody accepted."""
 
@@ -54,7 +54,7 @@ class Refuted(HgogenError):
         return f"refuted: {lines}. {fixes + ' ' if fixes else ''}To build all the same, say accept={ids!r}"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class UnknownCheck(HgogenError):
     """`accept=` names a check that does not exist."""
 

@@ -69,7 +69,7 @@ Map = Annotated[
 ]
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Disagree(hg.HgogenError):
     """C and Python do not say the same."""
 

@@ -2,4 +2,7 @@
 
 
 class HgogenError(Exception):
-    """Base class; each error is a frozen dataclass beside the code that raises it, its text in `__str__`."""
+    """Base class; each error is a dataclass beside the code that raises it, its text in `__str__`.
+
+    Not a frozen one: Python itself writes `__traceback__` and `__notes__` on exceptions.
+    """

@@ -5,9 +5,7 @@ its thresholds, and theta. SVG for print and the web, PNG to look at; the same n
 """
 
 import io
-import os
 import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.target import CannotWrite
+from hgogen.target import write
 from hgogen.trial import Trajectory
 
 TRUTH, ESTIMATE, MEASURED, QUIET = "black", "#c8102e", "#c4c4c4", "#8c8c8c"
@@ -217,25 +215,7 @@ def save(figures: Mapping[str, Figure], folder: str | Path) -> list[Path]:
 
     Raises: `CannotWrite`.
     """
-    folder = Path(folder)
     contents: dict[str, bytes] = {}
     for name, figure in figures.items():
         contents |= {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return [_replace(folder / name, content) for name, content in contents.items()]
-    except OSError as error:
-        raise CannotWrite(str(error.filename or folder), error.strerror or str(error)) from error
-
-
-def _replace(path: Path, content: bytes) -> Path:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-    return path
+    return write(contents, folder)

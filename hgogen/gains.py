@@ -8,7 +8,7 @@ import numpy as np
 from hgogen.errors import HgogenError
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadPoles(HgogenError):
     """Poles that no real observer can have, or that do not decay."""
 

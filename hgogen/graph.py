@@ -11,7 +11,7 @@ import sympy as sp
 from hgogen.errors import HgogenError
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class NoGraph(HgogenError):
     """An expression that has no CasADi graph: a function hgogen does not know, or an undeclared symbol."""
 

@@ -14,18 +14,21 @@ A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. M
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import casadi as ca
 
 from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
-from hgogen.observer import HUGE, Clock, Jump, Part, Pieces
+from hgogen.observer import HUGE, Clock, Part, Pieces
 from hgogen.program import Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
 
+if TYPE_CHECKING:
+    from hgogen.method import Method
 
-@dataclass(frozen=True)
+
+@dataclass(eq=False)
 class BadWindow(HgogenError):
     """A window that is no whole number of samples."""
 
@@ -70,6 +73,18 @@ class Predictor:
         return kept(self.z, stages.result["z"])
 
 
+@dataclass(frozen=True, eq=False)
+class Predictors:
+    """Copies of the model without correction as a part of an observer; `build` makes its pieces."""
+
+    predictor: Predictor
+    build: Callable[[Predictor, Clock], Pieces]
+
+    def pieces(self, method: "Method", clock: Clock) -> Pieces:
+        """The same whatever the method: the predictors have their own."""
+        return self.build(self.predictor, clock)
+
+
 def kept(field: Field, value: Any) -> Any:
     """Each element clamped to the field's box; its initial value where it is not a number or absurd."""
     elements = []
@@ -100,8 +115,7 @@ class Staggered:
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """M + 1 copies of the model in the group `predictor`."""
-        predictor = Predictor(dynamics, z, self.tableau)
-        return Jump(lambda clock: self._pieces(predictor, clock))
+        return Predictors(Predictor(dynamics, z, self.tableau), self._pieces)
 
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
         count = samples(self.d, clock.dt, self.predictors)
@@ -109,7 +123,7 @@ class Staggered:
         n = predictor.dynamics.n
         z, total, valid = sym("predictor.z", n), sym("predictor.sum"), sym("predictor.samples")
         moved = predictor.moved(z, clock.u, clock.dt)
-        move = Block(f"each predictor by {self.tableau.name}, without correction", {"predictor.z": moved})
+        move = Block(f"each predictor by {predictor.tableau.name}, without correction", {"predictor.z": moved})
 
         def accumulate(output: int) -> Program:
             error = sym("work.sample") - predictor.dynamics.output(z, clock.u(1.0))[output]
@@ -175,8 +189,7 @@ class Window:
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """A ring of N + 1 samples in the group `past`."""
-        predictor = Predictor(dynamics, z, self.tableau)
-        return Jump(lambda clock: self._pieces(predictor, clock))
+        return Predictors(Predictor(dynamics, z, self.tableau), self._pieces)
 
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
         steps = samples(self.d, clock.dt)
@@ -239,7 +252,7 @@ class Window:
                 Loop(
                     "past",
                     steps,
-                    (Block(f"the model again by {self.tableau.name}, its squared output error", replay),),
+                    (Block(f"the model again by {predictor.tableau.name}, its squared output error", replay),),
                     start="work.first",
                     active="work.steps",
                 ),
@@ -265,7 +278,7 @@ def window(d: float, method: Any = None) -> Window:
     return Window(float(d), HEUN if method is None else method.tableau)
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadWindowSize(HgogenError):
     """A window or a number of predictors that is not positive."""
 

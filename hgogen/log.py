@@ -16,7 +16,7 @@ EMPTY = frozenset(("", "nan", "na", "n/a", "null", "none", "nil", "-", "--"))
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadRecord(HgogenError):
     """A log that cannot be read; the sentence names the file, what is wrong and the fix."""
 

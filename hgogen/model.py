@@ -21,7 +21,7 @@ from hgogen.trial import Trial
 FOLDER = Path("models")
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class NoModel(HgogenError):
     """A path that leads to no model file."""
 
@@ -34,7 +34,7 @@ class NoModel(HgogenError):
         return f"{self.path}: {self.reason}; {listed}"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class ModelFails(HgogenError):
     """A model file, or a function in it, that raises."""
 
@@ -46,7 +46,7 @@ class ModelFails(HgogenError):
         return f"{self.path}, line {self.line}: {self.error}"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class MissingPart(HgogenError):
     """A model file lacks what a command needs, or holds something else under its name."""
 

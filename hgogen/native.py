@@ -26,7 +26,7 @@ class NoCompilerWarning(UserWarning):
     """There is no C compiler: the record runs in Python's reading of the step, some forty times slower."""
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class NoCompiler(HgogenError):
     """C was asked for where there is no compiler."""
 
@@ -37,7 +37,7 @@ class NoCompiler(HgogenError):
         )
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class CompilerFailed(HgogenError):
     """The compiler refused the emitted C."""
 

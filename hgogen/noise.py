@@ -21,7 +21,7 @@ SPREADS = 6.5  # standard deviations of the quiet innovation between its mean an
 LEAST = 100  # samples without which a standard deviation and a correlation say little
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class TooLittle(HgogenError):
     """A record too short, or without any noise, to learn from."""
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 HUGE = 1e15
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadGain(HgogenError):
     """A gain of the wrong length, sign or kind; the sentence names it and the fix."""
 

@@ -9,7 +9,7 @@ from typing import Any
 from hgogen.errors import HgogenError
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class NoCase(HgogenError):
     """A file in a registry folder that does not define its own name."""
 

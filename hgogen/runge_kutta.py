@@ -38,6 +38,23 @@ RK4 = Tableau(
 )
 
 
+def repeated(tableau: Tableau, times: int) -> Tableau:
+    """`times` equal steps of a method, together one step of it."""
+    share = [b / times for b in tableau.b]
+    rows = [
+        (*share * k, *(a / times for a in row), *[0.0] * (len(share) - len(row)))
+        for k in range(times)
+        for row in tableau.a
+    ]
+    return Tableau(
+        f"{tableau.name}, {times} steps",
+        tuple(row[:i] for i, row in enumerate(rows)),
+        tuple(share * times),
+        tuple((k + c) / times for k in range(times) for c in tableau.c),
+        tableau.order,
+    )
+
+
 @dataclass(frozen=True)
 class Stages:
     """One Runge-Kutta step: the new values, and each stage's argument and slope."""

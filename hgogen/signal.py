@@ -27,7 +27,7 @@ _WORDS = """
 _RESERVED = frozenset(_WORDS.split())
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadName(HgogenError):
     """A signal's or a system's name that no C compiler would accept as a member name."""
 
@@ -45,7 +45,7 @@ class BadName(HgogenError):
         return f"{cleaned or 'x'}_1" if cleaned[:1].isalpha() or not cleaned else f"x_{cleaned}"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadRange(HgogenError):
     """A range the wrong way round, or a value that is not a finite number or lies outside its range."""
 

@@ -63,7 +63,7 @@ class Limit:
     at: int = -1
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class UnstableCore(HgogenError):
     """A linear error core with an eigenvalue in the right half plane: no step length makes it converge."""
 
@@ -76,7 +76,7 @@ class UnstableCore(HgogenError):
         )
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class NotDefinite(HgogenError):
     """An initial covariance that is no covariance."""
 

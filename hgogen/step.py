@@ -46,7 +46,7 @@ from hgogen.program import (
 from hgogen.signal import Signal
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadStep(HgogenError):
     """A step length or option that cannot be used."""
 
@@ -57,7 +57,7 @@ class BadStep(HgogenError):
         return f"{self.what} {self.reason}"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class StepTooLong(HgogenError):
     """A step length at which the discretisation cannot be stable."""
 

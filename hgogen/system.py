@@ -12,7 +12,7 @@ from hgogen.errors import HgogenError
 from hgogen.signal import Signal, check_name
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadSystem(HgogenError):
     """A system that does not fit together; the sentence names the part and the fix."""
 

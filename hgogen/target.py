@@ -9,7 +9,7 @@ from pathlib import Path
 from hgogen.errors import HgogenError
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class CannotWrite(HgogenError):
     """A folder or file that cannot be written."""
 
@@ -36,24 +36,24 @@ class Files(Mapping[str, str]):
         return len(self.texts)
 
 
-def write(files: Mapping[str, str], folder: str | Path) -> list[Path]:
-    """Write the files into `folder` (made if it is not there); each appears whole or not at all.
+def write(files: Mapping[str, str] | Mapping[str, bytes], folder: str | Path) -> list[Path]:
+    """Write texts (UTF-8) or bytes by name into `folder` (made if it is not there); each appears whole or not at all.
 
     Raises: `CannotWrite`.
     """
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return [_replace(folder / name, text) for name, text in files.items()]
+        return [_replace(folder / name, content) for name, content in files.items()]
     except OSError as error:
         raise CannotWrite(str(error.filename or folder), error.strerror or str(error)) from error
 
 
-def _replace(path: Path, text: str) -> Path:
+def _replace(path: Path, content: str | bytes) -> Path:
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content.encode() if isinstance(content, str) else content)
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:

@@ -28,7 +28,7 @@ from hgogen.system import System
 t = Signal("t", "s", "time")  # inputs of a trial are expressions of this
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadTrial(HgogenError):
     """A trial that does not fit its plant, or that cannot be integrated."""
 

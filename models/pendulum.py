@@ -3,6 +3,7 @@
 import sympy as sp
 
 import hgogen as hg
+from hgogen.trial import Jump, OrnsteinUhlenbeck, Settled, Trial, t
 
 q, w = hg.Signal("q", "rad", "angle", low=-4, high=4), hg.Signal("w", "rad/s", "rate", low=-20, high=20)
 tau, y = hg.Signal("tau", "1/s2", "drive", low=-1, high=1), hg.Signal("y", "rad", "measured angle")
@@ -25,3 +26,16 @@ def step() -> hg.Step:
     form = hg.forms.triangular(plant)
     observer = hg.observers.high_gain(form, **tuning["high_gain"])
     return hg.sample(observer, hg.methods.rk4, dt=1e-3)
+
+
+def trial() -> Trial:
+    """A swing under a slow drive, knocked once; the encoder errs by a milliradian."""
+    return Trial(
+        "knock",
+        10,
+        start={"q": 1, "w": 0},
+        inputs={"tau": sp.sin(t)},
+        noise={"y": OrnsteinUhlenbeck(sigma=1e-3, tau=0)},
+        jumps=(Jump(5, "w", 3),),
+        settled=Settled("w", band=0.5, hold=0.5),
+    )

@@ -22,7 +22,7 @@ from hgogen.signal import Signal
 from hgogen.system import System
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class BadOrder(HgogenError):
     """An order that is not the plant's states, each once."""
 

@@ -28,7 +28,7 @@ from hgogen.signal import Signal
 from hgogen.system import System
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class OneOutput(HgogenError):
     """The triangular form is for one output."""
 

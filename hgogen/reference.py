@@ -1,0 +1,159 @@
+"""The continuous equations of an observer, integrated by CVODES, to compare a step with.
+
+    Ode       field' = rhs as it stands
+    Riccati   z' = f(z, u) + S^-1 C' R_theta^-1 (y - h),  S' = -F'S - S F + C' R_theta^-1 C - S Q_theta S
+
+u is on the line between samples, or held, and y on the line between two valid samples, as in a step. Guards, the
+innovation and an adaptive theta act at the samples, as in a step: theta is held between them, a decaying one decays on.
+The predictors of the innovation go by 16 steps of classical Runge-Kutta a sample.
+
+So with a constant theta, Euler, Heun and RK4 converge to it with orders 1, 2 and 4 as dt -> 0; with an adaptive one RK4
+does where the innovation, too, goes by RK4 (its default, Heun, leaves order 2). Continuous-discrete converges with
+order 1, because it applies dt (y - h) at the samples in place of the integral, and so does a decaying theta, which a
+step holds. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4)-(6).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.call import CallableStep, Run
+from hgogen.covariance import information_ode
+from hgogen.errors import HgogenError
+from hgogen.innovation import Predictors
+from hgogen.machine import Bound, Machine, casadi_block
+from hgogen.observer import Clock, HighGain, Observer, Ode, Part, Pieces, Riccati
+from hgogen.program import Block, column, sym
+from hgogen.runge_kutta import RK4, repeated
+from hgogen.step import Step, plan
+from hgogen.theta import Decaying
+
+FINE = repeated(RK4, 16)
+TIME = "work.time"  # since the last sample
+# CVODES bounds a step's local error; it starts anew at each sample, where u and y have a kink.
+OPTIONS = {"abstol": 1e-12, "reltol": 1e-12, "max_num_steps": 100_000, "show_eval_warnings": False}
+
+
+@dataclass(frozen=True)
+class CannotIntegrate(HgogenError):
+    """The continuous observer cannot be followed over an interval between samples."""
+
+    observer: str
+    dt: float
+
+    def __str__(self) -> str:
+        return (
+            f"the continuous equations of {self.observer} cannot be integrated over a sample of {self.dt:g}: they may "
+            "escape in finite time or lose S > 0 to rounding; check gains, ranges and the record"
+        )
+
+
+def reference(
+    observer: Observer | Step, u: Any = (), y: Any = (), dt: float | None = None, *, between: str = "line"
+) -> Run:
+    """The continuous observer at the samples of a record, gains and parameters at their nominal values.
+
+    Args: `observer`, or a step for its observer, dt and between; `u` (N) or (N, m), `y` (N) or (N, p), NaN for a missing
+    sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes"; about a millisecond a sample.
+
+    Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
+    """
+    if isinstance(observer, Step):
+        observer, dt, between = observer.observer, dt or observer.dt, observer.between
+    fine = replace(observer, parts=tuple(map(_refined, observer.parts)))
+    step = plan(fine, Continuous(), dt or 0.0, between)
+    run = _Integrated(**{f.name: getattr(step, f.name) for f in fields(step)}).run(u, y, engine="python")
+    return replace(run, engine="cvodes")
+
+
+def _refined(part: Part) -> Part:
+    """Predictors by small steps, any other part as it is."""
+    return replace(part, predictor=replace(part.predictor, tableau=FINE)) if isinstance(part, Predictors) else part
+
+
+@dataclass(frozen=True, eq=False)
+class Flow(Block):
+    """A block whose writes are rates: its places move along them for the time `span`."""
+
+    span: float = 0.0
+
+
+@dataclass(frozen=True)
+class Continuous:
+    """The method that leaves differential equations as they are."""
+
+    name: str = "CVODES"
+
+    def ode(self, part: Ode, clock: Clock) -> Pieces:
+        """All fields of the part at once."""
+        return self._moved(part, clock, lambda graph, time: graph)
+
+    def riccati(self, part: Riccati, clock: Clock) -> Pieces:
+        """z and S, theta as it is between two samples."""
+
+        def now(graph: Any, time: Any) -> Any:
+            return ca.substitute(graph, part.theta.value, _after(part.theta, time))
+
+        return self._moved(information_ode(part), clock, now)
+
+    def _moved(self, part: Ode, clock: Clock, now: Callable[[Any, Any], Any]) -> Pieces:
+        time, start = sym(TIME), {field.name: sym(f"state.{field.name}", field.size) for field in part.fields}
+        share = time / clock.dt
+        u = clock.u(0.0) + share * (clock.u(1.0) - clock.u(0.0))
+        y = clock.y(0.0) + share * (clock.y(1.0) - clock.y(0.0))
+        rates = part.rhs(start, u, y, clock.valid)
+        block = Flow(
+            f"{', '.join(start)} by CVODES",
+            {f"state.{name}": now(ca.SX(rate), time) for name, rate in rates.items()},
+            names={f"{name}_start": symbols for name, symbols in start.items()},  # so that they count as read
+            span=clock.dt,
+        )
+        return Pieces(
+            fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True
+        )
+
+
+def _after(theta: HighGain, time: Any) -> Any:
+    """theta a time after the last sample: a decaying one decays on, any other is held."""
+    if isinstance(theta, Decaying):
+        return 1 + (theta.value - 1) * ca.exp(-sym("gain.rate") * time)
+    return theta.value
+
+
+class _Integrated(CallableStep):
+    """A step whose flows are integrated."""
+
+    @cached_property
+    def _machine(self) -> Machine:
+        return Machine(self, self._bound)
+
+    def _bound(self, block: Block, arguments: list[np.ndarray]) -> Bound:
+        if not isinstance(block, Flow):
+            return casadi_block(block, arguments)
+        arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True) if place != TIME}
+        moving = {place: arrays.pop(place) for place in block.writes}
+        results = [np.zeros_like(array) for array in moving.values()]
+        solver = _solver(block, list(moving), list(arrays))
+
+        def run() -> None:
+            try:
+                end = solver(x0=np.concatenate([*moving.values()]), p=np.concatenate([*arrays.values()]))["xf"]
+            except RuntimeError:
+                raise CannotIntegrate(self.observer.name, self.dt) from None
+            for result, part in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
+                result[:] = part
+
+        ends = np.cumsum([len(array) for array in results])[:-1]
+        return run, results
+
+
+def _solver(block: Flow, moving: list[str], given: list[str]) -> Any:
+    sizes = dict(block.reads)
+    state = column(s for place in moving for s in ca.vertsplit(sym(place, sizes[place])))
+    parameters = column(s for place in given for s in ca.vertsplit(sym(place, sizes[place])))
+    ode = {"x": state, "p": parameters, "t": sym(TIME), "ode": ca.vertcat(*block.writes.values())}
+    return ca.integrator("flow", "cvodes", ode, 0.0, block.span, OPTIONS)
