@@ -13,7 +13,7 @@ order 1, because it applies dt (y - h) at the samples in place of the integral, 
 step holds. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4)-(6).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -27,7 +27,7 @@ from hgogen.errors import HgogenError
 from hgogen.innovation import Predictors
 from hgogen.machine import Bound, Machine, casadi_block
 from hgogen.observer import Clock, HighGain, Observer, Ode, Part, Pieces, Riccati
-from hgogen.program import Block, column, sym
+from hgogen.program import Block, sym
 from hgogen.runge_kutta import RK4, repeated
 from hgogen.step import Step, plan
 from hgogen.theta import Decaying
@@ -38,7 +38,7 @@ TIME = "work.time"  # since the last sample
 OPTIONS = {"abstol": 1e-12, "reltol": 1e-12, "max_num_steps": 100_000, "show_eval_warnings": False}
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class CannotIntegrate(HgogenError):
     """The continuous observer cannot be followed over an interval between samples."""
 
@@ -52,20 +52,19 @@ class CannotIntegrate(HgogenError):
         )
 
 
-def reference(
-    observer: Observer | Step, u: Any = (), y: Any = (), dt: float | None = None, *, between: str = "line"
-) -> Run:
+def reference(given: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
     """The continuous observer at the samples of a record, gains and parameters at their nominal values.
 
-    Args: `observer`, or a step for its observer, dt and between; `u` (N) or (N, m), `y` (N) or (N, p), NaN for a missing
-    sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes"; about a millisecond a sample.
+    Args: `given`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p), NaN
+    for a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
 
     Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
     """
-    if isinstance(observer, Step):
-        observer, dt, between = observer.observer, dt or observer.dt, observer.between
+    observer = given.observer if isinstance(given, Step) else given
+    if isinstance(given, Step):
+        dt, between = given.dt, given.between
     fine = replace(observer, parts=tuple(map(_refined, observer.parts)))
-    step = plan(fine, Continuous(), dt or 0.0, between)
+    step = plan(fine, Continuous(), dt, between)
     run = _Integrated(**{f.name: getattr(step, f.name) for f in fields(step)}).run(u, y, engine="python")
     return replace(run, engine="cvodes")
 
@@ -73,13 +72,6 @@ def reference(
 def _refined(part: Part) -> Part:
     """Predictors by small steps, any other part as it is."""
     return replace(part, predictor=replace(part.predictor, tableau=FINE)) if isinstance(part, Predictors) else part
-
-
-@dataclass(frozen=True, eq=False)
-class Flow(Block):
-    """A block whose writes are rates: its places move along them for the time `span`."""
-
-    span: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -106,15 +98,12 @@ class Continuous:
         u = clock.u(0.0) + share * (clock.u(1.0) - clock.u(0.0))
         y = clock.y(0.0) + share * (clock.y(1.0) - clock.y(0.0))
         rates = part.rhs(start, u, y, clock.valid)
-        block = Flow(
-            f"{', '.join(start)} by CVODES",
+        block = Block(
+            f"{', '.join(start)} by CVODES: their rates",
             {f"state.{name}": now(ca.SX(rate), time) for name, rate in rates.items()},
-            names={f"{name}_start": symbols for name, symbols in start.items()},  # so that they count as read
-            span=clock.dt,
+            {"time": time, **start},  # named so that they count as read, whether or not a rate needs them
         )
-        return Pieces(
-            fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True
-        )
+        return Pieces(fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True)
 
 
 def _after(theta: HighGain, time: Any) -> Any:
@@ -125,35 +114,35 @@ def _after(theta: HighGain, time: Any) -> Any:
 
 
 class _Integrated(CallableStep):
-    """A step whose flows are integrated."""
+    """A step in which a block that reads the time gives rates, along which its places move until the next sample."""
 
     @cached_property
     def _machine(self) -> Machine:
         return Machine(self, self._bound)
 
     def _bound(self, block: Block, arguments: list[np.ndarray]) -> Bound:
-        if not isinstance(block, Flow):
+        arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
+        if arrays.pop(TIME, None) is None:
             return casadi_block(block, arguments)
-        arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True) if place != TIME}
         moving = {place: arrays.pop(place) for place in block.writes}
         results = [np.zeros_like(array) for array in moving.values()]
-        solver = _solver(block, list(moving), list(arrays))
+        ends = np.cumsum([len(array) for array in results])[:-1]
+        solver = _solver(block, moving, arrays, self.dt)
 
         def run() -> None:
             try:
                 end = solver(x0=np.concatenate([*moving.values()]), p=np.concatenate([*arrays.values()]))["xf"]
             except RuntimeError:
                 raise CannotIntegrate(self.observer.name, self.dt) from None
-            for result, part in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
-                result[:] = part
+            for result, values in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
+                result[:] = values
 
-        ends = np.cumsum([len(array) for array in results])[:-1]
         return run, results
 
 
-def _solver(block: Flow, moving: list[str], given: list[str]) -> Any:
+def _solver(block: Block, moving: Iterable[str], given: Iterable[str], dt: float) -> Any:
+    """CVODES from one sample to the next: the places `moving` move, those of `given` are parameters."""
     sizes = dict(block.reads)
-    state = column(s for place in moving for s in ca.vertsplit(sym(place, sizes[place])))
-    parameters = column(s for place in given for s in ca.vertsplit(sym(place, sizes[place])))
+    state, parameters = (ca.vertcat(*(sym(place, sizes[place]) for place in places)) for places in (moving, given))
     ode = {"x": state, "p": parameters, "t": sym(TIME), "ode": ca.vertcat(*block.writes.values())}
-    return ca.integrator("flow", "cvodes", ode, 0.0, block.span, OPTIONS)
+    return ca.integrator("flow", "cvodes", ode, 0.0, dt, OPTIONS)
