@@ -6,6 +6,7 @@ returns the estimate at t_k using y_k; the first call advances no time. A sample
 predict only; an input that is not a number reuses the last valid one; both are said in the status.
 """
 
+import decimal
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -67,7 +68,13 @@ class StepTooLong(HgogenError):
     why: str
 
     def __str__(self) -> str:
-        return f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {self.limit:.3g}, or another method"
+        limit = rounded_down(self.limit)
+        return f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {limit}, or another method"
+
+
+def rounded_down(value: float) -> str:
+    """A number to three digits, never above it: what a sentence names as admissible is admitted."""
+    return f"{float(decimal.Context(prec=3, rounding=decimal.ROUND_FLOOR).create_decimal(value)):g}"
 
 
 class StepMayFail(UserWarning):
@@ -137,8 +144,8 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
     caution = min(piece.caution for piece in pieces)
     if dt > caution:
         warnings.warn(
-            f"dt = {dt:g} is longer than {caution:.3g}, from where on {method.name} may fail in a part of the declared "
-            "box; shorten it or take methods.continuous_discrete",
+            f"dt = {dt:g} is longer than {rounded_down(caution)}, from where on {method.name} may fail in a part of the "
+            "declared box; shorten it or take methods.continuous_discrete",
             StepMayFail,
             stacklevel=3,
         )

@@ -1,0 +1,35 @@
+"""Plants and observers that several tests use."""
+
+from pathlib import Path
+from typing import Any
+
+import sympy as sp
+
+import hgogen as hg
+from hgogen.model import load
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+
+
+def model(name: str) -> hg.System:
+    return load(MODELS / f"{name}.py").plant
+
+
+def chain(n: int) -> hg.System:
+    """x1' = x2, .., xn' = -sin x1 - x_n + u, y = x1."""
+    x = [hg.Signal(f"x{i}", low=-4, high=4) for i in range(1, n + 1)]
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-5, high=5)
+    flow = [*x[1:], -sp.sin(x[0]) - x[-1] + u]
+    return hg.System(f"chain{n}", states=x, inputs=(u,), outputs=(y,), flow=flow, output=[x[0]])
+
+
+def fitzhugh_nagumo(**changes: Any) -> hg.Observer:
+    """The filter of the reference trial, theta = 1 unless `changes` say otherwise."""
+    gains: dict[str, Any] = {"Q": (0.1, 0.01, 2.3e-4), "R": 1.0, "accept": ("triangular.a_2",)}
+    return hg.observers.riccati(hg.forms.triangular(model("fitzhugh_nagumo")), **{**gains, **changes})
+
+
+def pendulum(**changes: Any) -> hg.Observer:
+    """The high-gain observer, theta = 20."""
+    gains: dict[str, Any] = {"theta": 20, "poles": (-1, -1)}
+    return hg.observers.high_gain(hg.forms.triangular(model("pendulum")), **{**gains, **changes})

@@ -1,0 +1,379 @@
+"""Methods: their orders against the continuous equations, the covariance's views, step lengths that are admitted."""
+
+import re
+import warnings
+from collections.abc import Callable
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import chain, fitzhugh_nagumo, pendulum
+
+import hgogen as hg
+from hgogen.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
+from hgogen.exact import evaluate, machine
+from hgogen.observer import Riccati
+from hgogen.program import sym
+from hgogen.runge_kutta import EULER, HEUN, RK4, Tableau, repeated
+from hgogen.stability import Limit
+from hgogen.step import BadStep, StepMayFail, StepTooLong
+
+EPS = np.finfo(float).eps
+Signal = Callable[[np.ndarray], np.ndarray]
+
+
+def u(t: np.ndarray) -> np.ndarray:
+    return 0.5 * np.sin(t)
+
+
+def y(t: np.ndarray) -> np.ndarray:
+    return 1.5 * np.cos(0.7 * t + 0.3)
+
+
+def record(duration: float, dt: float) -> dict[str, np.ndarray]:
+    t = np.arange(round(duration / dt) + 1) * dt
+    return {"u": u(t), "y": y(t)}
+
+
+def run(observer: hg.Observer, method: str, dt: float, duration: float, between: str = "line") -> hg.Run:
+    step = hg.sample(observer, getattr(hg.methods, method), dt=dt, between=between)
+    return step.run(**record(duration, dt), engine="python")
+
+
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the limit of dt by the covariance, which takes seconds to find."""
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
+
+
+# --- orders -------------------------------------------------------------------------------------------------
+
+OBSERVERS = {
+    "kalman": lambda: fitzhugh_nagumo(),
+    "theta_3": lambda: fitzhugh_nagumo(theta=3.0),
+    "high_gain": lambda: pendulum(),
+}
+LENGTHS = {"kalman": (0.025, 0.0125), "theta_3": (0.025, 0.0125), "high_gain": (0.005, 0.0025)}
+
+
+@cache
+def reference(name: str, dt: float, between: str) -> hg.Run:
+    """The continuous equations on the line between the very samples that the step is given."""
+    return hg.reference(OBSERVERS[name](), **record(1.0, dt), dt=dt, between=between)
+
+
+def errors(name: str, method: str, between: str) -> list[float]:
+    found = []
+    for dt in LENGTHS[name]:
+        run_, exact = run(OBSERVERS[name](), method, dt, 1.0, between), reference(name, dt, between)
+        assert not run_.status.any()  # no clamp is active: the equations are smooth
+        assert not exact.status.any()
+        found.append(float(np.abs(run_.x - exact.x).max()))
+    return found
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("between", ["line", "hold"])
+@pytest.mark.parametrize(
+    ("name", "method", "order"),
+    [
+        *((name, method, order) for name in OBSERVERS for method, order in (("euler", 1), ("heun", 2), ("rk4", 4))),
+        *((name, "rk4_covariance", 4) for name in ("kalman", "theta_3")),
+        # dt (y - C z) at the samples is the rectangle rule for the integral of the correction, in z as in P
+        *((name, "continuous_discrete", 1) for name in ("kalman", "theta_3")),
+    ],
+)
+def test_order(name: str, method: str, order: int, between: str) -> None:
+    """An error c dt^p (1 + O(dt lambda)) halves p times; dt lambda is some .1 here, which moves p by less than .25."""
+    coarse, fine = errors(name, method, between)
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.25)
+
+
+def adaptive(innovation: object) -> hg.Observer:
+    """theta rises to 3.5 and falls again within 2 s, mu mostly strictly between 0 and 1."""
+    mu = hg.theta.smoothstep(0.01, 0.3)
+    return fitzhugh_nagumo(theta=hg.theta.adaptive(2.0, rise_time=0.3, mu=mu, innovation=innovation))
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    "innovation",
+    [
+        lambda **method: hg.innovation.staggered(0.4, predictors=2, **method),
+        lambda **method: hg.innovation.window(0.4, **method),
+    ],
+    ids=["staggered", "window"],
+)
+def test_order_with_an_adaptive_theta(innovation: Callable[..., object]) -> None:
+    """4 with predictors by RK4; with Heun's, the default, theta has their order, 2."""
+    ways, found = {"rk4": innovation(method=hg.methods.rk4), "heun": innovation()}, {"rk4": [], "heun": []}
+    for dt in (0.05, 0.025):
+        exact = hg.reference(adaptive(ways["rk4"]), **record(2.0, dt), dt=dt)
+        assert exact.traces["theta"].max() > 2.5
+        for name, way in ways.items():
+            own = run(adaptive(way), "rk4", dt, 2.0)
+            found[name].append(np.abs(own.traces["theta"] - exact.traces["theta"]).max())
+    for name, order in (("rk4", 4), ("heun", 2)):
+        assert np.log2(found[name][0] / found[name][1]) == pytest.approx(order, abs=0.5)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_decaying_theta_is_held_by_a_step() -> None:
+    """The left value of theta in place of the decaying one: order 1."""
+    observer, found = fitzhugh_nagumo(theta=hg.theta.decaying(3.0, rate=1.0)), []
+    for dt in (0.05, 0.025):
+        exact = hg.reference(observer, **record(1.0, dt), dt=dt)
+        found.append(np.abs(run(observer, "rk4", dt, 1.0).x - exact.x).max())
+    assert np.log2(found[0] / found[1]) == pytest.approx(1, abs=0.25)
+
+
+@pytest.mark.parametrize("tableau", [EULER, HEUN, RK4, repeated(HEUN, 3)], ids=lambda tableau: tableau.name)
+def test_tableaux_are_consistent(tableau: Tableau) -> None:
+    """Rows of a sum to c, b to 1, and R(z) is exp(z) up to the order."""
+    for row, c in zip(tableau.a, tableau.c, strict=True):
+        assert sum(row) == pytest.approx(c, abs=4 * EPS)
+    assert sum(tableau.b) == pytest.approx(1, abs=4 * EPS)
+    exponential = np.cumprod([1.0, *(1 / k for k in range(1, tableau.order + 1))])
+    assert tableau.polynomial[: tableau.order + 1] == pytest.approx(exponential, abs=8 * EPS)
+
+
+def test_a_repeated_method_is_that_many_steps() -> None:
+    """R of 3 steps of length h/3 is R(h/3)^3."""
+    once, thrice = np.array(RK4.polynomial[::-1]), np.array(repeated(RK4, 3).polynomial[::-1])
+    for h in (-1.0, -0.3, 0.7):
+        assert np.polyval(thrice, h) == pytest.approx(np.polyval(once, h / 3) ** 3, rel=64 * EPS)
+
+
+# --- the covariance's views ---------------------------------------------------------------------------------
+
+
+def definite(rng: np.random.Generator, n: int) -> np.ndarray:
+    """A symmetric matrix with eigenvalues from 0.01 to 100."""
+    turn, _ = np.linalg.qr(rng.standard_normal((n, n)))
+    return turn @ np.diag(10 ** rng.uniform(-2, 2, n)) @ turn.T
+
+
+@cache
+def rates() -> tuple[object, object]:
+    """(z, X, u, y, valid) to (z', X'), X the lower triangle of P or S."""
+    (part,) = fitzhugh_nagumo(theta=3.0, Q=np.diag([0.1, 0.01, 2.3e-4]) + 1e-4).parts
+    assert isinstance(part, Riccati)
+    n, gains = part.dynamics.n, {"gain.Q": part.nominal[0], "gain.R": part.nominal[1], "gain.theta": 3.0}
+    z, X, u_, y_, valid = (ca.SX.sym(name, size) for name, size in zip("zXuyv", (n, 6, 1, 1, 1), strict=True))
+    functions = []
+    for view, name in ((covariance_ode, "P"), (information_ode, "S")):
+        slopes = view(part).rhs({"z": z, name: X}, u_, y_, valid)
+        weights = np.diag(np.linalg.cholesky(gains["gain.Q"])) ** 2
+        found = ca.substitute(
+            [ca.vertcat(slopes["z"]), ca.vertcat(slopes[name])],
+            [sym("gain.Q", n), sym("gain.R"), sym("gain.theta")],
+            [ca.SX(ca.DM(weights)), ca.SX(1.0), ca.SX(3.0)],
+        )
+        functions.append(ca.Function(name, [z, X, u_, y_, valid], found))
+    return tuple(functions)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+@settings(deadline=None, max_examples=50)
+def test_the_information_form_is_the_covariance_form(seed: int, valid: bool) -> None:
+    """z' is the same and S' = -S P' S: the condition number is at most 1e4, each product keeps 1e-16 of it."""
+    rng = np.random.default_rng(seed)
+    P = definite(rng, 3)
+    S = np.linalg.inv(P)
+    z, given_ = rng.uniform(-4, 4, 3), (*rng.uniform(-1, 1, 2), float(valid))
+    forward, backward = rates()
+    slope, rate = (np.array(part) for part in forward(z, pack(P), *given_))
+    other, back = (np.array(part) for part in backward(z, pack(S), *given_))
+    rate, back = (np.array(ca.DM(unpack(ca.SX(ca.DM(part)), 3))) for part in (rate, back))
+    assert other == pytest.approx(slope, abs=1e-10 * max(1.0, np.abs(slope).max()))
+    expected = -S @ rate @ S
+    scale = np.abs(S).max() ** 2 * np.abs(rate).max() + np.abs(back).max()
+    assert back == pytest.approx(expected, abs=1e-10 * scale)
+
+
+sizes = st.integers(1, 6)
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def updates(n: int) -> tuple[object, object, object]:
+    """Of (L, d, Phi, W, w), of (L, d, c, r) with a full row, and with c = (c_1, 0, ..., 0)."""
+    names = (("L", n, n), ("d", n), ("A", n, n), ("W", n, n), ("w", n), ("c", 1, n), ("r",))
+    L, d, A, W, w, c, r = (ca.SX.sym(*name) for name in names)
+    lower = ca.SX.eye(n) + ca.SX(ca.Sparsity.lower(n), 0)
+    for j in range(n):
+        for i in range(j + 1, n):
+            lower[i, j] = L[i, j]
+    first = ca.sparsify(ca.horzcat(c[0], ca.SX(1, n - 1)))
+    return (
+        ca.Function("time", [L, d, A, W, w], time_update(lower, d, A, W, w)[:2]),
+        ca.Function("full", [L, d, c, r], measurement_update(lower, d, c, r)),
+        ca.Function("first", [L, d, c, r], measurement_update(lower, d, first, r)),
+    )
+
+
+def factors(rng: np.random.Generator, n: int, decades: float) -> tuple[np.ndarray, np.ndarray]:
+    return np.tril(rng.standard_normal((n, n)), -1) + np.eye(n), 10 ** rng.uniform(-decades, decades, n)
+
+
+def assert_factors(L: np.ndarray, d: np.ndarray) -> None:
+    assert np.array_equal(L, np.tril(L, -1) + np.eye(len(d)))
+    assert (d > 0).all()
+    assert np.isfinite(d).all()
+
+
+@given(sizes, seeds)
+@settings(deadline=None, max_examples=60)
+def test_the_time_update_is_the_dense_one(n: int, seed: int) -> None:
+    """Gram-Schmidt on 2n rows is stable row by row: the error is some n^2 eps of |Phi L| D |Phi L|' + |W| w |W|'."""
+    rng = np.random.default_rng(seed)
+    (L, d), (W, w), A = factors(rng, n, 2), factors(rng, n, 2), rng.standard_normal((n, n))
+    lower, diagonal = (np.array(part) for part in updates(n)[0](L, d, A, W, w))
+    assert_factors(lower, diagonal[:, 0])
+    dense = A @ L @ np.diag(d) @ L.T @ A.T + W @ np.diag(w) @ W.T
+    size = np.diag(dense)  # of which no entry is larger than the geometric mean of its row's and column's
+    error = np.abs(lower @ np.diag(diagonal[:, 0]) @ lower.T - dense) / np.sqrt(np.outer(size, size))
+    assert error.max() < 100 * n**2 * EPS
+
+
+@given(sizes, seeds, st.booleans())
+@settings(deadline=None, max_examples=60)
+def test_the_measurement_update_is_the_dense_one(n: int, seed: int, full: bool) -> None:
+    """P - K c P loses no more than some n^2 eps of P, and K as much of itself."""
+    rng = np.random.default_rng(seed)
+    (L, d), c, r = factors(rng, n, 2), rng.standard_normal((1, n)), 10 ** rng.uniform(-2, 2)
+    if not full:
+        c[0, 1:] = 0
+    lower, diagonal, gain = (np.array(part) for part in updates(n)[1 if full else 2](L, d, c, r))
+    assert_factors(lower, diagonal[:, 0])
+    P = L @ np.diag(d) @ L.T
+    alpha = r + (c @ P @ c.T).item()
+    K = P @ c.T / alpha
+    scale = np.sqrt(np.diag(P))
+    error = np.abs(lower @ np.diag(diagonal[:, 0]) @ lower.T - (P - K @ c @ P)) / np.outer(scale, scale)
+    assert error.max() < 100 * n**2 * EPS
+    assert gain == pytest.approx(K, abs=100 * n**2 * EPS * (scale[:, None] * np.sqrt(1 / alpha)).max())
+    if not full:
+        assert np.array_equal(lower, L)
+
+
+@given(sizes, seeds)
+@settings(deadline=None, max_examples=60)
+def test_factors_stay_positive_over_thirty_decades(n: int, seed: int) -> None:
+    """Where P itself could not be formed: every pivot is a sum or quotient of positive numbers."""
+    rng = np.random.default_rng(seed)
+    (L, d), (W, w), A = factors(rng, n, 15), factors(rng, n, 15), rng.standard_normal((n, n))
+    after = [np.array(part) for part in updates(n)[0](L, d, A, W, w)]
+    assert_factors(after[0], after[1][:, 0])
+    c, r = rng.standard_normal((1, n)), 10 ** rng.uniform(-15, 15)
+    corrected = [np.array(part) for part in updates(n)[1](L, d, c, r)]
+    assert_factors(corrected[0], corrected[1][:, 0])
+    # det(P+) = det(P) r/alpha, in logarithms; alpha = r + sum of d_j f_j^2 with positive terms
+    f = L.T @ c[0]
+    alpha = r + d @ f**2
+    change = np.log(corrected[1][:, 0]).sum() - np.log(d).sum()
+    assert change == pytest.approx(np.log(r) - np.log(alpha), abs=1e-11)
+
+
+@pytest.mark.parametrize("n", [5, 6])
+def test_factors_in_float_survive_2000_samples_without_measurement(n: int) -> None:
+    """P grows over eight decades; formed and factored in float it stops being positive definite."""
+    h, function = 0.01, updates(n)[0]
+    F = np.diag(np.ones(n - 1), 1)
+    F[-1, 0] = F[-1, -1] = -1
+    Phi = (np.eye(n) + h * F + h * h / 2 * F @ F).astype(np.float32)
+    L, d, P = np.eye(n, dtype=np.float32), np.ones(n, np.float32), np.eye(n, dtype=np.float32)
+    noise, lost = np.full(n, 0.01 * h, np.float32), False
+    constants = [Phi.T.ravel(), np.eye(n, dtype=np.float32).ravel(), noise]
+    for _ in range(2000):
+        lower, d = (np.array(part, np.float32) for part in evaluate(function, [L.T.ravel(), d, *constants], "float"))
+        L = lower.reshape(n, n).T
+        assert (d > 0).all()
+        P = Phi @ P @ Phi.T + np.diag(noise)
+        lost = lost or np.linalg.eigvalsh((P + P.T).astype(float) / 2).min() <= 0
+    assert lost
+    assert np.isfinite(L).all()
+    assert np.isfinite(d).all()
+
+
+def test_a_step_in_float_comes_back_after_2000_samples_without_measurement() -> None:
+    """The chain's truth is its rest; the covariance is capped meanwhile, the factors stay positive."""
+    observer = hg.observers.riccati(
+        hg.forms.triangular(chain(5)), Q=(0.01,) * 5, R=0.01, initial={"x1": 1.0, "x5": -1.0}
+    )
+    reader = machine(hg.sample(observer, dt=0.01), "float")
+    reader.memory["output.y"][0] = np.nan
+    for _ in range(2000):
+        reader.call()
+        assert (reader.memory["state.D"] > 0).all()
+        assert all(np.isfinite(reader.memory[f"state.{name}"]).all() for name in ("z", "L", "D"))
+    reader.memory["output.y"][0] = 0.0
+    for _ in range(1500):
+        reader.call()
+    assert np.abs(reader.memory["state.z"]).max() < 0.1
+
+
+# --- step lengths -------------------------------------------------------------------------------------------
+
+
+def admitted(sentence: str) -> float:
+    (found,) = re.findall(r"take dt <= ([0-9.e+-]+),", sentence)
+    return float(found)
+
+
+@pytest.mark.parametrize("theta", [3.0, 7.0, 20.0, 33.0])
+@pytest.mark.parametrize("method", ["euler", "heun", "rk4"])
+def test_a_core_too_fast_names_a_dt_that_works(method: str, theta: float) -> None:
+    """Both poles at -theta: on the real axis the methods reach 2, 2 and 2.7853."""
+    observer, limit = pendulum(theta=theta), {"euler": 2.0, "heun": 2.0, "rk4": 2.785293563}[method] / theta
+    with pytest.raises(StepTooLong, match="leaves the stability region") as caught:
+        hg.sample(observer, getattr(hg.methods, method), dt=1.01 * limit)
+    assert caught.value.limit == pytest.approx(limit, rel=1e-6)  # a double eigenvalue is known to sqrt(eps) only
+    dt = admitted(str(caught.value))
+    assert 0.99 * limit < dt <= limit
+    hg.sample(observer, getattr(hg.methods, method), dt=dt)
+
+
+@pytest.mark.parametrize(("theta", "method"), [(3.0, "rk4"), (8.0, "rk4"), (8.0, "rk4_covariance"), (3.0, "euler")])
+def test_a_covariance_too_stiff_names_a_dt_that_works(theta: float, method: str) -> None:
+    observer = fitzhugh_nagumo(theta=theta)
+    with pytest.raises(StepTooLong, match="covariance equation") as caught:
+        hg.sample(observer, getattr(hg.methods, method), dt=5.0)
+    dt = admitted(str(caught.value))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepMayFail)
+        step = hg.sample(observer, getattr(hg.methods, method), dt=dt)
+    assert dt <= step.limit
+
+
+def test_a_dt_without_a_warning_runs() -> None:
+    observer = fitzhugh_nagumo(theta=8.0)
+    with pytest.warns(StepMayFail, match="may fail in a part of the declared box") as caught:
+        hg.sample(observer, hg.methods.rk4, dt=0.15)
+    (dt,) = re.findall(r"longer than ([0-9.e+-]+),", str(caught[0].message))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        step = hg.sample(observer, hg.methods.rk4, dt=float(dt))
+    kept = step.run(**record(20.0, float(dt)), engine="python")
+    assert "RESTARTED" not in step.flags(np.bitwise_or.reduce(kept.status))
+    P = np.linalg.inv(np.array(ca.DM(unpack(ca.SX(ca.DM(step._machine.memory["state.S"])), 3))))
+    assert np.linalg.eigvalsh(P).min() > 0
+
+
+@pytest.mark.parametrize("dt", [0.01, 1.0])
+def test_continuous_discrete_takes_any_dt(dt: float) -> None:
+    assert hg.sample(fitzhugh_nagumo(theta=100.0), dt=dt).limit == np.inf
+
+
+@pytest.mark.parametrize("dt", [0, -1, float("nan"), float("inf"), "1", None])
+def test_no_time_is_no_dt(dt: object) -> None:
+    with pytest.raises(BadStep, match=r"dt = .* must be a positive time in seconds"):
+        hg.sample(pendulum(), hg.methods.rk4, dt=dt)
+
+
+def test_u_is_on_a_line_or_held() -> None:
+    with pytest.raises(BadStep, match='must be "line" or "hold"'):
+        hg.sample(pendulum(), hg.methods.rk4, dt=0.01, between="cubic")
