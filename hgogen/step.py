@@ -144,8 +144,8 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
     caution = min(piece.caution for piece in pieces)
     if dt > caution:
         warnings.warn(
-            f"dt = {dt:g} is longer than {rounded_down(caution)}, from where on {method.name} may fail in a part of the "
-            "declared box; shorten it or take methods.continuous_discrete",
+            f"dt = {dt:g} is longer than {rounded_down(caution)}, from where on {method.name} may fail in a part of "
+            "the declared box; shorten it or take methods.continuous_discrete",
             StepMayFail,
             stacklevel=3,
         )
