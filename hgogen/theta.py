@@ -290,18 +290,22 @@ def logistic(centre: float, slope: float) -> Logistic:
 def adaptive(
     theta_1: float,
     *,
-    mu: Smoothstep | Logistic,
+    mu: Smoothstep | Logistic | tuple[float, float],
     innovation: Innovation,
     rise_time: float = 0.1,
     rate: float = 1.0,
 ) -> Adaptive:
-    """theta between 1 and 2 theta_1 by the innovation; `rise_time` is the paper's Delta T, `rate` its lambda.
+    """theta between 1 and 2 theta_1 by the innovation.
+
+    Args: `mu` a `smoothstep` or `logistic`, or the thresholds (gamma_0, gamma_1) of a smoothstep (y^2 s);
+    `innovation` a value of `hgogen.innovation`; `rise_time` the paper's Delta T (s); `rate` its lambda (1/s).
 
     Raises: `BadGain`.
     """
     _at_least("theta_1", theta_1, 1.0)
     _positive("rise_time", rise_time)
     _positive("rate", rate)
+    mu = smoothstep(*mu) if isinstance(mu, tuple) else mu
     return Adaptive(float(theta_1), float(rise_time), float(rate), mu, innovation)
 
 

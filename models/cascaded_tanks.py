@@ -42,7 +42,7 @@ tuning = {
             2.0,
             rise_time=4.0,
             rate=0.25,
-            mu=hg.theta.smoothstep(0.7, 1.0),
+            mu=(0.7, 1.0),
             innovation=hg.innovation.staggered(32.0, predictors=4),
         ),
     },

@@ -36,7 +36,7 @@ tuning = {
             4.0,
             rise_time=0.1,
             rate=1.0,
-            mu=hg.theta.smoothstep(0.16, 0.32),
+            mu=(0.16, 0.32),
             innovation=hg.innovation.staggered(1.0, predictors=4),
         ),
         "accept": ("triangular.a_2",),
