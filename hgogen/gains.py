@@ -16,7 +16,7 @@ class BadPoles(HgogenError):
     reason: str
 
     def __str__(self) -> str:
-        return f"poles {', '.join(f'{p:g}' for p in self.poles)}: {self.reason}"
+        return f"poles {', '.join(f'{p:g}' for p in self.poles) or 'given'}: {self.reason}"
 
 
 def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
@@ -24,16 +24,17 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
 
     Raises: `BadPoles`.
     """
-    values = tuple(complex(pole) for pole in poles)
+    try:
+        values = tuple(complex(pole) for pole in poles)
+    except (TypeError, ValueError):
+        raise BadPoles((), f"{poles!r} is no sequence of numbers; write, say, (-1, -2)") from None
     if len(values) != n:
         raise BadPoles(values, f"there are {len(values)}, the form has {n} states; give one for each")
     if not all(np.isfinite(values)):
         raise BadPoles(values, "are not all finite numbers")
     unstable = [pole for pole in values if pole.real >= 0]
     if unstable:
-        raise BadPoles(
-            values, f"{unstable[0]:g} is not in the open left half plane; give it a negative real part"
-        )
+        raise BadPoles(values, f"{unstable[0]:g} is not in the open left half plane; give it a negative real part")
     polynomial = np.poly(values)
     if np.abs(np.imag(polynomial)).max() > 1e-12 * np.abs(polynomial).max():
         raise BadPoles(values, "complex poles must come in conjugate pairs")

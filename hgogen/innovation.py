@@ -14,13 +14,13 @@ A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. M
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import casadi as ca
 
 from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
-from hgogen.observer import HUGE, Clock, Part, Pieces
+from hgogen.observer import HUGE, Clock, Part, Pieces, real
 from hgogen.program import Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
 
@@ -46,6 +46,7 @@ class BadWindow(HgogenError):
         )
 
 
+@runtime_checkable
 class Innovation(Protocol):
     """A way to compute I_d into the place `state.innovation`."""
 
@@ -267,20 +268,20 @@ def staggered(d: float, predictors: int = 4, method: Any = None) -> Staggered:
     Raises: `HgogenError` where d or the number is not positive.
     """
     _positive(d)
-    if predictors < 1:
-        raise BadWindowSize(f"predictors = {predictors}", "must be at least 1")
-    return Staggered(float(d), int(predictors), HEUN if method is None else method.tableau)
+    if real("predictors", predictors) not in range(1, 1000):
+        raise BadWindowSize(f"predictors = {predictors}", "must be a whole number, from 1 to 999")
+    return Staggered(float(d), int(predictors), _tableau(method))
 
 
 def window(d: float, method: Any = None) -> Window:
     """Innovation as the paper defines it, the model run again over the window `d` (s) at every sample."""
     _positive(d)
-    return Window(float(d), HEUN if method is None else method.tableau)
+    return Window(float(d), _tableau(method))
 
 
 @dataclass(eq=False)
 class BadWindowSize(HgogenError):
-    """A window or a number of predictors that is not positive."""
+    """A window, a number of predictors or a method that cannot be used."""
 
     what: str
     reason: str
@@ -290,5 +291,14 @@ class BadWindowSize(HgogenError):
 
 
 def _positive(d: float) -> None:
-    if not 0 < d < HUGE:
+    if not 0 < real("the window d", d) < HUGE:
         raise BadWindowSize(f"the window d = {d!r}", "must be a positive time in seconds")
+
+
+def _tableau(method: Any) -> Tableau:
+    tableau = HEUN if method is None else getattr(method, "tableau", None)
+    if not isinstance(tableau, Tableau):
+        raise BadWindowSize(
+            f"method = {method!r}", "must be an explicit one: methods.euler, methods.heun or methods.rk4"
+        )
+    return tableau

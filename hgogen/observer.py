@@ -38,6 +38,25 @@ class BadGain(HgogenError):
         return f"{self.gain} {self.reason}"
 
 
+def reals(name: str, value: Any) -> np.ndarray:
+    """A number or an array of numbers as floats. Raises: `BadGain` for anything else."""
+    try:
+        array = np.asarray(value)
+        if value is None or array.dtype.kind in "US":  # which numpy would turn into NaN, or into numbers
+            raise TypeError
+        return np.asarray(array, dtype=float)
+    except (TypeError, ValueError):
+        raise BadGain(f"{name} = {value!r}", "must be a number or an array of numbers") from None
+
+
+def real(name: str, value: Any) -> float:
+    """A number as a float. Raises: `BadGain` for anything else."""
+    array = reals(name, value)
+    if array.ndim:
+        raise BadGain(f"{name} of shape {array.shape}", "must be a single number")
+    return float(array)
+
+
 @dataclass(frozen=True)
 class Clock:
     """Sampling as a part sees it: the step length, and what the input does between samples."""
@@ -255,9 +274,9 @@ def _initial(form: Form, initial: Mapping[str, float] | Sequence[float] | None) 
         unknown = sorted(set(initial) - set(names))
         if unknown:
             raise BadGain(f"initial names {unknown[0]!r},", f"which is no state; the states are {', '.join(names)}")
-        values = [initial.get(name, value) for name, value in zip(names, default, strict=True)]
+        values = [real(f"initial {name}", initial.get(name, value)) for name, value in zip(names, default, strict=True)]
     else:
-        values = list(initial)
+        values = list(reals("initial", initial).reshape(-1))
     if len(values) != len(names):
         raise BadGain(f"initial of length {len(values)}", f"must have one number for each of {', '.join(names)}")
     for signal, value in zip(signals, values, strict=True):

@@ -13,16 +13,17 @@ logistic, which is never 0 and so holds theta a little above 1.
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 
 from hgogen.dynamics import Dynamics
 from hgogen.innovation import Innovation
-from hgogen.observer import BadGain, Clock, HighGain, Jump, Part, Pieces, gain
+from hgogen.observer import BadGain, Clock, HighGain, Jump, Part, Pieces, gain, real
 from hgogen.program import Block, Field, scalar, sym
 
 
+@runtime_checkable
 class Theta(HighGain, Protocol):
     """A high-gain parameter."""
 
@@ -302,18 +303,23 @@ def adaptive(
 
     Raises: `BadGain`.
     """
+    if isinstance(mu, tuple) and len(mu) == 2:
+        mu = smoothstep(*mu)
+    if not isinstance(mu, Smoothstep | Logistic):
+        raise BadGain(f"mu = {mu!r}", "must be thresholds (gamma_0, gamma_1), theta.smoothstep or theta.logistic")
+    if not isinstance(innovation, Innovation):
+        raise BadGain(f"innovation = {innovation!r}", "must be innovation.staggered(...) or innovation.window(...)")
     _at_least("theta_1", theta_1, 1.0)
     _positive("rise_time", rise_time)
     _positive("rate", rate)
-    mu = smoothstep(*mu) if isinstance(mu, tuple) else mu
     return Adaptive(float(theta_1), float(rise_time), float(rate), mu, innovation)
 
 
 def _positive(name: str, value: float) -> None:
-    if not 0 < value < float("inf"):
+    if not 0 < real(name, value) < float("inf"):
         raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
 
 
 def _at_least(name: str, value: float, low: float) -> None:
-    if not low <= value < float("inf"):
+    if not low <= real(name, value) < float("inf"):
         raise BadGain(f"{name} = {value!r}", f"must be a finite number, at least {low:g}")

@@ -18,7 +18,7 @@ from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.gains import coefficients
 from hgogen.graph import to_casadi
-from hgogen.observer import BadGain, Observer, Ode, gain, state_field
+from hgogen.observer import BadGain, Observer, Ode, gain, real, state_field
 from hgogen.program import Block, Field, sym
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
@@ -42,6 +42,7 @@ def high_gain(
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
     demand(form.checks, accept)
     n, dynamics = form.n, Dynamics(form)
+    theta = real("theta", theta)
     if not 1 <= theta < np.inf:
         raise BadGain(f"theta = {theta!r}", "must be a finite number, at least 1")
     chain = _chain(form)

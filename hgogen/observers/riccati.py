@@ -18,7 +18,7 @@ from hgogen.check import Check, Verdict, demand
 from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.observer import HUGE, BadGain, Observer, Riccati, gain, state_field
+from hgogen.observer import HUGE, BadGain, Observer, Riccati, gain, reals, state_field
 from hgogen.program import sym
 from hgogen.theta import Theta, constant
 
@@ -52,17 +52,18 @@ def riccati(
     """
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
     demand(form.checks, accept)
-    theta = constant(theta) if isinstance(theta, int | float) else theta
+    theta = theta if isinstance(theta, Theta) else constant(theta)
     n, outputs = form.n, len(form.output)
     if outputs > 1 and theta.peak != 1:
         raise BadGain(f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}")
     noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
-    variances = (float(R),) * outputs if isinstance(R, int | float) else tuple(float(r) for r in R)
-    if len(variances) != outputs:
-        raise BadGain(f"R of length {len(variances)}", f"must have one number for each of {outputs} outputs")
+    given = reals("R", R)
+    variances = tuple(map(float, given if given.ndim else [given] * outputs))
+    if given.ndim > 1 or len(variances) != outputs:
+        raise BadGain(f"R of shape {given.shape}", f"must have one number for each of {outputs} outputs")
     shape, weights = factor(noise)
-    if any(not 0 < value < HUGE for value in variances):
-        raise BadGain(f"R = {variances}", "must be positive and finite")
+    if any(not 1 / HUGE <= value <= HUGE for value in variances):
+        raise BadGain(f"R = {R}", f"must be positive, from {1 / HUGE:g} to {HUGE:g}")
     top, bottom = 1e6, 1e-6
     gains = (
         gain(
@@ -118,13 +119,15 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
 
     Raises: `BadGain`.
     """
-    matrix = np.asarray(value, dtype=float)
+    matrix = reals(name, value)
     if matrix.ndim == 1:
         matrix = np.diag(matrix)
     if matrix.shape != (n, n):
         raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
-    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
-        raise BadGain(name, "must be finite and symmetric")
+    if not (np.abs(matrix) <= HUGE).all():
+        raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE:g}")
+    if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
+        raise BadGain(name, "must be symmetric")
     if np.linalg.eigvalsh(matrix).min() <= 0:
         raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
     return matrix
