@@ -110,10 +110,10 @@ static void PREFIX_correct(PREFIX_column L[SIZE], REAL D[SIZE], const REAL c[SIZ
 """,
     "cap": """
 /* scale row i of L where P_ii exceeds its cap; whether one did */
-static int PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE])
+static bool PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE])
 {
     REAL scale[SIZE];
-    int capped = 0;
+    bool capped = false;
     for (unsigned i = 0u; i < SIZE; ++i) {
         REAL variance = D[i];
         for (unsigned k = 0u; k < i; ++k) {
@@ -122,10 +122,10 @@ static int PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE]
         scale[i] = ONE;
         if (variance > caps[i]) {
             scale[i] = caps[i]/variance;
-            capped = 1;
+            capped = true;
         }
     }
-    if (capped != 0) {
+    if (capped) {
         for (unsigned k = 0u; k < SIZE; ++k) {
             for (unsigned i = k + 1u; i < SIZE; ++i) {
                 L[k].v[i] = L[k].v[i]*scale[i]/scale[k];
@@ -144,7 +144,7 @@ def kernels(prefix: str, real: Real, used: Collection[tuple[str, int]]) -> list[
     lines: list[str] = []
     for name, text in _C.items():
         for size in sorted(size for used_name, size in used if used_name == name):
-            filled = text.strip("\n").replace("PREFIX", prefix).replace("REAL", real).replace("SIZE", f"{size}u")
-            filled = filled.replace("ZERO", literal(0, real)).replace("ONE", literal(1, real))
+            filled = text.strip("\n").replace("REAL", real).replace("SIZE", f"{size}u")
+            filled = filled.replace("ZERO", literal(0, real)).replace("ONE", literal(1, real)).replace("PREFIX", prefix)
             lines += [*filled.split("\n"), ""]
     return lines

@@ -4,10 +4,96 @@ Bundled functions are the graphs of `hgogen.elementary`, so they give the same b
 """
 
 from collections.abc import Collection
+from string import Template
 
-from hgogen.cprint import HELPERS, Printer, Real, Target, body, literal
+import casadi as ca
+
+from hgogen.cprint import CALLS, Printer, Real, Target, body, literal
 from hgogen.ctext import indented
 from hgogen.elementary import elementary
+
+_WHOLE: dict[Real, str] = {"float": "int32_t", "double": "int64_t"}
+_ALL_WHOLE: dict[Real, float] = {"float": 2.0**23, "double": 2.0**52}  # numbers from here on are whole
+_LARGE: dict[Real, str] = {"float": "3e38f", "double": "1e308"}
+
+# the small functions, in the order in which they call each other
+_HELPERS = {
+    "abs": Template("""
+static $real ${prefix}_abs($real v)
+{
+    return (v < $zero) ? -v : v;
+}
+"""),
+    "min": Template("""
+static $real ${prefix}_min($real a, $real b)
+{
+    return (a < b) ? a : b;
+}
+"""),
+    "max": Template("""
+static $real ${prefix}_max($real a, $real b)
+{
+    return (a > b) ? a : b;
+}
+"""),
+    "clamp": Template("""
+static $real ${prefix}_clamp($real v, $real low, $real high)
+{
+    const $real raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+"""),
+    "within": Template("""
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool ${prefix}_within($real v, $real limit)
+{
+    return v == v && v >= -limit && v <= limit;
+}
+"""),
+    "keep": Template("""
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static $real ${prefix}_keep($real v, $real low, $real high, $real otherwise, $real limit)
+{
+    return ${prefix}_within(v, limit) ? ${prefix}_clamp(v, low, high) : otherwise;
+}
+"""),
+    "sign": Template("""
+static $real ${prefix}_sign($real v)
+{
+    return ((v > $zero) ? $one : $zero) - ((v < $zero) ? $one : $zero);
+}
+"""),
+    "whole": Template("""
+/* largest whole number not above v, which an $whole can hold */
+static $real ${prefix}_whole($real v)
+{
+    const $real whole = ($real)($whole)v;
+    return whole - ((whole > v) ? $one : $zero);
+}
+"""),
+    "floor": Template("""
+/* largest whole number not above v; numbers from $all_whole on are whole */
+static $real ${prefix}_floor($real v)
+{
+    return ${prefix}_within(v, $all_whole) ? ${prefix}_whole(v) : v;
+}
+"""),
+    "inf": Template("""
+static $real ${prefix}_inf(void)
+{
+    const $real large = $large;
+    return large*large;
+}
+"""),
+    "nan": Template("""
+static $real ${prefix}_nan(void)
+{
+    const $real large = ${prefix}_inf();
+    return large - large;
+}
+"""),
+}
+_CALLED = {"keep": {"clamp", "within"}, "floor": {"whole", "within"}, "nan": {"inf"}}
 
 # what CMSIS-DSP has in single precision; the rest comes from the C library there
 _CMSIS = {"sin": "arm_sin_f32", "cos": "arm_cos_f32"}
@@ -19,14 +105,11 @@ def needed(names: Collection[str], real: Real) -> list[str]:
 
 
 def helpers(prefix: str, real: Real, used: Collection[str]) -> list[str]:
-    """The small static functions that `used` names, and those they use."""
-    names = set(used)
-    names |= {"clamp", "within"} if "keep" in names else set()
-    lines: list[str] = []
-    for name in (*HELPERS, "inf", "nan"):
-        if name in names or (name == "inf" and "nan" in names):
-            lines += [line.replace("REAL", real).replace("PREFIX", prefix) for line in _TEXT[name](real)] + [""]
-    return lines
+    """The small static functions that `used` names, and those they call."""
+    names = set(used).union(*(_CALLED.get(name, ()) for name in used))
+    holes = {"prefix": prefix, "real": real, "whole": _WHOLE[real], "large": _LARGE[real]}
+    holes |= {"zero": literal(0, real), "one": literal(1, real), "all_whole": literal(_ALL_WHOLE[real], real)}
+    return [line for name in _HELPERS if name in names for line in _HELPERS[name].substitute(holes)[1:].split("\n")]
 
 
 def mathematics(prefix: str, real: Real, used: Collection[str]) -> tuple[list[str], set[str]]:
@@ -42,7 +125,8 @@ def mathematics(prefix: str, real: Real, used: Collection[str]) -> tuple[list[st
     suffix = "f" if real == "float" else ""
     lines = [
         "/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.",
-        f" * Define {upper}_USE_LIBM for those of <math.h>" + (f", or {upper}_USE_CMSIS for CMSIS-DSP. */" if real == "float" else ". */"),
+        f" * Define {upper}_USE_LIBM for those of <math.h>"
+        + (f", or {upper}_USE_CMSIS for CMSIS-DSP. */" if real == "float" else ". */"),
         f"#if defined({upper}_USE_LIBM)",
         "#include <math.h>",
         *(_macro(prefix, name, f"{name}{suffix}") for name in names),
@@ -66,78 +150,10 @@ def _bundled(prefix: str, real: Real, name: str, calls: set[str]) -> list[str]:
         prefix=prefix,
         inputs=lambda argument, _: parameters[argument],
         local=lambda argument, _: parameters[argument],
+        calls=CALLS | {ca.OP_FLOOR: "whole"},  # their arguments are small
         used=calls,
         taken=set(parameters),
     )
     lines = body(printer, graph, [Target(lambda text: [f"return {text};"])], [], [])
     head = f"static {real} {prefix}_{name}({', '.join(f'{real} {p}' for p in parameters)})"
     return [head, "{", *indented(lines), "}"]
-
-
-
-def _floor(real: Real) -> list[str]:
-    whole = "int32_t" if real == "float" else "int64_t"
-    one, zero = literal(1, real), literal(0, real)
-    return [
-        "/* largest whole number not above v, for |v| < 2^31 (float) or 2^63 (double) */",
-        "static REAL PREFIX_floor(REAL v)",
-        "{",
-        f"    const REAL whole = (REAL)({whole})v;",
-        f"    return whole - ((whole > v) ? {one} : {zero});",
-        "}",
-    ]
-
-
-_TEXT = {
-    "abs": lambda real: [
-        "static REAL PREFIX_abs(REAL v)",
-        "{",
-        f"    return (v < {literal(0, real)}) ? -v : v;",
-        "}",
-    ],
-    "min": lambda real: ["static REAL PREFIX_min(REAL a, REAL b)", "{", "    return (a < b) ? a : b;", "}"],
-    "max": lambda real: ["static REAL PREFIX_max(REAL a, REAL b)", "{", "    return (a > b) ? a : b;", "}"],
-    "clamp": lambda real: [
-        "static REAL PREFIX_clamp(REAL v, REAL low, REAL high)",
-        "{",
-        "    const REAL raised = (v > low) ? v : low;",
-        "    return (raised < high) ? raised : high;",
-        "}",
-    ],
-    "within": lambda real: [
-        "/* whether v is a number with |v| <= limit; v == v fails for what is not a number */",
-        "static int PREFIX_within(REAL v, REAL limit)",
-        "{",
-        "    return v == v && v >= -limit && v <= limit;",
-        "}",
-    ],
-    "keep": lambda real: [
-        "/* v in [low, high]; `otherwise` where v is not a number or beyond limit */",
-        "static REAL PREFIX_keep(REAL v, REAL low, REAL high, REAL otherwise, REAL limit)",
-        "{",
-        "    return PREFIX_within(v, limit) ? PREFIX_clamp(v, low, high) : otherwise;",
-        "}",
-    ],
-    "sign": lambda real: [
-        "static REAL PREFIX_sign(REAL v)",
-        "{",
-        f"    const REAL positive = (v > {literal(0, real)}) ? {literal(1, real)} : {literal(0, real)};",
-        f"    return positive - ((v < {literal(0, real)}) ? {literal(1, real)} : {literal(0, real)});",
-        "}",
-    ],
-    "floor": _floor,
-    "inf": lambda real: [
-        "static REAL PREFIX_inf(void)",
-        "{",
-        f"    const REAL large = {'3e38f' if real == 'float' else '1e308'};",
-        "    return large*large;",
-        "}",
-    ],
-    "nan": lambda real: [
-        "static REAL PREFIX_nan(void)",
-        "{",
-        "    const REAL large = PREFIX_inf();",
-        "    return large - large;",
-        "}",
-    ],
-}

@@ -1,11 +1,11 @@
-"""The C printer: a block's SX instructions as readable C, with named values, minimal parentheses and no double in float.
+"""The C printer: a block's SX instructions as readable C: named values, few parentheses, no double in a float build.
 
-The order of operations in the C is that of the instructions, so every reader of a block computes the same bits (where the
-compiler does not contract a*b + c). Values used more than once, or worth a name, become `const` locals; the rest is
-written in place.
+The order of operations in the C is that of the instructions, but for operands of + and * turned round, so every reader
+of a block computes the same bits (where the compiler does not contract a*b + c). Values used more than once, or worth a
+name, become `const` locals; the rest is written in place.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ SUM, PRODUCT, UNARY, ATOM = 4.0, 5.0, 6.0, 7.0  # C precedence, loosest first
 SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class NotPrintable(HgogenError):
     """An operation that has no C of ours."""
 
@@ -31,6 +31,17 @@ class NotPrintable(HgogenError):
     def __str__(self) -> str:
         names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == self.operation]
         return f"the operation {names[0] if names else self.operation} has no C; write the model without it"
+
+
+@dataclass(eq=False)
+class BeyondFloat(HgogenError):
+    """A number that overflows to infinity, or underflows to 0, in the working precision."""
+
+    value: float
+    real: str
+
+    def __str__(self) -> str:
+        return f"{self.value:g} is beyond the range of {self.real}; choose other units, or real='double'"
 
 
 @dataclass(eq=False)
@@ -85,13 +96,13 @@ CALLS: dict[int, str] = {
     ca.OP_LOG1P: "log1p",
     ca.OP_HYPOT: "hypot",
 }
-HELPERS = ("abs", "min", "max", "clamp", "within", "keep", "floor", "sign")
 _CLAMP, _WITHIN, _CHOOSE, _KEEP = -1, -2, -3, -4  # patterns that have their own C
 
 
 def read(function: Any) -> list[list[Node]]:
     """The outputs of an SX function as nodes, one list for each output."""
     slots: dict[int, Node] = {}
+    nodes: list[Node] = []
     outputs = [[Node(ca.OP_CONST)] * function.numel_out(i) for i in range(function.n_out())]
     inputs: dict[tuple[int, int], Node] = {}
     for k in range(function.n_instructions()):
@@ -105,7 +116,18 @@ def read(function: Any) -> list[list[Node]]:
             slots[give[0]] = Node(op, constant=function.instruction_constant(k))
         else:
             slots[give[0]] = _node(op, tuple(slots[i] for i in take))
+            nodes.append(slots[give[0]])
+    for node in nodes:
+        _settle(node)
     return outputs
+
+
+def _settle(node: Node) -> None:
+    """A clamp that is 0 where its argument is not finite: `keep` as well."""
+    if node.op == ca.OP_IF_ELSE_ZERO:
+        test, value = node.args
+        if test.op == _WITHIN and value.op == _CLAMP and test.args[0] is value.args[0]:
+            node.op, node.args = _KEEP, (*value.args, Node(ca.OP_CONST), test.args[1])
 
 
 def _node(op: int, args: tuple[Node, ...]) -> Node:
@@ -130,12 +152,16 @@ def _node(op: int, args: tuple[Node, ...]) -> Node:
 
 
 def _negative(node: Node) -> bool:
-    """Whether a product starts with a negative number, so that adding it prints as a subtraction (the same bits)."""
-    return node.op == ca.OP_MUL and node.args[0].op == ca.OP_CONST and node.args[0].constant < 0
+    """Whether it is, or is a product that starts with, a negative number: adding it prints as a subtraction."""
+    if node.op == ca.OP_MUL and not node.name:
+        return _negative(node.args[0])
+    return node.op == ca.OP_CONST and node.constant < 0
 
 
 def _negated(node: Node) -> Node:
-    return Node(node.op, (Node(ca.OP_CONST, constant=-node.args[0].constant), node.args[1]))
+    if node.op == ca.OP_CONST:
+        return Node(ca.OP_CONST, constant=-node.constant)
+    return Node(node.op, (_negated(node.args[0]), node.args[1]))
 
 
 def boolean(node: Node) -> bool:
@@ -143,10 +169,19 @@ def boolean(node: Node) -> bool:
     return node.op in _BOOLEAN or node.op == _WITHIN
 
 
+def _binding(node: Node) -> float:
+    """How tightly the text of a value binds."""
+    if node.name:
+        return ATOM
+    if node.op in (_CHOOSE, ca.OP_IF_ELSE_ZERO) or boolean(node):
+        return SELECT
+    return _INFIX[node.op][1] if node.op in _INFIX else UNARY
+
+
 def literal(value: float, real: Number) -> str:
     """Shortest decimal that reads back as this number in the working precision.
 
-    Raises: `NotPrintable` for a counter that is not a whole number from 0.
+    Raises: `NotPrintable` for a counter that is not a whole number from 0; `BeyondFloat`.
     """
     if real == "unsigned":
         if value < 0 or value != int(value):
@@ -154,20 +189,25 @@ def literal(value: float, real: Number) -> str:
         return f"{int(value)}u"
     if real == "double":
         return repr(float(value))
-    number = np.float32(value)
+    with np.errstate(over="ignore", under="ignore"):
+        number = np.float32(value)
+    if np.isinf(number) or (number == 0 and value != 0):
+        raise BeyondFloat(value, real)
     text = np.format_float_positional(number, trim="0") if 1e-4 <= abs(number) < 1e7 or number == 0 else f"{number!s}"
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
 
 
 @dataclass
 class Printer:
-    """Prints one block. `inputs`, `local`: text, and name as a local, of element j of argument i; `is_flag`: it is a truth value."""
+    """Prints one block. Of element j of argument i: `inputs` is its text, `local` its name as a local; `is_flag` tells
+    whether argument i is a truth value."""
 
     real: Number
     prefix: str
     inputs: Callable[[int, int], str]
     local: Callable[[int, int], str]
     is_flag: Callable[[int], bool] = lambda _: False
+    calls: Mapping[int, str] = field(default_factory=lambda: CALLS)
     used: set[str] = field(default_factory=set)
     lines: list[str] = field(default_factory=list)
     taken: set[str] = field(default_factory=set)
@@ -192,7 +232,7 @@ class Printer:
             return
         text, _ = self.raw(node)
         node.name = self.fresh(name)
-        kind = "int" if boolean(node) else self.real
+        kind = "bool" if boolean(node) else self.real
         self.lines.append(f"const {kind} {node.name} = {text};")
 
     def fresh(self, name: str) -> str:
@@ -255,7 +295,7 @@ class Printer:
         elif node.op == ca.OP_INPUT and self.is_flag(node.source[0]):
             text, binds = node.name or self.inputs(*node.source), ATOM
         elif node.op == ca.OP_CONST:
-            text, binds = ("1" if node.constant else "0"), ATOM
+            text, binds = ("true" if node.constant else "false"), ATOM
         else:
             text, binds = f"{self.value(node, SUM)} != {self.literal(0)}", EQUAL
         return f"({text})" if binds < level else text
@@ -298,28 +338,50 @@ class Printer:
         if op == _KEEP:
             return self.call("keep", *args)
         if op == _CHOOSE:
-            return f"{self.truth(args[0], ATOM)} ? {self.value(args[1], OR)} : {self.value(args[2], OR)}", SELECT
+            return self.choice(*args)
         if op == ca.OP_IF_ELSE_ZERO:
-            return f"{self.truth(args[0], ATOM)} ? {self.value(args[1], OR)} : {self.literal(0)}", SELECT
+            return self.choice(args[0], args[1], Node(ca.OP_CONST))
         if op == ca.OP_NEG:
             return f"-{self.value(args[0], ATOM)}", UNARY
         if op == ca.OP_NOT:
-            return f"!{self.truth(args[0], ATOM)}", UNARY
+            return self.negation(args[0])
         if op in _LOGIC:
             sign, binds = _LOGIC[op]
             return sign.join(self.clause(arg, op) for arg in args), binds
-        if op == ca.OP_ADD and not args[1].name and _negative(args[1]):
-            return f"{self.value(args[0], SUM)} - {self.value(_negated(args[1]), PRODUCT)}", SUM
         if op in (ca.OP_LT, ca.OP_LE) and args[0].op == ca.OP_CONST:
             sign = " > " if op == ca.OP_LT else " >= "
             return f"{self.value(args[1], ORDER + 0.1)}{sign}{self.value(args[0], ORDER + 0.1)}", ORDER
         if op in _INFIX:
-            sign, binds = _INFIX[op]
-            # the right operand of equal binding keeps its parentheses: the order of operations is part of the result
-            return f"{self.value(args[0], binds)}{sign}{self.value(args[1], binds + 0.1)}", binds
-        if op in CALLS:
-            return self.call(CALLS[op], *args)
+            return self.infix(op, *args)
+        if op in self.calls:
+            return self.call(self.calls[op], *args)
         raise NotPrintable(op)
+
+    def choice(self, test: Node, yes: Node, no: Node) -> tuple[str, float]:
+        """test ? yes : no; a negated test exchanges the two."""
+        if test.op == ca.OP_NOT and not test.name:
+            test, yes, no = test.args[0], no, yes
+        return f"{self.truth(test, ATOM)} ? {self.value(yes, OR)} : {self.value(no, OR)}", SELECT
+
+    def negation(self, test: Node) -> tuple[str, float]:
+        """!test; of counters, which are never NaN, the opposite comparison."""
+        opposite = {ca.OP_LT: ca.OP_LE, ca.OP_LE: ca.OP_LT, ca.OP_EQ: ca.OP_NE, ca.OP_NE: ca.OP_EQ}
+        if self.real == "unsigned" and test.op in opposite and not test.name:
+            swapped = test.op in (ca.OP_LT, ca.OP_LE)
+            return self.raw(Node(opposite[test.op], test.args[::-1] if swapped else test.args))
+        return f"!{self.truth(test, ATOM)}", UNARY
+
+    def infix(self, op: int, left: Node, right: Node) -> tuple[str, float]:
+        """left op right. The order of operations is part of the result, so a right operand that binds as loosely needs
+        parentheses; a sum or product, which commutes bit for bit, is turned round to save them."""
+        sign, binds = _INFIX[op]
+        if op in (ca.OP_ADD, ca.OP_MUL):
+            turned = op == ca.OP_ADD and _negative(left) and not _negative(right)
+            if turned or (_binding(right) == binds < _binding(left)):
+                left, right = right, left
+        if op in (ca.OP_ADD, ca.OP_SUB) and _negative(right):
+            sign, right = " - " if op == ca.OP_ADD else " + ", _negated(right)
+        return f"{self.value(left, binds)}{sign}{self.value(right, binds + 0.1)}", binds
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The statements of a program as C text, and the structs they work on.
 
-Memory in C: `in`, `out` (what a call is given), `p` (parameters), `s` (state), `x` (estimate); work values are locals at the
-top of a function; a member of a group is reached through a pointer named after the group.
+Memory in C: `in`, `out` (what a call is given), `p` (parameters), `s` (state), `x` (estimate); work values are locals
+at the top of a function; a member of a group is reached through a pointer named after the group.
 """
 
 import re
@@ -18,6 +18,11 @@ from hgogen.step import Step
 _STRUCTS = {"state": "s->", "plant": "p->plant.", "gain": "p->gain.", "derived": "p->derived.", "input": "in->"}
 _STRUCTS |= {"output": "out->", "estimate": "x->"}
 ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
+
+
+def status_type(step: Step) -> str:
+    """C type of a status: `unsigned`, 16 bits wide on the smallest targets, where that is enough."""
+    return "unsigned" if len(step.bits) <= 16 else "uint32_t"
 
 
 @dataclass
@@ -68,13 +73,11 @@ class Writer:
     def lvalue(self, place: str, index: int, size: int) -> str:
         """C text of one element of a place."""
         kind, name = place.split(".", 1)
-        known = self._fields.get(place)
-        is_scalar = known.scalar if known else size == 1
         start = "" if kind == "work" else _STRUCTS.get(kind, f"{kind}->")
-        return f"{start}{name}" if is_scalar else f"{start}{name}[{index}]"
+        return f"{start}{name}" if size == 1 else f"{start}{name}[{index}]"
 
     def function(self, program: Program) -> list[str]:
-        """The body of a function: its work values, then its statements; it ends with `return status;` if it has one."""
+        """The body of a function: its work values, then its statements."""
         work = sorted((p, n) for p, n in places(program) if scope(p) == "work")
         lines = [self._declaration(place, size) for place, size in work]
         taken = {place.split(".", 1)[1] for place, _ in work} | set(ARGUMENTS) | {g.name for g in self.step.groups}
@@ -83,7 +86,7 @@ class Writer:
     def _declaration(self, place: str, size: int) -> str:
         name = place.split(".", 1)[1]
         if place in self._flags and size == 1:
-            return f"int {name} = 0;"
+            return f"bool {name} = false;"
         if place in self._indices:
             return f"unsigned {name} = 0u;"
         zero = literal(0, self.real)
@@ -109,7 +112,7 @@ class Writer:
 
     def _when(self, when: When, taken: frozenset[str]) -> list[str]:
         name = when.flag.split(".", 1)[1]
-        lines = [f"if ({name} != 0) {{", *indented(self.statements(when.body, taken))]
+        lines = [f"if ({name}) {{", *indented(self.statements(when.body, taken))]
         if when.otherwise:
             lines += ["} else {", *indented(self.statements(when.otherwise, taken))]
         return [*lines, "}"]
@@ -135,7 +138,9 @@ class Writer:
     def _kernel(self, kernel: Kernel) -> list[str]:
         self.kernels.add((kernel.name, kernel.size))
         group = kernel.columns.split(".", 1)[0]
-        arguments = [self.lvalue(place, 0, 1 if size == 1 else 0).removesuffix("[0]") for place, size in kernel.arguments]
+        arguments = [
+            self.lvalue(place, 0, 1 if size == 1 else 0).removesuffix("[0]") for place, size in kernel.arguments
+        ]
         call = f"{self.prefix}_{kernel.name}({', '.join([f's->{group}', *arguments])})"
         return [f"{kernel.result.split('.', 1)[1]} = {call};" if kernel.result else f"{call};"]
 
@@ -182,12 +187,12 @@ class Writer:
     def _local(self, place: str, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""
         kind, name = place.split(".", 1)
-        if f"work.{name}" in self._work:
-            name = f"{name}_{kind}"
+        if f"work.{name}" in self._work:  # u: the input now; u_given: as it came; u_before: at the last call
+            name += {"input": "_given", "output": "_given", "state": "_before"}.get(kind, f"_{kind}")
         known = self._fields.get(place)
         label = known.labels[element] if known and known.labels else ""
-        if re.fullmatch(r"\d+,\d+", label):
-            return f"{name}{label.replace(',', '')}"
+        if _element(name, label) != label:
+            return _element(name, label)
         return name if size == 1 else f"{name}{element + 1}"
 
     def _target(self, place: str, element: int, size: int, argument: int | None, real: Number) -> Target:
@@ -196,8 +201,8 @@ class Writer:
             bit = f"{self.prefix.upper()}_{name}"
 
             def raise_bit(text: str) -> list[str]:
-                if text in ("0", "1"):
-                    return [f"status |= {bit};"] if text == "1" else []
+                if text in ("false", "true"):
+                    return [f"status |= {bit};"] if text == "true" else []
                 return [f"if ({text}) {{", f"    status |= {bit};", "}"]
 
             return Target(raise_bit, flag=True)
@@ -216,7 +221,7 @@ def indented(lines: Iterable[str], by: int = 4) -> list[str]:
 def member(real: str, item: Field) -> str:
     """A struct member with its comment: meaning, elements, range, unit."""
     kind = "unsigned" if item.kind == "index" else real
-    size = "" if item.scalar else f"[{item.size}]"
+    size = "" if item.size == 1 else f"[{item.size}]"
     return f"{kind} {item.name}{size}; {comment(describe(item))}".rstrip()
 
 
@@ -224,7 +229,7 @@ def describe(item: Field) -> str:
     """Meaning, elements, unit and range of a field."""
     parts = [item.meaning] if item.meaning else []
     if item.labels:
-        parts.append(", ".join(item.labels))
+        parts.append(", ".join(_element(item.name, label) for label in item.labels))
     text = ": ".join(parts)
     ranges = {(low, high) for low, high in item.box if low > -INF and high < INF}
     if item.unit:
@@ -233,6 +238,11 @@ def describe(item: Field) -> str:
         low, high = ranges.pop()
         text += f", {low:g} .. {high:g}"
     return text
+
+
+def _element(name: str, label: str) -> str:
+    """`L21` of "2,1"."""
+    return name + label.replace(",", "") if re.fullmatch(r"\d+,\d+", label) else label
 
 
 def comment(text: str) -> str:

@@ -65,7 +65,7 @@ def _within(value: Any, limit: float) -> Any:
 
 def guard_inputs(observer: Observer) -> Block:
     """Each input: the last valid one where it is no number or absurd, clamped to its range."""
-    values, writes = [], {}
+    values, writes, names = [], {}, dict[str, Any]()
     last = sym("state.u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
         raw, (low, high) = sym(f"input.{signal.name}"), signal.interval
@@ -75,8 +75,9 @@ def guard_inputs(observer: Observer) -> Block:
         values.append(clamped)
         writes[f"status.REUSED_{signal.name}"] = ca.logic_not(usable)
         if signal.bounded:
-            writes[f"status.CLAMPED_{signal.name}"] = taken != clamped
-    return Block("guard the input", {"work.u": column(values), **writes})
+            writes[f"status.CLAMPED_{signal.name}"] = ca.logic_or(taken < low, taken > high)
+        names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": taken}
+    return Block("guard the input", {"work.u": column(values), **writes}, names)
 
 
 def _judged(signal: Signal, raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
@@ -133,7 +134,13 @@ def kept(program: Program, state: tuple[Field, ...]) -> Program:
 
 
 def _written(program: Program) -> set[str]:
-    return {place for s in walk(program) if isinstance(s, Block) for place in s.writes}
+    """The places that a program changes."""
+    writes = (item for s in walk(program) if isinstance(s, Block) for item in s.writes.items())
+    return {place for place, value in writes if not _same(value, sym(place, ca.SX(value).numel()))}
+
+
+def _same(a: Any, b: Any) -> bool:
+    return bool(ca.is_equal(ca.densify(ca.SX(a)), b, 1))
 
 
 def _kept(field: Field) -> Block:
@@ -142,9 +149,9 @@ def _kept(field: Field) -> Block:
     kept, usable, limited = [], [], []
     for i, (low, high) in enumerate(field.box):
         usable.append(_within(value[i], limit))
-        clamped = ca.fmin(ca.fmax(value[i], max(low, -limit)), min(high, limit))
-        kept.append(ca.if_else(usable[-1], clamped, field.initial[i]))
-        limited.append(value[i] != kept[i])
+        low, high = max(low, -limit), min(high, limit)
+        kept.append(ca.if_else(usable[-1], ca.fmin(ca.fmax(value[i], low), high), field.initial[i]))
+        limited.append(ca.logic_or(value[i] < low, value[i] > high))
     writes = {f"state.{field.name}": column(kept)}
     if field.name == "z":
         writes["status.STATE_LIMITED"] = _any(limited)
@@ -162,7 +169,7 @@ def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived
             for i, (low, high) in enumerate(field.box):
                 clamped = ca.fmin(ca.fmax(value[i], low), high)
                 kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
-                changed.append(ca.logic_not(value[i] == kept[i]))
+                changed.append(ca.logic_not(ca.logic_and(value[i] >= low, value[i] <= high)))
             writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": _any(changed)}
             blocks.append(Block(f"{field.name} in its range", writes))
     return (*blocks, *derived)

@@ -55,7 +55,7 @@ def pack_params(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _single(field: Field) -> bool:
-    return field.scalar
+    return field.size == 1
 
 
 def _store(record: np.ndarray, field: Field, values: np.ndarray) -> None:
@@ -64,7 +64,7 @@ def _store(record: np.ndarray, field: Field, values: np.ndarray) -> None:
 
 def _members(fields: Iterable[Field], real: Real) -> list[tuple[object, ...]]:
     kinds = {"real": _NUMBER[real], "index": np.uint32}
-    return [(f.name, kinds[f.kind]) if f.scalar else (f.name, kinds[f.kind], (f.size,)) for f in fields]
+    return [(f.name, kinds[f.kind]) if _single(f) else (f.name, kinds[f.kind], (f.size,)) for f in fields]
 
 
 def _record(fields: Iterable[Field], real: Real) -> np.dtype:

@@ -301,13 +301,12 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
 
     Raises: `BadGain` for a value that is not finite or lies outside the range.
     """
-    is_scalar = isinstance(value, int | float)
     values = (float(value),) if isinstance(value, int | float) else tuple(float(v) for v in value)
     for element in values:
         if not np.isfinite(element) or not low <= element <= high:
             raise BadGain(f"{name} = {element:g}", f"must be a finite number in [{low:g}, {high:g}]: {meaning}")
     size = len(values)
-    return Field(name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning, scalar=is_scalar)
+    return Field(name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning)
 
 
 def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:
@@ -320,7 +319,6 @@ def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:
             high=(high,),
             unit=s.unit,
             meaning=s.meaning,
-            scalar=True,
         )
         for s in system_signals
         if s.bounded

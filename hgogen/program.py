@@ -49,7 +49,7 @@ def column(values: Iterable[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Field:
-    """One named array of a step's memory.
+    """One named array of a step's memory; of one element, a scalar in C.
 
     `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
     step keeps it in; `labels`: what its elements are called in reports and C.
@@ -63,7 +63,6 @@ class Field:
     labels: tuple[str, ...] = ()
     unit: str = ""
     meaning: str = ""
-    scalar: bool = False
 
     @property
     def size(self) -> int:
@@ -77,9 +76,9 @@ class Field:
 
 
 def scalar(name: str, initial: float, **data: Any) -> Field:
-    """A field of one element, printed in C without brackets."""
+    """A field of one element."""
     low, high = data.pop("low", -INF), data.pop("high", INF)
-    return Field(name, (float(initial),), low=(low,), high=(high,), scalar=True, **data)
+    return Field(name, (float(initial),), low=(low,), high=(high,), **data)
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,9 @@ class StepMayFail(UserWarning):
     """A step length that is stable in a part of the declared box only."""
 
 
+STATUS = 32  # bits of a status
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """The program of an observer at the sampling period `dt` (s).
@@ -245,4 +248,7 @@ def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
                 meaning, action = SIGNAL_BITS[kind]
                 bits.append(Bit(f"{kind}_{signal.name}", meaning.format(signal.name), action))
     bits += [Bit(name, *texts) for name, texts in STEP_BITS.items()] + list(extra)
-    return tuple(bit for bit in dict.fromkeys(bits) if bit.name in raised)
+    kept = tuple(bit for bit in dict.fromkeys(bits) if bit.name in raised)
+    if len(kept) > STATUS:
+        raise BadStep(f"{step.name} with {len(kept)} status bits", f"has more than {STATUS}; drop inputs or outputs")
+    return kept

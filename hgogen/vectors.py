@@ -1,7 +1,12 @@
 """Recorded vectors for the self-check of emitted C: what goes in, and what must come out, bit for bit.
 
-The inputs are triangle waves over the declared ranges, with a missing and an absurd sample among them, so that guards,
-correction and adaptation all run; they use no function of this machine. The outputs are those of `hgogen.exact`.
+The inputs are triangle waves over the declared ranges, with a missing, an absurd, a lost and an excessive sample among
+them, so that guards, correction and adaptation all run; they use no function of this machine. The outputs are those of
+`hgogen.exact`.
+
+The tolerance is for other roundings, of libm or of contracted operations. These touch a part of the operations by about
+a rounding unit each, as going from float to double touches them all; so the tolerance is 16 times that distance, and in
+double its share by rounding units.
 """
 
 from dataclasses import dataclass
@@ -14,45 +19,50 @@ from hgogen.signal import Signal
 from hgogen.step import Step
 
 SAMPLES = 64
-MISSING, ABSURD, LOST_INPUT = 20, 30, 40  # samples at which a guard is exercised
+MISSING, ABSURD, LOST_INPUT, EXCESSIVE = 20, 30, 40, 50  # samples at which a guard is exercised
 
 
 @dataclass(frozen=True)
 class Vectors:
-    """Inputs u (N, m), outputs y (N, p), estimates x (N, n) in the working precision, and status (N)."""
+    """Inputs u (N, m), outputs y (N, p), estimates x (N, n) in the working precision, status (N), tolerance (n)."""
 
     u: np.ndarray
     y: np.ndarray
     x: np.ndarray
     status: np.ndarray
+    tolerance: np.ndarray
 
 
 def record(step: Step, real: Real) -> Vectors:
     """Run the step from a reset over the test inputs."""
-    u = np.array(
-        [[_wave(k, s, 37, LOST_INPUT, -1) for s in step.inputs] for k in range(SAMPLES)], DTYPE[real]
-    )
-    y = np.array(
-        [[_wave(k, s, 23, MISSING, ABSURD) for s in step.outputs] for k in range(SAMPLES)], DTYPE[real]
-    )
+    u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
+    y = np.array([[_wave(k / 23, s) for s in step.outputs] for k in range(SAMPLES)])
+    y[MISSING], y[ABSURD], u[LOST_INPUT] = np.nan, 1e30, np.nan
+    u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
+    u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
+    runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
+    x, status = runs[real]
+    gap = np.abs(runs["float"][0] - runs["double"][0]).max(axis=0)
+    unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
+    distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(x).max(axis=0)
+    return Vectors(u, y, x, status, 16 * distance)
+
+
+def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     reader = machine(step, real)
     x, status = np.zeros((SAMPLES, len(step.states)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
+    given = [reader.memory[f"input.{s.name}"] for s in step.inputs]
+    given += [reader.memory[f"output.{s.name}"] for s in step.outputs]
     for k in range(SAMPLES):
-        for row, signals, kind in ((u[k], step.inputs, "input"), (y[k], step.outputs, "output")):
-            for value, signal in zip(row, signals, strict=True):
-                reader.memory[f"{kind}.{signal.name}"][0] = value
+        for place, value in zip(given, (*u[k], *y[k]), strict=True):
+            place[0] = value
         status[k] = reader.call()
         x[k] = [reader.memory[f"estimate.{s.name}"][0] for s in step.states]
-    return Vectors(u.reshape(SAMPLES, -1), y, x, status)
+    return x, status
 
 
-def _wave(k: int, signal: Signal, period: int, missing: int, absurd: int) -> float:
+def _wave(cycles: float, signal: Signal) -> float:
     """Half the declared range (or +-1) about its middle, in a triangle."""
-    if k == missing:
-        return float("nan")
-    if k == absurd:
-        return 1e30
     low, high = signal.interval if signal.bounded else (-1.0, 1.0)
-    phase = (k % period) / period
-    triangle = 1 - 4 * abs(phase - 0.5)
+    triangle = 1 - 4 * abs(cycles % 1 - 0.5)
     return (low + high) / 2 + (high - low) / 4 * triangle

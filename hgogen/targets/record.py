@@ -5,7 +5,7 @@ status (count) come out.
 """
 
 from hgogen.cprint import Real
-from hgogen.ctext import indented
+from hgogen.ctext import indented, status_type
 from hgogen.step import Step
 from hgogen.target import Files
 
@@ -21,7 +21,7 @@ def record(step: Step, *, real: Real = "double") -> Files:
     inner += [f"x[{n}u*k + {i}u] = plant.{s.name};" for i, s in enumerate(step.states)]
     inner += [f"traces[{len(traces)}u*k + {j}u] = s->{trace};" for j, trace in enumerate(traces)]
     arguments = f"{name}_state *s, const {name}_params *p, size_t count, const {real} *u, const {real} *y"
-    results = f"{real} *x, {real} *traces, unsigned *status"
+    results = f"{real} *x, {real} *traces, {status_type(step)} *status"
     head = f"void {name}_record({arguments}, {results})"
     sizes = [f"size_t {name}_state_size(void)", f"size_t {name}_params_size(void)"]
     kinds = ("state", "params")

@@ -1,0 +1,47 @@
+"""Lines of C no wider than 110 columns: comments are filled, code is broken where it nests least."""
+
+import re
+import textwrap
+from collections.abc import Iterable
+
+COLUMNS = 110
+_BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\|) )")
+
+
+def folded(lines: Iterable[str]) -> list[str]:
+    """The lines, of which a longer one becomes several; a preprocessor line stays as it is."""
+    return [part for line in lines for part in _fold(line)]
+
+
+def _fold(line: str) -> list[str]:
+    if len(line) <= COLUMNS or line.startswith("#"):
+        return [line]
+    indent = line[: len(line) - len(line.lstrip())]
+    text = line.strip()
+    if text.startswith("* "):  # inside a comment, whose items hang
+        inner = len(text[2:]) - len(text[2:].lstrip())
+        return _filled(text, indent, f"* {' ' * (inner + 2 if inner else 0)}")
+    if text.startswith("/*"):
+        return _filled(text, indent, " * ")
+    code, mark, comment = text.partition(" /* ")
+    if mark:
+        return [*_fold(f"{indent}/* {comment}"), *_fold(f"{indent}{code.rstrip()}")]
+    return _broken(line, len(indent))
+
+
+def _filled(text: str, indent: str, hanging: str) -> list[str]:
+    return textwrap.wrap(text, COLUMNS, initial_indent=indent, subsequent_indent=indent + hanging)
+
+
+def _broken(line: str, indent: int) -> list[str]:
+    """Code, broken at its least nested place in the right half of the line."""
+    places = [m.end() for m in _BREAK.finditer(line) if indent + 8 < m.end() <= COLUMNS]
+    if not places:
+        return [line]
+    right = [place for place in places if place > (COLUMNS + indent) // 2] or places
+    at = min(right, key=lambda place: (_depth(line[:place]), line[place : place + 2] not in ("||", "? ", ": "), -place))
+    return [line[:at].rstrip(), *_fold(" " * (indent + 4) + line[at:])] if indent < COLUMNS // 2 else [line]
+
+
+def _depth(text: str) -> int:
+    return text.count("(") + text.count("[") - text.count(")") - text.count("]")
