@@ -33,3 +33,11 @@ def pendulum(**changes: Any) -> hg.Observer:
     """The high-gain observer, theta = 20."""
     gains: dict[str, Any] = {"theta": 20, "poles": (-1, -1)}
     return hg.observers.high_gain(hg.forms.triangular(model("pendulum")), **{**gains, **changes})
+
+
+def two_outputs(**data: Any) -> hg.System:
+    """x1' = x2, x2' = -sin x1 - x2/5 + x3, x3' = -x3/10 + u; y1 = x1, y2 = x3."""
+    x1, x2, x3 = (hg.Signal(f"x{i}", low=-10, high=10) for i in (1, 2, 3))
+    u, y1, y2 = hg.Signal("u", low=-1, high=1), hg.Signal("y1"), hg.Signal("y2")
+    flow = [x2, -sp.sin(x1) - x2 / 5 + x3, -x3 / 10 + u]
+    return hg.System("two", states=(x1, x2, x3), inputs=(u,), outputs=(y1, y2), flow=flow, output=[x1, x3], **data)
