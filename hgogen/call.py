@@ -15,7 +15,7 @@ from hgogen.machine import Machine
 from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.program import places, scope
-from hgogen.step import Step, plan
+from hgogen.step import BadStep, Step, plan
 
 Engine = Literal["c", "python"]
 
@@ -31,6 +31,12 @@ class BadShape(HgogenError):
         return f"{self.what} {self.reason}"
 
 
+def _position(name: str, names: tuple[str, ...]) -> int:
+    if name not in names:
+        raise BadShape(f"{name!r}", f"names no state; the states are {', '.join(names)}")
+    return names.index(name)
+
+
 @dataclass(frozen=True)
 class Sample:
     """What one call returns: the estimate `x` (n) of the states `names`, the status, its bits' names, and traces."""
@@ -42,7 +48,7 @@ class Sample:
     traces: Mapping[str, float]
 
     def __getitem__(self, name: str) -> float:
-        return float(self.x[self.names.index(name)])
+        return float(self.x[_position(name, self.names)])
 
     def __str__(self) -> str:
         values = [f"{name} = {value:.6g}" for name, value in zip(self.names, self.x, strict=True)]
@@ -62,7 +68,7 @@ class Run:
     engine: Engine | Literal["cvodes"]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return np.asarray(self.x[:, self.names.index(name)])
+        return np.asarray(self.x[:, _position(name, self.names)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +134,8 @@ class CallableStep(Step):
             if engine == "python":
                 warnings.warn(str(native.NoCompilerWarning.__doc__), native.NoCompilerWarning, stacklevel=2)
         first = self._clock[0]
-        self._clock[0] += len(y)
         x, traces, status = self._run_c(u, y) if engine == "c" else self._run_python(u, y)
+        self._clock[0] += len(y)
         names = self.observer.traces
         return Run(
             t=(first + np.arange(len(y))) * self.dt,
@@ -263,6 +269,10 @@ def sample(
     Raises: `BadStep`; `StepTooLong`, with the admissible dt, where a constant linear core or the covariance equation
     cannot be stable; `BadWindow`.
     """
+    if not isinstance(observer, Observer):
+        raise BadStep(f"{type(observer).__name__} given to sample", "is no observer; make one by hg.observers")
+    if not hasattr(method, "riccati"):
+        raise BadStep(f"method = {method!r}", "is no method; take one of hg.methods, and the time as dt=")
     planned = plan(observer, method, dt, between)
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)})
 

@@ -41,3 +41,15 @@ def two_outputs(**data: Any) -> hg.System:
     u, y1, y2 = hg.Signal("u", low=-1, high=1), hg.Signal("y1"), hg.Signal("y2")
     flow = [x2, -sp.sin(x1) - x2 / 5 + x3, -x3 / 10 + u]
     return hg.System("two", states=(x1, x2, x3), inputs=(u,), outputs=(y1, y2), flow=flow, output=[x1, x3], **data)
+
+
+def van_der_pol() -> hg.System:
+    """No input, no parameter, no elementary function: C and Python agree to the bit."""
+    x1, x2 = (hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2))
+    flow = [x2, (1 - x1**2) * x2 - x1]
+    return hg.System("van_der_pol", states=(x1, x2), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+
+
+def kalman(plant: hg.System, **changes: Any) -> hg.Observer:
+    """The extended Kalman filter of a plant in triangular form."""
+    return hg.observers.riccati(hg.forms.triangular(plant), **{"Q": (0.1,) * len(plant.states), "R": 0.1, **changes})
