@@ -12,6 +12,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from hgogen.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, negated, negative, read
 from hgogen.errors import HgogenError
 
 Real = Literal["float", "double"]
@@ -44,19 +45,6 @@ class BeyondFloat(HgogenError):
         return f"{self.value:g} is beyond the range of {self.real}; choose other units, or real='double'"
 
 
-@dataclass(eq=False)
-class Node:
-    """One value of a graph."""
-
-    op: int
-    args: tuple["Node", ...] = ()
-    constant: float = 0.0
-    source: tuple[int, int] = (0, 0)  # of an input: argument, element
-    uses: int = 0
-    name: str = ""
-
-
-_BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
 _INFIX: dict[int, tuple[str, float]] = {
     ca.OP_ADD: (" + ", SUM),
     ca.OP_SUB: (" - ", SUM),
@@ -96,84 +84,13 @@ CALLS: dict[int, str] = {
     ca.OP_LOG1P: "log1p",
     ca.OP_HYPOT: "hypot",
 }
-_CLAMP, _WITHIN, _CHOOSE, _KEEP = -1, -2, -3, -4  # patterns that have their own C
-
-
-def read(function: Any) -> list[list[Node]]:
-    """The outputs of an SX function as nodes, one list for each output."""
-    slots: dict[int, Node] = {}
-    nodes: list[Node] = []
-    outputs = [[Node(ca.OP_CONST)] * function.numel_out(i) for i in range(function.n_out())]
-    inputs: dict[tuple[int, int], Node] = {}
-    for k in range(function.n_instructions()):
-        op, take, give = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-        if op == ca.OP_OUTPUT:
-            outputs[give[0]][give[1]] = slots[take[0]]
-        elif op == ca.OP_INPUT:
-            source = (take[0], take[1])
-            slots[give[0]] = inputs.setdefault(source, Node(op, source=source))
-        elif op == ca.OP_CONST:
-            slots[give[0]] = Node(op, constant=function.instruction_constant(k))
-        else:
-            slots[give[0]] = _node(op, tuple(slots[i] for i in take))
-            nodes.append(slots[give[0]])
-    for node in nodes:
-        _settle(node)
-    return outputs
-
-
-def _settle(node: Node) -> None:
-    """A clamp that is 0 where its argument is not finite: `keep` as well."""
-    if node.op == ca.OP_IF_ELSE_ZERO:
-        test, value = node.args
-        if test.op == _WITHIN and value.op == _CLAMP and test.args[0] is value.args[0]:
-            node.op, node.args = _KEEP, (*value.args, Node(ca.OP_CONST), test.args[1])
-
-
-def _node(op: int, args: tuple[Node, ...]) -> Node:
-    """A value, with the patterns of a choice, a clamp and a finite test recognised."""
-    if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
-        (test, yes), (negated, no) = args[0].args, args[1].args
-        if negated.op == ca.OP_NOT and negated.args[0] is test:
-            if test.op == _WITHIN and yes.op == _CLAMP and test.args[0] is yes.args[0]:
-                return Node(_KEEP, (*yes.args, no, test.args[1]))
-            return Node(_CHOOSE, (test, yes, no))
-    if op == ca.OP_LE and args[0].op == ca.OP_FABS:
-        return Node(_WITHIN, (args[0].args[0], args[1]))
-    if op == ca.OP_FMIN and args[0].op == ca.OP_FMAX:
-        return Node(_CLAMP, (args[0].args[0], args[0].args[1], args[1]))
-    if op == ca.OP_SQ:
-        return Node(ca.OP_MUL, (args[0], args[0]))
-    if op == ca.OP_TWICE:
-        return Node(ca.OP_MUL, (Node(ca.OP_CONST, constant=2.0), args[0]))
-    if op == ca.OP_INV:
-        return Node(ca.OP_DIV, (Node(ca.OP_CONST, constant=1.0), args[0]))
-    return Node(op, args)
-
-
-def _negative(node: Node) -> bool:
-    """Whether it is, or is a product that starts with, a negative number: adding it prints as a subtraction."""
-    if node.op == ca.OP_MUL and not node.name:
-        return _negative(node.args[0])
-    return node.op == ca.OP_CONST and node.constant < 0
-
-
-def _negated(node: Node) -> Node:
-    if node.op == ca.OP_CONST:
-        return Node(ca.OP_CONST, constant=-node.constant)
-    return Node(node.op, (_negated(node.args[0]), node.args[1]))
-
-
-def boolean(node: Node) -> bool:
-    """Whether the value is a truth value in C."""
-    return node.op in _BOOLEAN or node.op == _WITHIN
 
 
 def _binding(node: Node) -> float:
     """How tightly the text of a value binds."""
     if node.name:
         return ATOM
-    if node.op in (_CHOOSE, ca.OP_IF_ELSE_ZERO) or boolean(node):
+    if node.op in (CHOOSE, ca.OP_IF_ELSE_ZERO) or boolean(node):
         return SELECT
     return _INFIX[node.op][1] if node.op in _INFIX else UNARY
 
@@ -331,13 +248,13 @@ class Printer:
         if op == ca.OP_INPUT:
             text = self.inputs(*node.source)
             return text, UNARY if text.startswith("(") else ATOM
-        if op == _CLAMP:
+        if op == CLAMP:
             return self.call("clamp", *args)
-        if op == _WITHIN:
+        if op == WITHIN:
             return self.call("within", *args)
-        if op == _KEEP:
+        if op == KEEP:
             return self.call("keep", *args)
-        if op == _CHOOSE:
+        if op == CHOOSE:
             return self.choice(*args)
         if op == ca.OP_IF_ELSE_ZERO:
             return self.choice(args[0], args[1], Node(ca.OP_CONST))
@@ -376,11 +293,11 @@ class Printer:
         parentheses; a sum or product, which commutes bit for bit, is turned round to save them."""
         sign, binds = _INFIX[op]
         if op in (ca.OP_ADD, ca.OP_MUL):
-            turned = op == ca.OP_ADD and _negative(left) and not _negative(right)
+            turned = op == ca.OP_ADD and negative(left) and not negative(right)
             if turned or (_binding(right) == binds < _binding(left)):
                 left, right = right, left
-        if op in (ca.OP_ADD, ca.OP_SUB) and _negative(right):
-            sign, right = " - " if op == ca.OP_ADD else " + ", _negated(right)
+        if op in (ca.OP_ADD, ca.OP_SUB) and negative(right):
+            sign, right = " - " if op == ca.OP_ADD else " + ", negated(right)
         return f"{self.value(left, binds)}{sign}{self.value(right, binds + 0.1)}", binds
 
 

@@ -4,16 +4,16 @@
     log x  = k ln 2 + log m,   x = 2^k m        atan x = j pi/4 + atan z,  z = x, (x - 1)/(x + 1) or -1/x
     sqrt x = 2^k sqrt m,  y <- (y + m/y)/2      asin x = pi/2 - 2 asin sqrt((1 - x)/2)  for x > 1/2
 
-Range reduction with split constants: W. J. Cody and W. Waite, Software Manual for the Elementary Functions,
-1980; sqrt by Heron's iteration; the polynomials are our own minimax fits. The compiler must round every
-operation to the working precision and contract nothing (-ffp-contract=off).
+Range reduction with split constants: W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980; sqrt
+by Heron's iteration; the polynomials are our own minimax fits. The compiler must round every operation to the working
+precision and contract nothing (-ffp-contract=off).
 
-NaN in gives NaN out (but x^0 = 1), and so do inf - inf and inf / inf where they arise (atan2, hypot, 1^inf).
-The sign of a zero is not kept. A result below the smallest normal number may be 0; sqrt, log and pow take an
-argument below it for 0.
+NaN in gives NaN out (but x^0 = 1), and so do inf - inf and inf / inf where they arise (atan2, hypot, 1^inf). The sign
+of a zero is not kept. A result below the smallest normal number may be 0; sqrt, log and pow take an argument below it
+for 0.
 
-CasADi rewrites (a + b) - a to b and x - x to 0 while it builds a graph. No formula here has such a pattern:
-what must be exact is so because constants are split, never by a two-sum.
+CasADi rewrites (a + b) - a to b and x - x to 0 while it builds a graph. No formula here has such a pattern: what must
+be exact is so because constants are split, never by a two-sum.
 """
 
 import math
@@ -44,15 +44,14 @@ BINARY = ("pow", "atan2", "hypot")  # pow(base, exponent), atan2(y, x), hypot(x,
 def elementary(real: Literal["float", "double"]) -> Mapping[str, Any]:
     """The functions by name, each a `casadi.Function` of one scalar (`BINARY`: two).
 
-    Errors in ulp of the result (measured on every 13th number in float, on 2 million in double):
-    at most 2 for sqrt, exp, log, asin, acos, atan, atan2, cosh; 2.5 for expm1, log1p, sinh, hypot;
-    3.5 for tanh, asinh, acosh, atanh; 1.5 + 2 |y log x| for x^y; 2 for sin and cos, 4 for tan up to |x| = 200
-    (float) or 1e4 (double), 2.5 and 4.5 up to 8192 or 1e6. A larger angle is that of some number within 2 ulp
-    of x, and from 2^17 or 2^46 on it is taken as 0. For atan2 and hypot, |x| + |y| must not overflow (nor,
-    where subnormal numbers are flushed to 0, |x| - |y| underflow).
+    Errors in ulp of the result (measured on every 13th number in float, on 2 million in double): at most 2 for sqrt,
+    exp, log, asin, acos, atan, atan2, cosh; 2.5 for expm1, log1p, sinh, hypot; 3.5 for tanh, asinh, acosh, atanh;
+    1.5 + 2 |y log x| for x^y; 2 for sin and cos, 4 for tan up to |x| = 200 (float) or 1e4 (double), 2.5 and 4.5 up to
+    8192 or 1e6. A larger angle is that of some number within 2 ulp of x, and from 2^17 or 2^46 on it is taken as 0. For
+    atan2 and hypot, |x| + |y| must not overflow (nor, where subnormal numbers are flushed to 0, |x| - |y| underflow).
 
-    Every constant is a number of `real`, inf and nan among them. The argument of floor is finite and below
-    2^31 (float) or 2^53 (double).
+    Every constant is a number of `real`, inf and nan among them. The argument of floor is finite and below 2^31 (float)
+    or 2^53 (double).
     """
     arithmetic = {"float": _FLOAT, "double": _DOUBLE}[real]
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
@@ -365,8 +364,7 @@ class _Arithmetic:
 # Minimax fits, rounded; in brackets the largest error relative to the function named first.
 # fmt: off
 _FLOAT = _Arithmetic(
-    letter="f", bits=24, octaves=7, pi_widths=(11, 11, 11, 24), ln2_widths=(16, 24), angle_limit=2.0**17,
-    heron=3,
+    letter="f", bits=24, octaves=7, pi_widths=(11, 11, 11, 24), ln2_widths=(16, 24), angle_limit=2.0**17, heron=3,
     # sin r = r + z r s(z), z = r^2, |r| <= pi/2, degree 3 [2^-27.2]
     sin_tail=(-0.166666597, 0.00833306927, -0.000198097681, 2.60605498e-06),
     # e^r - 1 = r + r^2 (1/2 + r e(r)), |r| <= ln 2 / 2, degree 3 [2^-25.8]
@@ -379,8 +377,7 @@ _FLOAT = _Arithmetic(
     asin_tail=(0.166667521, 0.0749530941, 0.0454691537, 0.024184756, 0.0421583615),
 )
 _DOUBLE = _Arithmetic(
-    letter="d", bits=53, octaves=10, pi_widths=(33, 33, 53), ln2_widths=(42, 53), angle_limit=2.0**46,
-    heron=4,
+    letter="d", bits=53, octaves=10, pi_widths=(33, 33, 53), ln2_widths=(42, 53), angle_limit=2.0**46, heron=4,
     # the same: degree 7 [2^-60.5]
     sin_tail=(-0.16666666666666666, 0.008333333333333207, -0.00019841269841212476, 2.755731921156885e-06,
         -2.5052106904318463e-08, 1.605894099418856e-10, -7.643019073175594e-13, 2.7214153708237633e-15),

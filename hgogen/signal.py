@@ -41,6 +41,7 @@ class BadName(HgogenError):
 
     @property
     def hint(self) -> str:
+        """A name that would do."""
         cleaned = re.sub(r"[\W_]+", "_", str(self.name), flags=re.ASCII).strip("_")
         return f"{cleaned or 'x'}_1" if cleaned[:1].isalpha() or not cleaned else f"x_{cleaned}"
 

@@ -5,6 +5,7 @@ with 0 for ok. Compile with `-ffp-contract=off` for the same bits on every IEEE 
 """
 
 import re
+from dataclasses import dataclass
 
 from hgogen.ccheck import check as self_check
 from hgogen.cfold import folded
@@ -19,8 +20,14 @@ from hgogen.step import Step
 from hgogen.target import Files
 
 
+@dataclass(eq=False)
 class BadReal(HgogenError):
     """A working precision that is neither float nor double."""
+
+    real: str
+
+    def __str__(self) -> str:
+        return f'real = {self.real!r} must be "float" or "double"'
 
 
 def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Files:
@@ -32,7 +39,7 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     Raises: `BadReal`; `BeyondFloat`, `NotPrintable` for a number, an operation that has no C.
     """
     if real not in ("float", "double"):
-        raise BadReal(f'real = {real!r} must be "float" or "double"')
+        raise BadReal(real)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": self_check(step, real)} if check else {}
     return Files(tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items()))

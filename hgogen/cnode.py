@@ -1,0 +1,93 @@
+"""A block's SX instructions as nodes, with the patterns recognised that have C of their own."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+
+@dataclass(eq=False)
+class Node:
+    """One value of a graph."""
+
+    op: int
+    args: tuple["Node", ...] = ()
+    constant: float = 0.0
+    source: tuple[int, int] = (0, 0)  # of an input: argument, element
+    uses: int = 0
+    name: str = ""
+
+
+_BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
+CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # patterns that have their own C
+
+
+def read(function: Any) -> list[list[Node]]:
+    """The outputs of an SX function as nodes, one list for each output."""
+    slots: dict[int, Node] = {}
+    nodes: list[Node] = []
+    outputs = [[Node(ca.OP_CONST)] * function.numel_out(i) for i in range(function.n_out())]
+    inputs: dict[tuple[int, int], Node] = {}
+    for k in range(function.n_instructions()):
+        op, take, give = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            outputs[give[0]][give[1]] = slots[take[0]]
+        elif op == ca.OP_INPUT:
+            source = (take[0], take[1])
+            slots[give[0]] = inputs.setdefault(source, Node(op, source=source))
+        elif op == ca.OP_CONST:
+            slots[give[0]] = Node(op, constant=function.instruction_constant(k))
+        else:
+            slots[give[0]] = _node(op, tuple(slots[i] for i in take))
+            nodes.append(slots[give[0]])
+    for node in nodes:
+        _settle(node)
+    return outputs
+
+
+def _settle(node: Node) -> None:
+    """A clamp that is 0 where its argument is not finite: `keep` as well."""
+    if node.op == ca.OP_IF_ELSE_ZERO:
+        test, value = node.args
+        if test.op == WITHIN and value.op == CLAMP and test.args[0] is value.args[0]:
+            node.op, node.args = KEEP, (*value.args, Node(ca.OP_CONST), test.args[1])
+
+
+def _node(op: int, args: tuple[Node, ...]) -> Node:
+    """A value, with the patterns of a choice, a clamp and a finite test recognised."""
+    if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
+        (test, yes), (opposite, no) = args[0].args, args[1].args
+        if opposite.op == ca.OP_NOT and opposite.args[0] is test:
+            if test.op == WITHIN and yes.op == CLAMP and test.args[0] is yes.args[0]:
+                return Node(KEEP, (*yes.args, no, test.args[1]))
+            return Node(CHOOSE, (test, yes, no))
+    if op == ca.OP_LE and args[0].op == ca.OP_FABS:
+        return Node(WITHIN, (args[0].args[0], args[1]))
+    if op == ca.OP_FMIN and args[0].op == ca.OP_FMAX:
+        return Node(CLAMP, (args[0].args[0], args[0].args[1], args[1]))
+    if op == ca.OP_SQ:
+        return Node(ca.OP_MUL, (args[0], args[0]))
+    if op == ca.OP_TWICE:
+        return Node(ca.OP_MUL, (Node(ca.OP_CONST, constant=2.0), args[0]))
+    if op == ca.OP_INV:
+        return Node(ca.OP_DIV, (Node(ca.OP_CONST, constant=1.0), args[0]))
+    return Node(op, args)
+
+
+def negative(node: Node) -> bool:
+    """Whether it is, or is a product that starts with, a negative number: adding it prints as a subtraction."""
+    if node.op == ca.OP_MUL and not node.name:
+        return negative(node.args[0])
+    return node.op == ca.OP_CONST and node.constant < 0
+
+
+def negated(node: Node) -> Node:
+    """A negative number, or a product that starts with one, without its sign."""
+    if node.op == ca.OP_CONST:
+        return Node(ca.OP_CONST, constant=-node.constant)
+    return Node(node.op, (negated(node.args[0]), node.args[1]))
+
+
+def boolean(node: Node) -> bool:
+    """Whether the value is a truth value in C."""
+    return node.op in _BOOLEAN or node.op == WITHIN

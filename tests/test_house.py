@@ -1,0 +1,225 @@
+"""The rules of the house: who imports whom, what a case file holds, how long a file is, who writes to the disk."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import hgogen as hg
+from hgogen.errors import HgogenError
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "hgogen"
+FOLDERS = ("forms", "observers", "methods", "targets")  # of cases; the contract is the singular file
+CONTRACTS = ("form", "observer", "method", "target", "step")
+WRITERS = {"target", "native"}  # emission is pure; the rest hands text to `target.write`
+FILES = {
+    ".".join(("hgogen", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+CASES = [name for name in FILES if name.count(".") == 2]
+
+
+@cache
+def tree(name: str) -> ast.Module:
+    return ast.parse(FILES[name].read_text(), str(FILES[name]))
+
+
+def runtime(node: ast.AST) -> list[ast.AST]:
+    """Every node that runs: not what stands under `if TYPE_CHECKING`."""
+    found = [node]
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+            continue
+        found += runtime(child)
+    return found
+
+
+@cache
+def imports(name: str) -> frozenset[str]:
+    """The modules of the package that a module imports, anywhere in it; a folder imports its cases."""
+    found = set()
+    for node in runtime(tree(name)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{name} imports relatively"
+            inner = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {module for module in inner if module in FILES}
+            found |= {node.module} if inner - FILES.keys() else set()
+    if name.removeprefix("hgogen.") in FOLDERS:
+        found |= {case for case in CASES if case.startswith(f"{name}.")}
+    return frozenset(found & FILES.keys())
+
+
+@cache
+def below(name: str) -> frozenset[str]:
+    """All that a module imports, by whatever way."""
+    found: set[str] = set()
+    left = {name}
+    while left:
+        new = imports(left.pop()) - found
+        found |= new
+        left |= new
+    return frozenset(found)
+
+
+# --- imports ------------------------------------------------------------------------------------------------
+
+
+def test_the_graph_is_there() -> None:
+    """So that the tests below cannot pass on nothing."""
+    assert len(FILES) > 50
+    assert len(CASES) >= 11
+    assert "hgogen.observers.riccati" in below("hgogen")
+    assert "hgogen.observer" in imports("hgogen.step")
+    assert "hgogen.methods.rk4" in below("hgogen.call")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_imports_make_no_circle(name: str) -> None:
+    assert name not in below(name)
+
+
+@pytest.mark.parametrize("contract", CONTRACTS)
+def test_a_contract_knows_no_case(contract: str) -> None:
+    assert not {name for name in below(f"hgogen.{contract}") if name.split(".")[1] in FOLDERS}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_case_knows_no_other_case(case: str) -> None:
+    assert not {name for name in below(case) if name.split(".")[1] in FOLDERS}
+
+
+def test_only_the_command_line_knows_the_command_line() -> None:
+    assert [name for name in FILES if "hgogen.cli" in imports(name)] == []
+
+
+# --- cases --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_case_has_its_own_name_and_a_reference(case: str) -> None:
+    """A form and an observer name their paper, a method its equation."""
+    _, folder, name = case.split(".")
+    assert hasattr(getattr(hg, folder), name)
+    assert not isinstance(getattr(getattr(hg, folder), name), type(hg))
+    text = ast.get_docstring(tree(case)) or ""
+    if folder in ("forms", "observers"):
+        assert re.search(r"\b(19|20)\d\d\b", text), f"{case} names no paper with its year"
+        assert re.search(r"'\s*=|=", text), f"{case} shows no equation"
+    else:
+        assert len(text) > 40
+
+
+def test_every_folder_gives_all_its_cases() -> None:
+    for folder in FOLDERS:
+        files = {case.split(".")[2] for case in CASES if case.split(".")[1] == folder}
+        assert set(getattr(hg, folder).__all__) == files
+
+
+# --- files --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_no_file_is_long(name: str) -> None:
+    assert len(FILES[name].read_text().splitlines()) <= 400
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_everything_public_has_a_docstring(name: str) -> None:
+    kinds = ast.FunctionDef | ast.ClassDef
+
+    def shown(body: list[ast.stmt]) -> list[ast.FunctionDef | ast.ClassDef]:
+        return [node for node in body if isinstance(node, kinds) and not node.name.startswith("_")]
+
+    nodes = shown(tree(name).body)
+    nodes += [inner for node in nodes if isinstance(node, ast.ClassDef) for inner in shown(node.body)]
+    bare = [node.name for node in nodes if not ast.get_docstring(node)]
+    assert not bare
+    assert ast.get_docstring(tree(name))
+
+
+WRITES = re.compile(
+    r"open\([^)]*[\"'][wax]b?\+?[\"']|fdopen|write_text|write_bytes|mkdir|makedirs|mkstemp|copyfile|os\.replace|rmtree|unlink"
+)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_few_write_to_the_disk(name: str) -> None:
+    writes = WRITES.findall(FILES[name].read_text())
+    assert bool(writes) == (name.removeprefix("hgogen.") in WRITERS), writes
+
+
+def test_only_a_models_own_code_is_executed() -> None:
+    """No expression of a user is evaluated as Python, but for the model file that he gives."""
+    calls = {
+        (name, node.func.id)
+        for name in FILES
+        for node in ast.walk(tree(name))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("eval", "exec")
+    }
+    assert calls == {("hgogen.model", "exec")}
+
+
+# --- values and errors --------------------------------------------------------------------------------------
+
+
+def subclasses(kind: type) -> set[type]:
+    return {kind}.union(*(subclasses(inner) for inner in kind.__subclasses__()))
+
+
+ERRORS = sorted((kind for kind in subclasses(HgogenError) - {HgogenError}), key=lambda kind: kind.__qualname__)
+
+
+@pytest.mark.parametrize("kind", ERRORS, ids=lambda kind: kind.__name__)
+def test_an_error_is_a_dataclass_with_a_sentence(kind: type) -> None:
+    """Not a frozen one: Python writes the traceback into it."""
+    assert not kind.__dataclass_params__.frozen
+    assert "__str__" in vars(kind)
+    assert kind.__doc__
+    error = kind.__new__(kind)
+    error.__traceback__ = None
+    error.add_note("a note")
+
+
+def test_values_are_frozen() -> None:
+    """Every dataclass but errors, and the C printer's, which counts uses and numbers locals as it goes."""
+    loose = {
+        f"{name}.{node.name}"
+        for name in FILES
+        for node in ast.walk(tree(name))
+        if isinstance(node, ast.ClassDef) and not any("HgogenError" in ast.unparse(base) for base in node.bases)
+        for decorator in map(ast.unparse, node.decorator_list)
+        if decorator.startswith("dataclass") and "frozen=True" not in decorator
+    }
+    assert loose <= {"hgogen.cnode.Node", "hgogen.cprint.Printer", "hgogen.ctext.Writer"}
+
+
+# --- what is not said ---------------------------------------------------------------------------------------
+
+TEXTS = [
+    path
+    for pattern in ("*.md", "*.toml", "LICENSE", ".ci/*", "hgogen/**/*", "models/*", "tests/**/*", "generated/**/*")
+    for path in sorted(ROOT.glob(pattern))
+    if path.is_file() and path.suffix in ("", ".py", ".md", ".toml", ".c", ".h", ".ld", ".json", ".csv", ".svg")
+]
+# Written so that no line of this file matches itself.
+STRANGE = re.compile(
+    r"/(?:[h]ome|[r]oot|[w]ork|[U]sers)/|[p]ypi\.|[p]ythonhosted|[l]ocalhost|\b(?:TO[D]O|FIX[M]E|XX[X])\b|\b[s]essions?\b"
+    r"|\b[i]ssue #?\d|\b(?:A[I]|LL[M])\b|\b[a]gents?\b"
+)
+
+
+def test_nothing_strange_is_said() -> None:
+    """No path of one machine, no host of packages, no reminder, nothing of how the project came about."""
+    assert len(TEXTS) > 80
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()[:80]}"
+        for path in TEXTS
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if STRANGE.search(line)
+    ]
+    assert not found
