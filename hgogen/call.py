@@ -14,7 +14,7 @@ from hgogen.errors import HgogenError
 from hgogen.machine import Machine
 from hgogen.method import Method
 from hgogen.observer import Observer
-from hgogen.program import places, scope
+from hgogen.program import dangling, places, scope
 from hgogen.step import BadStep, Step, plan
 
 Engine = Literal["c", "python"]
@@ -274,6 +274,9 @@ def sample(
     if not hasattr(method, "riccati"):
         raise BadStep(f"method = {method!r}", "is no method; take one of hg.methods, and the time as dt=")
     planned = plan(observer, method, dt, between)
+    for section in planned.sections:
+        if dangling(section.program):
+            raise BadStep(f"section {section.name}", f"reads {', '.join(sorted(dangling(section.program)))}, never written")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)})
 
 

@@ -5,6 +5,7 @@ model's, A(u) + b*(sat(z), u), at the clamped point. Parameters with a range bec
 folded.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -61,28 +62,26 @@ class Dynamics:
         return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output(self, z: Any, u: Any) -> Any:
-        """h(z, u) (p); a linear output is not clamped."""
+        """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped."""
         return self._output(z, u)
 
     def output_jacobian(self, z: Any, u: Any) -> Any:
         """dh/dz, p x n."""
-        slope = ca.jacobian(self._output(self._z, self._u), self._z)
+        slope = ca.jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
-
-    def output_matrix(self) -> np.ndarray:
-        """dh/dz (p, n) at the middle of the box, nominal parameters."""
-        return np.asarray(self._numbers(self.output_jacobian(self._z, self._u), self._points(0))[0])
 
     def estimate(self, z: Any) -> Any:
         """The plant's states from z (n)."""
         return column(self._convert([expression for _, expression in self.form.estimates], z, self._u))
 
-    def jacobians(self, samples: int = 64, seed: int = 1) -> np.ndarray:
-        """F on corners, midpoint and random points of the box of states and inputs, (k, n, n), nominal parameters.
+    def linearised(self, samples: int = 64, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and inputs.
 
-        Where a signal has no range the sample is its nominal value, or 0.
+        Parameters are nominal; where a signal has no range the sample is its nominal value, or 0.
         """
-        return self._numbers(self.jacobian(self._z, self._u), self._points(samples, seed))
+        points = self._points(samples, seed)
+        F = self._numbers(self.jacobian(self._z, self._u), points)
+        return F, self._numbers(self.output_jacobian(self._z, self._u), points)
 
     def _points(self, samples: int, seed: int = 1) -> np.ndarray:
         """Middle of the box, corners and random points, (1 + 2 samples, n + m)."""
@@ -118,7 +117,10 @@ class Dynamics:
         return linear, column(self._convert(self.form.b, z, u))
 
     def _output(self, z: Any, u: Any) -> Any:
-        return column(self._convert(self.form.output, z, u))
+        """C(u) z + h(sat(z), u): only the nonlinear part is clamped."""
+        linear, rest = zip(*(_split(e, self.form.states) for e in self.form.output), strict=True)
+        parts = [column(self._convert(part, at, u)) for part, at in ((linear, z), (rest, self.saturated(z)))]
+        return parts[0] + parts[1]
 
     def _convert(self, expressions: Any, z: Any, u: Any) -> list[Any]:
         system = self.form.system
@@ -127,3 +129,12 @@ class Dynamics:
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym(f"plant.{p.name}") for p in system.parameters if p.bounded}
         return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)
+
+
+def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
+    """(terms linear in a state with a coefficient free of states, the rest)."""
+    linear, rest = [], []
+    for term in sp.Add.make_args(sp.expand_mul(expression)):
+        _, factor = term.as_independent(*states, as_Add=False)
+        (linear if factor in states else rest).append(term)
+    return sp.Add(*linear), sp.Add(*rest)

@@ -12,17 +12,19 @@ import casadi as ca
 import numpy as np
 
 from hgogen.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
-from hgogen.observer import BadGain, Clock, Pieces, Riccati
+from hgogen.observer import HUGE, BadGain, Clock, Pieces, Riccati
 from hgogen.program import Bit, Block, Field, Group, Kernel, Loop, Program, When, column, sym
-from hgogen.runge_kutta import RK4, Stages, advance
+from hgogen.runge_kutta import HEUN, RK4, Stages, advance
+from hgogen.stability import decay_limits
 
-# Below this a variance counts as 0; L stays within +-LARGEST: both only catch rounding and drop-outs.
-SMALLEST, LARGEST = 1e-20, 1e9
+# D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
+SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
+POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
 
 CAPPED = Bit(
     "COVARIANCE_LIMITED",
-    "the covariance reached its cap, as after a long loss of measurements",
-    "none; the estimate is poor until measurements return",
+    "the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared ranges",
+    "wait for measurements; if it stays while they come, scale Q and R down together",
 )
 
 
@@ -49,19 +51,29 @@ class Moved:
 
     def row(self, output: int) -> Any:
         """c = dh/dz of an output (1, n), sparse."""
-        return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u(1.0))[output, :])
+        return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
     def variance(self, output: int) -> Any:
         """r = R/(theta h)."""
         return self.part.R[output] / (self.part.theta.value * self.clock.dt)
 
 
-def _diagonal(part: Riccati, values: np.ndarray) -> Field:
-    n = part.dynamics.n
+def _paced(part: Riccati) -> dict[str, Any]:
+    """P has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h lambda."""
+    limits = decay_limits(part.dynamics.linearised(POINTS)[0], HEUN.polynomial)
+    why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
+    return {"limit": float(limits.max()), "caution": float(limits.min()), "why": why}
+
+
+def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
+    """D; its natural size is that of P(0), of the noise that one step adds, and of one sample's variance, the smallest."""
+    n, (noise, variances) = part.dynamics.n, part.nominal
+    natural = np.minimum(values, clock.dt * factor(noise)[1])
+    natural[0] = min(natural[0], variances.min() / (part.theta.peak * clock.dt))
     return Field(
         "D",
         tuple(float(value) for value in values),
-        low=(SMALLEST,) * n,
+        low=tuple(float(max(SMALLEST * value, TINY)) for value in natural),
         high=tuple(float(value) for value in part.cap),
         meaning="diagonal factor of the covariance P = L D L'",
     )
@@ -73,28 +85,29 @@ def _diagonal(part: Riccati, values: np.ndarray) -> Field:
 def unrolled(part: Riccati, clock: Clock) -> Pieces:
     """Straight-line code; L packed by columns."""
     return Pieces(
-        fields=(part.z, *_factors(part)),
+        fields=(part.z, *_factors(part, clock)),
         bits=(CAPPED,),
+        **_paced(part),
         predict=(_predict(part, clock), *_cap(part)),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
 
-def _factors(part: Riccati) -> tuple[Field, ...]:
-    n = part.dynamics.n
+def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
+    n, deviation = part.dynamics.n, np.sqrt(part.cap)
     start, diagonal = factor(part.covariance)
     pairs = [(i, j) for j in range(n) for i in range(j + 1, n)]
     if not pairs:
-        return (_diagonal(part, diagonal),)
+        return (_diagonal(part, clock, diagonal),)
     L = Field(
         "L",
         tuple(float(start[i, j]) for i, j in pairs),
-        low=(-LARGEST,) * len(pairs),
-        high=(LARGEST,) * len(pairs),
+        low=tuple(float(-LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
+        high=tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
         labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
         meaning="unit lower factor of P, strict lower triangle by columns",
     )
-    return (L, _diagonal(part, diagonal))
+    return (L, _diagonal(part, clock, diagonal))
 
 
 def _symbols(part: Riccati) -> tuple[Any, Any]:
@@ -159,9 +172,10 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
             raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
     columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
     return Pieces(
-        fields=(part.z, _diagonal(part, np.diag(part.covariance))),
+        fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy())),
         groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
         bits=(CAPPED,),
+        **_paced(part),
         predict=_looped_predict(part, clock),
         update=tuple(_looped_update(part, clock, j) for j in range(clock.outputs)),
     )
@@ -200,7 +214,7 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
 
 def _looped_keep(n: int) -> Program:
     v = sym("column.v", n)
-    kept = column(ca.if_else(ca.fabs(v[i]) <= LARGEST, v[i], 0) for i in range(n))
+    kept = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
     return (Loop("column", n, (Block("a lost value restarts", {"column.v": kept}),)),)
 
 

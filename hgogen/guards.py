@@ -102,8 +102,7 @@ def measure(observer: Observer, clock: Clock, j: int) -> Block:
     """The sample of output j, its innovation, and whether it can be used."""
     signal = observer.form.system.outputs[j]
     raw = sym(f"output.{signal.name}")
-    u = sym("state.u", clock.inputs) if clock.inputs else ca.SX(0, 1)
-    error = raw - observer.dynamics.output(observer.z, u)[j]
+    error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
     valid, status = _judged(signal, raw, error)
     return Block(f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status})
 

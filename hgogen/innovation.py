@@ -13,7 +13,7 @@ A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. M
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import casadi as ca
@@ -23,6 +23,7 @@ from hgogen.errors import HgogenError
 from hgogen.observer import HUGE, Clock, Part, Pieces, real
 from hgogen.program import Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
+from hgogen.stability import decay_limits
 
 if TYPE_CHECKING:
     from hgogen.method import Method
@@ -60,6 +61,9 @@ class Innovation(Protocol):
         ...
 
 
+POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
+
+
 @dataclass(frozen=True)
 class Predictor:
     """What both ways share: the open-loop model over one step and its output error."""
@@ -67,6 +71,13 @@ class Predictor:
     dynamics: Dynamics
     z: Field
     tableau: Tableau
+
+    @property
+    def paced(self) -> dict[str, Any]:
+        """The step lengths at which the tableau follows the model's decay."""
+        limits = decay_limits(self.dynamics.linearised(POINTS)[0], self.tableau.polynomial)
+        why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
+        return {"limit": float(limits.max()), "caution": float(limits.min()), "why": why}
 
     def moved(self, z: Any, u: Callable[[float], Any], dt: float) -> Any:
         """z one step later without correction, kept in the box of the observer's state; z(0) where it is lost."""
@@ -121,16 +132,16 @@ class Staggered:
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
         count = samples(self.d, clock.dt, self.predictors)
         members, period = self.predictors + 1, count // self.predictors
+        most = members * period + 1
         n = predictor.dynamics.n
         z, total, valid = sym("predictor.z", n), sym("predictor.sum"), sym("predictor.samples")
         moved = predictor.moved(z, clock.u, clock.dt)
         move = Block(f"each predictor by {predictor.tableau.name}, without correction", {"predictor.z": moved})
 
         def accumulate(output: int) -> Program:
-            error = sym("work.sample") - predictor.dynamics.output(z, clock.u(1.0))[output]
+            error = sym("work.sample") - predictor.dynamics.output(z, clock.u_now)[output]
             squared = ca.fmin(total + clock.dt * error * error, HUGE * HUGE)
             add = Block("its squared output error", {"predictor.sum": squared})
-            most = members * period + 1
             tally = Block("one more sample", {"predictor.samples": ca.if_else(valid < most, valid + 1, most)})
             return (Loop("predictor", members, (add, tally) if output == 0 else (add,)),)
 
@@ -154,6 +165,7 @@ class Staggered:
         rotate = Block("the next one is the oldest", {"state.oldest": ca.if_else(after >= members, 0, after)})
         oldest = "state.oldest"
         return Pieces(
+            **predictor.paced,
             fields=(
                 scalar("innovation", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="innovation I_d"),
                 scalar("oldest", 0, kind="index", high=members - 1, meaning="index of the oldest predictor"),
@@ -164,9 +176,9 @@ class Staggered:
                     "predictor",
                     members,
                     (
-                        Field("z", predictor.z.initial, labels=predictor.z.labels, meaning="predicted state"),
-                        scalar("sum", 0, unit="y^2 s", meaning="sum of dt (y - yhat)^2"),
-                        scalar("samples", 0, kind="index", meaning="valid samples in the sum"),
+                        replace(predictor.z, meaning="predicted state"),
+                        scalar("sum", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="sum of dt (y - yhat)^2"),
+                        scalar("samples", 0, kind="index", high=most, meaning="valid samples in the sum"),
                     ),
                     "copies of the model that run without correction",
                 ),
@@ -231,10 +243,11 @@ class Window:
             return (Block("this sample", {"state.recent_y": values[0], "state.recent_valid": values[1]}),)
 
         zeros = (0.0,) * p
-        past = [Field("z", predictor.z.initial, labels=predictor.z.labels, meaning="estimate")]
+        past = [replace(predictor.z, meaning="estimate")]
         past += [Field("u", (0.0,) * m, meaning="input")] if m else []
         past += [Field("y", zeros, meaning="measurement"), Field("valid", zeros, meaning="1 where it counts")]
         return Pieces(
+            **predictor.paced,
             fields=(
                 scalar("innovation", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="innovation I_d"),
                 scalar("newest", 0, kind="index", high=size - 1, meaning="index of the newest sample"),

@@ -88,13 +88,13 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
     at rest to rise from.
     """
     noise, variance = part.nominal
-    C, points = part.dynamics.output_matrix(), part.dynamics.jacobians(POINTS)
+    points = list(zip(*part.dynamics.linearised(POINTS), strict=True))
     if part.theta.rest is not None:
-        points = [F for F in points if np.linalg.matrix_rank(_observability(F, C)) == len(F)] or points
+        points = [(F, C) for F, C in points if np.linalg.matrix_rank(_observability(F, C)) == len(F)] or points
     return [
         covariance_limit(
-            jacobian[None],
-            C,
+            F[None],
+            C[None],
             noise,
             variance,
             part.covariance,
@@ -104,7 +104,7 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
             part.theta.rest,
             part.theta.rise,
         )
-        for jacobian in points
+        for F, C in points
     ]
 
 

@@ -75,6 +75,11 @@ class Clock:
             return now
         return last if c == 0.0 else last + c * (now - last)
 
+    @property
+    def u_now(self) -> Any:
+        """The input (m) that `predict` has just stored, for the sections after it."""
+        return sym("state.u", self.inputs) if self.inputs else ca.SX(0, 1)
+
     def y(self, c: float) -> Any:
         """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
         last, now = sym("work.y_last", self.outputs), sym("work.y", self.outputs)

@@ -219,6 +219,14 @@ def read(program: Sequence[Statement]) -> set[str]:
     return found
 
 
+def dangling(program: Sequence[Statement]) -> set[str]:
+    """Work places that the program reads but never writes: another section's would not be there in C."""
+    written = {place for s in walk(program) if isinstance(s, Block) for place in s.writes}
+    written |= {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
+    written |= {s.result for s in walk(program) if isinstance(s, Kernel) and s.result}
+    return {place for place in read(program) if scope(place) == "work"} - written
+
+
 def pruned(program: Sequence[Statement]) -> Program:
     """The program without work values that nothing reads."""
     needed = read(program)

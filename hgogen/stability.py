@@ -99,6 +99,24 @@ def core_limit(core: Array, polynomial: Sequence[float]) -> float:
     return _spectral_limit(spectrum[size > AXIS * size.max()], polynomial)
 
 
+def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
+    """For each F (k, n, n), the largest dt at which its decaying modes do not grow (k); inf where none decays."""
+    limits = []
+    for spectrum in np.linalg.eigvals(np.asarray(jacobians, dtype=float)).astype(complex):
+        decaying = spectrum[spectrum.real < -AXIS * np.abs(spectrum).max(initial=0.0)]
+        limits.append(_spectral_limit(decaying, polynomial))
+    return np.array(limits)
+
+
+def steady_covariance(jacobians: Array, C: Array, Q: Array, R: Array, theta: float) -> Array:
+    """The steady P (k, n, n) at each F (k, n, n), C (k, p, n) under Q_theta, R_theta; nan where there is none.
+
+    `Q` (n, n) and the diagonal `R` (p,) per unit of time.
+    """
+    M = np.swapaxes(C, 1, 2) @ np.diag(1.0 / np.asarray(R)) @ C
+    return _steady_covariance(_Riccati(np.asarray(jacobians, dtype=float), M, np.asarray(Q, dtype=float)), theta)
+
+
 def covariance_limit(
     jacobians: Array,
     C: Array,

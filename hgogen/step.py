@@ -27,7 +27,7 @@ from hgogen.guards import (
     outside,
 )
 from hgogen.method import Method
-from hgogen.observer import Clock, Observer, Pieces, resting, tunable
+from hgogen.observer import HUGE, Clock, Observer, Pieces, resting, tunable
 from hgogen.program import (
     INF,
     Bit,
@@ -202,7 +202,9 @@ def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...]) -> tup
     fields.append(scalar("calls", 0, kind="index", high=2, meaning="0 before the first call, 1 after it, then 2"))
     if system.inputs:
         start = tuple(resting(signal) for signal in system.inputs)
-        fields.append(Field("u", start, labels=tuple(s.name for s in system.inputs), meaning="last valid input"))
+        low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
+        names = tuple(s.name for s in system.inputs)
+        fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
     if any(piece.uses_output for piece in pieces):
         zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
         fields.append(Field("y", zeros, labels=names, meaning="last valid sample"))

@@ -12,9 +12,9 @@ import sympy as sp
 
 import hgogen as hg
 
-x1 = hg.Signal("x1", "", "upper level", 3.0713, low=0.25, high=10)
+x1 = hg.Signal("x1", "", "upper level", 3.0713, low=0.2704, high=10)
 x2 = hg.Signal("x2", "", "lower level", 5.0, low=0.25, high=11)
-w = hg.Signal("w", "", "square root of the upper level", low=0.5, high=3.1623)
+w = hg.Signal("w", "", "square root of the upper level", low=0.52, high=3.1623)
 u = hg.Signal("u", "V", "pump voltage", 3.0, low=0, high=7)
 y = hg.Signal("y", "", "measured lower level", low=0, high=10)
 k1 = hg.Signal("k1", "1/s", "outflow of the upper tank", 0.05646)

@@ -19,7 +19,8 @@ from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.observer import HUGE, BadGain, Observer, Riccati, gain, reals, state_field
-from hgogen.program import sym
+from hgogen.program import Field, sym
+from hgogen.stability import steady_covariance
 from hgogen.theta import Theta, constant
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
@@ -62,8 +63,8 @@ def riccati(
     if given.ndim > 1 or len(variances) != outputs:
         raise BadGain(f"R of shape {given.shape}", f"must have one number for each of {outputs} outputs")
     shape, weights = factor(noise)
-    if any(not 1 / HUGE <= value <= HUGE for value in variances):
-        raise BadGain(f"R = {R}", f"must be positive, from {1 / HUGE:g} to {HUGE:g}")
+    if any(not HUGE**-2 <= value <= HUGE**2 for value in variances):
+        raise BadGain(f"R = {R}", f"must be positive, from {HUGE**-2:g} to {HUGE**2:g}")
     top, bottom = 1e6, 1e-6
     gains = (
         gain(
@@ -86,8 +87,6 @@ def riccati(
     )
     dynamics = Dynamics(form)
     z = state_field(form, initial, theta.peak)
-    half = np.array([(high - low) / 2 for low, high in z.box])
-    cap = np.where(np.isfinite(half), half**2, 1e12)
     part = Riccati(
         dynamics=dynamics,
         z=z,
@@ -96,7 +95,7 @@ def riccati(
         factor=shape,
         R=sym("gain.R", outputs),
         covariance=start,
-        cap=np.minimum(np.maximum(cap, 4 * np.diag(start)), HUGE),
+        cap=_cap(dynamics, z, noise, variances, start, theta.peak),
         nominal=(noise, np.array(variances)),
     )
     return Observer(
@@ -114,6 +113,20 @@ def riccati(
     )
 
 
+def _cap(
+    dynamics: Dynamics, z: Field, noise: np.ndarray, variances: Sequence[float], start: np.ndarray, peak: float
+) -> np.ndarray:
+    """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
+    variance at the largest theta anywhere in the box, and four times P(0); without a range, 1e12 P(0).
+    """
+    half = np.array([(high - low) / 2 for low, high in z.box])
+    cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
+    F, C = dynamics.linearised(12)
+    steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak), axis1=1, axis2=2)
+    largest = np.nanmax(np.where(np.isfinite(steady), steady, 0.0), axis=0)
+    return np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE)
+
+
 def spd(name: str, value: Any, n: int) -> np.ndarray:
     """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix.
 
@@ -124,8 +137,8 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
         matrix = np.diag(matrix)
     if matrix.shape != (n, n):
         raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
-    if not (np.abs(matrix) <= HUGE).all():
-        raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE:g}")
+    if not (np.abs(matrix) <= HUGE**2).all():
+        raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE**2:g}")
     if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
         raise BadGain(name, "must be symmetric")
     if np.linalg.eigvalsh(matrix).min() <= 0:
