@@ -276,7 +276,8 @@ def sample(
     planned = plan(observer, method, dt, between)
     for section in planned.sections:
         if dangling(section.program):
-            raise BadStep(f"section {section.name}", f"reads {', '.join(sorted(dangling(section.program)))}, never written")
+            missing = ", ".join(sorted(dangling(section.program)))
+            raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)})
 
 

@@ -75,7 +75,8 @@ class Dynamics:
         return column(self._convert([expression for _, expression in self.form.estimates], z, self._u))
 
     def linearised(self, samples: int = 64, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and inputs.
+        """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and
+        inputs.
 
         Parameters are nominal; where a signal has no range the sample is its nominal value, or 0.
         """
@@ -88,9 +89,7 @@ class Dynamics:
         signals = [*self.form.states, *self.form.system.inputs]
         rng = np.random.default_rng(seed)
         corners = rng.integers(0, 2, size=(samples, len(signals))).astype(float)
-        points = np.vstack(
-            [np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))]
-        )
+        points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
         lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
         return np.asarray(lows + points * (highs - lows))
 
@@ -107,8 +106,7 @@ class Dynamics:
     @cached_property
     def _u(self) -> Any:
         return column(
-            sym("form.u", max(1, len(self.form.system.inputs)))[i]
-            for i in range(len(self.form.system.inputs))
+            sym("form.u", max(1, len(self.form.system.inputs)))[i] for i in range(len(self.form.system.inputs))
         )
 
     def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
@@ -133,7 +131,8 @@ class Dynamics:
 
 def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
     """(terms linear in a state with a coefficient free of states, the rest)."""
-    linear, rest = [], []
+    linear: list[sp.Expr] = []
+    rest: list[sp.Expr] = []
     for term in sp.Add.make_args(sp.expand_mul(expression)):
         _, factor = term.as_independent(*states, as_Add=False)
         (linear if factor in states else rest).append(term)

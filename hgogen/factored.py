@@ -59,15 +59,17 @@ class Moved:
 
 
 def _paced(part: Riccati) -> dict[str, Any]:
-    """P has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h lambda."""
+    """P has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h
+    lambda."""
     limits = decay_limits(part.dynamics.linearised(POINTS)[0], HEUN.polynomial)
     why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
     return {"limit": float(limits.max()), "caution": float(limits.min()), "why": why}
 
 
 def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
-    """D; its natural size is that of P(0), of the noise that one step adds, and of one sample's variance, the smallest."""
-    n, (noise, variances) = part.dynamics.n, part.nominal
+    """D; its natural size is that of P(0), of the noise that one step adds, and of one sample's variance, the
+    smallest."""
+    noise, variances = part.nominal
     natural = np.minimum(values, clock.dt * factor(noise)[1])
     natural[0] = min(natural[0], variances.min() / (part.theta.peak * clock.dt))
     return Field(

@@ -55,8 +55,8 @@ class CannotIntegrate(HgogenError):
 def reference(given: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
     """The continuous observer at the samples of a record, gains and parameters at their nominal values.
 
-    Args: `given`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p), NaN
-    for a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
+    Args: `given`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p),
+    NaN for a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
 
     Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
     """

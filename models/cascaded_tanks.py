@@ -2,10 +2,10 @@
 
 x1' = -k1 sqrt(x1) + k4 u,  x2' = k2 sqrt(x1) - k3 sqrt(x2),  y = x2,  levels from 0 to 10.
 
-In w = sqrt(x1) the plant is triangular: x2' = k2 w - k3 sqrt(x2), w' = -k1/2 + k4 u/(2 w). The constants were identified on
-the estimation half of the cascaded-tanks benchmark (Schoukens, Noel 2017). The upper level is measured by nothing: its scale
-is fixed by k1 = k2, equal cross-sections, and known to a factor of about 1.4 only. The overflow of the upper tank is not
-in the model; while it lasts the estimated upper level is too high.
+In w = sqrt(x1) the plant is triangular: x2' = k2 w - k3 sqrt(x2), w' = -k1/2 + k4 u/(2 w). The constants were
+identified on the estimation half of the cascaded-tanks benchmark (Schoukens, Noel 2017). The upper level is measured
+by nothing: its scale is fixed by k1 = k2, equal cross-sections, and known to a factor of about 1.4 only. The overflow
+of the upper tank is not in the model; while it lasts the estimated upper level is too high.
 """
 
 import sympy as sp

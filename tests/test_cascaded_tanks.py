@@ -62,8 +62,7 @@ def test_the_plant_stands_as_it_is_published() -> None:
 def test_the_scale_of_the_upper_level_cannot_be_told_from_the_record() -> None:
     """k1 sqrt(s), k2/sqrt(s), k4 s, x1 s leave y as it is: the claim of the model file, exactly."""
     s = sp.Symbol("s", positive=True)
-    x1, x2, u = (v for v in (*MODEL.plant.states, *MODEL.plant.inputs))
-    k1, k2, _, k4 = MODEL.plant.parameters
+    x1, k1, k2, _, k4 = MODEL.plant.states[0], *MODEL.plant.parameters
     scaled = {k1: k1 * sp.sqrt(s), k2: k2 / sp.sqrt(s), k4: k4 * s, x1: x1 * s}
     upper, lower = (f.subs(scaled, simultaneous=True) for f in MODEL.plant.flow)
     assert sp.simplify(upper - s * MODEL.plant.flow[0]) == 0

@@ -365,21 +365,21 @@ def test_a_dt_without_a_warning_runs() -> None:
 
 @pytest.mark.parametrize("theta", [1.0, 100.0])
 def test_continuous_discrete_is_limited_by_the_models_decay_alone(theta: float) -> None:
-    """In the middle of the box F has the eigenvalues 1, -0.8, 0: |1 + x + x^2/2| <= 1 asks for dt <= 2/0.8, whatever theta."""
+    """In the middle of the box F has the eigenvalues 1, -0.8, 0: |1 + x + x^2/2| <= 1 asks for dt <= 2/0.8, whatever
+    theta."""
     assert hg.sample(fitzhugh_nagumo(theta=theta), dt=0.01).limit == pytest.approx(2 / 0.8)
     with pytest.raises(StepTooLong):
         hg.sample(fitzhugh_nagumo(theta=theta), dt=2.6)
 
 
 def test_a_stiff_plant_is_refused_where_its_decay_cannot_be_followed() -> None:
-    """x2' = -k (x2 - u): h k <= 2. At k = 210, dt = 0.01 the estimate would be wrong for good, with every check proved."""
+    """x2' = -k (x2 - u): h k <= 2. At k = 210, dt = 0.01 the estimate would be wrong for good, with every check
+    proved."""
     a, b = hg.Signal("a", low=-5, high=5), hg.Signal("b", low=-5, high=5)
     u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-20, high=20)
 
     def stiff(k: float) -> hg.System:
-        return hg.System(
-            "stiff", states=(a, b), inputs=(u,), outputs=(y,), flow=[b - a, -k * (b - u)], output=[a]
-        )
+        return hg.System("stiff", states=(a, b), inputs=(u,), outputs=(y,), flow=[b - a, -k * (b - u)], output=[a])
 
     hg.sample(hg.observers.riccati(hg.forms.triangular(stiff(190)), Q=[0.1, 0.1], R=0.1), dt=0.01)
     with pytest.raises(StepTooLong, match=r"0\.0095"):

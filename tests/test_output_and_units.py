@@ -22,9 +22,7 @@ u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-20, high=20)
 @pytest.mark.parametrize("output", [(2 + u) * x1, x1 + u], ids=str)
 @pytest.mark.parametrize("theta", THETAS)
 def test_the_input_in_the_output_is_the_same_in_c(output: sp.Expr, theta: str) -> None:
-    plant = hg.System(
-        "pendulum", states=(x1, x2), inputs=(u,), outputs=(y,), flow=[x2, -sp.sin(x1)], output=[output]
-    )
+    plant = hg.System("pendulum", states=(x1, x2), inputs=(u,), outputs=(y,), flow=[x2, -sp.sin(x1)], output=[output])
     observer = hg.observers.riccati(
         hg.forms.triangular(plant), Q=(0.1, 0.1), R=0.01, theta=THETAS[theta], initial=(3, 0)
     )
@@ -47,9 +45,7 @@ def test_a_section_that_reads_what_another_wrote_is_found() -> None:
 def rescaled(a: float, b: float) -> np.ndarray:
     """Estimates of one filter, x1 in units of a and x2 of b, back in the first units."""
     p, q, r = hg.Signal("p"), hg.Signal("q"), hg.Signal("r")
-    plant = hg.System(
-        "scaled", states=(p, q), outputs=(r,), flow=[q * a / b, -sp.sin(p / a) * b - q], output=[p]
-    )
+    plant = hg.System("scaled", states=(p, q), outputs=(r,), flow=[q * a / b, -sp.sin(p / a) * b - q], output=[p])
     observer = hg.observers.riccati(
         hg.forms.triangular(plant),
         Q=(0.1 * a**2, 0.1 * b**2),
@@ -79,9 +75,7 @@ def test_an_output_undefined_outside_its_range_does_not_lock_the_observer_out(ro
 def test_the_covariance_may_be_as_large_as_its_weights_ask() -> None:
     """R = 1 with states within 1 is no variance, only a weight; no cap is reached while measurements come."""
     chain = [hg.Signal(f"c{i}", low=-1, high=1) for i in range(3)]
-    plant = hg.System(
-        "chain", states=chain, inputs=(u,), outputs=(y,), flow=[chain[1], chain[2], u], output=[chain[0]]
-    )
+    plant = hg.System("chain", states=chain, inputs=(u,), outputs=(y,), flow=[chain[1], chain[2], u], output=[chain[0]])
     for theta in (3, 10, 30):
         observer = hg.observers.riccati(hg.forms.triangular(plant), Q=[1] * 3, R=1.0, theta=theta)
         assert not hg.sample(observer, dt=0.01).run(u=np.zeros(500), y=np.zeros(500), engine="python").status.any()

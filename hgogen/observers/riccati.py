@@ -124,7 +124,7 @@ def _cap(
     F, C = dynamics.linearised(12)
     steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak), axis1=1, axis2=2)
     largest = np.nanmax(np.where(np.isfinite(steady), steady, 0.0), axis=0)
-    return np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE)
+    return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
 
 
 def spd(name: str, value: Any, n: int) -> np.ndarray:
