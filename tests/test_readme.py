@@ -77,5 +77,6 @@ def test_every_status_bit_is_explained() -> None:
 
 def test_commands_are_those_there_are() -> None:
     listed = set(re.findall(r"^\| `hgogen (\w+)", TEXT, re.MULTILINE))
-    told = subprocess.run([sys.executable, "-c", "from hgogen.cli import main; main()", "--help"], capture_output=True, text=True, check=True)
+    command = [sys.executable, "-c", "from hgogen.cli import main; main()", "--help"]
+    told = subprocess.run(command, capture_output=True, text=True, check=True)
     assert listed == set(re.findall(r"^│ (\w+)  ", told.stdout, re.MULTILINE))
