@@ -104,37 +104,38 @@ def needed(names: Collection[str], real: Real) -> list[str]:
     return [name for name in elementary(real) if name in names]
 
 
-def helpers(prefix: str, real: Real, used: Collection[str]) -> list[str]:
-    """The small static functions that `used` names, and those they call."""
-    names = set(used).union(*(_CALLED.get(name, ()) for name in used))
-    holes = {"prefix": prefix, "real": real, "whole": _WHOLE[real], "large": _LARGE[real]}
-    holes |= {"zero": literal(0, real), "one": literal(1, real), "all_whole": literal(_ALL_WHOLE[real], real)}
-    return [line for name in _HELPERS if name in names for line in _HELPERS[name].substitute(holes)[1:].split("\n")]
-
-
-def mathematics(prefix: str, real: Real, used: Collection[str]) -> tuple[list[str], set[str]]:
-    """The mathematical functions that `used` names, behind the switch; and the helpers that they use."""
+def functions(prefix: str, real: Real, used: Collection[str]) -> list[str]:
+    """The functions that `used` names: the small ones, then the mathematical ones behind their switch."""
     names = needed(used, real)
-    if not names:
-        return [], set()
-    upper = prefix.upper()
     calls: set[str] = set()
-    bundled: list[str] = []
-    for name in names:
-        bundled += [*_bundled(prefix, real, name, calls), ""]
-    suffix = "f" if real == "float" else ""
-    lines = [
+    bundled = [line for name in names for line in (*_bundled(prefix, real, name, calls), "")]
+    outside = _called(used)
+    lines = _helpers(prefix, real, outside)
+    if not names:
+        return lines
+    upper, suffix = prefix.upper(), "f" if real == "float" else ""
+    cmsis = f", or {upper}_USE_CMSIS for CMSIS-DSP" if real == "float" else ""
+    lines += [
         "/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.",
-        f" * Define {upper}_USE_LIBM for those of <math.h>"
-        + (f", or {upper}_USE_CMSIS for CMSIS-DSP. */" if real == "float" else ". */"),
+        f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
         f"#if defined({upper}_USE_LIBM)",
         "#include <math.h>",
         *(_macro(prefix, name, f"{name}{suffix}") for name in names),
     ]
     if real == "float":
-        lines += [f"#elif defined({upper}_USE_CMSIS)", '#include "arm_math.h"']
+        lines += [f"#elif defined({upper}_USE_CMSIS)", '#include "arm_math.h"', "#include <math.h>"]
         lines += [_macro(prefix, name, _CMSIS.get(name, f"{name}f")) for name in names]
-    return [*lines, "#else", *bundled[:-1], "#endif", ""], calls
+    return [*lines, "#else", *_helpers(prefix, real, _called(calls) - outside), *bundled[:-1], "#endif", ""]
+
+
+def _called(names: Collection[str]) -> set[str]:
+    return set(names).union(*(_CALLED.get(name, ()) for name in names))
+
+
+def _helpers(prefix: str, real: Real, names: Collection[str]) -> list[str]:
+    holes = {"prefix": prefix, "real": real, "whole": _WHOLE[real], "large": _LARGE[real]}
+    holes |= {"zero": literal(0, real), "one": literal(1, real), "all_whole": literal(_ALL_WHOLE[real], real)}
+    return [line for name in _HELPERS if name in names for line in _HELPERS[name].substitute(holes)[1:].split("\n")]
 
 
 def _macro(prefix: str, name: str, target: str) -> str:

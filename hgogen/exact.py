@@ -36,7 +36,7 @@ _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_FABS: abs,
     ca.OP_FMIN: lambda a, b: a if a < b else b,
     ca.OP_FMAX: lambda a, b: a if a > b else b,
-    ca.OP_SIGN: lambda a: type(a)((a > 0) - (a < 0)),
+    ca.OP_SIGN: lambda a: type(a)(int(a > 0) - int(a < 0)),
     ca.OP_FLOOR: np.floor,
     ca.OP_LT: lambda a, b: type(a)(a < b),
     ca.OP_LE: lambda a, b: type(a)(a <= b),

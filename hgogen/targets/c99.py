@@ -11,7 +11,7 @@ from hgogen.ccheck import check as self_check
 from hgogen.cfold import folded
 from hgogen.cheader import Prototype, arguments, header, prototypes
 from hgogen.ckernels import kernels
-from hgogen.cmath import helpers, mathematics
+from hgogen.cmath import functions
 from hgogen.cprint import Real, literal
 from hgogen.ctext import Writer, indented, status_type
 from hgogen.errors import HgogenError
@@ -57,10 +57,8 @@ def _source(step: Step, real: Real) -> list[str]:
     bodies["reset"] = _reset(step, writer)
     bodies["init"] = _init(step, writer)
     declared = {prototype.name: prototype for prototype in prototypes(step)}
-    functions = [line for key, body in bodies.items() for line in (*_function(step, declared[key], body), "")]
-    bundled, calls = mathematics(name, real, writer.used)
-    small = helpers(name, real, writer.used | calls)
-    text = [*small, *bundled, *kernels(name, real, writer.kernels), *functions[:-1]]
+    interface = [line for key, body in bodies.items() for line in (*_function(step, declared[key], body), "")]
+    text = [*functions(name, real, writer.used), *kernels(name, real, writer.kernels), *interface[:-1]]
     return [
         f"/* {name}: see {name}.h, which is the manual. */",
         f'#include "{name}.h"',

@@ -1,0 +1,195 @@
+"""Steps whose C the tests compile, and what they need to compile and run it."""
+
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import plants
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen.model import load
+from hgogen.native import WARNINGS
+from hgogen.program import Field
+
+HERE = Path(__file__).parent
+M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+M7 = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16")
+
+
+def signals(names: str, low: float = -10, high: float = 10) -> list[hg.Signal]:
+    return [hg.Signal(name, low=low, high=high) for name in names.split()]
+
+
+# --- steps --------------------------------------------------------------------------------------------------
+
+
+def shipped(name: str) -> hg.Step:
+    return load(plants.MODELS / f"{name}.py").step()
+
+
+def two_outputs() -> hg.Step:
+    form = hg.forms.original(plants.two_outputs())
+    return hg.sample(hg.observers.riccati(form, Q=[0.1] * 3, R=[0.1, 0.2]), dt=0.01)
+
+
+def no_input() -> hg.Step:
+    """The paper's window and sigmoid, on an oscillator."""
+    a, b, y = signals("a b y")
+    plant = hg.System("no_input", states=(a, b), outputs=(y,), flow=[b, (1 - a**2) * b - a], output=[a])
+    theta = hg.theta.adaptive(3, mu=hg.theta.logistic(0.1, 100), innovation=hg.innovation.window(0.2))
+    return hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=[0.1, 0.1], R=0.1, theta=theta), dt=0.01)
+
+
+def window_held() -> hg.Step:
+    """A window with an input that is held, sampled unevenly with the restarts."""
+    theta = hg.theta.adaptive(2, mu=hg.theta.smoothstep(0.01, 0.05), innovation=hg.innovation.window(0.1))
+    observer = hg.observers.riccati(hg.forms.triangular(plants.chain(2)), Q=[0.1, 0.1], R=0.1, theta=theta)
+    return hg.sample(observer, dt=0.02, between="hold")
+
+
+def one_state() -> hg.Step:
+    """One of everything, and theta that decays."""
+    a, u, y = signals("a u y")
+    plant = hg.System("one_state", states=(a,), inputs=(u,), outputs=(y,), flow=[-a + u], output=[2 * a])
+    form = hg.forms.triangular(plant)
+    return hg.sample(hg.observers.riccati(form, Q=[0.1], R=0.1, theta=hg.theta.decaying(3, 1)), dt=0.01)
+
+
+def many_states() -> hg.Step:
+    """Too many to unroll: kernels."""
+    observer = hg.observers.riccati(hg.forms.triangular(plants.chain(12)), Q=[0.1] * 12, R=1.0)
+    return hg.sample(observer, dt=0.01)
+
+
+def integrated() -> hg.Step:
+    """The covariance equation by Runge-Kutta, which integrates with the measurement."""
+    theta = hg.theta.adaptive(2, mu=(0.1, 0.2), innovation=hg.innovation.staggered(0.2, predictors=2))
+    observer = hg.observers.riccati(hg.forms.triangular(plants.chain(2)), Q=[0.1, 0.1], R=0.1, theta=theta)
+    return hg.sample(observer, hg.methods.rk4_covariance, dt=0.01)
+
+
+def tunable() -> hg.Step:
+    """A parameter of the plant that is tuned and has the name of a gain."""
+    a, b, y = signals("a b y")
+    u, R = hg.Signal("u", low=-1, high=1), hg.Signal("R", "1/s", "rate", 2.0, low=1, high=3)
+    flow = [R * b, -sp.sin(a) * R + u]
+    plant = hg.System("tunable", states=(a, b), inputs=(u,), outputs=(y,), parameters=(R,), flow=flow, output=[a])
+    return hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=[1, 1], R=1), dt=0.01)
+
+
+def names(system: str) -> hg.Step:
+    """Signals that have the names of our locals, members and functions."""
+    s, p, z1, t1, k, y1, status = signals("s p z1 t1 k y1 status")
+    i, theta = hg.Signal("i", "", "a parameter", 2.0, low=1, high=3), hg.Signal("theta", "", "", 1.0, low=0.5, high=2)
+    flow = [p, -theta * sp.sin(s) + z1, -i * z1 + y1 * k, -y1 + t1]
+    plant = hg.System(
+        system, states=(s, p, z1, y1), inputs=(t1, k), outputs=(status,), parameters=(i, theta), flow=flow, output=[s]
+    )
+    return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 4, R=1), dt=0.01)
+
+
+def functions() -> hg.Step:
+    """Every function that a model may use."""
+    third = sp.Rational(1, 3)
+    terms = [
+        lambda a, b: sp.tan(a / 4) + sp.atan(b) + sp.sqrt(4 + b),
+        lambda a, b: sp.asin(a / 4) - sp.acos(b / 4),
+        lambda a, b: sp.sinh(a / 3) - sp.cosh(b / 3) + sp.exp(-(a**2)),
+        lambda a, b: sp.tanh(a) + sp.asinh(b) - sp.log(4 + a),
+        lambda a, b: sp.acosh(2 + a**2) + sp.atanh(b / 4),
+        lambda a, b: (4 + a) ** third + sp.atan2(a, 4 + b) + sp.cos(b),
+        lambda a, b: sp.Abs(a) - sp.sign(b) + sp.floor(a) + sp.Min(a, b) - sp.Max(a, 1),
+    ]
+    x = signals(" ".join(f"x{i}" for i in range(7)), -3, 3)
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-3, high=3)
+    flow = [term(a, b) / 4 - a for term, a, b in zip(terms, x, [*x[1:], u], strict=True)]
+    flow[0] += sp.Piecewise((x[0], x[1] > 1), (-x[1], sp.And(x[1] > 0, x[2] < 0)), (0, True))
+    plant = hg.System("functions", states=x, inputs=(u,), outputs=(y,), flow=flow, output=[x[0]])
+    return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 7, R=1), dt=0.01)
+
+
+def wide() -> hg.Step:
+    """More status bits than a 16-bit int has."""
+    x, y = signals(" ".join(f"x{i}" for i in range(7))), signals(" ".join(f"y{i}" for i in range(7)))
+    plant = hg.System("wide", states=x, outputs=y, flow=[-v for v in x], output=x)
+    return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 7, R=[1] * 7), dt=0.01)
+
+
+STEPS: Mapping[str, Callable[[], hg.Step]] = {
+    "fitzhugh_nagumo": lambda: shipped("fitzhugh_nagumo"),
+    "pendulum": lambda: shipped("pendulum"),
+    "cascaded_tanks": lambda: shipped("cascaded_tanks"),
+    "two": two_outputs,
+    "no_input": no_input,
+    "window_held": window_held,
+    "one_state": one_state,
+    "many_states": many_states,
+    "integrated": integrated,
+    "tunable": tunable,
+    "sin": lambda: names("sin"),
+    "x": lambda: names("x"),
+    "functions": functions,
+    "wide": wide,
+}
+
+
+@cache
+def step(name: str) -> hg.Step:
+    return STEPS[name]()
+
+
+@cache
+def files(name: str, real: str = "float") -> Mapping[str, str]:
+    return hg.targets.c99(step(name), real=real)
+
+
+# --- tools --------------------------------------------------------------------------------------------------
+
+
+def tool(name: str) -> str:
+    """The path of a tool; the test is skipped where it is absent."""
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"there is no {name}")
+    return found
+
+
+def run(command: list[str], folder: Path, timeout: float = 300) -> str:
+    """What a command prints; the test fails with it where the command fails."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout, check=False)
+    assert done.returncode == 0, f"{' '.join(command)}\n{done.stdout[-4000:]}{done.stderr[-4000:]}"
+    return done.stdout + done.stderr
+
+
+def compiled(compiler: str, texts: Mapping[str, str], folder: Path, *flags: str) -> Path:
+    """An executable of the C files, every warning an error."""
+    hg.write(texts, folder)
+    sources = [name for name in texts if name.endswith(".c")]
+    run([compiler, "-std=c99", *WARNINGS, *flags, *sources, "-o", "program", "-lm"], folder)
+    return folder / "program"
+
+
+@dataclass(frozen=True)
+class Element:
+    """One element of the state in C, and the box that a call leaves it in."""
+
+    text: str
+    field: Field
+    low: float
+    high: float
+
+
+def elements(step: hg.Step) -> Iterator[Element]:
+    """Every number of the state, as a member of `s`; what has no box of its own is a float of plausible size."""
+    members = [("s.", step.state)]
+    members += [(f"s.{g.name}[{k}].", g.fields) for g in step.groups for k in range(g.count)]
+    for start, fields in members:
+        for field in fields:
+            for i, (low, high) in enumerate(field.box):
+                index = f"[{i}]" if field.size > 1 else ""
+                yield Element(f"{start}{field.name}{index}", field, max(low, -1e30), min(high, 1e30))
