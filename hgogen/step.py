@@ -148,7 +148,7 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
     if dt > caution:
         warnings.warn(
             f"dt = {dt:g} is longer than {rounded_down(caution)}, from where on {method.name} may fail in a part of "
-            "the declared box; shorten it or take methods.continuous_discrete",
+            "the declared box; shorten it or take another method",
             StepMayFail,
             stacklevel=3,
         )

@@ -1,0 +1,556 @@
+/* cascaded_tanks: see cascaded_tanks.h, which is the manual. */
+#include "cascaded_tanks.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+static float cascaded_tanks_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float cascaded_tanks_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+static float cascaded_tanks_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool cascaded_tanks_within(float v, float limit)
+{
+    return v == v && v >= -limit && v <= limit;
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float cascaded_tanks_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return cascaded_tanks_within(v, limit) ? cascaded_tanks_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
+ * Define CASCADED_TANKS_USE_LIBM for those of <math.h>, or CASCADED_TANKS_USE_CMSIS for CMSIS-DSP. */
+#if defined(CASCADED_TANKS_USE_LIBM)
+#include <math.h>
+#define cascaded_tanks_sqrt(x) sqrtf(x)
+#define cascaded_tanks_exp(x) expf(x)
+#elif defined(CASCADED_TANKS_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#define cascaded_tanks_sqrt(x) sqrtf(x)
+#define cascaded_tanks_exp(x) expf(x)
+#else
+/* largest whole number not above v, which an int32_t can hold */
+static float cascaded_tanks_whole(float v)
+{
+    const float whole = (float)(int32_t)v;
+    return whole - ((whole > v) ? 1.0f : 0.0f);
+}
+
+static float cascaded_tanks_inf(void)
+{
+    const float large = 3e38f;
+    return large*large;
+}
+
+static float cascaded_tanks_nan(void)
+{
+    const float large = cascaded_tanks_inf();
+    return large - large;
+}
+
+static float cascaded_tanks_sqrt(float x)
+{
+    const float t1 = x*(1.0f + ((x < 1.0f) ? 8.507059e+37f : 0.0f));
+    const bool t2 = t1 < 1.8446744e+19f;
+    const float t3 = t1*(5.421011e-20f + (t2 ? 1.0f : 0.0f));
+    const bool t4 = t3 < 4.2949673e+09f;
+    const float t5 = t3*(2.3283064e-10f + (t4 ? 1.0f : 0.0f));
+    const bool t6 = t5 < 65536.0f;
+    const float t7 = t5*(1.5258789e-05f + (t6 ? 0.99998474f : 0.0f));
+    const bool t8 = t7 < 256.0f;
+    const float t9 = t7*(0.00390625f + (t8 ? 0.99609375f : 0.0f));
+    const bool t10 = t9 < 16.0f;
+    const float t11 = t9*(0.0625f + (t10 ? 0.9375f : 0.0f));
+    const float t12 = 0.22222222f*t11 + 0.8888889f;
+    const float t13 = 0.5f*(t12 + t11/t12);
+    const float t14 = 0.5f*(t13 + t11/t13);
+    const float t15 = (2.3283064e-10f + (t2 ? 1.0f : 0.0f))*(1.5258789e-05f + (t4 ? 0.99998474f : 0.0f))*
+        (0.00390625f + (t6 ? 0.99609375f : 0.0f));
+    const float t16 = 0.5f*(t14 + t11/t14)/(t15*(0.0625f + (t8 ? 0.9375f : 0.0f))*
+        (0.25f + (t10 ? 0.75f : 0.0f)))*(1.0842022e-19f + ((x >= 1.0f) ? 1.0f : 0.0f));
+    return (x < 1.1754944e-38f) ? ((x < 0.0f) ? cascaded_tanks_nan() : 0.0f)
+        : ((x > 3.4028235e+38f) ? x : t16);
+}
+
+static float cascaded_tanks_exp(float x)
+{
+    const float t1 = cascaded_tanks_whole(((x*x < 16384.0f) ? 1.442695f*x : 0.0f) + 0.5f);
+    const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
+    const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
+        + 0.16666545f));
+    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
+    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
+    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
+    const bool t7 = t6 >= 64.0f;
+    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
+    const bool t9 = t8 >= 32.0f;
+    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
+    const bool t11 = t10 >= 16.0f;
+    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t11 ? 65535.0f : 0.0f));
+    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
+    const bool t14 = t13 >= 8.0f;
+    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
+    const bool t16 = t15 >= 4.0f;
+    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
+    const bool t18 = t17 >= 2.0f;
+    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
+        (1.0f + (t18 ? 3.0f : 0.0f));
+    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
+        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
+    return (x > 88.896126f) ? cascaded_tanks_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+}
+#endif
+
+unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    const cascaded_tanks_input *in)
+{
+    unsigned status = 0u;
+    bool capped = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = cascaded_tanks_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = cascaded_tanks_clamp(u_taken, 0.0f, 7.0f);
+        if (!u_usable) {
+            status |= CASCADED_TANKS_REUSED_u;
+        }
+        if (u_taken < 0.0f || u_taken > 7.0f) {
+            status |= CASCADED_TANKS_CLAMPED_u;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = (calls < 2u) ? calls + 1u : 2u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float L21 = s->L;
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float k1_z1 = 0.05646f*z2 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f,
+                11.0f));
+            const float u_before = s->u;
+            const float k1_z2 = u_before/cascaded_tanks_clamp(z2, 0.52f, 3.1623f)*0.018575f - 0.02823f;
+            const float t1 = z2 + 2.0f*k1_z2;
+            const float k2_z1 = 0.05646f*t1 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1
+                + 2.0f*k1_z1, 0.25f, 11.0f));
+            const float t2 = u_before + 0.5f*(u - u_before);
+            const float k2_z2 = t2/cascaded_tanks_clamp(t1, 0.52f, 3.1623f)*0.018575f - 0.02823f;
+            const float t3 = 2.0f*k2_z2;
+            const float t4 = z2 + t3;
+            const float t5 = 2.0f*k2_z1;
+            const float t6 = cascaded_tanks_sqrt(cascaded_tanks_clamp(z1 + t5, 0.25f, 11.0f));
+            const float k3_z1 = 0.05646f*t4 - 0.04425f*t6;
+            const float t7 = cascaded_tanks_clamp(t4, 0.52f, 3.1623f);
+            const float t8 = t2/t7;
+            const float k3_z2 = 0.018575f*t8 - 0.02823f;
+            const float t9 = z2 + 4.0f*k3_z2;
+            const float k4_z1 = 0.05646f*t9 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1
+                + 4.0f*k3_z1, 0.25f, 11.0f));
+            const float k4_z2 = u/cascaded_tanks_clamp(t9, 0.52f, 3.1623f)*0.018575f - 0.02823f;
+            const float t10 = -0.04425f/(2.0f*t6);
+            const float Phi_11 = 1.0f + 4.0f*t10 + t10*t10*8.0f;
+            const float t11 = t8/t7;
+            const float Phi_12 = 0.22584f + 8.0f*(0.05646f*t10 - 0.0010487445f*t11);
+            const float t12 = 0.018575f*t11;
+            const float Phi_22 = 1.0f - 0.0743f*t11 + t12*t12*8.0f;
+            const float w1_1 = Phi_11 + Phi_12*L21;
+            const float t13 = w1_1*D1;
+            const float t14 = Phi_12*D2;
+            const float theta = s->theta;
+            const float t15 = 4.0f*theta;
+            const float t16 = t15*p->gain.Q[0];
+            const float d1 = w1_1*t13 + Phi_12*t14 + t16;
+            const float t17 = Phi_22*L21;
+            const float l21 = (t17*t13 + Phi_22*t14)/d1;
+            const float w2_1 = t17 - l21*w1_1;
+            const float w2_2 = Phi_22 - l21*Phi_12;
+            const float d2 = w2_1*D1*w2_1 + w2_2*D2*w2_2 + l21*t16*l21 + t15*p->gain.Q[1]*theta*theta;
+            s->z[0] = z1 + 0.6666667f*(k1_z1 + t5 + 2.0f*k3_z1 + k4_z1);
+            s->z[1] = z2 + 0.6666667f*(k1_z2 + t3 + 2.0f*k3_z2 + k4_z2);
+            s->L = l21;
+            s->D[0] = d1;
+            s->D[1] = d2;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L;
+            capped = D1 > 260.01562f || L21*L21*D1 + s->D[1] > 27.926996f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float L21 = s->L;
+                const float t1 = cascaded_tanks_min(1.0f, 27.926996f/(L21*L21*D1 + D2));
+                const float t2 = cascaded_tanks_min(1.0f, 260.01562f/D1);
+                s->L = t1*L21/t2;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                status |= CASCADED_TANKS_COVARIANCE_LIMITED;
+            }
+        }
+        for (unsigned k = 0u; k < 5u; ++k) {
+            cascaded_tanks_predictor *const predictor = &s->predictor[k];
+            /* each predictor by Heun, without correction */
+            {
+                const float z1 = predictor->z[0];
+                const float z2 = predictor->z[1];
+                const float t1 = 0.05646f*z2 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1, 0.25f,
+                    11.0f));
+                const float t2 = s->u/cascaded_tanks_clamp(z2, 0.52f, 3.1623f)*0.018575f - 0.02823f;
+                const float t3 = z2 + 4.0f*t2;
+                const float t4 = 0.05646f*t3 - 0.04425f*cascaded_tanks_sqrt(cascaded_tanks_clamp(z1
+                    + 4.0f*t1, 0.25f, 11.0f)) + t1;
+                predictor->z[0] = cascaded_tanks_keep(z1 + 2.0f*t4, -10.5f, 21.75f, 5.0f, 1e+15f);
+                predictor->z[1] = cascaded_tanks_keep(z2 + 2.0f*(u/cascaded_tanks_clamp(t3, 0.52f,
+                    3.1623f)*0.018575f - 0.02823f + t2), -3.44345f, 7.12575f, 1.7525125f, 1e+15f);
+            }
+        }
+        /* keep z in its box */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = cascaded_tanks_keep(z1, -10.5f, 21.75f, 5.0f, 1e+30f);
+            s->z[1] = cascaded_tanks_keep(z2, -3.44345f, 7.12575f, 1.7525125f, 1e+30f);
+            if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
+                status |= CASCADED_TANKS_STATE_LIMITED;
+            }
+            if (!(cascaded_tanks_within(z1, 1e+30f) && cascaded_tanks_within(z2, 1e+30f))) {
+                status |= CASCADED_TANKS_RESTARTED;
+            }
+        }
+        /* keep L in its box */
+        {
+            const float L21 = s->L;
+            s->L = cascaded_tanks_keep(L21, -3.2772714e+08f, 3.2772714e+08f, 0.0f, 1e+30f);
+            if (!cascaded_tanks_within(L21, 1e+30f)) {
+                status |= CASCADED_TANKS_RESTARTED;
+            }
+        }
+        /* keep D in its box */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            s->D[0] = cascaded_tanks_keep(D1, 1e-16f, 260.01562f, 0.25f, 1e+30f);
+            s->D[1] = cascaded_tanks_keep(D2, 5.6e-15f, 27.926996f, 0.25f, 1e+30f);
+            if (!(cascaded_tanks_within(D1, 1e+30f) && cascaded_tanks_within(D2, 1e+30f))) {
+                status |= CASCADED_TANKS_RESTARTED;
+            }
+        }
+        /* outside the declared box the model is evaluated at its edge */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            if (z1 < 0.25f || z1 > 11.0f || z2 < 0.52f || z2 > 3.1623f) {
+                status |= CASCADED_TANKS_OUTSIDE_BOX;
+            }
+        }
+    }
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    const cascaded_tanks_output *out)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    float sample = 0.0f;
+    bool valid = false;
+    /* guard the sample of y */
+    {
+        const float y = out->y;
+        const float t1 = y - s->z[0];
+        const bool t2 = cascaded_tanks_within(y, 3e+38f);
+        const bool t3 = t2 && y >= -10.0f && y <= 20.0f && cascaded_tanks_within(t1, 1e+16f);
+        sample = y;
+        e = t1;
+        valid = t3;
+        if (!t2) {
+            status |= CASCADED_TANKS_MISSING_y;
+        }
+        if (t2 && !t3) {
+            status |= CASCADED_TANKS_REJECTED_y;
+        }
+    }
+    if (valid) {
+        /* correct by the scalar update */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L;
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float t1 = p->gain.R/(4.0f*s->theta);
+            const float t2 = t1 + D1;
+            const float K1 = D1/t2;
+            const float K2 = L21*D1/t2;
+            s->z[0] = z1 + K1*e;
+            s->z[1] = z2 + K2*e;
+            s->D[0] = D1*t1/t2;
+        }
+        for (unsigned k = 0u; k < 5u; ++k) {
+            cascaded_tanks_predictor *const predictor = &s->predictor[k];
+            /* its squared output error */
+            {
+                const float sum = predictor->sum;
+                const float t1 = sample - predictor->z[0];
+                predictor->sum = cascaded_tanks_min(sum + 4.0f*t1*t1, 1e+30f);
+            }
+            /* one more sample */
+            {
+                const unsigned samples = predictor->samples;
+                predictor->samples = (samples < 11u) ? samples + 1u : 11u;
+            }
+        }
+        /* keep z in its box */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = cascaded_tanks_keep(z1, -10.5f, 21.75f, 5.0f, 1e+30f);
+            s->z[1] = cascaded_tanks_keep(z2, -3.44345f, 7.12575f, 1.7525125f, 1e+30f);
+            if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
+                status |= CASCADED_TANKS_STATE_LIMITED;
+            }
+            if (!(cascaded_tanks_within(z1, 1e+30f) && cascaded_tanks_within(z2, 1e+30f))) {
+                status |= CASCADED_TANKS_RESTARTED;
+            }
+        }
+        /* keep D in its box */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            s->D[0] = cascaded_tanks_keep(D1, 1e-16f, 260.01562f, 0.25f, 1e+30f);
+            s->D[1] = cascaded_tanks_keep(D2, 5.6e-15f, 27.926996f, 0.25f, 1e+30f);
+            if (!(cascaded_tanks_within(D1, 1e+30f) && cascaded_tanks_within(D2, 1e+30f))) {
+                status |= CASCADED_TANKS_RESTARTED;
+            }
+        }
+    }
+    return status;
+}
+
+unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p)
+{
+    unsigned status = 0u;
+    bool restart = false;
+    bool running = false;
+    /* no time has passed before the second call */
+    running = s->calls >= 2u;
+    if (running) {
+        {
+            cascaded_tanks_predictor *const predictor = &s->predictor[(s->oldest < 5u) ? s->oldest : 0u];
+            /* innovation: the sum of the oldest predictor, scaled to the window, never scaled up */
+            s->innovation = 8.0f/cascaded_tanks_max((float)predictor->samples, 8.0f)*predictor->sum;
+        }
+        /* one predictor restarts every 2 samples */
+        {
+            const unsigned tick = s->tick;
+            const unsigned t1 = tick + 1u;
+            const bool t2 = t1 >= 2u;
+            restart = t2;
+            s->tick = t2 ? 0u : t1;
+        }
+        if (restart) {
+            {
+                cascaded_tanks_predictor *const predictor = &s->predictor[(s->oldest < 5u) ? s->oldest : 0u];
+                /* the oldest predictor restarts from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                predictor->sum = 0.0f;
+                /* no sample yet */
+                predictor->samples = 0u;
+            }
+            /* the next one is the oldest */
+            {
+                const unsigned oldest = s->oldest;
+                const unsigned t1 = oldest + 1u;
+                s->oldest = (t1 >= 5u) ? 0u : t1;
+            }
+        }
+        /* theta by the exact sub-flows of its law: rise, then decay */
+        {
+            const float theta = s->theta;
+            const float gamma_0 = p->gain.gamma_0;
+            const float t1 = cascaded_tanks_clamp((s->innovation
+                - gamma_0)/cascaded_tanks_max(p->gain.gamma_1 - gamma_0, 1e-06f), 0.0f, 1.0f);
+            const float mu = t1*t1*(3.0f - 2.0f*t1);
+            const float t2 = 4.0f*mu/p->gain.rise_time;
+            const float t3 = 1.0f/theta;
+            const float theta_1 = p->gain.theta_1;
+            const float t4 = 1.0f/theta_1;
+            const float t5 = cascaded_tanks_max(t3 - t4, 0.0f);
+            const float t6 = 2.0f*theta_1;
+            const float t7 = t6 - cascaded_tanks_max(theta, theta_1);
+            const float risen = (t2 <= t5 && theta <= theta_1) ? 1.0f/cascaded_tanks_max(t3 - t2, t4)
+                : t6 - t7/(1.0f + t7*(t2 - t5));
+            const float decay = cascaded_tanks_exp(-(4.0f*p->gain.rate*(1.0f - mu)));
+            s->theta = cascaded_tanks_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t6);
+        }
+        /* keep innovation in its box */
+        {
+            const float innovation = s->innovation;
+            s->innovation = cascaded_tanks_keep(innovation, 0.0f, 1e+30f, 0.0f, 1e+30f);
+            if (!cascaded_tanks_within(innovation, 1e+30f)) {
+                status |= CASCADED_TANKS_RESTARTED;
+            }
+        }
+        /* keep theta in its box */
+        {
+            const float theta = s->theta;
+            s->theta = cascaded_tanks_keep(theta, 1.0f, 4.0f, 1.0f, 1e+30f);
+            if (!cascaded_tanks_within(theta, 1e+30f)) {
+                status |= CASCADED_TANKS_RESTARTED;
+            }
+        }
+    }
+    return status;
+}
+
+unsigned cascaded_tanks_step(cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    const cascaded_tanks_input *in, const cascaded_tanks_output *out)
+{
+    unsigned status = 0u;
+    status |= cascaded_tanks_predict(s, p, in);
+    status |= cascaded_tanks_update_y(s, p, out);
+    status |= cascaded_tanks_adapt(s, p);
+    return status;
+}
+
+void cascaded_tanks_estimate(const cascaded_tanks_state *s, const cascaded_tanks_params *p,
+    cascaded_tanks_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    {
+        const float z2 = s->z[1];
+        x->x1 = z2*z2;
+        x->x2 = s->z[0];
+    }
+}
+
+unsigned cascaded_tanks_tune(cascaded_tanks_params *p)
+{
+    unsigned status = 0u;
+    /* Q in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        p->gain.Q[0] = cascaded_tanks_keep(Q1, 1e-10f, 1400.0f, 0.0001f, 3e+38f);
+        p->gain.Q[1] = cascaded_tanks_keep(Q2, 1e-10f, 1400.0f, 0.0014f, 3e+38f);
+        if (!(Q1 >= 1e-10f && Q1 <= 1400.0f) || !(Q2 >= 1e-10f && Q2 <= 1400.0f)) {
+            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        }
+    }
+    /* R in its range */
+    {
+        const float R = p->gain.R;
+        p->gain.R = cascaded_tanks_keep(R, 1.6e-09f, 1600.0f, 0.0016f, 3e+38f);
+        if (!(R >= 1.6e-09f && R <= 1600.0f)) {
+            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        }
+    }
+    /* theta_1 in its range */
+    {
+        const float theta_1 = p->gain.theta_1;
+        p->gain.theta_1 = cascaded_tanks_keep(theta_1, 1.0f, 2.0f, 2.0f, 3e+38f);
+        if (!(theta_1 >= 1.0f && theta_1 <= 2.0f)) {
+            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        }
+    }
+    /* rise_time in its range */
+    {
+        const float rise_time = p->gain.rise_time;
+        p->gain.rise_time = cascaded_tanks_keep(rise_time, 0.004f, 4000.0f, 4.0f, 3e+38f);
+        if (!(rise_time >= 0.004f && rise_time <= 4000.0f)) {
+            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        }
+    }
+    /* rate in its range */
+    {
+        const float rate = p->gain.rate;
+        p->gain.rate = cascaded_tanks_keep(rate, 0.0f, 250.0f, 0.25f, 3e+38f);
+        if (!(rate >= 0.0f && rate <= 250.0f)) {
+            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        }
+    }
+    /* gamma_0 in its range */
+    {
+        const float gamma_0 = p->gain.gamma_0;
+        p->gain.gamma_0 = cascaded_tanks_keep(gamma_0, 0.0f, 1000000.0f, 0.7f, 3e+38f);
+        if (!(gamma_0 >= 0.0f && gamma_0 <= 1000000.0f)) {
+            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        }
+    }
+    /* gamma_1 in its range */
+    {
+        const float gamma_1 = p->gain.gamma_1;
+        p->gain.gamma_1 = cascaded_tanks_keep(gamma_1, 0.0f, 1000000.0f, 1.0f, 3e+38f);
+        if (!(gamma_1 >= 0.0f && gamma_1 <= 1000000.0f)) {
+            status |= CASCADED_TANKS_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void cascaded_tanks_reset(cascaded_tanks_state *s)
+{
+    s->z[0] = 5.0f;
+    s->z[1] = 1.7525125f;
+    s->L = 0.0f;
+    s->D[0] = 0.25f;
+    s->D[1] = 0.25f;
+    s->innovation = 0.0f;
+    s->oldest = 0u;
+    s->tick = 0u;
+    s->theta = 1.0f;
+    s->calls = 0u;
+    s->u = 3.0f;
+    for (unsigned k = 0u; k < 5u; ++k) {
+        s->predictor[k].z[0] = 5.0f;
+        s->predictor[k].z[1] = 1.7525125f;
+        s->predictor[k].sum = 0.0f;
+        s->predictor[k].samples = 0u;
+    }
+}
+
+void cascaded_tanks_init(cascaded_tanks_state *s, cascaded_tanks_params *p)
+{
+    p->gain.Q[0] = 0.0001f;
+    p->gain.Q[1] = 0.0014f;
+    p->gain.R = 0.0016f;
+    p->gain.theta_1 = 2.0f;
+    p->gain.rise_time = 4.0f;
+    p->gain.rate = 0.25f;
+    p->gain.gamma_0 = 0.7f;
+    p->gain.gamma_1 = 1.0f;
+    (void)cascaded_tanks_tune(p);
+    cascaded_tanks_reset(s);
+}

@@ -1,0 +1,641 @@
+/* fitzhugh_nagumo: see fitzhugh_nagumo.h, which is the manual. */
+#include "fitzhugh_nagumo.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+static float fitzhugh_nagumo_min(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static float fitzhugh_nagumo_max(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
+static float fitzhugh_nagumo_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool fitzhugh_nagumo_within(float v, float limit)
+{
+    return v == v && v >= -limit && v <= limit;
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float fitzhugh_nagumo_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return fitzhugh_nagumo_within(v, limit) ? fitzhugh_nagumo_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
+ * Define FITZHUGH_NAGUMO_USE_LIBM for those of <math.h>, or FITZHUGH_NAGUMO_USE_CMSIS for CMSIS-DSP. */
+#if defined(FITZHUGH_NAGUMO_USE_LIBM)
+#include <math.h>
+#define fitzhugh_nagumo_exp(x) expf(x)
+#define fitzhugh_nagumo_sin(x) sinf(x)
+#define fitzhugh_nagumo_cos(x) cosf(x)
+#elif defined(FITZHUGH_NAGUMO_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#define fitzhugh_nagumo_exp(x) expf(x)
+#define fitzhugh_nagumo_sin(x) arm_sin_f32(x)
+#define fitzhugh_nagumo_cos(x) arm_cos_f32(x)
+#else
+/* largest whole number not above v, which an int32_t can hold */
+static float fitzhugh_nagumo_whole(float v)
+{
+    const float whole = (float)(int32_t)v;
+    return whole - ((whole > v) ? 1.0f : 0.0f);
+}
+
+static float fitzhugh_nagumo_inf(void)
+{
+    const float large = 3e38f;
+    return large*large;
+}
+
+static float fitzhugh_nagumo_exp(float x)
+{
+    const float t1 = fitzhugh_nagumo_whole(((x*x < 16384.0f) ? 1.442695f*x : 0.0f) + 0.5f);
+    const float t2 = x - 0.69314575f*t1 - 1.4286068e-06f*t1;
+    const float t3 = t2 + t2*t2*(0.5f + t2*(((0.0013940646f*t2 + 0.008366435f)*t2 + 0.041666403f)*t2
+        + 0.16666545f));
+    const float t4 = (t1 >= 1.0f) ? 1.0f : 0.0f;
+    const float t5 = 5.421011e-20f + ((t1 >= 0.0f) ? 1.0f : 0.0f);
+    const float t6 = t1 - t4 + ((t1 < 0.0f) ? 128.0f : 0.0f);
+    const bool t7 = t6 >= 64.0f;
+    const float t8 = t6 - (t7 ? 64.0f : 0.0f);
+    const bool t9 = t8 >= 32.0f;
+    const float t10 = t8 - (t9 ? 32.0f : 0.0f);
+    const bool t11 = t10 >= 16.0f;
+    const float t12 = (1.0f + (t7 ? 1.8446744e+19f : 0.0f))*(1.0f + (t9 ? 4.2949673e+09f : 0.0f))*
+        (1.0f + (t11 ? 65535.0f : 0.0f));
+    const float t13 = t10 - (t11 ? 16.0f : 0.0f);
+    const bool t14 = t13 >= 8.0f;
+    const float t15 = t13 - (t14 ? 8.0f : 0.0f);
+    const bool t16 = t15 >= 4.0f;
+    const float t17 = t15 - (t16 ? 4.0f : 0.0f);
+    const bool t18 = t17 >= 2.0f;
+    const float t19 = t12*(1.0f + (t14 ? 255.0f : 0.0f))*(1.0f + (t16 ? 15.0f : 0.0f))*
+        (1.0f + (t18 ? 3.0f : 0.0f));
+    const float t20 = (1.0f + t3)*(1.0f + t4)*t5*(t19*(1.0f
+        + ((t17 - (t18 ? 2.0f : 0.0f) >= 1.0f) ? 1.0f : 0.0f)));
+    return (x > 88.896126f) ? fitzhugh_nagumo_inf() : ((x < -87.33655f) ? 0.0f : t20*t5);
+}
+
+static float fitzhugh_nagumo_sin(float x)
+{
+    const float t1 = 1.0f - ((x < 0.0f) ? 2.0f : 0.0f);
+    const float t2 = t1*x;
+    const bool t3 = t2 < 131072.0f;
+    const float t4 = fitzhugh_nagumo_whole((t3 ? 0.31830987f*t2 : 0.0f) + 0.5f);
+    const float t5 = t2 - (t3 ? 0.0f : t2) - 3.140625f*t4 - 0.0009675026f*t4 - 1.5099067e-07f*t4
+        - 5.126688e-12f*t4;
+    const float t6 = t5*t5;
+    const float t7 = 0.5f*t4;
+    const float t8 = (t5 + t5*(((2.606055e-06f*t6 - 0.00019809768f)*t6 + 0.008333069f)*t6 - 0.1666666f)*t6)*
+        (1.0f - 4.0f*(t7 - fitzhugh_nagumo_whole(t7)));
+    return t1*t8;
+}
+
+static float fitzhugh_nagumo_cos(float x)
+{
+    const float t1 = (1.0f - ((x < 0.0f) ? 2.0f : 0.0f))*x;
+    const bool t2 = t1 < 131072.0f;
+    const float t3 = fitzhugh_nagumo_whole(t2 ? 0.31830987f*t1 : 0.0f);
+    const float t4 = t3 + 0.5f;
+    const float t5 = t1 - (t2 ? 0.0f : t1) - 3.140625f*t4 - 0.0009675026f*t4 - 1.5099067e-07f*t4
+        - 5.126688e-12f*t4;
+    const float t6 = t5*t5;
+    const float t7 = 0.5f*t3;
+    return (t5 + t5*(((2.606055e-06f*t6 - 0.00019809768f)*t6 + 0.008333069f)*t6 - 0.1666666f)*t6)*
+        (4.0f*(t7 - fitzhugh_nagumo_whole(t7)) - 1.0f);
+}
+#endif
+
+unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    const fitzhugh_nagumo_input *in)
+{
+    unsigned status = 0u;
+    bool capped = false;
+    bool running = false;
+    float u = 0.0f;
+    /* guard the input */
+    {
+        const float u_given = in->u;
+        const bool u_usable = fitzhugh_nagumo_within(u_given, 1e+15f);
+        const float u_taken = u_usable ? u_given : s->u;
+        u = fitzhugh_nagumo_clamp(u_taken, -1.0f, 1.0f);
+        if (!u_usable) {
+            status |= FITZHUGH_NAGUMO_REUSED_u;
+        }
+        if (u_taken < -1.0f || u_taken > 1.0f) {
+            status |= FITZHUGH_NAGUMO_CLAMPED_u;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = (calls < 2u) ? calls + 1u : 2u;
+    }
+    if (running) {
+        /* z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
+            const float u_before = s->u;
+            const float k1_z1 = t1 - t1*t1*t1*0.33333334f - u_before*z2;
+            const float t2 = 0.8f*z3;
+            const float k1_z2 = 2.4f*fitzhugh_nagumo_sin(t1) - 0.8f*fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f)
+                + t2;
+            const float t3 = fitzhugh_nagumo_clamp(z1 + 0.005f*k1_z1, -3.5f, 3.5f);
+            const float t4 = u_before + 0.5f*(u - u_before);
+            const float t5 = z2 + 0.005f*k1_z2;
+            const float k2_z1 = t3 - t3*t3*t3*0.33333334f - t4*t5;
+            const float k2_z2 = 2.4f*fitzhugh_nagumo_sin(t3) - 0.8f*fitzhugh_nagumo_clamp(t5, -10.0f, 10.0f)
+                + t2;
+            const float t6 = fitzhugh_nagumo_clamp(z1 + 0.005f*k2_z1, -3.5f, 3.5f);
+            const float t7 = t6*t6;
+            const float t8 = z2 + 0.005f*k2_z2;
+            const float k3_z1 = t6 - t7*t6*0.33333334f - t4*t8;
+            const float k3_z2 = 2.4f*fitzhugh_nagumo_sin(t6) - 0.8f*fitzhugh_nagumo_clamp(t8, -10.0f, 10.0f)
+                + t2;
+            const float t9 = fitzhugh_nagumo_clamp(z1 + 0.01f*k3_z1, -3.5f, 3.5f);
+            const float t10 = z2 + 0.01f*k3_z2;
+            const float k4_z1 = t9 - t9*t9*t9*0.33333334f - u*t10;
+            const float k4_z2 = 2.4f*fitzhugh_nagumo_sin(t9) - 0.8f*fitzhugh_nagumo_clamp(t10, -10.0f, 10.0f)
+                + t2;
+            const float t11 = 1.0f - 0.33333334f*(2.0f*t6*t6 + t7);
+            const float t12 = fitzhugh_nagumo_cos(t6);
+            const float t13 = 2.4f*t12;
+            const float Phi_11 = 1.0f + 0.01f*t11 + 5e-05f*(t11*t11 - t4*t13);
+            const float Phi_21 = 0.024f*t12 + 5e-05f*(t13*t11 - 1.92f*t12);
+            const float Phi_22 = 0.992f + 5e-05f*(0.64f - t13*t4);
+            const float t14 = 0.01f*t4 + 5e-05f*(t11*t4 - 0.8f*t4);
+            const float t15 = 4e-05f*t4;
+            const float w1_1 = Phi_11 - t14*L21 - t15*L31;
+            const float t16 = w1_1*D1;
+            const float t17 = t14 + t15*L32;
+            const float t18 = t17*D2;
+            const float t19 = t15*D3;
+            const float theta = s->theta;
+            const float t20 = 0.01f*theta;
+            const float t21 = t20*p->gain.Q[0];
+            const float d1 = w1_1*t16 + t17*t18 + t15*t19 + t21;
+            const float t22 = Phi_21 + Phi_22*L21 + 0.007968f*L31;
+            const float t23 = Phi_22 + 0.007968f*L32;
+            const float l21 = (t22*t16 - t23*t18 - 0.007968f*t19)/d1;
+            const float l31 = (L31*t16 - L32*t18 - t19)/d1;
+            const float w2_1 = t22 - l21*w1_1;
+            const float w2_2 = t23 + l21*t17;
+            const float w2_3 = 0.007968f + l21*t15;
+            const float t24 = w2_1*D1;
+            const float t25 = w2_2*D2;
+            const float t26 = w2_3*D3;
+            const float t27 = l21*t21;
+            const float t28 = t20*p->gain.Q[1];
+            const float d2 = w2_1*t24 + w2_2*t25 + w2_3*t26 + l21*t27 + theta*t28*theta;
+            const float t29 = L31 - l31*w1_1;
+            const float t30 = L32 + l31*t17;
+            const float t31 = 1.0f + l31*t15;
+            const float l32 = (t29*t24 + t30*t25 + t31*t26 + l31*t27)/d2;
+            const float w3_1 = t29 - l32*w2_1;
+            const float w3_2 = t30 - l32*w2_2;
+            const float w3_3 = t31 - l32*w2_3;
+            const float w3_4 = l32*l21 - l31;
+            const float w3_6 = theta*theta;
+            const float t32 = l32*theta;
+            const float d3 = w3_1*D1*w3_1 + w3_2*D2*w3_2 + w3_3*D3*w3_3 + w3_4*t21*w3_4 + t32*t28*t32
+                + t20*p->gain.Q[2]*w3_6*w3_6;
+            s->z[0] = z1 + 0.0016666667f*(k1_z1 + 2.0f*k2_z1 + 2.0f*k3_z1 + k4_z1);
+            s->z[1] = z2 + 0.0016666667f*(k1_z2 + 2.0f*k2_z2 + 2.0f*k3_z2 + k4_z2);
+            s->L[0] = l21;
+            s->L[1] = l31;
+            s->L[2] = l32;
+            s->D[0] = d1;
+            s->D[1] = d2;
+            s->D[2] = d3;
+        }
+        /* largest variances */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float D2 = s->D[1];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            capped = D1 > 110.25f || L21*L21*D1 + D2 > 11820.959f
+                || L31*L31*D1 + L32*L32*D2 + s->D[2] > 262144.0f;
+        }
+        if (capped) {
+            /* cap */
+            {
+                const float D1 = s->D[0];
+                const float D2 = s->D[1];
+                const float D3 = s->D[2];
+                const float L21 = s->L[0];
+                const float L31 = s->L[1];
+                const float L32 = s->L[2];
+                const float t1 = fitzhugh_nagumo_min(1.0f, 11820.959f/(L21*L21*D1 + D2));
+                const float t2 = fitzhugh_nagumo_min(1.0f, 110.25f/D1);
+                const float t3 = fitzhugh_nagumo_min(1.0f, 262144.0f/(L31*L31*D1 + L32*L32*D2 + D3));
+                s->L[0] = t1*L21/t2;
+                s->L[1] = t3*L31/t2;
+                s->L[2] = t3*L32/t1;
+                s->D[0] = t2*t2*D1;
+                s->D[1] = t1*t1*D2;
+                s->D[2] = t3*t3*D3;
+                status |= FITZHUGH_NAGUMO_COVARIANCE_LIMITED;
+            }
+        }
+        for (unsigned k = 0u; k < 5u; ++k) {
+            fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+            /* each predictor by Heun, without correction */
+            {
+                const float z1 = predictor->z[0];
+                const float z2 = predictor->z[1];
+                const float z3 = predictor->z[2];
+                const float t1 = fitzhugh_nagumo_clamp(z1, -3.5f, 3.5f);
+                const float t2 = t1 - t1*t1*t1*0.33333334f - s->u*z2;
+                const float t3 = fitzhugh_nagumo_clamp(z1 + 0.01f*t2, -3.5f, 3.5f);
+                const float t4 = 0.8f*z3;
+                const float t5 = 2.4f*fitzhugh_nagumo_sin(t1) - 0.8f*fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f)
+                    + t4;
+                const float t6 = z2 + 0.01f*t5;
+                const float t7 = 0.005f*(2.4f*fitzhugh_nagumo_sin(t3)
+                    - 0.8f*fitzhugh_nagumo_clamp(t6, -10.0f, 10.0f) + t4 + t5);
+                predictor->z[0] = fitzhugh_nagumo_keep(z1 + 0.005f*(t3 - t3*t3*t3*0.33333334f - u*t6 + t2),
+                    -10.5f, 10.5f, 0.0f, 1e+15f);
+                predictor->z[1] = fitzhugh_nagumo_keep(z2 + t7, -80.0f, 80.0f, 0.0f, 1e+15f);
+                predictor->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+15f);
+            }
+        }
+        /* keep z in its box */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const bool t1 = fitzhugh_nagumo_within(z1, 1e+30f) && fitzhugh_nagumo_within(z2, 1e+30f)
+                && fitzhugh_nagumo_within(z3, 1e+30f);
+            s->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+30f);
+            s->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+30f);
+            s->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+30f);
+            if (z1 < -10.5f || z1 > 10.5f || z2 < -80.0f || z2 > 80.0f || z3 < -512.0f || z3 > 512.0f) {
+                status |= FITZHUGH_NAGUMO_STATE_LIMITED;
+            }
+            if (!t1) {
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+            }
+        }
+        /* keep L in its box */
+        {
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float L32 = s->L[2];
+            const bool t1 = fitzhugh_nagumo_within(L21, 1e+30f) && fitzhugh_nagumo_within(L31, 1e+30f)
+                && fitzhugh_nagumo_within(L32, 1e+30f);
+            s->L[0] = fitzhugh_nagumo_keep(L21, -1.0354689e+10f, 1.0354689e+10f, 0.0f, 1e+30f);
+            s->L[1] = fitzhugh_nagumo_keep(L31, -4.8761905e+10f, 4.8761905e+10f, 0.0f, 1e+30f);
+            s->L[2] = fitzhugh_nagumo_keep(L32, -4.709162e+09f, 4.709162e+09f, 0.0f, 1e+30f);
+            if (!t1) {
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+            }
+        }
+        /* keep D in its box */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const bool t1 = fitzhugh_nagumo_within(D1, 1e+30f) && fitzhugh_nagumo_within(D2, 1e+30f)
+                && fitzhugh_nagumo_within(D3, 1e+30f);
+            s->D[0] = fitzhugh_nagumo_keep(D1, 1e-15f, 110.25f, 1.0f, 1e+30f);
+            s->D[1] = fitzhugh_nagumo_keep(D2, 1e-16f, 11820.959f, 1.0f, 1e+30f);
+            s->D[2] = fitzhugh_nagumo_keep(D3, 2.3e-18f, 262144.0f, 1.0f, 1e+30f);
+            if (!t1) {
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+            }
+        }
+        /* outside the declared box the model is evaluated at its edge */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            if (z1 < -3.5f || z1 > 3.5f || z2 < -10.0f || z2 > 10.0f || z3 < -8.0f || z3 > 8.0f) {
+                status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
+            }
+        }
+    }
+    /* remember the input */
+    s->u = u;
+    return status;
+}
+
+unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    const fitzhugh_nagumo_output *out)
+{
+    unsigned status = 0u;
+    float e = 0.0f;
+    float sample = 0.0f;
+    bool valid = false;
+    /* guard the sample of y */
+    {
+        const float y = out->y;
+        const float t1 = y - s->z[0];
+        const bool t2 = fitzhugh_nagumo_within(y, 3e+38f);
+        const bool t3 = t2 && y >= -15.0f && y <= 15.0f && fitzhugh_nagumo_within(t1, 1e+16f);
+        sample = y;
+        e = t1;
+        valid = t3;
+        if (!t2) {
+            status |= FITZHUGH_NAGUMO_MISSING_y;
+        }
+        if (t2 && !t3) {
+            status |= FITZHUGH_NAGUMO_REJECTED_y;
+        }
+    }
+    if (valid) {
+        /* correct by the scalar update */
+        {
+            const float D1 = s->D[0];
+            const float L21 = s->L[0];
+            const float L31 = s->L[1];
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const float t1 = p->gain.R/(0.01f*s->theta);
+            const float t2 = t1 + D1;
+            const float K1 = D1/t2;
+            const float K2 = L21*D1/t2;
+            const float K3 = L31*D1/t2;
+            s->z[0] = z1 + K1*e;
+            s->z[1] = z2 + K2*e;
+            s->z[2] = z3 + K3*e;
+            s->D[0] = D1*t1/t2;
+        }
+        for (unsigned k = 0u; k < 5u; ++k) {
+            fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+            /* its squared output error */
+            {
+                const float sum = predictor->sum;
+                const float t1 = sample - predictor->z[0];
+                predictor->sum = fitzhugh_nagumo_min(sum + 0.01f*t1*t1, 1e+30f);
+            }
+            /* one more sample */
+            {
+                const unsigned samples = predictor->samples;
+                predictor->samples = (samples < 126u) ? samples + 1u : 126u;
+            }
+        }
+        /* keep z in its box */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            const bool t1 = fitzhugh_nagumo_within(z1, 1e+30f) && fitzhugh_nagumo_within(z2, 1e+30f)
+                && fitzhugh_nagumo_within(z3, 1e+30f);
+            s->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+30f);
+            s->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+30f);
+            s->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+30f);
+            if (z1 < -10.5f || z1 > 10.5f || z2 < -80.0f || z2 > 80.0f || z3 < -512.0f || z3 > 512.0f) {
+                status |= FITZHUGH_NAGUMO_STATE_LIMITED;
+            }
+            if (!t1) {
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+            }
+        }
+        /* keep D in its box */
+        {
+            const float D1 = s->D[0];
+            const float D2 = s->D[1];
+            const float D3 = s->D[2];
+            const bool t1 = fitzhugh_nagumo_within(D1, 1e+30f) && fitzhugh_nagumo_within(D2, 1e+30f)
+                && fitzhugh_nagumo_within(D3, 1e+30f);
+            s->D[0] = fitzhugh_nagumo_keep(D1, 1e-15f, 110.25f, 1.0f, 1e+30f);
+            s->D[1] = fitzhugh_nagumo_keep(D2, 1e-16f, 11820.959f, 1.0f, 1e+30f);
+            s->D[2] = fitzhugh_nagumo_keep(D3, 2.3e-18f, 262144.0f, 1.0f, 1e+30f);
+            if (!t1) {
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+            }
+        }
+    }
+    return status;
+}
+
+unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
+{
+    unsigned status = 0u;
+    bool restart = false;
+    bool running = false;
+    /* no time has passed before the second call */
+    running = s->calls >= 2u;
+    if (running) {
+        {
+            fitzhugh_nagumo_predictor *const predictor = &s->predictor[(s->oldest < 5u) ? s->oldest : 0u];
+            /* innovation: the sum of the oldest predictor, scaled to the window, never scaled up */
+            s->innovation = 100.0f/fitzhugh_nagumo_max((float)predictor->samples, 100.0f)*predictor->sum;
+        }
+        /* one predictor restarts every 25 samples */
+        {
+            const unsigned tick = s->tick;
+            const unsigned t1 = tick + 1u;
+            const bool t2 = t1 >= 25u;
+            restart = t2;
+            s->tick = t2 ? 0u : t1;
+        }
+        if (restart) {
+            {
+                fitzhugh_nagumo_predictor *const predictor = &s->predictor[(s->oldest < 5u) ? s->oldest : 0u];
+                /* the oldest predictor restarts from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                predictor->z[2] = s->z[2];
+                predictor->sum = 0.0f;
+                /* no sample yet */
+                predictor->samples = 0u;
+            }
+            /* the next one is the oldest */
+            {
+                const unsigned oldest = s->oldest;
+                const unsigned t1 = oldest + 1u;
+                s->oldest = (t1 >= 5u) ? 0u : t1;
+            }
+        }
+        /* theta by the exact sub-flows of its law: rise, then decay */
+        {
+            const float theta = s->theta;
+            const float gamma_0 = p->gain.gamma_0;
+            const float t1 = fitzhugh_nagumo_clamp((s->innovation
+                - gamma_0)/fitzhugh_nagumo_max(p->gain.gamma_1 - gamma_0, 3.2e-07f), 0.0f, 1.0f);
+            const float mu = t1*t1*(3.0f - 2.0f*t1);
+            const float t2 = 0.01f*mu/p->gain.rise_time;
+            const float t3 = 1.0f/theta;
+            const float theta_1 = p->gain.theta_1;
+            const float t4 = 1.0f/theta_1;
+            const float t5 = fitzhugh_nagumo_max(t3 - t4, 0.0f);
+            const float t6 = 2.0f*theta_1;
+            const float t7 = t6 - fitzhugh_nagumo_max(theta, theta_1);
+            const float risen = (t2 <= t5 && theta <= theta_1) ? 1.0f/fitzhugh_nagumo_max(t3 - t2, t4)
+                : t6 - t7/(1.0f + t7*(t2 - t5));
+            const float decay = fitzhugh_nagumo_exp(-(0.01f*p->gain.rate*(1.0f - mu)));
+            s->theta = fitzhugh_nagumo_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t6);
+        }
+        /* keep innovation in its box */
+        {
+            const float innovation = s->innovation;
+            s->innovation = fitzhugh_nagumo_keep(innovation, 0.0f, 1e+30f, 0.0f, 1e+30f);
+            if (!fitzhugh_nagumo_within(innovation, 1e+30f)) {
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+            }
+        }
+        /* keep theta in its box */
+        {
+            const float theta = s->theta;
+            s->theta = fitzhugh_nagumo_keep(theta, 1.0f, 8.0f, 1.0f, 1e+30f);
+            if (!fitzhugh_nagumo_within(theta, 1e+30f)) {
+                status |= FITZHUGH_NAGUMO_RESTARTED;
+            }
+        }
+    }
+    return status;
+}
+
+unsigned fitzhugh_nagumo_step(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    const fitzhugh_nagumo_input *in, const fitzhugh_nagumo_output *out)
+{
+    unsigned status = 0u;
+    status |= fitzhugh_nagumo_predict(s, p, in);
+    status |= fitzhugh_nagumo_update_y(s, p, out);
+    status |= fitzhugh_nagumo_adapt(s, p);
+    return status;
+}
+
+void fitzhugh_nagumo_estimate(const fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p,
+    fitzhugh_nagumo_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x1 = s->z[0];
+    x->x2 = s->z[1];
+    x->eta = -s->z[2];
+}
+
+unsigned fitzhugh_nagumo_tune(fitzhugh_nagumo_params *p)
+{
+    unsigned status = 0u;
+    /* Q in its range */
+    {
+        const float Q1 = p->gain.Q[0];
+        const float Q2 = p->gain.Q[1];
+        const float Q3 = p->gain.Q[2];
+        p->gain.Q[0] = fitzhugh_nagumo_keep(Q1, 2.3e-10f, 100000.0f, 0.1f, 3e+38f);
+        p->gain.Q[1] = fitzhugh_nagumo_keep(Q2, 2.3e-10f, 100000.0f, 0.01f, 3e+38f);
+        p->gain.Q[2] = fitzhugh_nagumo_keep(Q3, 2.3e-10f, 100000.0f, 0.00023f, 3e+38f);
+        if (!(Q1 >= 2.3e-10f && Q1 <= 100000.0f) || !(Q2 >= 2.3e-10f && Q2 <= 100000.0f)
+            || !(Q3 >= 2.3e-10f && Q3 <= 100000.0f)) {
+            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        }
+    }
+    /* R in its range */
+    {
+        const float R = p->gain.R;
+        p->gain.R = fitzhugh_nagumo_keep(R, 1e-06f, 1000000.0f, 1.0f, 3e+38f);
+        if (!(R >= 1e-06f && R <= 1000000.0f)) {
+            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        }
+    }
+    /* theta_1 in its range */
+    {
+        const float theta_1 = p->gain.theta_1;
+        p->gain.theta_1 = fitzhugh_nagumo_keep(theta_1, 1.0f, 4.0f, 4.0f, 3e+38f);
+        if (!(theta_1 >= 1.0f && theta_1 <= 4.0f)) {
+            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        }
+    }
+    /* rise_time in its range */
+    {
+        const float rise_time = p->gain.rise_time;
+        p->gain.rise_time = fitzhugh_nagumo_keep(rise_time, 0.0001f, 100.0f, 0.1f, 3e+38f);
+        if (!(rise_time >= 0.0001f && rise_time <= 100.0f)) {
+            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        }
+    }
+    /* rate in its range */
+    {
+        const float rate = p->gain.rate;
+        p->gain.rate = fitzhugh_nagumo_keep(rate, 0.0f, 1000.0f, 1.0f, 3e+38f);
+        if (!(rate >= 0.0f && rate <= 1000.0f)) {
+            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        }
+    }
+    /* gamma_0 in its range */
+    {
+        const float gamma_0 = p->gain.gamma_0;
+        p->gain.gamma_0 = fitzhugh_nagumo_keep(gamma_0, 0.0f, 320000.0f, 0.16f, 3e+38f);
+        if (!(gamma_0 >= 0.0f && gamma_0 <= 320000.0f)) {
+            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        }
+    }
+    /* gamma_1 in its range */
+    {
+        const float gamma_1 = p->gain.gamma_1;
+        p->gain.gamma_1 = fitzhugh_nagumo_keep(gamma_1, 0.0f, 320000.0f, 0.32f, 3e+38f);
+        if (!(gamma_1 >= 0.0f && gamma_1 <= 320000.0f)) {
+            status |= FITZHUGH_NAGUMO_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->z[2] = 0.0f;
+    s->L[0] = 0.0f;
+    s->L[1] = 0.0f;
+    s->L[2] = 0.0f;
+    s->D[0] = 1.0f;
+    s->D[1] = 1.0f;
+    s->D[2] = 1.0f;
+    s->innovation = 0.0f;
+    s->oldest = 0u;
+    s->tick = 0u;
+    s->theta = 1.0f;
+    s->calls = 0u;
+    s->u = 0.0f;
+    for (unsigned k = 0u; k < 5u; ++k) {
+        s->predictor[k].z[0] = 0.0f;
+        s->predictor[k].z[1] = 0.0f;
+        s->predictor[k].z[2] = 0.0f;
+        s->predictor[k].sum = 0.0f;
+        s->predictor[k].samples = 0u;
+    }
+}
+
+void fitzhugh_nagumo_init(fitzhugh_nagumo_state *s, fitzhugh_nagumo_params *p)
+{
+    p->gain.Q[0] = 0.1f;
+    p->gain.Q[1] = 0.01f;
+    p->gain.Q[2] = 0.00023f;
+    p->gain.R = 1.0f;
+    p->gain.theta_1 = 4.0f;
+    p->gain.rise_time = 0.1f;
+    p->gain.rate = 1.0f;
+    p->gain.gamma_0 = 0.16f;
+    p->gain.gamma_1 = 0.32f;
+    (void)fitzhugh_nagumo_tune(p);
+    fitzhugh_nagumo_reset(s);
+}

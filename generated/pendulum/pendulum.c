@@ -1,0 +1,215 @@
+/* pendulum: see pendulum.h, which is the manual. */
+#include "pendulum.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+static float pendulum_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool pendulum_within(float v, float limit)
+{
+    return v == v && v >= -limit && v <= limit;
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float pendulum_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return pendulum_within(v, limit) ? pendulum_clamp(v, low, high) : otherwise;
+}
+
+/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
+ * Define PENDULUM_USE_LIBM for those of <math.h>, or PENDULUM_USE_CMSIS for CMSIS-DSP. */
+#if defined(PENDULUM_USE_LIBM)
+#include <math.h>
+#define pendulum_sin(x) sinf(x)
+#elif defined(PENDULUM_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#define pendulum_sin(x) arm_sin_f32(x)
+#else
+/* largest whole number not above v, which an int32_t can hold */
+static float pendulum_whole(float v)
+{
+    const float whole = (float)(int32_t)v;
+    return whole - ((whole > v) ? 1.0f : 0.0f);
+}
+
+static float pendulum_sin(float x)
+{
+    const float t1 = 1.0f - ((x < 0.0f) ? 2.0f : 0.0f);
+    const float t2 = t1*x;
+    const bool t3 = t2 < 131072.0f;
+    const float t4 = pendulum_whole((t3 ? 0.31830987f*t2 : 0.0f) + 0.5f);
+    const float t5 = t2 - (t3 ? 0.0f : t2) - 3.140625f*t4 - 0.0009675026f*t4 - 1.5099067e-07f*t4
+        - 5.126688e-12f*t4;
+    const float t6 = t5*t5;
+    const float t7 = 0.5f*t4;
+    const float t8 = (t5 + t5*(((2.606055e-06f*t6 - 0.00019809768f)*t6 + 0.008333069f)*t6 - 0.1666666f)*t6)*
+        (1.0f - 4.0f*(t7 - pendulum_whole(t7)));
+    return t1*t8;
+}
+#endif
+
+unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendulum_input *in,
+    const pendulum_output *out)
+{
+    unsigned status = 0u;
+    bool running = false;
+    float u = 0.0f;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    /* guard the input */
+    {
+        const float tau = in->tau;
+        const bool tau_usable = pendulum_within(tau, 1e+15f);
+        const float tau_taken = tau_usable ? tau : s->u;
+        u = pendulum_clamp(tau_taken, -1.0f, 1.0f);
+        if (!tau_usable) {
+            status |= PENDULUM_REUSED_tau;
+        }
+        if (tau_taken < -1.0f || tau_taken > 1.0f) {
+            status |= PENDULUM_CLAMPED_tau;
+        }
+    }
+    /* guard the samples */
+    {
+        const float y_given = out->y;
+        const bool t1 = pendulum_within(y_given, 3e+38f);
+        const float z1 = s->z[0];
+        const bool t2 = t1 && pendulum_within(y_given, 1e+15f) && pendulum_within(y_given - z1, 1e+16f);
+        const float t3 = t2 ? y_given : z1;
+        y = t3;
+        y_last = (t2 && (s->y_valid != 0.0f)) ? s->y : t3;
+        valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= PENDULUM_MISSING_y;
+        }
+        if (t1 && !t2) {
+            status |= PENDULUM_REJECTED_y;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = (calls < 2u) ? calls + 1u : 2u;
+    }
+    if (running) {
+        /* z: one step of classical Runge-Kutta */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float K1 = p->derived.K[0];
+            const float t1 = valid*(y_last - z1);
+            const float k1_z1 = z2 + K1*t1;
+            const float u_before = s->u;
+            const float t2 = u_before - 0.1f*pendulum_clamp(z2, -20.0f, 20.0f)
+                - 19.6f*pendulum_sin(pendulum_clamp(z1, -4.0f, 4.0f));
+            const float K2 = p->derived.K[1];
+            const float k1_z2 = t2 + K2*t1;
+            const float t3 = z2 + 0.0005f*k1_z2;
+            const float t4 = y_last + 0.5f*(y - y_last);
+            const float t5 = z1 + 0.0005f*k1_z1;
+            const float t6 = valid*(t4 - t5);
+            const float k2_z1 = t3 + K1*t6;
+            const float t7 = u_before + 0.5f*(u - u_before);
+            const float t8 = t7 - 0.1f*pendulum_clamp(t3, -20.0f, 20.0f)
+                - 19.6f*pendulum_sin(pendulum_clamp(t5, -4.0f, 4.0f));
+            const float k2_z2 = t8 + K2*t6;
+            const float t9 = z2 + 0.0005f*k2_z2;
+            const float t10 = z1 + 0.0005f*k2_z1;
+            const float t11 = valid*(t4 - t10);
+            const float k3_z1 = t9 + K1*t11;
+            const float t12 = t7 - 0.1f*pendulum_clamp(t9, -20.0f, 20.0f)
+                - 19.6f*pendulum_sin(pendulum_clamp(t10, -4.0f, 4.0f));
+            const float k3_z2 = t12 + K2*t11;
+            const float t13 = z2 + 0.001f*k3_z2;
+            const float t14 = z1 + 0.001f*k3_z1;
+            const float t15 = valid*(y - t14);
+            const float k4_z1 = t13 + K1*t15;
+            const float t16 = u - 0.1f*pendulum_clamp(t13, -20.0f, 20.0f)
+                - 19.6f*pendulum_sin(pendulum_clamp(t14, -4.0f, 4.0f));
+            const float k4_z2 = t16 + K2*t15;
+            s->z[0] = z1 + 0.00016666666f*(k1_z1 + 2.0f*k2_z1 + 2.0f*k3_z1 + k4_z1);
+            s->z[1] = z2 + 0.00016666666f*(k1_z2 + 2.0f*k2_z2 + 2.0f*k3_z2 + k4_z2);
+        }
+        /* keep z in its box */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            s->z[0] = pendulum_keep(z1, -12.0f, 12.0f, 0.0f, 1e+30f);
+            s->z[1] = pendulum_keep(z2, -400.0f, 400.0f, 0.0f, 1e+30f);
+            if (z1 < -12.0f || z1 > 12.0f || z2 < -400.0f || z2 > 400.0f) {
+                status |= PENDULUM_STATE_LIMITED;
+            }
+            if (!(pendulum_within(z1, 1e+30f) && pendulum_within(z2, 1e+30f))) {
+                status |= PENDULUM_RESTARTED;
+            }
+        }
+        /* outside the declared box the model is evaluated at its edge */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            if (z1 < -4.0f || z1 > 4.0f || z2 < -20.0f || z2 > 20.0f) {
+                status |= PENDULUM_OUTSIDE_BOX;
+            }
+        }
+    }
+    /* remember the input */
+    s->u = u;
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    return status;
+}
+
+void pendulum_estimate(const pendulum_state *s, const pendulum_params *p, pendulum_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->q = s->z[0];
+    x->w = s->z[1];
+}
+
+unsigned pendulum_tune(pendulum_params *p)
+{
+    unsigned status = 0u;
+    /* theta in its range */
+    {
+        const float theta = p->gain.theta;
+        p->gain.theta = pendulum_keep(theta, 1.0f, 20.0f, 20.0f, 3e+38f);
+        if (!(theta >= 1.0f && theta <= 20.0f)) {
+            status |= PENDULUM_PARAMETER_LIMITED;
+        }
+    }
+    /* observer gain */
+    {
+        const float theta = p->gain.theta;
+        p->derived.K[0] = 2.0f*theta;
+        p->derived.K[1] = theta*theta;
+    }
+    return status;
+}
+
+void pendulum_reset(pendulum_state *s)
+{
+    s->z[0] = 0.0f;
+    s->z[1] = 0.0f;
+    s->calls = 0u;
+    s->u = 0.0f;
+    s->y = 0.0f;
+    s->y_valid = 0.0f;
+}
+
+void pendulum_init(pendulum_state *s, pendulum_params *p)
+{
+    p->gain.theta = 20.0f;
+    (void)pendulum_tune(p);
+    pendulum_reset(s);
+}
