@@ -17,7 +17,8 @@ from hgogen.singular import singular
 from hgogen.system import System
 
 # A jump hides from the derivative, so these are never taken as continuous.
-_JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside)
+JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside)
+KINKS = (sp.Abs, sp.Min, sp.Max)
 
 
 def lipschitz(id: str, b: Iterable[sp.Expr], system: System) -> Check:
@@ -34,20 +35,16 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System) -> Check:
     fixed = {p: value for p, value in system.nominal.items() if not p.bounded}
     rows = [row.xreplace(fixed) for row in b]
     box = box_of(system.signals)
-    jumps = sorted({str(node) for row in rows for node in row.atoms(*_JUMPS) if node.has(*system.states)})
+    jumps = sorted({str(node) for row in rows for node in row.atoms(*JUMPS) if node.has(*system.states)})
     if jumps:
-        return answer(
-            Verdict.UNKNOWN, f"{jumps[0]} may jump", "Write saturations with sympy.Min and sympy.Max."
-        )
+        return answer(Verdict.UNKNOWN, f"{jumps[0]} may jump", "Write saturations with sympy.Min and sympy.Max.")
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
     unbounded = [slope for slope in slopes if not finite(enclose(slope, box))]
     poles = singular([*rows, *slopes], box)
     missing = {s.name for doubt in (*unbounded, *poles) for s in doubt.free_symbols if not s.bounded}
     if missing:
         names = ", ".join(sorted(missing))
-        return answer(
-            Verdict.UNKNOWN, f"no bound without a range for {names}", f"Declare low= and high= for {names}."
-        )
+        return answer(Verdict.UNKNOWN, f"no bound without a range for {names}", f"Declare low= and high= for {names}.")
     tamed = {node: sp.Dummy() for node in poles}
     one = Fraction(1)
     rest = {**box, **dict.fromkeys(tamed.values(), (one, one))}

@@ -1,22 +1,16 @@
 """The hypothesis 0 < a_m <= a(u) <= a_M on the closed box of inputs and parameters, and the sign of a(u)."""
 
-import random
-from collections.abc import Iterator, Mapping
-from itertools import islice, product
+from collections.abc import Iterator
 
 import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.interval import End, Interval, enclose, finite
 from hgogen.interval import box as box_of
+from hgogen.points import Point, exact, kind, points, witness
 from hgogen.signal import Signal
 from hgogen.singular import singular
 from hgogen.system import System
-
-Point = Mapping[Signal, sp.Rational]
-
-_CORNERS = 64
-_RANDOM = 32
 
 
 def sign(a: sp.Expr, system: System) -> int:
@@ -25,7 +19,7 @@ def sign(a: sp.Expr, system: System) -> int:
     low, high = _range(a, signals)
     if low > 0 or high < 0:
         return 1 if low > 0 else -1
-    seen = {_kind(a, point) for point in _points(signals)}
+    seen = {kind(a, point) for point in points(signals)}
     return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
 
 
@@ -40,11 +34,11 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     low, high = _range(a, signals)
     if low > 0 and finite((low, high)) and not singular([a], box_of(signals)):
         return Check(id, claim, Verdict.PROVED, _proof(low, high))
-    witness = _witness(a, signals)
-    if witness:
-        reason, point = witness
-        at = {s.name: float(value) for s, value in point.items()}
-        return Check(id, claim, Verdict.REFUTED, f"{name} {reason}", at, _fix(id, name, signals, system))
+    found = _refutation(a, signals)
+    if found:
+        reason, point = found
+        fix = _fix(id, name, signals, system)
+        return Check(id, claim, Verdict.REFUTED, f"{name} {reason}", witness(point), fix)
     loose = ", ".join(s.name for s in signals if not s.bounded)
     if loose:
         fix = f"Declare low= and high= for {loose}."
@@ -54,8 +48,7 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
     """a with constants at their values, all numbers exact, and the signals that it then varies with."""
-    a = a.xreplace({p: value for p, value in system.nominal.items() if not p.bounded})
-    a = a.xreplace({number: sp.Rational(repr(float(number))) for number in a.atoms(sp.Float)})
+    a = exact(a.xreplace({p: value for p, value in system.nominal.items() if not p.bounded}))
     return a, tuple(s for s in (*system.inputs, *system.parameters) if s in a.free_symbols)
 
 
@@ -76,52 +69,13 @@ def _proof(low: End, high: End) -> str:
     return f"exact intervals: between {sp.Rational(low).evalf(3)} and {sp.Rational(high).evalf(3)}, rounded"
 
 
-def _points(signals: tuple[Signal, ...]) -> Iterator[Point]:
-    """Midpoint, zeros in the box, corners, then random points from a fixed seed; exact rationals."""
-    ends = [_ends(s) for s in signals]
-    yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
-    for s, (low, high) in zip(signals, ends, strict=True):
-        if low <= 0 <= high:  # the others off centre, so that s alone is the reason for what happens
-            yield {t: (3 * a + 4 * b) / 7 for t, (a, b) in zip(signals, ends, strict=True)} | {s: sp.S.Zero}
-    for corner in islice(product(*ends), _CORNERS):
-        yield dict(zip(signals, corner, strict=True))
-    draw = random.Random(1)
-    for _ in range(_RANDOM if signals else 0):
-        yield {
-            s: low + (high - low) * sp.Rational(draw.randint(0, 1000), 1000)
-            for s, (low, high) in zip(signals, ends, strict=True)
-        }
-
-
-def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:
-    """Its range; a signal without one may have any value, so one around its nominal value serves."""
-    if signal.bounded:
-        return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
-    centre = sp.Rational(str(signal.nominal or 0.0))
-    return centre - 10, centre + 10
-
-
-def _kind(a: sp.Expr, point: Point) -> str:
-    """What a is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
-    try:
-        value = a.xreplace(dict(point))
-    except ValueError:  # Min or Max of a number that SymPy cannot compare
-        return "?"
-    if value.is_zero:
-        return "= 0"
-    if value.has(sp.nan, sp.zoo, sp.oo) or value.is_real is False:
-        return "undefined"
-    value = value.evalf(15)
-    if not value.is_Float:
-        return "?"
-    return "> 0" if value > 0 else "< 0"
-
-
-def _witness(a: sp.Expr, signals: tuple[Signal, ...]) -> tuple[str, Point] | None:
+def _refutation(a: sp.Expr, signals: tuple[Signal, ...]) -> tuple[str, Point] | None:
     """Why and where a is not positive and finite, from sample points."""
     first: dict[str, Point] = {}
-    for point in _points(signals):
-        first.setdefault(_kind(a, point), point)
+    for point in points(signals):
+        first.setdefault(kind(a, point), point)
+    for point in _roots(a, signals) if len(first) == 1 else ():  # a zero between samples of one sign
+        first.setdefault(kind(a, point), point)
     if "= 0" in first:
         return "vanishes", first["= 0"]
     if "undefined" in first:
@@ -131,14 +85,26 @@ def _witness(a: sp.Expr, signals: tuple[Signal, ...]) -> tuple[str, Point] | Non
     return ("is negative", first["< 0"]) if "< 0" in first else None
 
 
+def _roots(a: sp.Expr, signals: tuple[Signal, ...]) -> Iterator[Point]:
+    """The rational zeros in the range of a polynomial in one signal, such as (u - 1/7)^2, which has one sign."""
+    if len(signals) != 1 or not signals[0].bounded or not a.is_polynomial(signals[0]):
+        return
+    low, high = (sp.Rational(str(end)) for end in signals[0].interval)
+    try:
+        roots = sp.Poly(a, signals[0]).ground_roots()
+    except sp.PolynomialError:  # coefficients that are no rationals
+        return
+    yield from ({signals[0]: root} for root in sorted(roots) if low <= root <= high)
+
+
 def _crossing(a: sp.Expr, below: Point, above: Point) -> Point:
     """Bisection, to float accuracy, on the line between a point where a < 0 and one where a > 0."""
     for _ in range(60):
         middle = {s: (below[s] + above[s]) / 2 for s in below}
-        kind = _kind(a, middle)
-        if kind not in ("< 0", "> 0"):
+        what = kind(a, middle)
+        if what not in ("< 0", "> 0"):
             return middle
-        below, above = (middle, above) if kind == "< 0" else (below, middle)
+        below, above = (middle, above) if what == "< 0" else (below, middle)
     return below
 
 

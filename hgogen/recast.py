@@ -9,16 +9,9 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.check import Check, Verdict
+from hgogen.diffeomorphism import Change, checks, stand_ins
 from hgogen.signal import Signal
 from hgogen.system import BadSystem, Origin, System
-
-
-def _sign(signal: Signal) -> dict[str, bool]:
-    low, high = signal.interval
-    if low > 0 or high < 0:
-        return {"positive" if low > 0 else "negative": True}
-    return {"nonnegative": True} if low == 0 else {}
 
 
 def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Signal, Any]) -> System:
@@ -28,8 +21,9 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
     `inverse` maps each replaced state of the plant to an expression of the new states and those kept. New states stand
     in the place of the replaced ones, in order.
 
-    Raises: `BadSystem` where the numbers differ or a name is unknown. Whether the maps are inverse to each other is a
-    Check, `recast.inverse`.
+    Raises: `BadSystem` where the numbers differ, or a map reads an input or an unknown name. Whether the maps are
+    smooth and inverse to each other is a Check, `recast.inverse`; whether the new ranges are wide enough another,
+    `recast.range`.
     """
     new, old = tuple(coordinates), tuple(inverse)
     for state in old:
@@ -39,15 +33,15 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
         raise BadSystem(plant.name, f"{len(new)} new states for {len(old)} replaced ones; give as many")
     kept = [s for s in plant.states if s not in old]
     states = tuple(dict(zip(old, new, strict=True)).get(s, s) for s in plant.states)
-    # stand-ins that carry the sign of their range, so that sqrt(w^2) can become w
-    plain = {s: sp.Dummy(s.name, real=True, **_sign(s)) for s in (*plant.states, *new)}
+    change = Change(plant, *({s: sp.sympify(e) for s, e in maps.items()} for maps in (coordinates, inverse)))
+    _readable(change)
+    plain = stand_ins((*plant.states, *new))
     back = {dummy: signal for signal, dummy in plain.items()}
-    forward = {w: sp.sympify(e).xreplace(plain) for w, e in coordinates.items()} | {s: plain[s] for s in kept}
-    backward = {plain[x]: sp.sympify(e).xreplace(plain) for x, e in inverse.items()}
+    forward = {w: e.xreplace(plain) for w, e in change.forward.items()} | {s: plain[s] for s in kept}
+    backward = {plain[x]: e.xreplace(plain) for x, e in change.backward.items()}
     flow = [f.xreplace(plain) for f in plant.flow]
     ones = [plain[s] for s in plant.states]
     rates = [sum(sp.diff(forward[w], x) * f for x, f in zip(ones, flow, strict=True)) for w in states]
-    check = _inverse(forward, backward, plain, states)
     result = System(
         plant.name,
         states=states,
@@ -59,19 +53,15 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
     )
     reported = tuple(backward.get(x, x).xreplace(back) for x in ones)
     to = tuple(forward[w].xreplace(back) for w in states)
-    return replace(result, origin=Origin(plant, to, reported, check))
+    return replace(result, origin=Origin(plant, to, reported, checks(change)))
 
 
-def _inverse(
-    forward: Mapping[Signal, sp.Expr],
-    backward: Mapping[sp.Dummy, sp.Expr],
-    plain: Mapping[Signal, sp.Dummy],
-    states: tuple[Signal, ...],
-) -> Check:
-    gaps = [sp.simplify(e.subs({plain[w]: f for w, f in forward.items()}) - x) for x, e in backward.items()]
-    gaps += [sp.simplify(forward[w].subs(backward) - plain[w]) for w in states]
-    claim = "the change of coordinates and its inverse undo each other on the declared ranges"
-    if all(gap == 0 for gap in gaps):
-        return Check("recast.inverse", claim, Verdict.PROVED, "exact substitution both ways")
-    left = next(gap for gap in gaps if gap != 0)
-    return Check("recast.inverse", claim, Verdict.UNKNOWN, f"{left} was not shown to be 0")
+def _readable(change: Change) -> None:
+    """The maps read states and parameters: an input has a derivative, which the plant does not know."""
+    plant, kept = change.plant, {x for x in change.plant.states if x not in change.backward}
+    for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.forward} | kept)):
+        for s, e in maps.items():
+            for symbol in sorted(e.free_symbols - states - {*plant.parameters}, key=str):
+                what = f"the input {symbol}, whose derivative is not known" if symbol in plant.inputs else symbol
+                allowed = ", ".join(sorted(map(str, states)))
+                raise BadSystem(plant.name, f"{s} = {e} reads {what}; write it in {allowed} and parameters")

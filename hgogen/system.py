@@ -30,7 +30,7 @@ class Origin:
     plant: "System"
     forward: tuple[sp.Expr, ...]
     backward: tuple[sp.Expr, ...]
-    check: Check
+    checks: tuple[Check, ...]
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ class System:
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """Claims about the plant itself: that its recast coordinates are coordinates."""
-        return () if self.origin is None else (self.origin.check,)
+        """Claims about the plant itself: that its recast coordinates are coordinates, and in their ranges."""
+        return () if self.origin is None else self.origin.checks
 
     @property
     def nominal(self) -> dict[Signal, sp.Rational]:
@@ -120,9 +120,7 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
         try:
             expression = sp.sympify(value, strict=True)
         except (sp.SympifyError, TypeError):
-            raise BadSystem(
-                system, f"{what} {index} is {value!r}, not a SymPy expression or number"
-            ) from None
+            raise BadSystem(system, f"{what} {index} is {value!r}, not a SymPy expression or number") from None
         if not isinstance(expression, sp.Expr) or expression.is_Matrix:
             raise BadSystem(system, f"{what} {index} is {expression}, which is not a scalar expression")
         if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I) or expression.is_real is False:

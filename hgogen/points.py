@@ -1,0 +1,69 @@
+"""Sample points of a box, exact rationals, and what an expression is there: what refutes, never what proves."""
+
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice, product
+
+import sympy as sp
+
+from hgogen.signal import Signal
+
+Point = Mapping[Signal, sp.Rational]
+
+_CORNERS = 64
+_RANDOM = 32
+# An imaginary part that is larger than this, evaluated to 15 digits, is not zero.
+_NOT_ZERO = 1e-9
+
+
+def points(signals: Sequence[Signal]) -> Iterator[Point]:
+    """Midpoint, zeros in the box, corners, then random points from a fixed seed; exact rationals."""
+    ends = [_ends(s) for s in signals]
+    yield {s: (low + high) / 2 for s, (low, high) in zip(signals, ends, strict=True)}
+    for s, (low, high) in zip(signals, ends, strict=True):
+        if low <= 0 <= high:  # the others off centre, so that s alone is the reason for what happens
+            yield {t: (3 * a + 4 * b) / 7 for t, (a, b) in zip(signals, ends, strict=True)} | {s: sp.S.Zero}
+    for corner in islice(product(*ends), _CORNERS):
+        yield dict(zip(signals, corner, strict=True))
+    draw = random.Random(1)
+    for _ in range(_RANDOM if signals else 0):
+        yield {
+            s: low + (high - low) * sp.Rational(draw.randint(0, 1000), 1000)
+            for s, (low, high) in zip(signals, ends, strict=True)
+        }
+
+
+def kind(expression: sp.Expr, point: Point) -> str:
+    """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
+    try:
+        value = expression.xreplace(dict(point))
+    except (ValueError, TypeError):  # a comparison of numbers that SymPy cannot make
+        return "?"
+    if value.is_zero:
+        return "= 0"
+    if value.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds) or value.is_real is False:
+        return "undefined"
+    value = value.evalf(15)
+    if value.is_Float:
+        # SymPy gives a number of which no digit is certain the precision 1.
+        return "?" if value._prec == 1 else "> 0" if value > 0 else "< 0"
+    imaginary = value.as_real_imag()[1]
+    return "undefined" if imaginary.is_Float and abs(imaginary) > _NOT_ZERO else "?"
+
+
+def witness(point: Point) -> dict[str, float]:
+    """The point as a report shows it."""
+    return {s.name: float(value) for s, value in point.items()}
+
+
+def exact(expression: sp.Expr) -> sp.Expr:
+    """The expression with each float as the rational of its shortest decimal."""
+    return expression.xreplace({number: sp.Rational(repr(float(number))) for number in expression.atoms(sp.Float)})
+
+
+def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:
+    """Its range; a signal without one may have any value, so one around its nominal value serves."""
+    if signal.bounded:
+        return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
+    centre = sp.Rational(str(signal.nominal or 0.0))
+    return centre - 10, centre + 10

@@ -1,0 +1,147 @@
+"""A change of coordinates is proved only where it is one: defined, smooth, inverse, into the declared ranges."""
+
+import pytest
+import sympy as sp
+
+from hgogen import forms, recast
+from hgogen.check import Check, Refuted, demand
+from hgogen.signal import Signal
+from hgogen.system import BadSystem, System
+
+u, y = Signal("u", low=-1, high=1), Signal("y")
+k, c = Signal("k", nominal=0.5, low=-1, high=1), Signal("c", nominal=2)
+X1 = Signal("x1", low=0.25, high=10)
+
+
+def plant(x: Signal) -> System:
+    """x1' = x1 - x2, x2' = k + u + c for x2 = x: of everything."""
+    first = Signal("first", low=-1, high=1)
+    flow = [x - first, k + u + c]
+    return System("two", states=(first, x), inputs=[u], outputs=[y], parameters=[k, c], flow=flow, output=[first])
+
+
+def found(x: Signal, w: Signal, forward: sp.Expr, inverse: sp.Expr) -> dict[str, Check]:
+    return {check.id: check for check in recast(plant(x), {w: forward}, {x: inverse}).checks}
+
+
+def ranged(name: str, low: float | None = None, high: float | None = None) -> Signal:
+    return Signal(name, low=low, high=high)
+
+
+def maps(text: str, low: float, high: float, inverse: str, *range_of_w: float) -> dict[str, Check]:
+    """The checks of w = text of x1 in [low, high], x1 = inverse of w in its range (none: without one)."""
+    x, w = ranged("x1", low, high), ranged("w", *range_of_w)
+    names = {"x1": x, "w": w, "k": k, "c": c}
+    return found(x, w, sp.sympify(text, names), sp.sympify(inverse, names))
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high", "inverse", "range_of_w"),
+    [
+        ("sqrt(x1)", 0.25, 10, "w**2", (0.5, 3.1623)),  # sqrt(10) = 3.16227766
+        ("log(x1)", 1, 5, "exp(w)", (0, 1.6095)),  # log(5) = 1.6094379
+        ("exp(x1)", -1, 1, "log(w)", (0.3678, 2.7183)),
+        ("1/x1", 0.5, 4, "1/w", (0.25, 2)),
+        ("x1**3", 1, 2, "cbrt(w)", (1, 8)),
+        ("2*x1 + 1", -1, 3, "(w - 1)/2", (-1, 7)),
+        ("c*x1", -1, 3, "w/c", (-2, 6)),
+        ("x1 + k", -1, 3, "w - k", (-2, 4)),
+        ("Abs(x1)", 1, 2, "w", (1, 2)),
+        ("2*x1", -1, 3, "w/2", ()),
+    ],
+)
+def test_a_change_of_coordinates_is_proved(
+    text: str, low: float, high: float, inverse: str, range_of_w: tuple[float, ...]
+) -> None:
+    checks = maps(text, low, high, inverse, *range_of_w)
+    assert {id: check.verdict.value for id, check in checks.items()} == {
+        "recast.inverse": "proved",
+        "recast.range": "proved",
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high", "inverse", "range_of_w", "verdict", "witness"),
+    [
+        ("log(x1)", -5, 5, "exp(w)", (-3, 2), "refuted", {"x1": 0.0}),
+        ("1/x1", -1, 1, "1/w", (-9, 9), "refuted", {"x1": 0.0}),
+        ("x1**3", 0, 1, "cbrt(w)", (-3, 3), "refuted", {"w": -3.0}),  # complex
+        ("k*x1", 1, 2, "w/k", (-2, 2), "refuted", {"k": 0.0}),
+        ("x1**2", -1, 1, "sqrt(w)", (0, 1), "refuted", {"x1": -1.0}),
+        ("2*x1", 1, 2, "w/3", (1, 5), "refuted", {}),
+        ("sqrt(x1)", 0, 4, "w**2", (0, 2), "unknown", {}),  # defined, but with no slope at 0
+        ("x1 + Min(x1, 0)", -1, 1, "Max(w, 0) + Min(w, 0)/2", (-2, 1), "unknown", {}),
+        ("x1 + sign(x1)", -1, 1, "w - sign(w)", (-2, 2), "refuted", {}),
+        ("Abs(x1)", -1, 1, "w", (0, 1), "refuted", {"x1": -1.0}),
+        ("log(x1)", None, None, "exp(w)", (-3, 2), "unknown", {}),
+    ],
+)
+def test_an_inverse_that_fails_somewhere_is_not_proved(
+    text: str,
+    low: float,
+    high: float,
+    inverse: str,
+    range_of_w: tuple[float, ...],
+    verdict: str,
+    witness: dict[str, float],
+) -> None:
+    check = maps(text, low, high, inverse, *range_of_w)["recast.inverse"]
+    assert check.verdict == verdict
+    assert {name: check.witness.get(name) for name in witness} == witness
+    assert check.fix
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high", "inverse", "range_of_w", "verdict", "fix"),
+    [
+        ("2*x1", 0.1, 10, "w/2", (5, 9), "refuted", "at least [0.2, 20]"),
+        ("sqrt(x1)", 0.25, 10, "w**2", (0.5, 3.1622), "refuted", "at least [0.5, 3.1623]"),
+        ("log(x1)", 1, 5, "exp(w)", (0.1, 2), "refuted", "at least [0, 1.6095]"),
+        ("k + x1", 0, 1, "w - k", (-0.5, 2), "refuted", "at least [-1, 2]"),
+        ("2*x1", None, None, "w/2", (5, 9), "unknown", "Declare low= and high= for x1."),
+    ],
+)
+def test_an_image_outside_the_declared_range_is_found(
+    text: str, low: float, high: float, inverse: str, range_of_w: tuple[float, ...], verdict: str, fix: str
+) -> None:
+    check = maps(text, low, high, inverse, *range_of_w)["recast.range"]
+    assert check.verdict == verdict
+    assert fix in check.fix
+    assert bool(check.witness) == (verdict == "refuted")
+
+
+def test_the_advice_on_the_range_is_good_advice() -> None:
+    for low, high in ((0.5, 3.1622), (1, 2)):
+        assert maps("sqrt(x1)", 0.25, 10, "w**2", low, high)["recast.range"].verdict == "refuted"
+    assert maps("sqrt(x1)", 0.25, 10, "w**2", 0.5, 3.1623)["recast.range"].verdict == "proved"
+
+
+def test_two_states_at_once() -> None:
+    a, b = ranged("a", 1, 2), ranged("b", -1, 1)
+    s, d = ranged("s", 0, 3), ranged("d", 0, 3)
+    turn = System("turn", states=(a, b), outputs=[y], flow=[b, -a], output=[a])
+    checks = recast(turn, {s: a + b, d: a - b}, {a: (s + d) / 2, b: (s - d) / 2}).checks
+    assert [check.verdict.value for check in checks] == ["proved", "proved"]
+
+
+def test_a_refuted_change_is_not_built_on() -> None:
+    w = ranged("w", 5, 9)
+    form = forms.triangular(recast(plant(X1), {w: 2 * X1}, {X1: w / 2}))
+    with pytest.raises(Refuted, match=r"recast\.range"):
+        demand(form.checks)
+    demand(form.checks, accept="recast.range")
+
+
+@pytest.mark.parametrize(
+    ("forward", "inverse", "says"),
+    [
+        ((2 + u) * X1, Signal("w") / (2 + u), "w = x1*(u + 2) reads the input u"),
+        (2 * X1, Signal("w") / 2 + u * 0 + sp.sin(u), "x1 = w/2 + sin(u) reads the input u"),
+        (2 * X1 + Signal("stranger"), Signal("w") / 2, "reads stranger"),
+        (2 * X1, X1, "x1 = x1 reads x1"),
+    ],
+)
+def test_coordinates_are_of_states_and_parameters(forward: sp.Expr, inverse: sp.Expr, says: str) -> None:
+    with pytest.raises(BadSystem) as error:
+        recast(plant(X1), {Signal("w"): forward}, {X1: inverse})
+    assert says in str(error.value)
