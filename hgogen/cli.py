@@ -23,7 +23,6 @@ from hgogen import jobs, native, noise, tables
 from hgogen.call import CallableStep, Engine
 from hgogen.check import Refuted, demand
 from hgogen.compare import Comparison
-from hgogen.metrics import summary
 from hgogen.model import listed, load
 from hgogen.prediction import predictions
 from hgogen.record import Record, mapping, read
@@ -177,8 +176,8 @@ def build(
 
     JSON keys: model, plant, form, checks (id, claim, verdict, reason, witness, fix, accepted), refuted
     (ids), compiler, self_check (what the self-check printed), trials (trial, seeds, engine, times, settled,
-    worst, peak, calm, triggered, rms, clamped), comparison (trial, seed, until, before, after, settled, dt,
-    agreed), files.
+    worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial, seed, until,
+    before, after, settled, dt, agreed), files.
     """
     loaded = load(model)
     folder = out or Path("build") / loaded.name
@@ -194,7 +193,7 @@ def build(
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.compared(done, again, step.dt) if again else ()
     paths += _save(jobs.figures(step, done), folder)
-    summaries = [summary(one.trial.name, one.each) for one in done]
+    summaries = jobs.summaries(step, done, engine, _note)
     report = {
         "model": loaded.path,
         **claims.as_dict(),
@@ -262,19 +261,22 @@ def simulate(
 ) -> None:
     """Try a model's observer on its trials and print the metrics.
 
-    JSON keys: model, trials (trial, seeds, engine, times of the events, settled and worst time to settle
-    after each, peak of theta as [smallest, largest], calm: time until theta < 1.05, triggered: share of
-    seeds, rms by state, clamped: samples outside the box after the first 5%, each: the same by seed).
+    JSON keys: model, trials (trial, seeds, engine, times of the events, settled and worst time to settle after each,
+    peak of theta as [smallest, largest], calm: time until theta < 1.05, triggered: share of seeds, loud: share of the
+    last fifth before the next event with theta > 1.5, latched: seeds in which theta does not come back, alarm_ratio:
+    innovation at the largest theta over its threshold, rms by state, clamped: samples outside the box after the first
+    5%, each: the same by seed).
     """
     loaded = load(model)
     step, trials = loaded.step(), loaded.trials()
     chosen = tuple(one for one in trials if trial in (None, one.name))
     if not chosen:
         raise typer.BadParameter(f"{trial!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
-    done = _tried(step, chosen, engine.value if engine else _engine(), seeds)
-    summaries = [summary(one.trial.name, one.each) for one in done]
-    each = [[seed.as_dict() for seed in one.each] for one in done]
-    listed_ = [{**one.as_dict(), "each": by_seed} for one, by_seed in zip(summaries, each, strict=True)]
+    reader = engine.value if engine else _engine()
+    done = _tried(step, chosen, reader, seeds)
+    summaries = jobs.summaries(step, done, reader, _note)
+    pairs = zip(summaries, done, strict=True)
+    listed_ = [{**told.as_dict(), "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
     _print(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries))
 
 

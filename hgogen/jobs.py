@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import hgogen as hg
+from hgogen import alarm
 from hgogen.call import CallableStep, Engine, Run
 from hgogen.check import Check, Refuted, refuted
 from hgogen.compare import Comparison, compare
-from hgogen.metrics import Metrics, metrics
+from hgogen.metrics import Metrics, Summary, metrics, summary
 from hgogen.model import Model
 from hgogen.record import Record
 from hgogen.trial import Trajectory, Trial, try_out
@@ -77,6 +78,15 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
         tick()
     assert first is not None  # a trial without seeds has been refused
     return Tried(trial, first, tuple(each))
+
+
+def summaries(step: CallableStep, done: Iterable[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
+    """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
+    ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
+    told = [summary(one.trial.name, one.each, ratio) for one, ratio in ratios]
+    for sentence in alarm.complaints(told):
+        say(sentence)
+    return told
 
 
 def compared(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Comparison, ...]:

@@ -17,6 +17,8 @@ from hgogen.trial import Settled, Trajectory
 
 TRIGGERED = 1.5  # theta above this: the adaptation has been triggered
 CALM = 1.05  # theta under this: Kalman mode again
+LATE = 5  # the last fifth of the time between two events is late
+LATCHED = 0.5  # theta above 1.5 in more than this share of the late time: it does not come back
 WARM_UP = 0.05  # the first part of a trial, in which the estimate may be anywhere
 
 
@@ -25,7 +27,8 @@ class Response:
     """What followed the event at `time` (s), None where it did not happen or does not apply.
 
     `settled`: time to settle (s); `peak`: the largest theta; `calm`: time until theta is under 1.05 for
-    good (s); `triggers`: how often theta rose through 1.5.
+    good (s); `triggers`: how often theta rose through 1.5; `loud`: share of the last fifth of the time before
+    the next event with theta above 1.5.
     """
 
     time: float
@@ -33,6 +36,7 @@ class Response:
     peak: float | None
     calm: float | None
     triggers: int | None
+    loud: float | None
 
 
 @dataclass(frozen=True)
@@ -90,14 +94,15 @@ def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
     return float(held[0] * dt) if len(held) else None
 
 
-def _theta(theta: np.ndarray | None, dt: float) -> tuple[float | None, float | None, int | None]:
-    """(peak, time until calm for good, triggers); the last None where theta is not calm at the end."""
+def _theta(theta: np.ndarray | None, dt: float) -> tuple[float | None, float | None, int | None, float | None]:
+    """(peak, time until calm for good, triggers, loud); the second None where theta is not calm at the end."""
     if theta is None:
-        return None, None, None
+        return None, None, None, None
+    late = theta[-max(1, len(theta) // LATE) :]
     loud = np.flatnonzero(theta >= CALM)
     after = 0 if not len(loud) else int(loud[-1]) + 1
     calm = after * dt if after < len(theta) else None
-    return float(theta.max()), calm, len(crossings(theta))
+    return float(theta.max()), calm, len(crossings(theta)), float(np.mean(late > TRIGGERED))
 
 
 def crossings(theta: np.ndarray) -> np.ndarray:
@@ -111,8 +116,9 @@ class Summary:
     """Several seeds of one trial; of a quantity that some seed lacks, the worst is None (it never happened).
 
     `settled`, `worst`: median and largest time to settle after each event; `peak`: (smallest, largest) peak
-    of theta; `calm`: median; `triggered`: share of seeds in which theta rose through 1.5; `rms`: median by
-    state.
+    of theta; `calm`: median; `triggered`: share of seeds in which theta rose through 1.5; `loud`: mean;
+    `latched`: seeds in which theta did not come back after some event; `alarm_ratio`: see `hgogen.alarm`;
+    `rms`: median by state.
     """
 
     trial: str
@@ -124,6 +130,9 @@ class Summary:
     peak: tuple[tuple[float, float] | None, ...]
     calm: tuple[float | None, ...]
     triggered: tuple[float | None, ...]
+    loud: tuple[float | None, ...]
+    latched: int
+    alarm_ratio: float | None
     rms: Mapping[str, float]
     clamped: int
 
@@ -132,11 +141,12 @@ class Summary:
         return asdict(self)
 
 
-def summary(trial: str, each: Sequence[Metrics]) -> Summary:
+def summary(trial: str, each: Sequence[Metrics], alarm_ratio: float | None = None) -> Summary:
     """The metrics of all seeds (at least one) in one."""
     events = list(zip(*(m.responses for m in each), strict=True))
     peaks = [_present(r.peak for r in event) for event in events]
     triggers = [_present(r.triggers for r in event) for event in events]
+    louds = [_present(r.loud for r in event) for event in events]
     return Summary(
         trial=trial,
         seeds=len(each),
@@ -147,6 +157,9 @@ def summary(trial: str, each: Sequence[Metrics]) -> Summary:
         peak=tuple((min(p), max(p)) if p else None for p in peaks),
         calm=tuple(_median(r.calm for r in event) for event in events),
         triggered=tuple(float(np.mean([n > 0 for n in count])) if count else None for count in triggers),
+        loud=tuple(float(np.mean(shares)) if shares else None for shares in louds),
+        latched=sum(any((r.loud or 0) > LATCHED for r in m.responses) for m in each),
+        alarm_ratio=alarm_ratio,
         rms={name: float(np.median([m.rms[name] for m in each])) for name in each[0].rms},
         clamped=sum(m.clamped for m in each),
     )

@@ -7,6 +7,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from hgogen.alarm import ITSELF
 from hgogen.check import Check, Verdict
 from hgogen.compare import Comparison
 from hgogen.metrics import Summary
@@ -54,22 +55,27 @@ def trials(each: Iterable[Summary]) -> RenderableType:
     for one in each:
         table = _table(
             f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}",
-            *("event at (s)", "settled after (s)", "worst (s)", "peak theta", "theta < 1.05 after (s)", "triggered"),
-            numbers=6,
+            *("event at (s)", "settled after (s)", "worst (s)", "peak theta", "theta < 1.05 after (s)"),
+            *("triggered", "still > 1.5"),
+            numbers=7,
         )
         for k, time in enumerate(one.times):
-            peak, share = one.peak[k], one.triggered[k]
+            peak = one.peak[k]
             table.add_row(
                 f"{time:g}",
                 _number(one.settled[k]),
                 _number(one.worst[k]),
                 "" if peak is None else _range(*peak),
                 "" if peak is None else _number(one.calm[k]),
-                "" if share is None else f"{100 * share:.0f}%",
+                _percent(one.triggered[k]),
+                _percent(one.loud[k]),
             )
         rms = ", ".join(f"{name} {value:.3g}" for name, value in one.rms.items())
         clamped = f"{one.clamped} samples" if one.clamped else "no sample"
-        parts += [table, Text(f"steady RMS: {rms}; outside the box after the first 5%: {clamped}"), ""]
+        parts += [table, Text(f"steady RMS: {rms}; outside the box after the first 5%: {clamped}")]
+        if one.alarm_ratio is not None:
+            parts.append(Text(f"alarm ratio: {one.alarm_ratio:.2f}; above {ITSELF:g} an alarm can feed itself"))
+        parts.append("")
     return Group(*parts)
 
 
@@ -78,6 +84,10 @@ _ENGINE = {"c": "C", "python": "Python"}
 
 def _number(value: float | None) -> str:
     return "never" if value is None else f"{value:.2f}"
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.0f}%"
 
 
 def _range(low: float, high: float) -> str:
