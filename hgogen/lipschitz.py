@@ -21,8 +21,9 @@ JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heavis
 KINKS = (sp.Abs, sp.Min, sp.Max)
 
 
-def lipschitz(id: str, b: Iterable[sp.Expr], system: System) -> Check:
-    """The check that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters.
+def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
+    """The check that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters,
+    `name` is what the report calls it.
 
     proved: every entry of its Jacobian has a finite range. where: it may have singular points on the box, and
     is Lipschitz on every compact part without them. unknown: a range is missing, or there may be a jump, or
@@ -30,7 +31,7 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System) -> Check:
     """
 
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
-        return Check(id, "b is Lipschitz in the state on the box", verdict, reason, fix=fix)
+        return Check(id, f"{name} is Lipschitz in the state on the box", verdict, reason, fix=fix)
 
     fixed = {p: value for p, value in system.nominal.items() if not p.bounded}
     rows = [row.xreplace(fixed) for row in b]

@@ -1,5 +1,6 @@
 """Forms: the plant in observer coordinates is the same plant, and each hypothesis has the right verdict."""
 
+import random
 import sys
 import time
 from pathlib import Path
@@ -61,6 +62,25 @@ def assert_same_plant(form: Form) -> None:
     for mine, theirs in zip(form.output, form.system.output, strict=True):
         assert sp.simplify(mine.xreplace(back) - theirs) == 0
     assert tuple(state.xreplace(back) for state in form.from_form) == form.system.states
+
+
+def assert_same_numbers(form: Form) -> None:
+    """At points of the box on both sides of -1, 0, 1, 2, of each condition here: the form is the plant.
+
+    1e-12: fifteen digits of numbers below 100.
+    """
+    draw = random.Random(3)
+    system, back = form.system, dict(zip(form.states, form.to_form, strict=True))
+    rows = list(zip(form.to_form, form.flow, strict=True))
+    rates = dict(zip(system.states, system.flow, strict=True))
+    gaps = [sum(z.diff(s) * rates[s] for s in system.states) - rate.xreplace(back) for z, rate in rows]
+    gaps += [mine.xreplace(back) - theirs for mine, theirs in zip(form.output, system.output, strict=True)]
+    signals = (*system.states, *system.inputs, *system.parameters)
+    assert not any(gap.has(sp.AccumBounds, sp.nan, sp.zoo) for gap in gaps)
+    for _ in range(25):
+        lows = [(s.low, s.high) if s.bounded else (s.nominal, s.nominal) for s in signals]
+        point = {s: draw.uniform(low, high) for s, (low, high) in zip(signals, lows, strict=True)}
+        assert all(abs(sp.N(gap.subs(point))) < 1e-12 for gap in gaps), point
 
 
 def assert_triangular(form: Form) -> None:
@@ -177,6 +197,31 @@ def test_a_known_offset_stays_in_the_output() -> None:
     assert set(verdicts(form).values()) == {"proved"}
 
 
+@pytest.mark.parametrize(
+    ("offset", "verdict", "says"),
+    [
+        (3 * u + 1, "proved", ""),
+        (sp.sqrt(u + 1) + 1 / v, "proved", ""),
+        (Signal("loose") ** 2, "proved", ""),
+        (1 / u, "refuted", "u"),
+        (sp.log(u), "refuted", "u"),
+        (1 / (3 * u - sp.Rational(1, 7)), "unknown", "3*u - 1/7 != 0"),
+        (sp.log(Signal("loose") ** 2 + 1), "proved", ""),
+        (sp.sqrt(Signal("loose")), "unknown", "loose"),
+    ],
+)
+def test_an_offset_must_be_a_number(offset: sp.Expr, verdict: str, says: str) -> None:
+    inputs = sorted(offset.free_symbols, key=str)
+    form = forms.triangular(plant([X2, 0], X1 + offset, inputs=inputs))
+    found = check(form, "offset")
+    assert found.verdict == verdict
+    assert says in f"{found.reason} {found.fix} {' '.join(found.witness)}"
+
+
+def test_no_offset_no_claim() -> None:
+    assert "offset" not in verdicts(forms.triangular(plant([X2, 0], k * X1)))
+
+
 def test_a_long_chain_is_quick() -> None:
     """Followed, not searched: 0.2 s on an idle core, so that 2 s leave room for a busy one."""
     n = 40
@@ -189,6 +234,101 @@ def test_a_long_chain_is_quick() -> None:
     assert time.perf_counter() - start < 2
     assert [abs(z) for z in form.to_form] == [abs(s) for s in states]
     assert set(verdicts(form).values()) == {"proved"}
+
+
+# What is not shown to be triangular
+
+NEAR, LATE = Signal("near", low=1, high=2), Signal("late", low=-1, high=1)
+
+
+@pytest.mark.parametrize(
+    ("flow", "output"),
+    [
+        ([sp.Piecewise((X2, X2 > 0), (X2 + 1, True)), -X1], X1),
+        ([X2, -X1], sp.Piecewise((X1, X1 > 0), (X1 - 3, True))),
+        ([X2 + sp.atan(X2) + sp.atan(1 / X2), -X1], X1),
+        ([sp.floor(X2) + X2 - sp.floor(X2 + sp.sin(X1)), -X1], X1),
+        ([X2 + sp.Heaviside(X2 - 1, 1), -X1], X1),
+        ([X2 + sp.sign(X2), -X1], X1),
+        ([sp.Abs(X2), -X1], X1),
+        ([sp.Min(X2, 1), -X1], X1),
+        ([X2 + sp.sqrt((X2 - 1) ** 2) / (X2 - 1), -X1], X1),
+        ([sp.asin(sp.sin(X2)), -X1], X1),
+    ],
+)
+def test_a_row_that_jumps_or_bends_in_the_new_state_is_not_linear(flow: list[sp.Expr], output: sp.Expr) -> None:
+    form = forms.triangular(plant(flow, output))
+    assert verdicts(form) == {"structure": "refuted"}
+    assert_same_numbers(form)
+
+
+@pytest.mark.parametrize(
+    "row", [sp.Abs(NEAR), sp.Min(NEAR, 5), sp.Max(NEAR, 1), sp.Piecewise((NEAR, NEAR > 0), (NEAR + 1, True))]
+)
+def test_a_row_that_jumps_or_bends_outside_the_box_is_unknown(row: sp.Expr) -> None:
+    """On the box the row is NEAR: no point refutes it, and nothing here proves it; the model stays as it is."""
+    form = forms.triangular(plant([row, 0], states=(X1, NEAR)))
+    z2 = form.states[1]
+    assert verdicts(form)["structure"] == "unknown"
+    assert form.to_form == (X1, NEAR)
+    assert form.A[0, 1] == 1
+    assert form.b[0].subs(z2, 1.5) == 0
+    assert_same_numbers(form)
+    demand(form.checks)
+
+
+def test_a_state_that_is_not_shown_to_matter_is_unknown() -> None:
+    """atan(t) + atan(1/t) is pi/2 for t > 0."""
+    form = forms.triangular(plant([LATE + sp.atan(NEAR) + sp.atan(1 / NEAR), NEAR, 0], states=(X1, LATE, NEAR)))
+    assert verdicts(form)["structure"] == "unknown"
+    assert "near" in check(form, "structure").reason
+    assert form.to_form == (X1, LATE, NEAR)
+    assert_same_numbers(form)
+
+
+_ROWS = st.sampled_from(
+    [
+        X2,
+        u * X2 + X1**2,
+        (2 + u) * (X2 + sp.sin(X1)),
+        X2 + sp.Abs(X1),
+        X2 * v + sp.Piecewise((X1, X1 > 1), (-X1, True)),
+        (X2**2 - X1**2) / (X2 - X1),
+        0.1 * (X2 + 0.3 * X1),
+        X2 / k - X1 * sp.floor(u),
+    ]
+)
+_JUMPY = st.sampled_from(
+    [
+        sp.Integer(0),
+        sp.Integer(1),
+        sp.sign(X2),
+        sp.Abs(X2) - X2,
+        sp.Heaviside(X2 - 1, 0),
+        sp.Piecewise((1, X2 > 1), (0, True)),
+        sp.Piecewise((1, X1 > 1), (0, True)),
+        sp.Piecewise((X1, X2 > X1), (0, True)),
+        sp.atan(X2) + sp.atan(1 / X2),
+        sp.Min(X2, 1) + sp.Max(X2, 1) - X2,  # 1
+        sp.sqrt(X2**2) / X2,
+        sp.cos(X2) ** 2 + sp.sin(X2) ** 2,
+        sp.log(sp.exp(X2)) - X2,
+        sp.acos(sp.cos(X2)) - X2,
+    ]
+)
+
+
+@settings(deadline=None, max_examples=30)
+@given(_ROWS, _JUMPY, _JUMPY, st.booleans())
+def test_a_proved_structure_is_the_plant_itself(row: sp.Expr, extra: sp.Expr, end: sp.Expr, swap: bool) -> None:
+    """Whatever the verdict, the form is the plant; and where it is proved, the rows are linear indeed."""
+    states = {X1: X2, X2: X1} if swap else {}
+    flow = [(row + extra).xreplace(states), (end * X1).xreplace(states)]
+    form = forms.triangular(plant(flow[::-1] if swap else flow, X2 if swap else X1))
+    assert_same_numbers(form)
+    if verdicts(form)["structure"] == "proved":
+        assert not form.b[0].has(form.states[1])
+        assert not form.output[0].diff(form.states[0]).has(*form.states)
 
 
 # What is not triangular
@@ -393,6 +533,22 @@ def test_original_goes_from_the_outputs_outwards() -> None:
     }
     assert_same_plant(form)
     assert z3.interval == X2.interval
+
+
+@pytest.mark.parametrize(
+    ("flow", "output", "verdict", "says"),
+    [
+        ([X2 / u, X1], X1, "where", "holds where u != 0"),
+        ([X2, X1], X1 / u, "where", "holds where u != 0"),
+        ([X2, X1], sp.sqrt(X1), "where", "holds where x1 > 0"),
+        ([X2, X1], sp.sign(X1), "unknown", "sign(x1) may jump"),
+        ([X2 / v + X1 * X2, X1], sp.exp(X1), "proved", ""),
+    ],
+)
+def test_original_is_lipschitz_as_a_whole(flow: list[sp.Expr], output: sp.Expr, verdict: str, says: str) -> None:
+    found = check(forms.original(plant(flow, output)), "lipschitz")
+    assert found.verdict == verdict
+    assert says in found.reason
 
 
 @pytest.mark.parametrize(

@@ -56,10 +56,11 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
         raise BadOrder(plant.name, tuple(map(str, order)), tuple(x.name for x in plant.states))
     z = coordinates(plant, order)
     A, b = split(z.flow, z.states)
+    terms = (a * z.states[j] for (_, j), a in A.todok().items())
     checks = (
         _connected(hidden),
         _shape(z, seen, needs),
-        lipschitz("original.lipschitz", map(z.back, b), plant),
+        lipschitz("original.lipschitz", map(z.back, (*terms, *b, *z.output)), plant, "A x + b with the output"),
         Check(
             "original.convergence",
             "the estimate converges from everywhere in the box",
@@ -92,9 +93,7 @@ def _outwards(seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Sign
 def _connected(hidden: Sequence[Signal]) -> Check:
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden:
-        return Check(
-            "original.connected", claim, Verdict.PROVED, "by following dependencies from the outputs"
-        )
+        return Check("original.connected", claim, Verdict.PROVED, "by following dependencies from the outputs")
     names = ", ".join(x.name for x in hidden)
     return Check(
         "original.connected",
@@ -105,9 +104,7 @@ def _connected(hidden: Sequence[Signal]) -> Check:
     )
 
 
-def _shape(
-    z: Coordinates, seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]
-) -> Check:
+def _shape(z: Coordinates, seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]) -> Check:
     """Whether row i reads z_1..z_{i+1} only, and z_{i+1} indeed."""
     id, claim = "original.order", "y = h(z_1, u) and z_i' reads z_1..z_{i+1}, with a slope in z_{i+1}"
     if len(seen) > 1:
@@ -119,6 +116,4 @@ def _shape(
         later = [x.name for x in row if x in z.order[i + 1 :]]
         if later:
             return Check(id, claim, Verdict.UNKNOWN, f"{name} reads {', '.join(later)} too early")
-    return Check(
-        id, claim, Verdict.GENERIC, "no slope is zero identically; zeros on the box are not excluded"
-    )
+    return Check(id, claim, Verdict.GENERIC, "no slope is zero identically; zeros on the box are not excluded")
