@@ -258,17 +258,37 @@ def test_a_missing_sample_predicts_and_says_so(name: str) -> None:
     assert np.array_equal(implausible.x, sample.x)
 
 
-def test_a_prediction_is_the_models() -> None:
-    """x' = -x^3 + u by one classical Runge-Kutta step, held u."""
-    step = fresh("held")
-    step(u=0.0, y=1.0)
-    (x,) = step(u=0.0, y=1.0).x
-    h, f = 0.01, lambda x: -(x**3) + 0.5
+def runge_kutta(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, h: float) -> np.ndarray:
     k1 = f(x)
     k2 = f(x + h / 2 * k1)
     k3 = f(x + h / 2 * k2)
-    expected = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(x + h * k3))
-    assert step(u=0.5, y=NAN).x[0] == pytest.approx(expected, rel=1e-15)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(x + h * k3))
+
+
+def neuron(x: np.ndarray) -> np.ndarray:
+    """FitzHugh-Nagumo at u = 1/2."""
+    return np.array([x[0] - x[0] ** 3 / 3 - 0.5 * x[1], 0.8 * (3 * np.sin(x[0]) - x[1] - x[2]), 0])
+
+
+@pytest.mark.parametrize(
+    ("name", "flow"),
+    [
+        ("held", lambda x: -(x**3) + 0.5),
+        ("high_gain", lambda x: np.array([x[1], -19.6 * np.sin(x[0]) - 0.1 * x[1] + 0.5])),
+        (
+            "information",
+            lambda x: np.array([x[0] - x[0] ** 3 / 3 - 0.5 * x[1], 0.8 * (3 * np.sin(x[0]) - x[1] - x[2]), 0]),
+        ),
+    ],
+)
+def test_a_prediction_is_the_models(name: str, flow: Callable[[np.ndarray], np.ndarray]) -> None:
+    """One classical Runge-Kutta step without correction."""
+    step = fresh(name)
+    step(u=0.5, y=1.0)
+    before = step(u=0.5, y=1.0).x
+    after = step(u=0.5, y=NAN)
+    assert after.flags == (f"MISSING_{step.outputs[0].name}",)
+    assert after.x == pytest.approx(runge_kutta(flow, before, 0.01), rel=1e-14, abs=1e-15)
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e30, -1e30])
