@@ -115,10 +115,12 @@ class Dynamics:
         return linear, column(self._convert(self.form.b, z, u))
 
     def _output(self, z: Any, u: Any) -> Any:
-        """C(u) z + h(sat(z), u): only the nonlinear part is clamped."""
-        linear, rest = zip(*(_split(e, self.form.states) for e in self.form.output), strict=True)
-        parts = [column(self._convert(part, at, u)) for part, at in ((linear, z), (rest, self.saturated(z)))]
-        return parts[0] + parts[1]
+        return self._saturating(self.form.output, z, u)
+
+    def _saturating(self, expressions: Sequence[sp.Expr], z: Any, u: Any) -> Any:
+        """Terms linear in a state at z, the others at sat(z)."""
+        linear, rest = zip(*(_split(e, self.form.states) for e in expressions), strict=True)
+        return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
 
     def _convert(self, expressions: Any, z: Any, u: Any) -> list[Any]:
         system = self.form.system

@@ -5,21 +5,31 @@ its box; each guard says in the status what it did.
 """
 
 from collections.abc import Iterable
+from fractions import Fraction
 from functools import reduce
 from typing import Any
 
 import casadi as ca
 
+from hgogen.interval import box, enclose
 from hgogen.observer import HUGE, Clock, Observer
-from hgogen.program import INF, Block, Field, Program, column, sym, walk
+from hgogen.program import INF, Block, Field, Program, When, column, sym, walk
 from hgogen.signal import Signal
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
+SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
+
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
-    "MISSING": ("{} is not a number: predicted only", "none; watch for a sensor that stays silent"),
-    "REJECTED": ("{} is implausible: predicted only", "check the sensor and the declared range"),
-    "REUSED": ("{} is not a number or absurd: the last valid one was used", "check the source of the input"),
+    "MISSING": ("{} is not finite: predicted only", "none; watch for a sensor that stays silent"),
+    "REJECTED": (
+        "{} is implausible, outside its range by more than the range's width: predicted only",
+        "check the sensor and the declared range",
+    ),
+    "REUSED": (
+        "{} is not finite or absurd (beyond 1e15): the last valid one was used",
+        "check the source of the input",
+    ),
     "CLAMPED": (
         "{} was clamped to its range",
         "the proofs hold on the range only; widen it or limit the input",
@@ -28,18 +38,18 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
 STEP_BITS: dict[str, tuple[str, str]] = {
     "OUTSIDE_BOX": (
         "the estimate is outside the declared box, where the model is evaluated at the edge",
-        "normal while the estimate peaks; if it stays, the declared ranges are too narrow",
+        "normal while the estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow",
     ),
     "STATE_LIMITED": (
         "the estimate was projected to its outer box; the convergence theorem is suspended",
         "none if brief; if it stays, lower theta or widen the ranges",
     ),
     "RESTARTED": (
-        "a value was lost (not a number) and restarted",
-        "treat the estimate as new; check parameters and ranges",
+        "a value was lost (not finite), and the whole state restarted",
+        "treat the estimate as new; check parameters (tune was called?) and ranges",
     ),
     "PARAMETER_LIMITED": (
-        "a parameter was out of its range and was limited",
+        "tune only: a parameter was out of its range and was limited, or not finite and took its nominal value",
         "correct the parameter and tune again",
     ),
 }
@@ -80,13 +90,13 @@ def guard_inputs(observer: Observer) -> Block:
     return Block("guard the input", {"work.u": column(values), **writes}, names)
 
 
-def _judged(signal: Signal, raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
+def _judged(signal: Signal, readings: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
     """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
     prediction."""
-    low, high = signal.interval
+    low, high = readings
     width = high - low
     number = _within(raw, LARGEST_NUMBER)
-    if signal.bounded:
+    if width < INF:
         plausible = ca.logic_and(raw >= low - width, raw <= high + width)
     else:
         plausible = _within(raw, HUGE)
@@ -98,12 +108,24 @@ def _judged(signal: Signal, raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
     }
 
 
+def _readings(observer: Observer) -> list[tuple[float, float]]:
+    """What each output can read: its declared range, else what the ranges of states, inputs and parameters give."""
+    form = observer.form
+    signals = box((*form.states, *form.system.inputs, *form.system.parameters))
+    signals |= {p: (Fraction(str(p.nominal)),) * 2 for p in form.system.parameters if not p.bounded}
+    given = [enclose(expression, signals) for expression in form.output]
+    return [
+        signal.interval if signal.bounded else (float(low), float(high))
+        for signal, (low, high) in zip(form.system.outputs, given, strict=True)
+    ]
+
+
 def measure(observer: Observer, clock: Clock, j: int) -> Block:
     """The sample of output j, its innovation, and whether it can be used."""
     signal = observer.form.system.outputs[j]
     raw = sym(f"output.{signal.name}")
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
-    valid, status = _judged(signal, raw, error)
+    valid, status = _judged(signal, _readings(observer)[j], raw, error)
     return Block(f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status})
 
 
@@ -115,7 +137,7 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
         raw = sym(f"output.{signal.name}")
-        usable, bits = _judged(signal, raw, raw - predicted[j])
+        usable, bits = _judged(signal, _readings(observer)[j], raw, raw - predicted[j])
         now.append(ca.if_else(usable, raw, predicted[j]))
         before.append(ca.if_else(ca.logic_and(usable, had[j]), last[j], now[-1]))
         valid.append(usable)
@@ -127,9 +149,16 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
 
 
 def kept(program: Program, state: tuple[Field, ...]) -> Program:
-    """Keep what a program wrote to the state in its box; restart a value that is lost."""
+    """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart."""
     written = _written(program)
-    return tuple(_kept(f) for f in state if f"state.{f.name}" in written and f.kind == "real")
+    fields = [f for f in state if f"state.{f.name}" in written and f.kind == "real"]
+    if not fields:
+        return ()
+    usable = [_within(sym(f"state.{f.name}", f.size)[i], HUGE * HUGE) for f in fields for i in range(f.size)]
+    lost = Block("is a value lost?", {"work.lost": ca.logic_not(reduce(ca.logic_and, usable))})
+    fresh = {f"state.{f.name}": column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
+    restart = Block("a value is lost: all restart", {**fresh, "status.RESTARTED": ca.SX(1)})
+    return (lost, When("work.lost", (restart,)), *(_kept(f) for f in fields))
 
 
 def _written(program: Program) -> set[str]:
@@ -143,18 +172,14 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _kept(field: Field) -> Block:
-    value = sym(f"state.{field.name}", field.size)
-    limit = HUGE * HUGE
-    kept, usable, limited = [], [], []
-    for i, (low, high) in enumerate(field.box):
-        usable.append(_within(value[i], limit))
-        low, high = max(low, -limit), min(high, limit)
-        kept.append(ca.if_else(usable[-1], ca.fmin(ca.fmax(value[i], low), high), field.initial[i]))
-        limited.append(ca.logic_or(value[i] < low, value[i] > high))
-    writes = {f"state.{field.name}": column(kept)}
+    value, limit = sym(f"state.{field.name}", field.size), HUGE * HUGE
+    box = [(max(low, -limit), min(high, limit)) for low, high in field.box]
+    clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
+    writes = {f"state.{field.name}": column(clamped)}
     if field.name == "z":
-        writes["status.STATE_LIMITED"] = _any(limited)
-    writes["status.RESTARTED"] = ca.logic_not(reduce(ca.logic_and, usable))
+        writes["status.STATE_LIMITED"] = _any(
+            ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(box)
+        )
     return Block(f"keep {field.name} in its box", writes)
 
 

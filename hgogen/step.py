@@ -165,6 +165,8 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         if program:
             guarded = (measure(observer, clock, j), When("work.valid", (*program, *kept(program, state))))
             sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
+    last = sections.pop()  # after it the estimate of this call stands
+    sections.append(replace(last, program=(*last.program, outside(observer))))
     adapt = _all(piece.adapt for piece in pieces)
     if adapt:
         running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
@@ -225,7 +227,7 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state
         )
     )
     moves = _all(piece.predict for piece in pieces)
-    program.append(When("work.running", (*moves, *kept(moves, state), outside(observer))))
+    program.append(When("work.running", (*moves, *kept(moves, state))))
     if clock.inputs:
         program.append(Block("remember the input", {"state.u": sym("work.u", clock.inputs)}))
     if uses_output:
