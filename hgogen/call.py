@@ -71,7 +71,7 @@ class Run:
         return np.asarray(self.x[:, _position(name, self.names)])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CallableStep(Step):
     """A step with a memory: see `Step` for its program."""
 

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.check import Check
+from hgogen.check import Check, demand
 from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
 from hgogen.form import Form
@@ -217,7 +217,7 @@ class Jump:
         return self.build(clock)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Observer:
     """An estimator on a form.
 
@@ -238,6 +238,21 @@ class Observer:
     equations: tuple[str, ...]
     reference: str
     traces: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
+
+
+def founded(name: str, form: Any, accept: Iterable[str]) -> tuple[str, ...]:
+    """The ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not accepted.
+
+    Raises: `BadGain`, `Refuted`, `UnknownCheck`.
+    """
+    if not isinstance(form, Form):
+        raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
+    accept = (accept,) if isinstance(accept, str) else tuple(accept)
+    demand(form.checks, accept)
+    return accept
 
 
 def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:

@@ -35,9 +35,7 @@ class BadName(HgogenError):
     reason: str
 
     def __str__(self) -> str:
-        return (
-            f"the name {self.name!r} {self.reason}; choose another, letters and digits, such as {self.hint!r}"
-        )
+        return f"the name {self.name!r} {self.reason}; choose another, letters and digits, such as {self.hint!r}"
 
     @property
     def hint(self) -> str:
@@ -111,6 +109,9 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         high: Any = None,
     ) -> "Signal":
         check_name(name)
+        for what, text in (("unit", unit), ("meaning", meaning)):
+            if not isinstance(text, str):
+                raise BadRange(name, f"{what} = {text!r} is not text; numbers go to nominal=, low=, high=")
         nominal, low, high = (
             _number(name, what, value) for what, value in (("nominal", nominal), ("low", low), ("high", high))
         )

@@ -84,7 +84,7 @@ class StepMayFail(UserWarning):
 STATUS = 32  # bits of a status
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Step:
     """The program of an observer at the sampling period `dt` (s).
 
@@ -107,6 +107,9 @@ class Step:
     sections: tuple[Section, ...]
     estimate: Program
     limit: float
+
+    def __repr__(self) -> str:
+        return f"<step of {self.name}: {self.observer.name} by {self.method.name}, dt = {self.dt:g}>"
 
     @property
     def inputs(self) -> tuple[Signal, ...]:

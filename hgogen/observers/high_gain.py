@@ -13,12 +13,12 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.check import Check, Verdict, demand
+from hgogen.check import Check, Verdict
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.gains import coefficients
 from hgogen.graph import to_casadi
-from hgogen.observer import BadGain, Observer, Ode, gain, real, state_field
+from hgogen.observer import BadGain, Observer, Ode, founded, gain, real, state_field
 from hgogen.program import Block, Field, sym
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
@@ -39,8 +39,7 @@ def high_gain(
 
     Raises: `Refuted`; `BadPoles`; `BadGain` for theta < 1, several outputs, or an A that depends on the input.
     """
-    accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    demand(form.checks, accept)
+    accept = founded("high_gain", form, accept)
     n, dynamics = form.n, Dynamics(form)
     theta = real("theta", theta)
     if not 1 <= theta < np.inf:

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.check import Check, Verdict, demand
+from hgogen.check import Check, Verdict
 from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.observer import HUGE, BadGain, Observer, Riccati, gain, reals, state_field
+from hgogen.observer import HUGE, BadGain, Observer, Riccati, founded, gain, reals, state_field
 from hgogen.program import Field, sym
 from hgogen.stability import steady_covariance
 from hgogen.theta import Theta, constant
@@ -51,8 +51,7 @@ def riccati(
 
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`.
     """
-    accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    demand(form.checks, accept)
+    accept = founded("riccati", form, accept)
     theta = theta if isinstance(theta, Theta) else constant(theta)
     n, outputs = form.n, len(form.output)
     if outputs > 1 and theta.peak != 1:
