@@ -174,17 +174,17 @@ def build(
     Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
     the trials run in Python, one seed each, and the C is written but not tried.
 
-    JSON keys: model, plant, form, checks (id, claim, verdict, reason, witness, fix, accepted), refuted
-    (ids), compiler, self_check (what the self-check printed), trials (trial, seeds, engine, times, settled,
-    worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial, seed, until,
-    before, after, settled, dt, agreed), files.
+    JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, notes (as in `check`), compiler,
+    self_check (what the self-check printed), trials (trial, seeds, engine, times, settled, worst, peak, calm,
+    triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial, seed, until, before, after, settled, dt,
+    agreed), files.
     """
     loaded = load(model)
     folder = out or Path("build") / loaded.name
     step, trials = loaded.step(), loaded.trials()
     claims = jobs.checked(loaded)
     if not as_json:
-        tables.console().print(tables.checks(claims.plant, claims.kind, claims.checks, claims.accepted))
+        tables.console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     files = c99(step, real=real.value, command=_made_by(loaded.name, real))
     paths = hg.write(files, folder)
     engine = _engine()
@@ -215,13 +215,16 @@ def build(
 def check(model: ModelArgument, as_json: Json = False) -> None:
     """Print what is claimed of a model's form and observer, each claim with its verdict.
 
-    JSON keys: model, plant, form, checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids
-    of refuted checks that nobody accepted; the exit status is 1 if there are any).
+    JSON keys: model, plant, form, coordinates, flow, outputs (expressions by name: z, z', y; null where the observer
+    refused the form), checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that
+    nobody accepted; the exit status is 1 if there are any), notes.
     """
     loaded = load(model)
     claims = jobs.checked(loaded)
-    shown = tables.checks(claims.plant, claims.kind, claims.checks, claims.accepted)
+    shown = tables.checks(claims.head, claims.checks, claims.accepted)
     _print(as_json, {"model": loaded.path, **claims.as_dict()}, shown)
+    for note in claims.notes:
+        _note(note)
     demand(claims.checks, claims.accepted)
 
 

@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +13,11 @@ from hgogen import alarm
 from hgogen.call import CallableStep, Engine, Run
 from hgogen.check import Check, Refuted, refuted
 from hgogen.compare import Comparison, compare
+from hgogen.form import Form
 from hgogen.metrics import Metrics, Summary, metrics, summary
 from hgogen.model import Model
 from hgogen.record import Record
+from hgogen.signal import Signal
 from hgogen.trial import Trajectory, Trial, try_out
 
 if TYPE_CHECKING:
@@ -26,12 +28,26 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Checked:
-    """The claims about a model: of its step's observer, or of its plant's form where it has no step."""
+    """The claims about a model: of its step's observer, or of its plant's form where it has no step.
+
+    `form` is None where an observer refused it; `notes`: what is not claimed, and why.
+    """
 
     plant: str
-    kind: str
+    form: Form | None
     checks: tuple[Check, ...]
     accepted: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """The form's kind."""
+        return self.form.kind if self.form else "the observer's"
+
+    @property
+    def head(self) -> str:
+        """The form's coordinates and equations, as text."""
+        return str(replace(self.form, checks=())) if self.form else f"{self.plant} in {self.kind} form"
 
     @property
     def open(self) -> tuple[Check, ...]:
@@ -41,7 +57,21 @@ class Checked:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         listed = [{**asdict(c), "accepted": c.id in self.accepted} for c in self.checks]
-        return {"plant": self.plant, "form": self.kind, "checks": listed, "refuted": [c.id for c in self.open]}
+        equations: dict[str, Any] = {"coordinates": None, "flow": None, "outputs": None}
+        if self.form:
+            z, y = self.form.states, self.form.system.outputs
+            equations = {
+                "coordinates": _texts(z, self.form.to_form),
+                "flow": _texts(z, self.form.flow),
+                "outputs": _texts(y, self.form.output),
+            }
+        refused = [c.id for c in self.open]
+        said = {"checks": listed, "refuted": refused, "notes": list(self.notes)}
+        return {"plant": self.plant, "form": self.kind, **equations, **said}
+
+
+def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, str]:
+    return {s.name: str(expression) for s, expression in zip(signals, expressions, strict=True)}
 
 
 def checked(model: Model) -> Checked:
@@ -51,12 +81,13 @@ def checked(model: Model) -> Checked:
     """
     if not model.has("step"):
         form = hg.forms.triangular(model.plant)
-        return Checked(model.plant.name, form.kind, form.checks, ())
+        note = f"{model.path} has no step(): these are the checks of the form; those of an observer are missing"
+        return Checked(model.plant.name, form, form.checks, (), (note,))
     try:
         observer = model.step().observer
     except Refuted as error:
-        return Checked(model.plant.name, "the observer's", error.checks, ())
-    return Checked(model.plant.name, observer.form.kind, observer.checks, observer.accepted)
+        return Checked(model.plant.name, None, error.checks, ())
+    return Checked(model.plant.name, observer.form, observer.checks, observer.accepted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,10 +34,11 @@ def _table(title: str, *columns: str, numbers: int = 0) -> Table:
     return table
 
 
-def checks(plant: str, kind: str, listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
-    """The claims with their verdicts; what to do about those that are open."""
+def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
+    """The form's equations, `head`; the claims with their verdicts; what to do about those that are open."""
     listed = tuple(listed)
-    table = _table(f"{plant} in {kind} form", "verdict", "check", "claim and reason")
+    title, *equations = head.split("\n")
+    table = _table("", "verdict", "check", "claim and reason")
     for check in listed:
         at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
         said = f"{check.claim}\n{check.reason}{'; at ' + at if at else ''}"
@@ -46,7 +47,7 @@ def checks(plant: str, kind: str, listed: Iterable[Check], accepted: Sequence[st
             verdict.append("\naccepted", style="yellow")
         table.add_row(verdict, Text(check.id), Text(said))
     fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
-    return Group(table, *fixes, "")
+    return Group(Text(title, style="bold"), *map(Text, equations), table, *fixes, "")
 
 
 def trials(each: Iterable[Summary]) -> RenderableType:

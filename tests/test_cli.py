@@ -83,7 +83,15 @@ def test_check(here: Path):
     verdicts = {check["id"]: (check["verdict"], check["accepted"]) for check in found["checks"]}
     assert verdicts["triangular.a_2"] == ("refuted", True)
     assert found["refuted"] == []
-    shown = hgogen("check", "neuron")[0]
+    assert found["notes"] == []
+    assert found["coordinates"] == {"z1": "x1", "z2": "x2", "z3": "-eta"}
+    assert found["flow"]["z3"] == "0"
+    assert found["outputs"] == {"y": "z1"}
+    shown, said = hgogen("check", "neuron")
+    assert said == ""
+    assert "z1 = x1, z2 = x2, z3 = -eta" in shown
+    assert f"  z2' = {found['flow']['z2']}\n" in shown
+    assert "  y = z1\n" in shown
     assert "accepted" in shown
     assert "u = 0" in shown
 
@@ -95,13 +103,17 @@ def test_check_of_a_refuted_plant_exits_1(here: Path):
     assert found["refuted"] == ["triangular.a_2"]
     out, err = hgogen("check", "bare.py", status=1)
     assert "refuted" in out
-    assert err.startswith("hgogen: refuted")
+    assert "z1 = x1" in out
+    assert err.startswith("hgogen: bare.py has no step(): these are the checks of the form; those of an observer are")
+    assert "\nhgogen: refuted" in err
+    assert "no step()" in found["notes"][0]
 
 
 def test_a_step_on_a_refuted_form_exits_1(here: Path):
     text = NEURON.read_text().replace('"accept": ("triangular.a_2",)', '"accept": ()')
     (here / "stubborn.py").write_text(text)
-    assert as_json("check", "stubborn.py", status=1)["refuted"] == ["triangular.a_2"]
+    found = as_json("check", "stubborn.py", status=1)
+    assert (found["refuted"], found["coordinates"]) == (["triangular.a_2"], None)
     for command in ("build", "generate", "simulate"):
         out, err = hgogen(command, "stubborn.py", status=1)
         assert (out, err.count("\n")) == ("", 1)
@@ -118,6 +130,7 @@ def test_build(here: Path):
     assert files(here / "build" / "neuron") == sorted(names)
     assert sorted(Path(path).name for path in found["files"]) == sorted(names)
     assert json.loads((here / "build" / "neuron" / "report.json").read_text()) == found
+    assert found["coordinates"]["z3"] == "-eta"
     assert found["comparison"][0]["agreed"] is True
     assert (found["trials"][0]["seeds"], found["trials"][0]["engine"]) == (2, "c")
     assert found["self_check"]
