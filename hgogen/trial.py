@@ -234,7 +234,7 @@ def _validate(plant: System, trial: Trial, dt: float) -> None:
     _names(trial, "noise", trial.noise, {s.name for s in plant.outputs})
     _names(trial, "jumps", [jump.state for jump in trial.jumps], states)
     _names(trial, "settled", [trial.settled.state] if trial.settled else [], states)
-    for reason in _faults(trial, dt):
+    for reason in (*_faults(trial, dt), *_outside(plant, trial)):
         raise BadTrial(trial.name, reason)
 
 
@@ -251,6 +251,8 @@ def _faults(trial: Trial, dt: float) -> Iterator[str]:
     for jump in trial.jumps:
         if not (0 < jump.time <= trial.duration and math.isfinite(jump.value)):
             yield f"{jump} must lie within 0..{trial.duration:g} s and have a finite value"
+    if trial.settled and not (0 < trial.settled.band < math.inf and 0 < trial.settled.hold < math.inf):
+        yield f"{trial.settled} must have a band and a hold (s) above 0, and finite"
     for name, noise in trial.noise.items():
         if not (0 <= noise.sigma < math.inf and 0 <= noise.tau < math.inf):
             yield f"{noise} of {name} must have a finite sigma and tau, not negative"
@@ -258,6 +260,15 @@ def _faults(trial: Trial, dt: float) -> Iterator[str]:
         strangers = sp.sympify(value).free_symbols - {t}
         if strangers:
             yield f"input {name} uses {min(map(str, strangers))}; write it as an expression of hgogen.trial.t"
+
+
+def _outside(plant: System, trial: Trial) -> Iterator[str]:
+    """Jumps out of what the plant declares of its states: no observer is made for them."""
+    states = {s.name: s for s in plant.states}
+    for jump in trial.jumps:
+        low, high = states[jump.state].low, states[jump.state].high
+        if (low is not None and jump.value < low) or (high is not None and jump.value > high):
+            yield f"{jump} leaves the range {low}..{high} of {jump.state}; declare a wider one, or jump less far"
 
 
 def _names(trial: Trial, what: str, given: Any, known: set[str], needed: bool = False) -> None:

@@ -87,6 +87,8 @@ def test_the_truth_is_the_same_again():
         ({"jumps": (Jump(1.5, "x", 1.0),)}, "within 0..1 s"),
         ({"jumps": (Jump(0.5, "x", math.inf),)}, "finite value"),
         ({"settled": Settled("q", 0.1, 1.0)}, "names 'q'"),
+        *(({"settled": Settled("x", band, 1.0)}, "above 0") for band in (0.0, -1.0, math.nan)),
+        *(({"settled": Settled("x", 0.1, hold)}, "above 0") for hold in (0.0, -1.0, math.inf)),
         ({"duration": 0.001}, "at least dt"),
         ({"duration": math.inf}, "must be a time"),
         ({"steady": 2.0}, "steady = 2"),
@@ -98,6 +100,16 @@ def test_a_bad_trial_is_a_sentence(change, said):
     with pytest.raises(BadTrial, match="drive") as caught:
         simulate(plant, trial, 0.1)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(("value", "fits"), [(8, True), (-8, True), (8.1, False), (-20, False)])
+def test_a_jump_keeps_to_the_states_range(value: float, fits: bool):
+    trial = replace(ONE_JUMP, duration=0.1, steady=None, jumps=(Jump(0.05, "eta", value),))
+    if fits:
+        assert simulate(NEURON.plant, trial, 0.05).x[-1, 2] == value
+    else:
+        with pytest.raises(BadTrial, match=r"leaves the range -8.*\.\.8.* of eta"):
+            simulate(NEURON.plant, trial, 0.05)
 
 
 def test_a_plant_that_escapes_is_a_sentence():
