@@ -298,9 +298,9 @@ def run(
     record.
 
     JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers,
-    malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift, notes), status
-    (samples by status bit), predictions (output, ahead: samples or null for open loop, model, copying,
-    count), files.
+    covered, absent, malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift,
+    notes), status (samples by status bit), predictions (output, ahead: samples or null for open loop, model,
+    copying, count), files.
     """
     ahead = _horizons(horizon)
     loaded = load(model)

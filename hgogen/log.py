@@ -3,7 +3,7 @@
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from hgogen.errors import HgogenError
 
 DELIMITERS = ",;\t|"
-EMPTY = frozenset(("", "nan", "na", "n/a", "null", "none", "nil", "-", "--"))
+EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
 
@@ -29,14 +29,26 @@ class BadRecord(HgogenError):
 
 @dataclass(frozen=True)
 class Column:
-    """A column as numbers (N,), NaN where a cell is empty or no finite number, and how many of each there
-    are."""
+    """A column as numbers (N,), NaN where a cell is empty, `blank` (N,), or no finite number, such as `example`."""
 
     name: str
     values: np.ndarray
-    empty: int
-    not_numbers: int
+    blank: np.ndarray
     example: str
+
+    @property
+    def empty(self) -> int:
+        """How many cells are empty."""
+        return int(np.count_nonzero(self.blank))
+
+    @property
+    def not_numbers(self) -> int:
+        """How many cells are neither empty nor a finite number; NaN is one."""
+        return int(np.count_nonzero(np.isnan(self.values))) - self.empty
+
+    def of(self, rows: np.ndarray) -> "Column":
+        """The column in these rows only."""
+        return replace(self, values=self.values[rows], blank=self.blank[rows])
 
 
 @dataclass(frozen=True)
@@ -56,18 +68,17 @@ class Table:
         if self.header.count(name) != 1:
             raise BadRecord(self.path, self._no_column(name))
         index = self.header.index(name)
-        values, empty, bad, example = np.full(len(self.rows), np.nan), 0, 0, ""
+        values, blank, example = np.full(len(self.rows), np.nan), np.zeros(len(self.rows), bool), ""
         for k, row in enumerate(self.rows):
             cell = row[index].replace(",", ".") if self.decimal_comma else row[index]
             if _NUMBER.fullmatch(cell):
                 values[k] = float(cell.replace("d", "e").replace("D", "e"))
             elif cell.lower() in EMPTY:
-                empty += 1
+                blank[k] = True
             else:
-                bad, example = bad + 1, example or cell
-        infinite = np.isinf(values)
-        values[infinite] = np.nan
-        return Column(name, values, empty, bad + int(infinite.sum()), example)
+                example = example or cell
+        values[np.isinf(values)] = np.nan
+        return Column(name, values, blank, example)
 
     def _no_column(self, name: str) -> str:
         named = [column for column in self.header if column]
@@ -161,5 +172,5 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _all_numbers(cells: Sequence[str]) -> bool:
-    named = [cell for cell in cells if cell.lower() not in EMPTY]
+    named = [cell for cell in cells if cell.lower() not in EMPTY | {"nan"}]
     return bool(named) and all(_NUMBER.fullmatch(cell.replace(",", ".")) for cell in named)

@@ -24,13 +24,15 @@ class Report:
     """What was found in a log and what was done with it.
 
     `rows` of the file; `samples` on the grid of `dt` (s); `period`: typical time between rows (s);
-    `columns` by signal; by signal too: `missing` (empty cells) and `not_numbers`, both treated as missing
-    samples; `malformed`: rows with more cells than the header, left out; `untimed`: rows without a usable
-    time, left out; `out_of_order`: rows earlier than one before them, sorted; `duplicates`: rows that
-    repeat a time, merged; `surplus`: rows of other times at a grid point that has one, merged; `gaps`:
-    pauses longer than 1.5 periods, the longest of `longest_gap` (s); `filled`: grid points without a row,
-    given as missing samples; `shift`: the farthest a row was moved (s); `notes`: whatever else was decided
-    on reading.
+    `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and
+    `not_numbers` (NaN among them), both treated as missing samples; `covered`: those of them that share a
+    grid point with another row and cost no sample; `absent`: samples without a number, in all, which is
+    missing + not_numbers - covered + filled; `malformed`: rows with more cells than the header, left out;
+    `untimed`: rows without a usable time, left out; `out_of_order`: rows earlier than one before them,
+    sorted; `duplicates`: rows that repeat a time, merged; `surplus`: rows of other times at a grid point that
+    has one, merged; `gaps`: pauses longer than 1.5 periods, the longest of `longest_gap` (s); `filled`: grid
+    points without a row, given as missing samples; `shift`: the farthest a row was moved (s); `notes`:
+    whatever else was decided on reading, or looks doubtful.
     """
 
     path: str
@@ -41,6 +43,8 @@ class Report:
     columns: Mapping[str, str]
     missing: Mapping[str, int]
     not_numbers: Mapping[str, int]
+    covered: Mapping[str, int]
+    absent: Mapping[str, int]
     malformed: int
     untimed: int
     out_of_order: int
@@ -63,6 +67,10 @@ class Report:
             for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
                 if count:
                     said.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
+            if self.covered[name]:
+                said.append(f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}")
+            if self.absent[name]:
+                said.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
         counted = (
             (self.malformed, "rows with more cells than the header: {}, left out"),
             (self.untimed, "rows without a usable time: {}, left out"),
@@ -107,6 +115,7 @@ def mapping(path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: 
     names = [s.name for s in (*inputs, *outputs)]
     short = {"u": inputs, "y": outputs}
     columns = {name: name for name in names}
+    seen: dict[str, str] = {}
     for text in given:
         key, equals, column = text.partition("=")
         key = key.strip()
@@ -116,6 +125,9 @@ def mapping(path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: 
             raise BadRecord(path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}")
         if key not in names:
             raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
+        if key in seen:
+            raise BadRecord(path, f"--map {seen[key]!r} and --map {text!r} map {key} twice; leave one of them out")
+        seen[key] = text
         columns[key] = column.strip()
     return columns
 
@@ -161,6 +173,20 @@ def _stamps(log: Table, column: Column) -> np.ndarray:
     return column.values
 
 
+def _pace(period: float, dt: float) -> tuple[str, ...]:
+    """A note where the record is much slower or faster than the step."""
+    factor = period / dt
+    if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
+        return ()
+    if 500 < factor < 2000:
+        doubt = "are its times milliseconds? They are read as seconds"
+    elif factor > 1:
+        doubt = "between rows the step has only its model; are the times seconds, and is dt right?"
+    else:
+        doubt = "only the row nearest to each sample is used; are the times seconds, and is dt right?"
+    return (f"the record's period, {period:g} s, is {factor:.3g} times the step's dt, {dt:g} s: {doubt}",)
+
+
 def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: float) -> Record:
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
@@ -176,6 +202,10 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)
     away = np.abs(times - times[0] - point * dt)
     samples, used = int(point[-1]) + 1, len(np.unique(point))
+    if samples < 2:
+        raise BadRecord(
+            log.path, f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} s; give a record of at least 2"
+        )
     values = np.full((samples, len(found)), np.nan)
     nearest = np.lexsort((away, point))
     for c, column in enumerate(found.values()):
@@ -183,6 +213,9 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
         there = np.flatnonzero(np.isfinite(numbers))
         points, first = np.unique(point[nearest][there], return_index=True)
         values[points, c] = numbers[there[first]]
+    cells = {name: column.of(timed) for name, column in found.items()}
+    absent = {name: int(np.isnan(values[:, c]).sum()) for c, name in enumerate(found)}
+    lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
     duplicates = int(np.count_nonzero(np.diff(times) == 0))
     report = Report(
         path=log.path,
@@ -191,8 +224,10 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
         dt=dt,
         period=period,
         columns={name: column.name for name, column in found.items()},
-        missing={name: column.empty for name, column in found.items()},
-        not_numbers={name: column.not_numbers for name, column in found.items()},
+        missing={name: column.empty for name, column in cells.items()},
+        not_numbers={name: column.not_numbers for name, column in cells.items()},
+        covered={name: lost[name] + samples - used - absent[name] for name in found},
+        absent=absent,
         malformed=log.malformed,
         untimed=len(stamps) - len(timed),
         out_of_order=int(np.count_nonzero(stamps[timed][1:] < np.maximum.accumulate(stamps[timed])[:-1])),
@@ -202,6 +237,6 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
         longest_gap=float(pauses.max()) if len(pauses) else 0.0,
         filled=samples - used,
         shift=float(away.max()),
-        notes=log.notes,
+        notes=(*log.notes, *_pace(period, dt)),
     )
     return Record(times[0] + np.arange(samples) * dt, tuple(found), values, report)

@@ -215,6 +215,11 @@ def test_run_says_what_is_wrong_with_a_record(here: Path):
         "MISSING_y",
     ):
         assert said in out
+    found = as_json("run", "neuron", *LOG, "--time", "time")
+    read = found["record"]
+    assert read["absent"]["y"] == found["status"]["MISSING_y"]
+    lost = read["missing"]["y"] + read["not_numbers"]["y"] - read["covered"]["y"]
+    assert lost + read["filled"] == read["absent"]["y"]
     assert ",," in (here / "build" / "neuron" / "log_estimates.csv").read_text()
 
 
@@ -270,7 +275,8 @@ def test_noise(here: Path):
         (("run", "neuron", *LOG, "--period", "-1"), "positive number of seconds"),
         (("run", "neuron", *LOG, "--period", "often"), "--period"),
         (("run", "neuron", *LOG, "--time", "time", "--map", "z=drive"), "the signals are u, y"),
-        (("run", "neuron", *LOG, "--time", "time", "--map", "u=driv"), "did you mean 'drive'?"),
+        (("run", "neuron", *LOG, "--time", "time", "--map", "u=driv"), "map u twice"),
+        (("run", "neuron", *LOG[:4], "--time", "time", "--map", "u=driv"), "did you mean 'drive'?"),
         (("run", "neuron", "--data", "log.csv", "--time", "time"), "say --map u=COLUMN, one of time, potential, drive"),
         (("run", "neuron", *LOG, "--time", "time", "--horizon", "1,x"), "positive whole numbers"),
         (("run", "neuron", *LOG, "--time", "time", "--horizon", "0"), "positive whole numbers"),

@@ -64,9 +64,11 @@ def test_what_is_no_number_is_missing_and_counted(tmp_path: Path):
     cells = ["1", "", "nan", "NA", "inf", "1e999", "-Infinity", "err", "1_000", "0x10", "--", "1 2", "2"]
     found = table(log(tmp_path, "t,y\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells)))).column("y")
     assert np.flatnonzero(np.isfinite(found.values)).tolist() == [0, 12]
-    assert found.empty == 4
-    assert found.not_numbers == 7
-    assert found.example == "inf"
+    assert found.empty == 3
+    assert found.not_numbers == 8
+    assert found.example == "nan"
+    part = found.of(np.array([0, 1, 2, 12]))
+    assert (part.empty, part.not_numbers) == (1, 1)
 
 
 def test_rows_of_another_length(tmp_path: Path):
@@ -142,6 +144,12 @@ def test_a_bad_mapping_is_a_sentence(text: str):
         mapping("log", (text,), (U,), (Y, Z))
 
 
+@pytest.mark.parametrize("texts", [("pump=a", "pump=b"), ("pump=a", "u=a")])
+def test_a_signal_mapped_twice_is_a_sentence(texts: tuple[str, str]):
+    with pytest.raises(BadRecord, match="map pump twice"):
+        mapping("log", texts, (U,), (Y,))
+
+
 # --- the grid -------------------------------------------------------------------------------------------------
 
 
@@ -155,6 +163,7 @@ def test_missing_duplicated_and_unordered_rows(tmp_path: Path):
     report = got.report
     assert (report.rows, report.samples, report.period) == (7, 10, pytest.approx(0.1))
     assert (report.missing, report.not_numbers) == ({"u": 1, "y": 0}, {"u": 0, "y": 1})
+    assert (report.covered, report.absent) == ({"u": 1, "y": 0}, {"u": 5, "y": 6})
     assert (report.untimed, report.out_of_order, report.duplicates, report.surplus) == (1, 1, 1, 0)
     assert (report.gaps, report.longest_gap, report.filled) == (1, pytest.approx(0.6), 5)
     said = "; ".join(report.sentences())
@@ -179,6 +188,38 @@ def test_a_coarse_record_leaves_the_step_to_predict(tmp_path: Path):
     got = read(log(tmp_path, "y\n1\n2\n3\n"), {"y": "y"}, dt=0.5, period=1.0)
     np.testing.assert_array_equal(got.values[:, 0], [1, np.nan, 2, np.nan, 3])
     assert (got.report.gaps, got.report.filled) == (0, 2)
+
+
+def test_cells_of_rows_without_a_time_are_not_counted(tmp_path: Path):
+    report = read(
+        log(tmp_path, "t,y\n0,1\n,\n,bad\n0.1,\n0.2,NaN\n0.3,4\n0.4,5\n"), {"y": "y"}, dt=0.1, time="t"
+    ).report
+    assert (report.untimed, report.missing, report.not_numbers) == (2, {"y": 1}, {"y": 1})
+    assert (report.covered, report.absent) == ({"y": 0}, {"y": 2})
+    assert "y (y): samples without a number, in all: 2" in report.sentences()
+
+
+@pytest.mark.parametrize(
+    ("period", "said"),
+    [
+        (0.1, None),
+        (0.2, None),
+        (0.05, None),
+        (0.21, "is 2.1 times the step's dt, 0.1 s: between rows"),
+        (0.02, "is 0.2 times the step's dt, 0.1 s: only the row nearest"),
+        (100, "is 1e+03 times the step's dt, 0.1 s: are its times milliseconds?"),
+    ],
+)
+def test_another_pace_than_the_steps_is_noted(tmp_path: Path, period: float, said: str | None):
+    notes = read(log(tmp_path, "y\n" + "1\n" * 20), {"y": "y"}, dt=0.1, period=period).report.notes
+    assert len(notes) == (said is not None)
+    assert said is None or said in notes[0]
+
+
+def test_a_record_of_one_sample_is_a_sentence(tmp_path: Path):
+    for text in ("t,y\n5,1\n", "t,y\n5,1\n5,2\n5.04,3\n"):
+        with pytest.raises(BadRecord, match=r"make 1 sample of 0\.1 s; give a record of at least 2"):
+            read(log(tmp_path, text), {"y": "y"}, dt=0.1, time="t")
 
 
 @pytest.mark.parametrize(
@@ -209,6 +250,7 @@ def test_a_signal_without_a_column_asks_for_the_mapping(tmp_path: Path):
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.floats(0, 20), st.floats(-5, 5)), min_size=2, max_size=40))
 def test_every_number_on_the_grid_was_measured_nearby(tmp_path_factory: pytest.TempPathFactory, rows):
+    rows = [*rows, (25.0, 0.0)]  # a record of one sample is refused
     text = "t,y\n" + "".join(f"{t!r},{y!r}\n" for t, y in rows)
     got = read(log(tmp_path_factory.getbasetemp(), text), {"y": "y"}, dt=0.7, time="t")
     assert got.report.surplus + got.report.duplicates + got.report.samples - got.report.filled == len(rows)
