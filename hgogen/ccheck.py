@@ -7,7 +7,7 @@ from hgogen.cheader import arguments
 from hgogen.cprint import Real, literal
 from hgogen.ctext import indented, status_type
 from hgogen.step import Step
-from hgogen.vectors import LOST_INPUT, MISSING, SAMPLES, record
+from hgogen.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
 
 # CMSIS-DSP interpolates sine and cosine on 512 intervals: an error of (2 pi/512)^2/8, 160 times float's rounding unit
 CMSIS = 160
@@ -21,6 +21,9 @@ _TEXT = Template("""
  *   ${upper}_NO_MAIN  to call it from firmware
  */
 #include <stdbool.h>
+#ifndef ${upper}_NO_MAIN
+#include <stdio.h>
+#endif
 
 #include "$name.h"
 
@@ -30,7 +33,7 @@ static const $real given[$count][$width] = { /* $signals */
 $given
 };
 
-static const $real wanted[$count][$states] = { /* $estimates */
+static const $real wanted[$count][$results] = { /* $seen */
 $wanted
 };
 
@@ -39,7 +42,7 @@ $expected
 };
 
 #ifndef ${upper}_EXACT
-static const $real tolerance[$states] = {$tolerance};
+static const $real tolerance[$results] = {$tolerance};
 #endif
 
 static bool ${name}_near($real have, unsigned k, unsigned i)
@@ -63,6 +66,7 @@ unsigned ${name}_check(void)
     const $real none = zero/zero;
 $locals
     ${name}_init(&s, &p);
+$start
     for (unsigned k = 0u; k < ${count}u && bad == 0u; ++k) {
 $fill
         const $status status = ${name}_step($call);
@@ -75,15 +79,13 @@ $fill
 }
 
 #ifndef ${upper}_NO_MAIN
-#include <stdio.h>
-
 int main(void)
 {
     const unsigned bad = ${name}_check();
     if (bad != 0u) {
-        printf("$name: sample %u differs\\n", bad);
+        (void)printf("$name: sample %u differs\\n", bad);
     } else {
-        printf("$name: $count samples as recorded\\n");
+        (void)printf("$name: $count samples as recorded\\n");
     }
     return (bad == 0u) ? 0 : 1;
 }
@@ -93,7 +95,7 @@ int main(void)
 
 def check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
-    vectors = record(step, real)
+    vectors, seen = record(step, real), list(places(step))
     inputs, outputs = [f"in.{s.name}" for s in step.inputs], [f"out.{s.name}" for s in step.outputs]
     text = _TEXT.substitute(
         name=step.name,
@@ -103,19 +105,20 @@ def check(step: Step, real: Real) -> list[str]:
         status=status_type(step),
         count=SAMPLES,
         width=len(inputs) + len(outputs),
-        states=len(step.states),
+        results=len(seen),
         signals=", ".join([*inputs, *outputs]),
-        estimates=", ".join(s.name for s in step.states),
+        seen=", ".join(seen),
         given=_rows(([*u, *y] for u, y in zip(vectors.u, vectors.y, strict=True)), real),
-        wanted=_rows(vectors.x, real),
+        wanted=_rows(vectors.seen, real),
         expected=_block([f"{value}u" for value in vectors.status]),
         tolerance=", ".join(literal(float(value), real) for value in vectors.tolerance),
         cmsis=literal(CMSIS, real),
         zero=literal(0, real),
         locals="\n".join(indented(_locals(step))),
+        start="\n".join(indented(_start(step, real))),
         fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
         call=", ".join(["&s", "&p", *(f"&{pointer.rsplit('*', 1)[1]}" for pointer in arguments(step)[2:])]),
-        compare="".join(f" || !{step.name}_near(x.{s.name}, k, {i}u)" for i, s in enumerate(step.states)),
+        compare="".join(f" || !{step.name}_near({name}, k, {i}u)" for i, name in enumerate(seen)),
     )
     return text.strip("\n").split("\n")
 
@@ -123,6 +126,18 @@ def check(step: Step, real: Real) -> list[str]:
 def _locals(step: Step) -> list[str]:
     kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "out"), ("plant", "x")]
     return [f"{step.name}_{kind} {short};" for kind, short in kinds if kind != "input" or step.inputs]
+
+
+def _start(step: Step, real: Real) -> list[str]:
+    """Each `z` off its rest."""
+    lines: list[str] = []
+    for place, values in start(step).items():
+        group, name = place.split(".")
+        member = f"s.{name}" if group == "state" else f"s.{group}[k].{name}"
+        texts = [f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};" for i, v in enumerate(values)]
+        count = next((g.count for g in step.groups if g.name == group), 0)
+        lines += [f"for (unsigned k = 0u; k < {count}u; ++k) {{", *indented(texts), "}"] if count else texts
+    return lines
 
 
 def _fill(signals: list[str], first: int, missing: int) -> list[str]:

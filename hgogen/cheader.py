@@ -6,7 +6,7 @@ from importlib.metadata import version
 from string import Template
 
 from hgogen.cprint import Real
-from hgogen.ctext import comment, indented, member, status_type, struct
+from hgogen.ctext import comment, harmless, indented, member, status_type, struct
 from hgogen.program import Field, Program, places, scope
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -33,7 +33,7 @@ def header(step: Step, real: Real, command: str) -> list[str]:
 
 
 def _comment(lines: Iterable[str]) -> list[str]:
-    return ["/*", *(f" * {line}".rstrip().replace("*/", "* /") for line in lines), " */"]
+    return ["/*", *(f" * {harmless(line)}".rstrip() for line in lines), " */"]
 
 
 def _banner(step: Step, command: str) -> list[str]:
@@ -99,11 +99,14 @@ def _manual(step: Step) -> list[str]:
 
 
 def _status(step: Step) -> list[str]:
-    upper, one = step.name.upper(), "1u" if status_type(step) == "unsigned" else "UINT32_C(1)"
+    upper, digits = step.name.upper(), 4 if status_type(step) == "unsigned" else 8
     width = max(len(bit.name) for bit in step.bits)
     lines = ["/* Status bits: what happened, and what it asks of you. */"]
     for k, bit in enumerate(step.bits):
-        lines += [comment(f"{bit.meaning}. To do: {bit.action}."), f"#define {upper}_{bit.name:{width}} ({one} << {k})"]
+        lines += [
+            comment(f"{bit.meaning}. To do: {bit.action}."),
+            f"#define {upper}_{bit.name:{width}} 0x{1 << k:0{digits}X}u",
+        ]
     return lines
 
 

@@ -374,12 +374,9 @@ def noise_(
     """
     loaded = load(model)
     step = loaded.step()
-    d = d if d is not None else jobs.window(getattr(loaded.module, "tuning", {}))
-    if d is None or not 0 < d < float("inf"):
-        raise typer.BadParameter("give seconds; the model has no adaptive theta", param_hint="--window")
+    d = d if d is not None else jobs.window(loaded)
     record = _record(step, data, time, period, map_, step.outputs)
-    low, high = record.t[0] if begin is None else begin, record.t[-1] if end is None else end
-    quiet = (record.t >= low) & (record.t <= high)
+    quiet = noise.quiet(record.t, begin, end)
     found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
     value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in found]}
     _print(as_json, value, tables.report(record.report), *(tables.suggestion(one) for one in found))

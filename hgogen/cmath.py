@@ -104,27 +104,34 @@ def needed(names: Collection[str], real: Real) -> list[str]:
     return [name for name in elementary(real) if name in names]
 
 
+def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
+    """The headers of the library that was chosen, if `used` names a mathematical function."""
+    if not needed(used, real):
+        return []
+    upper = prefix.upper()
+    cmsis = [f"#elif defined({upper}_USE_CMSIS)", '#include "arm_math.h"', "#include <math.h>"]
+    return [f"#if defined({upper}_USE_LIBM)", "#include <math.h>", *(cmsis if real == "float" else []), "#endif"]
+
+
 def functions(prefix: str, real: Real, used: Collection[str]) -> list[str]:
     """The functions that `used` names: the small ones, then the mathematical ones behind their switch."""
-    names = needed(used, real)
-    calls: set[str] = set()
-    bundled = [line for name in names for line in (*_bundled(prefix, real, name, calls), "")]
-    outside = _called(used)
+    names, outside = needed(used, real), _called(used)
     lines = _helpers(prefix, real, outside)
     if not names:
         return lines
+    calls: set[str] = set()
+    bundled = [line for name in names for line in (*_bundled(prefix, real, name, calls), "")]
     upper, suffix = prefix.upper(), "f" if real == "float" else ""
     cmsis = f", or {upper}_USE_CMSIS for CMSIS-DSP" if real == "float" else ""
     lines += [
         "/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.",
         f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
         f"#if defined({upper}_USE_LIBM)",
-        "#include <math.h>",
-        *(_macro(prefix, name, f"{name}{suffix}") for name in names),
+        *(line for name in names for line in _library(prefix, real, name, f"{name}{suffix}")),
     ]
     if real == "float":
-        lines += [f"#elif defined({upper}_USE_CMSIS)", '#include "arm_math.h"', "#include <math.h>"]
-        lines += [_macro(prefix, name, _CMSIS.get(name, f"{name}f")) for name in names]
+        lines += [f"#elif defined({upper}_USE_CMSIS)"]
+        lines += [line for name in names for line in _library(prefix, real, name, _CMSIS.get(name, f"{name}f"))]
     return [*lines, "#else", *_helpers(prefix, real, _called(calls) - outside), *bundled[:-1], "#endif", ""]
 
 
@@ -138,14 +145,20 @@ def _helpers(prefix: str, real: Real, names: Collection[str]) -> list[str]:
     return [line for name in _HELPERS if name in names for line in _HELPERS[name].substitute(holes)[1:].split("\n")]
 
 
-def _macro(prefix: str, name: str, target: str) -> str:
-    parameters = "x, y" if elementary("double")[name].n_in() == 2 else "x"
-    return f"#define {prefix}_{name}({parameters}) {target}({parameters})"
+def _parameters(name: str) -> list[str]:
+    return ["x", "y"][: elementary("double")[name].n_in()]
+
+
+def _head(prefix: str, real: Real, name: str) -> str:
+    return f"static {real} {prefix}_{name}({', '.join(f'{real} {p}' for p in _parameters(name))})"
+
+
+def _library(prefix: str, real: Real, name: str, target: str) -> list[str]:
+    return [_head(prefix, real, name), "{", f"    return {target}({', '.join(_parameters(name))});", "}", ""]
 
 
 def _bundled(prefix: str, real: Real, name: str, calls: set[str]) -> list[str]:
-    graph = elementary(real)[name]
-    parameters = ["x", "y"][: graph.n_in()]
+    graph, parameters = elementary(real)[name], _parameters(name)
     printer = Printer(
         real=real,
         prefix=prefix,
@@ -156,5 +169,4 @@ def _bundled(prefix: str, real: Real, name: str, calls: set[str]) -> list[str]:
         taken=set(parameters),
     )
     lines = body(printer, graph, [Target(lambda text: [f"return {text};"])], [], [])
-    head = f"static {real} {prefix}_{name}({', '.join(f'{real} {p}' for p in parameters)})"
-    return [head, "{", *indented(lines), "}"]
+    return [_head(prefix, real, name), "{", *indented(lines), "}"]

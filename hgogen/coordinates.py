@@ -66,15 +66,11 @@ def coordinates(
     order = tuple(order or system.states)
     signs = tuple(signs or (1,) * len(order))
     stem = _stem({signal.name for signal in system.signals}, len(order))
-    states = tuple(
-        _signal(f"{stem}{i}", x, sign) for i, (x, sign) in enumerate(zip(order, signs, strict=True), 1)
-    )
+    states = tuple(_signal(f"{stem}{i}", x, sign) for i, (x, sign) in enumerate(zip(order, signs, strict=True), 1))
     return Coordinates(system, order, signs, states)
 
 
-def split(
-    flow: Iterable[sp.Expr], states: Sequence[Signal]
-) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
+def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
     """A and b of flow = A x + b; A holds the coefficients, free of states, of the terms linear in a state."""
     A, b = sp.zeros(len(states), len(states)), []
     for i, row in enumerate(flow):

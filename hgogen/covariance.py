@@ -123,9 +123,7 @@ def solve(S: Any, right: Any) -> Any:
     return ca.vertcat(*x)
 
 
-def time_update(
-    L: Any, d: Any, transition: Any, shaped: Any, weights: Any
-) -> tuple[Any, Any, dict[str, Any]]:
+def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> tuple[Any, Any, dict[str, Any]]:
     """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the values worth a name.
 
     Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).

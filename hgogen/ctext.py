@@ -247,7 +247,12 @@ def _element(name: str, label: str) -> str:
 
 def comment(text: str) -> str:
     """A C comment that its text cannot end."""
-    return f"/* {text.replace('*/', '* /').replace('/*', '/ *')} */" if text else ""
+    return f"/* {harmless(text)} */" if text else ""
+
+
+def harmless(text: str) -> str:
+    """Text that neither ends nor opens a comment, on one line and without trigraphs."""
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
 
 
 def struct(name: str, members: Sequence[str]) -> list[str]:

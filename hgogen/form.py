@@ -62,12 +62,8 @@ class Form:
         return tuple(row + rest for row, rest in zip(linear, self.b, strict=True))
 
     def __str__(self) -> str:
-        arrow = ", ".join(
-            f"{z} = {expression}" for z, expression in zip(self.states, self.to_form, strict=True)
-        )
+        arrow = ", ".join(f"{z} = {expression}" for z, expression in zip(self.states, self.to_form, strict=True))
         lines = [f"{self.system.name} in {self.kind} form, {arrow}"]
         lines += [f"  {z}' = {rate}" for z, rate in zip(self.states, self.flow, strict=True)]
-        lines += [
-            f"  {y} = {expression}" for y, expression in zip(self.system.outputs, self.output, strict=True)
-        ]
+        lines += [f"  {y} = {expression}" for y, expression in zip(self.system.outputs, self.output, strict=True)]
         return "\n".join(lines + [f"  {check}" for check in self.checks])

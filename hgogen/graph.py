@@ -68,9 +68,7 @@ def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Any]) 
     return [ca.SX(_convert(expression, expression, symbols, memo)) for expression in expressions]
 
 
-def _convert(
-    node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Any], memo: dict[sp.Basic, Any]
-) -> Any:
+def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Any], memo: dict[sp.Basic, Any]) -> Any:
     if node in memo:
         return memo[node]
 
@@ -92,9 +90,7 @@ def _convert(
     elif isinstance(node, sp.Piecewise):
         value = ca.SX.nan()
         for branch, condition in reversed(node.args):
-            value = (
-                inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
-            )
+            value = inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
     elif type(node) in _RELATIONS:
         value = _RELATIONS[type(node)](inner(node.args[0]), inner(node.args[1]))
     elif isinstance(node, sp.And):

@@ -28,9 +28,7 @@ _TAN = (Fraction(3, 2), Fraction(15))
 
 def box(signals: Iterable[Signal]) -> dict[sp.Symbol, Interval]:
     """The closed box of the signals' declared ranges, exact; a signal without a range is unbounded."""
-    return {
-        s: EVERYTHING if s.low is None or s.high is None else (_exact(s.low), _exact(s.high)) for s in signals
-    }
+    return {s: EVERYTHING if s.low is None or s.high is None else (_exact(s.low), _exact(s.high)) for s in signals}
 
 
 def enclose(expression: sp.Expr, box: Box) -> Interval:

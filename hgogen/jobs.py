@@ -15,7 +15,7 @@ from hgogen.check import Check, Refuted, refuted
 from hgogen.compare import Comparison, compare
 from hgogen.form import Form
 from hgogen.metrics import Metrics, Summary, metrics, summary
-from hgogen.model import Model
+from hgogen.model import MissingPart, Model
 from hgogen.record import Record
 from hgogen.signal import Signal
 from hgogen.trial import Trajectory, Trial, try_out
@@ -167,10 +167,11 @@ def estimates(step: CallableStep, record: Record, run: Run) -> str:
     return stream.getvalue()
 
 
-def window(tuning: Mapping[str, Any]) -> float | None:
-    """The innovation's window d (s) in a model's `tuning`, if an adaptive theta is there."""
-    for gains in tuning.values():
+def window(model: Model) -> float:
+    """The innovation's window d (s) in a model's `tuning`. Raises: `MissingPart` if no adaptive theta is there."""
+    for gains in getattr(model.module, "tuning", {}).values():
         innovation = getattr(gains.get("theta"), "innovation", None) if isinstance(gains, Mapping) else None
         if innovation is not None:
             return float(innovation.d)
-    return None
+    reason = "its tuning has no adaptive theta, whose window would be the default; give --window SECONDS"
+    raise MissingPart(model.path, "tuning", reason)

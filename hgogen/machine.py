@@ -128,9 +128,7 @@ class Machine:
 
     def _block(self, block: Block) -> Action:
         evaluate, results = self._bind(block, [self._array(place) for place, _ in block.reads])
-        writes = [
-            (self._array(p), r) for p, r in zip(block.writes, results, strict=True) if scope(p) != "status"
-        ]
+        writes = [(self._array(p), r) for p, r in zip(block.writes, results, strict=True) if scope(p) != "status"]
         raised = [
             (self._bits[p.split(".", 1)[1]], r)
             for p, r in zip(block.writes, results, strict=True)

@@ -19,6 +19,7 @@ from hgogen.system import System
 from hgogen.trial import Trial
 
 FOLDER = Path("models")
+_NO_MODELS = f"give the path of a Python file: a bare name is sought in ./{FOLDER}, and there is none here"
 
 
 @dataclass(eq=False)
@@ -30,7 +31,7 @@ class NoModel(HgogenError):
     found: tuple[str, ...]
 
     def __str__(self) -> str:
-        listed = f"the models here are {', '.join(self.found)}" if self.found else "give the path of a Python file"
+        listed = f"the models here are {', '.join(self.found)}" if self.found else _NO_MODELS
         return f"{self.path}: {self.reason}; {listed}"
 
 

@@ -31,6 +31,37 @@ class TooLittle(HgogenError):
         return self.reason
 
 
+@dataclass(eq=False)
+class BadInterval(HgogenError):
+    """An interval of time, `begin`..`end` (s), that is not in the record's `first`..`last`."""
+
+    begin: float
+    end: float
+    first: float
+    last: float
+
+    def __str__(self) -> str:
+        return (
+            f"the quiet part {self.begin:g}..{self.end:g} s is not an interval in the record, which runs from "
+            f"{self.first:g} to {self.last:g} s; give --from and --to within it, the earlier first"
+        )
+
+
+@dataclass(eq=False)
+class BadWindow(HgogenError):
+    """A window `d` (s) shorter than the sampling period `dt` (s) or longer than the quiet part, `length` (s)."""
+
+    d: float
+    dt: float
+    length: float
+
+    def __str__(self) -> str:
+        return (
+            f"the window d = {self.d:g} s must lie within {self.dt:g}..{self.length:g} s, from the sampling period to "
+            "the length of the quiet part; give --window SECONDS"
+        )
+
+
 @dataclass(frozen=True)
 class Suggestion:
     """What a quiet record of the output `output` suggests.
@@ -56,15 +87,30 @@ class Suggestion:
         return asdict(self)
 
 
+def quiet(t: np.ndarray, begin: float | None, end: float | None) -> np.ndarray:
+    """Which of the times t (N,), N >= 2, evenly spaced (s), lie in begin..end; None: from the first, to the last.
+
+    Raises: `BadInterval` unless the interval lies within the record, to a sample.
+    """
+    first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
+    low, high = first if begin is None else begin, last if end is None else end
+    if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
+        raise BadInterval(low, high, first, last)
+    inside: np.ndarray = (t >= low) & (t <= high)
+    return inside
+
+
 def suggest(output: str, y: np.ndarray, dt: float, d: float) -> Suggestion:
     """sigma, tau and thresholds from y (N,), sampled every `dt` (s), NaN where missing, for the window `d`
     (s).
 
-    Raises: `TooLittle`.
+    Raises: `TooLittle`, `BadWindow`.
     """
     there = np.isfinite(y)
     if there.sum() < LEAST:
         raise TooLittle(f"{output} has {there.sum()} samples; give at least {LEAST} from a quiet part of the record")
+    if not dt * (1 - 1e-9) <= d <= len(y) * dt * (1 + 1e-9):
+        raise BadWindow(d, dt, len(y) * dt)
     t = np.arange(len(y)) * dt
     residual = y - np.polyval(np.polyfit(t[there], y[there], 1), t)
     sigma = float(np.std(residual[there], ddof=2))

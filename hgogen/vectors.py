@@ -24,13 +24,19 @@ MISSING, ABSURD, LOST_INPUT, EXCESSIVE = 20, 30, 40, 50  # samples at which a gu
 
 @dataclass(frozen=True)
 class Vectors:
-    """Inputs u (N, m), outputs y (N, p), estimates x (N, n) in the working precision, status (N), tolerance (n)."""
+    """Inputs u (N, m), outputs y (N, p), what is `seen` (N, n), its `tolerance` (n), status (N)."""
 
     u: np.ndarray
     y: np.ndarray
-    x: np.ndarray
-    status: np.ndarray
+    seen: np.ndarray
     tolerance: np.ndarray
+    status: np.ndarray
+
+
+def places(step: Step) -> dict[str, str]:
+    """What the self-check compares, by its C name: the estimate, and what the observer traces of its state."""
+    estimate = {f"x.{s.name}": f"estimate.{s.name}" for s in step.states}
+    return estimate | {f"s.{name}": f"state.{name}" for name in step.observer.traces}
 
 
 def record(step: Step, real: Real) -> Vectors:
@@ -41,24 +47,35 @@ def record(step: Step, real: Real) -> Vectors:
     u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
     u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
     runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
-    x, status = runs[real]
+    seen, status = runs[real]
     gap = np.abs(runs["float"][0] - runs["double"][0]).max(axis=0)
     unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
-    distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(x).max(axis=0)
-    return Vectors(u, y, x, status, 16 * distance)
+    distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(seen).max(axis=0)
+    return Vectors(u, y, seen, 16 * distance, status)
+
+
+def start(step: Step) -> dict[str, list[float]]:
+    """Where each `z` starts, by place: off its rest, where a plant may stand still and show nothing of its model."""
+    shares = {f"{group.name}.z": 0.3 for group in step.groups if any(f.name == "z" for f in group.fields)}
+    shares |= {f"state.{f.name}": 0.4 for f in step.state if f.name == "z"}
+    boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
+    return {place: [low + (0.5 + share / 2) * (high - low) for low, high in boxes] for place, share in shares.items()}
 
 
 def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     reader = machine(step, real)
-    x, status = np.zeros((SAMPLES, len(step.states)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
+    for place, values in start(step).items():
+        reader.memory[place][:] = values
+    results = [reader.memory[place] for place in places(step).values()]
+    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
     given = [reader.memory[f"input.{s.name}"] for s in step.inputs]
     given += [reader.memory[f"output.{s.name}"] for s in step.outputs]
     for k in range(SAMPLES):
-        for place, value in zip(given, (*u[k], *y[k]), strict=True):
-            place[0] = value
+        for array, value in zip(given, (*u[k], *y[k]), strict=True):
+            array[0] = value
         status[k] = reader.call()
-        x[k] = [reader.memory[f"estimate.{s.name}"][0] for s in step.states]
-    return x, status
+        seen[k] = [result[0] for result in results]
+    return seen, status
 
 
 def _wave(cycles: float, signal: Signal) -> float:

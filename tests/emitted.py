@@ -176,7 +176,7 @@ def compiled(compiler: str, texts: Mapping[str, str], folder: Path, *flags: str)
 
 @dataclass(frozen=True)
 class Element:
-    """One element of the state in C, and the box that a call leaves it in."""
+    """One number of the state, its C text as a member of `s`, and the box that a call leaves it in."""
 
     text: str
     field: Field
@@ -185,11 +185,12 @@ class Element:
 
 
 def elements(step: hg.Step) -> Iterator[Element]:
-    """Every number of the state, as a member of `s`; what has no box of its own is a float of plausible size."""
+    """Every number of the state; one without a box of its own is of plausible size."""
     members = [("s.", step.state)]
     members += [(f"s.{g.name}[{k}].", g.fields) for g in step.groups for k in range(g.count)]
     for start, fields in members:
         for field in fields:
             for i, (low, high) in enumerate(field.box):
                 index = f"[{i}]" if field.size > 1 else ""
-                yield Element(f"{start}{field.name}{index}", field, max(low, -1e30), min(high, 1e30))
+                low = 0.0 if field.kind == "index" else max(low, -1e30)
+                yield Element(f"{start}{field.name}{index}", field, low, min(high, 1e30))

@@ -22,22 +22,22 @@ class Record:
 
 
 class NativeStep:
-    """The compiled step; `state` is its struct, a numpy record (1,) in the build's precision."""
+    """The compiled step; `state` and `params` are its structs, numpy records (1,) in the build's precision."""
 
     def __init__(self, step: Step, real: Real) -> None:
         self.step, self.number = step, NUMBER[real]
         self._library = native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
         self.state = np.zeros(1, layout.state_type(step, real))
-        self._params = np.zeros(1, layout.params_type(step, real))
-        for kind, array in (("state", self.state), ("params", self._params)):
+        self.params = np.zeros(1, layout.params_type(step, real))
+        for kind, array in (("state", self.state), ("params", self.params)):
             size = self._function(f"{kind}_size")
             size.restype = ctypes.c_size_t
             assert size() == array.itemsize
-        self._pointers = [ctypes.c_void_p(array.ctypes.data) for array in (self.state, self._params)]
+        self._pointers = [ctypes.c_void_p(array.ctypes.data) for array in (self.state, self.params)]
         self._function("init")(*self._pointers)
 
     def run(self, u: np.ndarray, y: np.ndarray) -> Record:
-        """The step over samples u (N,), y (N,) of a plant with one input and one output, from `state` on."""
+        """The step over samples u (N, m), y (N, p), or (N,) where there is one, from `state` on."""
         count, step = len(y), self.step
         u, y = (np.ascontiguousarray(values, self.number) for values in (u, y))
         x = np.zeros((count, len(step.states)), self.number)
@@ -50,6 +50,26 @@ class NativeStep:
     def reset(self) -> None:
         """The state as before the first call."""
         self._function("reset")(self._pointers[0])
+
+    def tune(self) -> int:
+        """Limit `params` and compute the derived ones; returns the status."""
+        return int(self._function("tune")(self._pointers[1]))
+
+    def step_by_step(self, u: np.ndarray, y: np.ndarray) -> Record:
+        """As `run`, by a call of NAME_step and of NAME_estimate for each sample."""
+        step = self.step
+        kinds = {"input": step.inputs, "output": step.outputs, "plant": step.states}
+        records = {k: np.zeros(1, [(s.name, self.number) for s in group]) for k, group in kinds.items()}
+        given, out, plant = (ctypes.c_void_p(array.ctypes.data) for array in records.values())
+        rows = {kind: [] for kind in ("x", "traces", "status")}
+        for row_u, row_y in zip(u, y, strict=True):
+            records["input"][0], records["output"][0] = tuple(row_u), tuple(row_y)
+            samples = (given, out) if step.inputs else (out,)
+            rows["status"].append(self._function("step")(*self._pointers, *samples) & 0xFFFFFFFF)
+            self._function("estimate")(*self._pointers, plant)
+            rows["x"].append(tuple(records["plant"][0]))
+            rows["traces"].append([self.state[name][0] for name in step.observer.traces])
+        return Record(*(np.array(rows[kind]) for kind in ("x", "traces", "status")))
 
     def _function(self, name: str) -> ctypes._CFuncPtr:
         return getattr(self._library, f"{self.step.name}_{name}")

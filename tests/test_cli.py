@@ -287,7 +287,12 @@ def test_noise(here: Path):
             ("noise", "neuron", "--data", "log.csv", "--time", "time", "--map", "y=potential", "--to", "0.1"),
             "at least 100",
         ),
-        (("noise", "neuron", "--data", "log.csv", "--time", "time", "--window", "-1"), "give seconds"),
+        (("noise", "neuron", *LOG, "--time", "time", "--window", "-1"), "the window d = -1 s"),
+        (("noise", "neuron", *LOG, "--time", "time", "--window", "0.001"), "must lie within 0.01..10 s"),
+        (("noise", "neuron", *LOG, "--time", "time", "--window", "11"), "must lie within 0.01..10 s"),
+        (("noise", "neuron", *LOG, "--time", "time", "--from", "10", "--to", "5"), "the quiet part 10..5 s is not"),
+        (("noise", "neuron", *LOG, "--time", "time", "--from", "20"), "runs from 0 to 9.99 s"),
+        (("noise", "windowless.py", *LOG, "--time", "time"), "hgogen: windowless.py: its tuning has no adaptive"),
     ],
 )
 def test_bad_input_is_a_sentence_and_exit_2(here: Path, arguments: tuple[str, ...], said: str):
@@ -296,6 +301,7 @@ def test_bad_input_is_a_sentence_and_exit_2(here: Path, arguments: tuple[str, ..
     text = NEURON.read_text()
     (here / "plantless.py").write_text(text[: text.index("def step")])
     (here / "untried.py").write_text(text[: text.index("def trial")])
+    (here / "windowless.py").write_text(text + "\n\ntuned = step()\ntuning = {}\ndef step(): return tuned\n")
     (here / "header.csv").write_text("time,u,y\n")
     (here / "void.csv").write_text("")
     before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}

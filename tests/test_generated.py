@@ -16,7 +16,10 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = "from hgogen.cli import main; main()"
     paths = [f"models/{name}.py" for name in MODELS]
     subprocess.run(
-        [sys.executable, "-c", command, "generate", *paths, "-o", str(folder)], cwd=ROOT, check=True, capture_output=True
+        [sys.executable, "-c", command, "generate", *paths, "-o", str(folder)],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
     )
     return folder
 

@@ -59,11 +59,7 @@ def test_every_value_on_the_box_lies_in_the_enclosure(expression: sp.Expr, s: Fr
         value, *parts = (node.xreplace(point).evalf(30) for node in sp.preorder_traversal(expression))
     except ValueError:
         reject()
-    if (
-        not value.is_Float
-        or not abs(value) < sp.Float("1e300")
-        or any(part.is_real is False for part in parts)
-    ):
+    if not value.is_Float or not abs(value) < sp.Float("1e300") or any(part.is_real is False for part in parts):
         return  # not defined, not real, or beyond what evalf resolves
     low, high = enclose(expression, BOX)
     slack = sp.Rational(1, 10**20) * (1 + abs(value))  # evalf rounds the 30th digit, Float(0.1) the 17th

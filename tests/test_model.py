@@ -93,6 +93,14 @@ def test_paths_that_lead_nowhere(tmp_path: Path):
         load(model(tmp_path, "", "model.txt"))
 
 
+def test_a_bare_name_says_where_it_is_sought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        NoModel, match=r"pendulum: there is no such .*: a bare name is sought in \./models, and there is"
+    ):
+        load("pendulum")
+
+
 def test_missing_parts_say_so(tmp_path: Path):
     loaded = load(model(tmp_path, "x = 1\n"))
     for part, wanted in (("plant", lambda: loaded.plant), ("step", loaded.step), ("trial", loaded.trials)):

@@ -38,9 +38,7 @@ def test_rise_then_fall_is_first_order_in_dt():
         for _ in range(steps):
             theta = law.next(theta, np.zeros(1), dt)
         for _ in range(20000):
-            exact = exact + 0.2 / 20000 * (
-                0.3 * rise(exact, 4.0) / law.rise + 0.7 * law.decay * (1.0 - exact)
-            )
+            exact = exact + 0.2 / 20000 * (0.3 * rise(exact, 4.0) / law.rise + 0.7 * law.decay * (1.0 - exact))
         errors.append(abs(theta[0] - exact[0]))
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.2)
 
@@ -82,9 +80,7 @@ def test_jacobian_is_the_derivative_inside_the_box():
 def test_saturation_clamps_the_arguments_of_b_and_never_the_linear_part():
     form, edge = fn.form(), np.array([3.5, 10.0, 0.0])
     far = edge + np.array([1.0, 2.0, 100.0])
-    np.testing.assert_allclose(
-        form.f(far, 0.5) - form.f(edge, 0.5), [-0.5 * 2.0, fn.EPS * 100.0, 0.0], atol=1e-12
-    )
+    np.testing.assert_allclose(form.f(far, 0.5) - form.f(edge, 0.5), [-0.5 * 2.0, fn.EPS * 100.0, 0.0], atol=1e-12)
     np.testing.assert_array_equal(form.F(far, 0.5), form.F(edge, 0.5))
 
 
@@ -105,9 +101,7 @@ def test_one_step_agrees_with_the_information_form():
 
     weight = 3.0 * dt / observer.R * np.diag([1.0, 0.0, 0.0])  # C' C / r
     S = np.linalg.inv(P) + weight
-    np.testing.assert_allclose(
-        after.P[0] @ S, np.eye(3), atol=1e-11
-    )  # eps times the condition number, < 1e4 here
+    np.testing.assert_allclose(after.P[0] @ S, np.eye(3), atol=1e-11)  # eps times the condition number, < 1e4 here
     gain = np.linalg.solve(S, weight @ np.array([1.0, 0.0, 0.0]))
     expected = predicted.z[0] + gain * (0.9 - predicted.z[0, 0])
     np.testing.assert_allclose(after.z[0], expected, rtol=1e-11, atol=1e-12)
@@ -116,9 +110,7 @@ def test_one_step_agrees_with_the_information_form():
 def chain(theta: float, dt: float) -> ekf.Observer:
     """Three integrators, the first measured: linear, no b."""
     A = np.diag([1.0, 2.0], 1)
-    form = ekf.Form(
-        lambda z, u: z @ A.T, lambda z, u: np.broadcast_to(A, (*z.shape, 3)), lambda u: np.eye(3)[0]
-    )
+    form = ekf.Form(lambda z, u: z @ A.T, lambda z, u: np.broadcast_to(A, (*z.shape, 3)), lambda u: np.eye(3)[0])
     Q, P0 = np.diag([0.1, 0.2, 0.3]), np.eye(3)
     return ekf.Observer(form, Q, 1.0, P0, np.zeros(3), dt, ekf.Constant(theta))
 
@@ -162,9 +154,7 @@ def test_without_measurements_the_estimate_follows_the_plant():
         observer = replace(fn.observer(ekf.Constant(1.0), dt=dt), z0=np.array([*fn.START, -5.0]))
         z = ekf.run(observer, np.sin(t), np.full((1, len(t)), np.nan)).z[0]
         errors.append(np.abs(z - x * [1, 1, -1]).max())
-    assert errors[0] / errors[1] == pytest.approx(
-        4.0, abs=0.4
-    )  # the line between samples of u is second order
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.4)  # the line between samples of u is second order
     assert errors[1] < 1e-4
 
 
@@ -217,9 +207,7 @@ def test_window_is_a_simulation_from_the_estimate_d_ago():
 def test_staggered_predictors_are_launched_every_quarter_of_d():
     z, u, y, innovation = recorded(ekf.Staggered(0.4, M=4))
     for k in range(51, 240):
-        launched = (
-            (k - 41) // 10 * 10
-        )  # the oldest of the starts 10, 20, .. that has seen more than 40 samples
+        launched = (k - 41) // 10 * 10  # the oldest of the starts 10, 20, .. that has seen more than 40 samples
         age = k - launched
         assert 40 < age <= 50
         assert innovation[k] == pytest.approx(literal_cost(z, u, y, launched, k) * 40 / age, rel=1e-12)

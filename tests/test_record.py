@@ -327,6 +327,40 @@ def test_a_record_that_is_not_quiet_is_doubted():
     assert any("quiet" in note for note in moving.notes)
 
 
+@pytest.mark.parametrize(
+    ("begin", "end", "count"), [(None, None, 100), (1, 2, 11), (None, 10, 100), (-0.1, 0.35, 4), (9, None, 10)]
+)
+def test_the_quiet_part(begin: float | None, end: float | None, count: int):
+    assert noise.quiet(np.arange(100) / 10, begin, end).sum() == count
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "named"),
+    [
+        (8, 5, "8..5"),
+        (20, None, "20..9.9"),
+        (None, 10.2, "0..10.2"),
+        (-3, 5, "-3..5"),
+        (3, 3, "3..3"),
+        (math.nan, 5, "nan..5"),
+    ],
+)
+def test_an_interval_that_is_none_is_a_sentence(begin: float | None, end: float | None, named: str):
+    with pytest.raises(noise.BadInterval) as caught:
+        noise.quiet(np.arange(100) / 10, begin, end)
+    assert f"the quiet part {named} s" in str(caught.value)
+    assert "from 0 to 9.9 s" in str(caught.value)
+
+
+@pytest.mark.parametrize("d", [-1.0, 0.0, 0.09, 20.1, math.inf, math.nan])
+def test_a_window_that_does_not_fit_is_a_sentence(d: float):
+    y = np.random.default_rng(0).standard_normal(200)
+    with pytest.raises(noise.BadWindow, match=r"must lie within 0\.1\.\.20 s"):
+        noise.suggest("y", y, 0.1, d)
+    assert noise.suggest("y", y, 0.1, 0.1).d == 0.1
+    assert noise.suggest("y", y, 0.1, 20.0).d == 20.0
+
+
 @pytest.mark.parametrize("values", [np.ones(500), np.arange(500.0), np.full(500, np.nan), np.zeros(5)])
 def test_nothing_to_learn_from_is_a_sentence(values: np.ndarray):
     with pytest.raises(noise.TooLittle, match="y "):

@@ -43,9 +43,7 @@ def fitzhugh_nagumo() -> Model:
 
     def f(z, u):
         x = np.clip(z[..., 0], -2.2, 2.2)
-        return np.stack(
-            [-u * z[..., 1] + x - x**3 / 3, 0.8 * (z[..., 2] + 3 * np.sin(x) - z[..., 1]), 0 * x], axis=-1
-        )
+        return np.stack([-u * z[..., 1] + x - x**3 / 3, 0.8 * (z[..., 2] + 3 * np.sin(x) - z[..., 1]), 0 * x], axis=-1)
 
     def F(z, u):
         x = np.clip(z[..., 0], -2.2, 2.2)
@@ -377,9 +375,7 @@ def test_core_limit_goes_like_one_over_theta():
     """The poles -theta, -2 theta, -3 theta: 2.785/(3 theta), to the rounding of a root."""
     core = np.diag([1.0, 1.0], 1) - np.outer([6.0, 11.0, 6.0], [1.0, 0, 0])
     for theta in (1, 10, 1000):
-        assert core_limit(theta * core, RK4.polynomial) == pytest.approx(
-            2.785293563405282 / (3 * theta), rel=1e-9
-        )
+        assert core_limit(theta * core, RK4.polynomial) == pytest.approx(2.785293563405282 / (3 * theta), rel=1e-9)
 
 
 def test_errors_name_the_thing():

@@ -3,6 +3,16 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#if defined(CASCADED_TANKS_USE_LIBM)
+#include <math.h>
+#elif defined(CASCADED_TANKS_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
 
 static float cascaded_tanks_min(float a, float b)
 {
@@ -35,14 +45,27 @@ static float cascaded_tanks_keep(float v, float low, float high, float otherwise
 /* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
  * Define CASCADED_TANKS_USE_LIBM for those of <math.h>, or CASCADED_TANKS_USE_CMSIS for CMSIS-DSP. */
 #if defined(CASCADED_TANKS_USE_LIBM)
-#include <math.h>
-#define cascaded_tanks_sqrt(x) sqrtf(x)
-#define cascaded_tanks_exp(x) expf(x)
+static float cascaded_tanks_sqrt(float x)
+{
+    return sqrtf(x);
+}
+
+static float cascaded_tanks_exp(float x)
+{
+    return expf(x);
+}
+
 #elif defined(CASCADED_TANKS_USE_CMSIS)
-#include "arm_math.h"
-#include <math.h>
-#define cascaded_tanks_sqrt(x) sqrtf(x)
-#define cascaded_tanks_exp(x) expf(x)
+static float cascaded_tanks_sqrt(float x)
+{
+    return sqrtf(x);
+}
+
+static float cascaded_tanks_exp(float x)
+{
+    return expf(x);
+}
+
 #else
 /* largest whole number not above v, which an int32_t can hold */
 static float cascaded_tanks_whole(float v)
@@ -122,6 +145,7 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
 {
     unsigned status = 0u;
     bool capped = false;
+    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -233,44 +257,44 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
                     3.1623f)*0.018575f - 0.02823f + t2), -3.44345f, 7.12575f, 1.7525125f, 1e+15f);
             }
         }
+        /* is a value lost? */
+        {
+            const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f) && cascaded_tanks_within(s->z[1], 1e+30f)
+                && cascaded_tanks_within(s->L, 1e+30f);
+            lost = !(t1 && cascaded_tanks_within(s->D[0], 1e+30f) && cascaded_tanks_within(s->D[1], 1e+30f));
+        }
+        if (lost) {
+            /* a value is lost: all restart */
+            s->z[0] = 5.0f;
+            s->z[1] = 1.7525125f;
+            s->L = 0.0f;
+            s->D[0] = 0.25f;
+            s->D[1] = 0.25f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            status |= CASCADED_TANKS_RESTARTED;
+        }
         /* keep z in its box */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            s->z[0] = cascaded_tanks_keep(z1, -10.5f, 21.75f, 5.0f, 1e+30f);
-            s->z[1] = cascaded_tanks_keep(z2, -3.44345f, 7.12575f, 1.7525125f, 1e+30f);
+            s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
+            s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
             if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
                 status |= CASCADED_TANKS_STATE_LIMITED;
-            }
-            if (!(cascaded_tanks_within(z1, 1e+30f) && cascaded_tanks_within(z2, 1e+30f))) {
-                status |= CASCADED_TANKS_RESTARTED;
             }
         }
         /* keep L in its box */
         {
             const float L21 = s->L;
-            s->L = cascaded_tanks_keep(L21, -3.2772714e+08f, 3.2772714e+08f, 0.0f, 1e+30f);
-            if (!cascaded_tanks_within(L21, 1e+30f)) {
-                status |= CASCADED_TANKS_RESTARTED;
-            }
+            s->L = cascaded_tanks_clamp(L21, -3.2772714e+08f, 3.2772714e+08f);
         }
         /* keep D in its box */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
-            s->D[0] = cascaded_tanks_keep(D1, 1e-16f, 260.01562f, 0.25f, 1e+30f);
-            s->D[1] = cascaded_tanks_keep(D2, 5.6e-15f, 27.926996f, 0.25f, 1e+30f);
-            if (!(cascaded_tanks_within(D1, 1e+30f) && cascaded_tanks_within(D2, 1e+30f))) {
-                status |= CASCADED_TANKS_RESTARTED;
-            }
-        }
-        /* outside the declared box the model is evaluated at its edge */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            if (z1 < 0.25f || z1 > 11.0f || z2 < 0.52f || z2 > 3.1623f) {
-                status |= CASCADED_TANKS_OUTSIDE_BOX;
-            }
+            s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
+            s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
         }
     }
     /* remember the input */
@@ -283,6 +307,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
 {
     unsigned status = 0u;
     float e = 0.0f;
+    bool lost = false;
     float sample = 0.0f;
     bool valid = false;
     /* guard the sample of y */
@@ -330,28 +355,47 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 predictor->samples = (samples < 11u) ? samples + 1u : 11u;
             }
         }
+        /* is a value lost? */
+        {
+            const bool t1 = cascaded_tanks_within(s->z[0], 1e+30f) && cascaded_tanks_within(s->z[1], 1e+30f)
+                && cascaded_tanks_within(s->D[0], 1e+30f);
+            lost = !(t1 && cascaded_tanks_within(s->D[1], 1e+30f));
+        }
+        if (lost) {
+            /* a value is lost: all restart */
+            s->z[0] = 5.0f;
+            s->z[1] = 1.7525125f;
+            s->L = 0.0f;
+            s->D[0] = 0.25f;
+            s->D[1] = 0.25f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            status |= CASCADED_TANKS_RESTARTED;
+        }
         /* keep z in its box */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            s->z[0] = cascaded_tanks_keep(z1, -10.5f, 21.75f, 5.0f, 1e+30f);
-            s->z[1] = cascaded_tanks_keep(z2, -3.44345f, 7.12575f, 1.7525125f, 1e+30f);
+            s->z[0] = cascaded_tanks_clamp(z1, -10.5f, 21.75f);
+            s->z[1] = cascaded_tanks_clamp(z2, -3.44345f, 7.12575f);
             if (z1 < -10.5f || z1 > 21.75f || z2 < -3.44345f || z2 > 7.12575f) {
                 status |= CASCADED_TANKS_STATE_LIMITED;
-            }
-            if (!(cascaded_tanks_within(z1, 1e+30f) && cascaded_tanks_within(z2, 1e+30f))) {
-                status |= CASCADED_TANKS_RESTARTED;
             }
         }
         /* keep D in its box */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
-            s->D[0] = cascaded_tanks_keep(D1, 1e-16f, 260.01562f, 0.25f, 1e+30f);
-            s->D[1] = cascaded_tanks_keep(D2, 5.6e-15f, 27.926996f, 0.25f, 1e+30f);
-            if (!(cascaded_tanks_within(D1, 1e+30f) && cascaded_tanks_within(D2, 1e+30f))) {
-                status |= CASCADED_TANKS_RESTARTED;
-            }
+            s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
+            s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
+        }
+    }
+    /* outside the declared box the model is evaluated at its edge */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        if (z1 < 0.25f || z1 > 11.0f || z2 < 0.52f || z2 > 3.1623f) {
+            status |= CASCADED_TANKS_OUTSIDE_BOX;
         }
     }
     return status;
@@ -360,6 +404,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
 unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_params *p)
 {
     unsigned status = 0u;
+    bool lost = false;
     bool restart = false;
     bool running = false;
     /* no time has passed before the second call */
@@ -414,21 +459,28 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
             const float decay = cascaded_tanks_exp(-(4.0f*p->gain.rate*(1.0f - mu)));
             s->theta = cascaded_tanks_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t6);
         }
+        /* is a value lost? */
+        lost = !(cascaded_tanks_within(s->innovation, 1e+30f) && cascaded_tanks_within(s->theta, 1e+30f));
+        if (lost) {
+            /* a value is lost: all restart */
+            s->z[0] = 5.0f;
+            s->z[1] = 1.7525125f;
+            s->L = 0.0f;
+            s->D[0] = 0.25f;
+            s->D[1] = 0.25f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            status |= CASCADED_TANKS_RESTARTED;
+        }
         /* keep innovation in its box */
         {
             const float innovation = s->innovation;
-            s->innovation = cascaded_tanks_keep(innovation, 0.0f, 1e+30f, 0.0f, 1e+30f);
-            if (!cascaded_tanks_within(innovation, 1e+30f)) {
-                status |= CASCADED_TANKS_RESTARTED;
-            }
+            s->innovation = cascaded_tanks_clamp(innovation, 0.0f, 1e+30f);
         }
         /* keep theta in its box */
         {
             const float theta = s->theta;
-            s->theta = cascaded_tanks_keep(theta, 1.0f, 4.0f, 1.0f, 1e+30f);
-            if (!cascaded_tanks_within(theta, 1e+30f)) {
-                status |= CASCADED_TANKS_RESTARTED;
-            }
+            s->theta = cascaded_tanks_clamp(theta, 1.0f, 4.0f);
         }
     }
     return status;

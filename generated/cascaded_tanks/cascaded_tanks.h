@@ -65,28 +65,31 @@
  */
 
 /* Status bits: what happened, and what it asks of you. */
-/* y is not a number: predicted only. To do: none; watch for a sensor that stays silent. */
-#define CASCADED_TANKS_MISSING_y          (1u << 0)
-/* y is implausible: predicted only. To do: check the sensor and the declared range. */
-#define CASCADED_TANKS_REJECTED_y         (1u << 1)
-/* u is not a number or absurd: the last valid one was used. To do: check the source of the input. */
-#define CASCADED_TANKS_REUSED_u           (1u << 2)
+/* y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
+#define CASCADED_TANKS_MISSING_y          0x0001u
+/* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
+ * and the declared range. */
+#define CASCADED_TANKS_REJECTED_y         0x0002u
+/* u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the input.
+ * */
+#define CASCADED_TANKS_REUSED_u           0x0004u
 /* u was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define CASCADED_TANKS_CLAMPED_u          (1u << 3)
+#define CASCADED_TANKS_CLAMPED_u          0x0008u
 /* the estimate is outside the declared box, where the model is evaluated at the edge. To do: normal while the
- * estimate peaks; if it stays, the declared ranges are too narrow. */
-#define CASCADED_TANKS_OUTSIDE_BOX        (1u << 4)
+ * estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow. */
+#define CASCADED_TANKS_OUTSIDE_BOX        0x0010u
 /* the estimate was projected to its outer box; the convergence theorem is suspended. To do: none if brief; if
  * it stays, lower theta or widen the ranges. */
-#define CASCADED_TANKS_STATE_LIMITED      (1u << 5)
-/* a value was lost (not a number) and restarted. To do: treat the estimate as new; check parameters and
- * ranges. */
-#define CASCADED_TANKS_RESTARTED          (1u << 6)
-/* a parameter was out of its range and was limited. To do: correct the parameter and tune again. */
-#define CASCADED_TANKS_PARAMETER_LIMITED  (1u << 7)
+#define CASCADED_TANKS_STATE_LIMITED      0x0020u
+/* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
+ * parameters (tune was called?) and ranges. */
+#define CASCADED_TANKS_RESTARTED          0x0040u
+/* tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
+ * do: correct the parameter and tune again. */
+#define CASCADED_TANKS_PARAMETER_LIMITED  0x0080u
 /* the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
-#define CASCADED_TANKS_COVARIANCE_LIMITED (1u << 8)
+#define CASCADED_TANKS_COVARIANCE_LIMITED 0x0100u
 
 /* the input now */
 typedef struct {

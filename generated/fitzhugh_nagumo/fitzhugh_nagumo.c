@@ -3,6 +3,16 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#if defined(FITZHUGH_NAGUMO_USE_LIBM)
+#include <math.h>
+#elif defined(FITZHUGH_NAGUMO_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
 
 static float fitzhugh_nagumo_min(float a, float b)
 {
@@ -35,16 +45,37 @@ static float fitzhugh_nagumo_keep(float v, float low, float high, float otherwis
 /* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
  * Define FITZHUGH_NAGUMO_USE_LIBM for those of <math.h>, or FITZHUGH_NAGUMO_USE_CMSIS for CMSIS-DSP. */
 #if defined(FITZHUGH_NAGUMO_USE_LIBM)
-#include <math.h>
-#define fitzhugh_nagumo_exp(x) expf(x)
-#define fitzhugh_nagumo_sin(x) sinf(x)
-#define fitzhugh_nagumo_cos(x) cosf(x)
+static float fitzhugh_nagumo_exp(float x)
+{
+    return expf(x);
+}
+
+static float fitzhugh_nagumo_sin(float x)
+{
+    return sinf(x);
+}
+
+static float fitzhugh_nagumo_cos(float x)
+{
+    return cosf(x);
+}
+
 #elif defined(FITZHUGH_NAGUMO_USE_CMSIS)
-#include "arm_math.h"
-#include <math.h>
-#define fitzhugh_nagumo_exp(x) expf(x)
-#define fitzhugh_nagumo_sin(x) arm_sin_f32(x)
-#define fitzhugh_nagumo_cos(x) arm_cos_f32(x)
+static float fitzhugh_nagumo_exp(float x)
+{
+    return expf(x);
+}
+
+static float fitzhugh_nagumo_sin(float x)
+{
+    return arm_sin_f32(x);
+}
+
+static float fitzhugh_nagumo_cos(float x)
+{
+    return arm_cos_f32(x);
+}
+
 #else
 /* largest whole number not above v, which an int32_t can hold */
 static float fitzhugh_nagumo_whole(float v)
@@ -123,6 +154,7 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
 {
     unsigned status = 0u;
     bool capped = false;
+    bool lost = false;
     bool running = false;
     float u = 0.0f;
     /* guard the input */
@@ -283,21 +315,41 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
                 predictor->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+15f);
             }
         }
+        /* is a value lost? */
+        {
+            const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
+                && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
+            const bool t2 = t1 && fitzhugh_nagumo_within(s->L[0], 1e+30f)
+                && fitzhugh_nagumo_within(s->L[1], 1e+30f) && fitzhugh_nagumo_within(s->L[2], 1e+30f);
+            const bool t3 = t2 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
+                && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
+            lost = !t3;
+        }
+        if (lost) {
+            /* a value is lost: all restart */
+            s->z[0] = 0.0f;
+            s->z[1] = 0.0f;
+            s->z[2] = 0.0f;
+            s->L[0] = 0.0f;
+            s->L[1] = 0.0f;
+            s->L[2] = 0.0f;
+            s->D[0] = 1.0f;
+            s->D[1] = 1.0f;
+            s->D[2] = 1.0f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            status |= FITZHUGH_NAGUMO_RESTARTED;
+        }
         /* keep z in its box */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
-            const bool t1 = fitzhugh_nagumo_within(z1, 1e+30f) && fitzhugh_nagumo_within(z2, 1e+30f)
-                && fitzhugh_nagumo_within(z3, 1e+30f);
-            s->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+30f);
-            s->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+30f);
-            s->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+30f);
+            s->z[0] = fitzhugh_nagumo_clamp(z1, -10.5f, 10.5f);
+            s->z[1] = fitzhugh_nagumo_clamp(z2, -80.0f, 80.0f);
+            s->z[2] = fitzhugh_nagumo_clamp(z3, -512.0f, 512.0f);
             if (z1 < -10.5f || z1 > 10.5f || z2 < -80.0f || z2 > 80.0f || z3 < -512.0f || z3 > 512.0f) {
                 status |= FITZHUGH_NAGUMO_STATE_LIMITED;
-            }
-            if (!t1) {
-                status |= FITZHUGH_NAGUMO_RESTARTED;
             }
         }
         /* keep L in its box */
@@ -305,37 +357,18 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             const float L21 = s->L[0];
             const float L31 = s->L[1];
             const float L32 = s->L[2];
-            const bool t1 = fitzhugh_nagumo_within(L21, 1e+30f) && fitzhugh_nagumo_within(L31, 1e+30f)
-                && fitzhugh_nagumo_within(L32, 1e+30f);
-            s->L[0] = fitzhugh_nagumo_keep(L21, -1.0354689e+10f, 1.0354689e+10f, 0.0f, 1e+30f);
-            s->L[1] = fitzhugh_nagumo_keep(L31, -4.8761905e+10f, 4.8761905e+10f, 0.0f, 1e+30f);
-            s->L[2] = fitzhugh_nagumo_keep(L32, -4.709162e+09f, 4.709162e+09f, 0.0f, 1e+30f);
-            if (!t1) {
-                status |= FITZHUGH_NAGUMO_RESTARTED;
-            }
+            s->L[0] = fitzhugh_nagumo_clamp(L21, -1.0354689e+10f, 1.0354689e+10f);
+            s->L[1] = fitzhugh_nagumo_clamp(L31, -4.8761905e+10f, 4.8761905e+10f);
+            s->L[2] = fitzhugh_nagumo_clamp(L32, -4.709162e+09f, 4.709162e+09f);
         }
         /* keep D in its box */
         {
             const float D1 = s->D[0];
             const float D2 = s->D[1];
             const float D3 = s->D[2];
-            const bool t1 = fitzhugh_nagumo_within(D1, 1e+30f) && fitzhugh_nagumo_within(D2, 1e+30f)
-                && fitzhugh_nagumo_within(D3, 1e+30f);
-            s->D[0] = fitzhugh_nagumo_keep(D1, 1e-15f, 110.25f, 1.0f, 1e+30f);
-            s->D[1] = fitzhugh_nagumo_keep(D2, 1e-16f, 11820.959f, 1.0f, 1e+30f);
-            s->D[2] = fitzhugh_nagumo_keep(D3, 2.3e-18f, 262144.0f, 1.0f, 1e+30f);
-            if (!t1) {
-                status |= FITZHUGH_NAGUMO_RESTARTED;
-            }
-        }
-        /* outside the declared box the model is evaluated at its edge */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            if (z1 < -3.5f || z1 > 3.5f || z2 < -10.0f || z2 > 10.0f || z3 < -8.0f || z3 > 8.0f) {
-                status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
-            }
+            s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
+            s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
+            s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
         }
     }
     /* remember the input */
@@ -348,6 +381,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
 {
     unsigned status = 0u;
     float e = 0.0f;
+    bool lost = false;
     float sample = 0.0f;
     bool valid = false;
     /* guard the sample of y */
@@ -399,21 +433,39 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 predictor->samples = (samples < 126u) ? samples + 1u : 126u;
             }
         }
+        /* is a value lost? */
+        {
+            const bool t1 = fitzhugh_nagumo_within(s->z[0], 1e+30f)
+                && fitzhugh_nagumo_within(s->z[1], 1e+30f) && fitzhugh_nagumo_within(s->z[2], 1e+30f);
+            const bool t2 = t1 && fitzhugh_nagumo_within(s->D[0], 1e+30f)
+                && fitzhugh_nagumo_within(s->D[1], 1e+30f) && fitzhugh_nagumo_within(s->D[2], 1e+30f);
+            lost = !t2;
+        }
+        if (lost) {
+            /* a value is lost: all restart */
+            s->z[0] = 0.0f;
+            s->z[1] = 0.0f;
+            s->z[2] = 0.0f;
+            s->L[0] = 0.0f;
+            s->L[1] = 0.0f;
+            s->L[2] = 0.0f;
+            s->D[0] = 1.0f;
+            s->D[1] = 1.0f;
+            s->D[2] = 1.0f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            status |= FITZHUGH_NAGUMO_RESTARTED;
+        }
         /* keep z in its box */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
-            const bool t1 = fitzhugh_nagumo_within(z1, 1e+30f) && fitzhugh_nagumo_within(z2, 1e+30f)
-                && fitzhugh_nagumo_within(z3, 1e+30f);
-            s->z[0] = fitzhugh_nagumo_keep(z1, -10.5f, 10.5f, 0.0f, 1e+30f);
-            s->z[1] = fitzhugh_nagumo_keep(z2, -80.0f, 80.0f, 0.0f, 1e+30f);
-            s->z[2] = fitzhugh_nagumo_keep(z3, -512.0f, 512.0f, 0.0f, 1e+30f);
+            s->z[0] = fitzhugh_nagumo_clamp(z1, -10.5f, 10.5f);
+            s->z[1] = fitzhugh_nagumo_clamp(z2, -80.0f, 80.0f);
+            s->z[2] = fitzhugh_nagumo_clamp(z3, -512.0f, 512.0f);
             if (z1 < -10.5f || z1 > 10.5f || z2 < -80.0f || z2 > 80.0f || z3 < -512.0f || z3 > 512.0f) {
                 status |= FITZHUGH_NAGUMO_STATE_LIMITED;
-            }
-            if (!t1) {
-                status |= FITZHUGH_NAGUMO_RESTARTED;
             }
         }
         /* keep D in its box */
@@ -421,14 +473,18 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             const float D1 = s->D[0];
             const float D2 = s->D[1];
             const float D3 = s->D[2];
-            const bool t1 = fitzhugh_nagumo_within(D1, 1e+30f) && fitzhugh_nagumo_within(D2, 1e+30f)
-                && fitzhugh_nagumo_within(D3, 1e+30f);
-            s->D[0] = fitzhugh_nagumo_keep(D1, 1e-15f, 110.25f, 1.0f, 1e+30f);
-            s->D[1] = fitzhugh_nagumo_keep(D2, 1e-16f, 11820.959f, 1.0f, 1e+30f);
-            s->D[2] = fitzhugh_nagumo_keep(D3, 2.3e-18f, 262144.0f, 1.0f, 1e+30f);
-            if (!t1) {
-                status |= FITZHUGH_NAGUMO_RESTARTED;
-            }
+            s->D[0] = fitzhugh_nagumo_clamp(D1, 1e-15f, 110.25f);
+            s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
+            s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
+        }
+    }
+    /* outside the declared box the model is evaluated at its edge */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        const float z3 = s->z[2];
+        if (z1 < -3.5f || z1 > 3.5f || z2 < -10.0f || z2 > 10.0f || z3 < -8.0f || z3 > 8.0f) {
+            status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
         }
     }
     return status;
@@ -437,6 +493,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
 unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_params *p)
 {
     unsigned status = 0u;
+    bool lost = false;
     bool restart = false;
     bool running = false;
     /* no time has passed before the second call */
@@ -492,21 +549,32 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
             const float decay = fitzhugh_nagumo_exp(-(0.01f*p->gain.rate*(1.0f - mu)));
             s->theta = fitzhugh_nagumo_clamp(1.0f + (risen - 1.0f)*decay, 1.0f, t6);
         }
+        /* is a value lost? */
+        lost = !(fitzhugh_nagumo_within(s->innovation, 1e+30f) && fitzhugh_nagumo_within(s->theta, 1e+30f));
+        if (lost) {
+            /* a value is lost: all restart */
+            s->z[0] = 0.0f;
+            s->z[1] = 0.0f;
+            s->z[2] = 0.0f;
+            s->L[0] = 0.0f;
+            s->L[1] = 0.0f;
+            s->L[2] = 0.0f;
+            s->D[0] = 1.0f;
+            s->D[1] = 1.0f;
+            s->D[2] = 1.0f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            status |= FITZHUGH_NAGUMO_RESTARTED;
+        }
         /* keep innovation in its box */
         {
             const float innovation = s->innovation;
-            s->innovation = fitzhugh_nagumo_keep(innovation, 0.0f, 1e+30f, 0.0f, 1e+30f);
-            if (!fitzhugh_nagumo_within(innovation, 1e+30f)) {
-                status |= FITZHUGH_NAGUMO_RESTARTED;
-            }
+            s->innovation = fitzhugh_nagumo_clamp(innovation, 0.0f, 1e+30f);
         }
         /* keep theta in its box */
         {
             const float theta = s->theta;
-            s->theta = fitzhugh_nagumo_keep(theta, 1.0f, 8.0f, 1.0f, 1e+30f);
-            if (!fitzhugh_nagumo_within(theta, 1e+30f)) {
-                status |= FITZHUGH_NAGUMO_RESTARTED;
-            }
+            s->theta = fitzhugh_nagumo_clamp(theta, 1.0f, 8.0f);
         }
     }
     return status;

@@ -3,6 +3,16 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#if defined(PENDULUM_USE_LIBM)
+#include <math.h>
+#elif defined(PENDULUM_USE_CMSIS)
+#include "arm_math.h"
+#include <math.h>
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
 
 static float pendulum_clamp(float v, float low, float high)
 {
@@ -25,12 +35,17 @@ static float pendulum_keep(float v, float low, float high, float otherwise, floa
 /* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
  * Define PENDULUM_USE_LIBM for those of <math.h>, or PENDULUM_USE_CMSIS for CMSIS-DSP. */
 #if defined(PENDULUM_USE_LIBM)
-#include <math.h>
-#define pendulum_sin(x) sinf(x)
+static float pendulum_sin(float x)
+{
+    return sinf(x);
+}
+
 #elif defined(PENDULUM_USE_CMSIS)
-#include "arm_math.h"
-#include <math.h>
-#define pendulum_sin(x) arm_sin_f32(x)
+static float pendulum_sin(float x)
+{
+    return arm_sin_f32(x);
+}
+
 #else
 /* largest whole number not above v, which an int32_t can hold */
 static float pendulum_whole(float v)
@@ -59,6 +74,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     const pendulum_output *out)
 {
     unsigned status = 0u;
+    bool lost = false;
     bool running = false;
     float u = 0.0f;
     float valid = 0.0f;
@@ -82,7 +98,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         const float y_given = out->y;
         const bool t1 = pendulum_within(y_given, 3e+38f);
         const float z1 = s->z[0];
-        const bool t2 = t1 && pendulum_within(y_given, 1e+15f) && pendulum_within(y_given - z1, 1e+16f);
+        const bool t2 = t1 && y_given >= -12.0f && y_given <= 12.0f && pendulum_within(y_given - z1, 1e+16f);
         const float t3 = t2 ? y_given : z1;
         y = t3;
         y_last = (t2 && (s->y_valid != 0.0f)) ? s->y : t3;
@@ -139,25 +155,22 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             s->z[0] = z1 + 0.00016666666f*(k1_z1 + 2.0f*k2_z1 + 2.0f*k3_z1 + k4_z1);
             s->z[1] = z2 + 0.00016666666f*(k1_z2 + 2.0f*k2_z2 + 2.0f*k3_z2 + k4_z2);
         }
+        /* is a value lost? */
+        lost = !(pendulum_within(s->z[0], 1e+30f) && pendulum_within(s->z[1], 1e+30f));
+        if (lost) {
+            /* a value is lost: all restart */
+            s->z[0] = 0.0f;
+            s->z[1] = 0.0f;
+            status |= PENDULUM_RESTARTED;
+        }
         /* keep z in its box */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            s->z[0] = pendulum_keep(z1, -12.0f, 12.0f, 0.0f, 1e+30f);
-            s->z[1] = pendulum_keep(z2, -400.0f, 400.0f, 0.0f, 1e+30f);
+            s->z[0] = pendulum_clamp(z1, -12.0f, 12.0f);
+            s->z[1] = pendulum_clamp(z2, -400.0f, 400.0f);
             if (z1 < -12.0f || z1 > 12.0f || z2 < -400.0f || z2 > 400.0f) {
                 status |= PENDULUM_STATE_LIMITED;
-            }
-            if (!(pendulum_within(z1, 1e+30f) && pendulum_within(z2, 1e+30f))) {
-                status |= PENDULUM_RESTARTED;
-            }
-        }
-        /* outside the declared box the model is evaluated at its edge */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            if (z1 < -4.0f || z1 > 4.0f || z2 < -20.0f || z2 > 20.0f) {
-                status |= PENDULUM_OUTSIDE_BOX;
             }
         }
     }
@@ -166,6 +179,14 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     /* remember the sample */
     s->y = y;
     s->y_valid = valid;
+    /* outside the declared box the model is evaluated at its edge */
+    {
+        const float z1 = s->z[0];
+        const float z2 = s->z[1];
+        if (z1 < -4.0f || z1 > 4.0f || z2 < -20.0f || z2 > 20.0f) {
+            status |= PENDULUM_OUTSIDE_BOX;
+        }
+    }
     return status;
 }
 

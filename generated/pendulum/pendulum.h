@@ -51,25 +51,28 @@
  */
 
 /* Status bits: what happened, and what it asks of you. */
-/* y is not a number: predicted only. To do: none; watch for a sensor that stays silent. */
-#define PENDULUM_MISSING_y         (1u << 0)
-/* y is implausible: predicted only. To do: check the sensor and the declared range. */
-#define PENDULUM_REJECTED_y        (1u << 1)
-/* tau is not a number or absurd: the last valid one was used. To do: check the source of the input. */
-#define PENDULUM_REUSED_tau        (1u << 2)
+/* y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
+#define PENDULUM_MISSING_y         0x0001u
+/* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
+ * and the declared range. */
+#define PENDULUM_REJECTED_y        0x0002u
+/* tau is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
+ * input. */
+#define PENDULUM_REUSED_tau        0x0004u
 /* tau was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define PENDULUM_CLAMPED_tau       (1u << 3)
+#define PENDULUM_CLAMPED_tau       0x0008u
 /* the estimate is outside the declared box, where the model is evaluated at the edge. To do: normal while the
- * estimate peaks; if it stays, the declared ranges are too narrow. */
-#define PENDULUM_OUTSIDE_BOX       (1u << 4)
+ * estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow. */
+#define PENDULUM_OUTSIDE_BOX       0x0010u
 /* the estimate was projected to its outer box; the convergence theorem is suspended. To do: none if brief; if
  * it stays, lower theta or widen the ranges. */
-#define PENDULUM_STATE_LIMITED     (1u << 5)
-/* a value was lost (not a number) and restarted. To do: treat the estimate as new; check parameters and
- * ranges. */
-#define PENDULUM_RESTARTED         (1u << 6)
-/* a parameter was out of its range and was limited. To do: correct the parameter and tune again. */
-#define PENDULUM_PARAMETER_LIMITED (1u << 7)
+#define PENDULUM_STATE_LIMITED     0x0020u
+/* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
+ * parameters (tune was called?) and ranges. */
+#define PENDULUM_RESTARTED         0x0040u
+/* tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
+ * do: correct the parameter and tune again. */
+#define PENDULUM_PARAMETER_LIMITED 0x0080u
 
 /* the input now */
 typedef struct {

@@ -11,7 +11,7 @@ from hgogen.ccheck import check as self_check
 from hgogen.cfold import folded
 from hgogen.cheader import Prototype, arguments, header, prototypes
 from hgogen.ckernels import kernels
-from hgogen.cmath import functions
+from hgogen.cmath import functions, includes
 from hgogen.cprint import Real, literal
 from hgogen.ctext import Writer, indented, status_type
 from hgogen.errors import HgogenError
@@ -45,6 +45,14 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     return Files(tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items()))
 
 
+_IEEE = (
+    "#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))",
+    '#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"',
+    "#endif",
+    "",
+)
+
+
 def _source(step: Step, real: Real) -> list[str]:
     writer, name = Writer(step, real), step.name
     bodies = {section.name: writer.function(section.program) for section in step.sections}
@@ -63,18 +71,20 @@ def _source(step: Step, real: Real) -> list[str]:
         f"/* {name}: see {name}.h, which is the manual. */",
         f'#include "{name}.h"',
         "",
-        *_includes(step, text),
+        *_includes(step, includes(name, real, writer.used), text),
+        *_IEEE,
         *text,
     ]
 
 
-def _includes(step: Step, text: list[str]) -> list[str]:
+def _includes(step: Step, chosen: list[str], text: list[str]) -> list[str]:
     """The standard headers that the text needs, and a guard where a counter needs more than 16 bits."""
     whole = "\n".join(text)
     wide = max((int(number) for number in re.findall(r"\b(\d+)u\b", whole)), default=0) > 0xFFFF
     lines = ["#include <limits.h>"] if wide else []
     lines += ["#include <stdbool.h>"] if re.search(r"\b(bool|true|false)\b", whole) else []
     lines += ["#include <stdint.h>"] if re.search(r"\bint(32|64)_t\b", whole) else []
+    lines += chosen
     lines += [""] if lines else []
     guard = [
         "#if UINT_MAX <= 0xFFFF",

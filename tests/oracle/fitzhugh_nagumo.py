@@ -131,9 +131,7 @@ def settling(t: Array, error: Array, since: float, band: float = 0.3, hold: floa
     """Time from `since` until |error| (s, k) stays within band for `hold`; NaN where it never does."""
     dt, first = t[1] - t[0], int(np.searchsorted(t, since - 1e-9))
     samples = round(hold / dt) + 1
-    inside = np.concatenate(
-        [np.zeros((len(error), 1)), np.cumsum(np.abs(error[:, first:]) <= band, axis=1)], axis=1
-    )
+    inside = np.concatenate([np.zeros((len(error), 1)), np.cumsum(np.abs(error[:, first:]) <= band, axis=1)], axis=1)
     held = inside[:, samples:] - inside[:, :-samples] == samples
     return np.where(held.any(axis=1), held.argmax(axis=1) * dt, np.nan)
 

@@ -1,0 +1,215 @@
+"""Emitted C: no compiler warns, every compiler computes the recorded bits, and the text is the same everywhere."""
+
+import hashlib
+import os
+import socket
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import emitted
+import pytest
+from emitted import compiled, files, run, step, tool
+
+import hgogen as hg
+from hgogen.cfold import COLUMNS
+from hgogen.cprint import BeyondFloat
+from hgogen.step import BadStep
+
+NAMES = list(emitted.STEPS)
+REALS = ("float", "double")
+
+
+def check(compiler: str, name: str, real: str, folder: Path, *flags: str) -> str:
+    """What the self-check prints, compiled with `flags`."""
+    program = compiled(tool(compiler), files(name, real), folder, *flags)
+    return subprocess.run([program], capture_output=True, text=True, check=False).stdout
+
+
+def passed(name: str) -> str:
+    return f"{step(name).name}: 64 samples as recorded\n"
+
+
+def exact(name: str) -> str:
+    return f"-D{step(name).name.upper()}_EXACT"
+
+
+# --- compilers ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", NAMES)
+def test_gcc_has_no_warning_and_every_bit_is_as_recorded(name: str, real: str, tmp_path: Path) -> None:
+    assert check("gcc", name, real, tmp_path, "-O2", exact(name)) == passed(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_clang_has_no_warning_and_every_bit_is_as_recorded(name: str, tmp_path: Path) -> None:
+    assert check("clang", name, "float", tmp_path, "-O2", exact(name)) == passed(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("optimisation", ["-O0", "-O1", "-O3", "-Os"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", NAMES)
+def test_no_optimisation_changes_a_bit(name: str, real: str, compiler: str, optimisation: str, tmp_path: Path) -> None:
+    assert check(compiler, name, real, tmp_path, optimisation, exact(name)) == passed(name)
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions", "no_input"])
+def test_the_library_s_functions_stay_within_the_tolerance(name: str, real: str, tmp_path: Path) -> None:
+    macro = f"-D{step(name).name.upper()}_USE_LIBM"
+    assert check("gcc", name, real, tmp_path, "-O2", macro) == passed(name)
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions", "many_states"])
+def test_contraction_stays_within_the_tolerance(name: str, real: str, tmp_path: Path) -> None:
+    flags = ("-O3", "-march=native", "-ffp-contract=fast")
+    assert check("gcc", name, real, tmp_path, *flags) == passed(name)
+
+
+# CMSIS-DSP's sine: linear interpolation between 512 values
+_ARM_MATH = """
+#include <math.h>
+static inline float arm_between(float x, int quarter)
+{
+    const float at = 512.0f*(0.15915494f*x - floorf(0.15915494f*x));
+    const int k = (int)at + quarter;
+    const float a = sinf(0.012271846f*(float)k);
+    const float b = sinf(0.012271846f*(float)(k + 1));
+    return a + (b - a)*(at - floorf(at));
+}
+#define arm_sin_f32(x) arm_between(x, 0)
+#define arm_cos_f32(x) arm_between(x, 128)
+"""
+
+
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions"])
+def test_an_interpolated_sine_stays_within_its_tolerance(name: str, tmp_path: Path) -> None:
+    (tmp_path / "arm_math.h").write_text(_ARM_MATH)
+    assert check("gcc", name, "float", tmp_path, "-O2", f"-D{step(name).name.upper()}_USE_CMSIS") == passed(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_header_is_c_and_c_plus_plus_included_twice(name: str, tmp_path: Path) -> None:
+    header = f"{step(name).name}.h"
+    (tmp_path / header).write_text(files(name)[header])
+    twice = f'#include "{header}"\n#include "{header}"\n{step(name).name}_state s;\n'
+    for suffix, compiler, standard in ((".cpp", "g++", "-std=c++11"), (".c", "gcc", "-std=c99")):
+        (tmp_path / f"twice{suffix}").write_text(twice)
+        flags = ["-fsyntax-only", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror", standard]
+        run([tool(compiler), *flags, f"twice{suffix}"], tmp_path)
+
+
+def test_two_systems_link_together(tmp_path: Path) -> None:
+    texts = {**files("sin"), **files("x")}
+    compiled(tool("gcc"), texts, tmp_path, "-O0", "-DX_NO_MAIN")
+
+
+# --- text ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_lines_are_short_and_tell_nothing_of_this_machine(name: str) -> None:
+    for real in REALS:
+        for file, text in files(name, real).items():
+            assert text.endswith("\n")
+            assert "\t" not in text
+            for line in text.splitlines():
+                assert line == line.rstrip()
+                assert len(line) <= COLUMNS or line.startswith(("#", "    {")), f"{file}: {line}"
+            for word in (str(Path.cwd()), str(Path.home()), socket.gethostname(), datetime.now(UTC).strftime("%Y-%m")):
+                assert len(word) < 4 or word not in text
+
+
+_EMIT = """
+import hashlib, emitted
+for name in ("fitzhugh_nagumo", "two", "no_input", "sin"):
+    for real in ("float", "double"):
+        for file, text in emitted.files(name, real).items():
+            print(name, real, file, hashlib.sha256(text.encode()).hexdigest())
+"""
+
+
+def test_the_same_bytes_in_every_process(tmp_path: Path) -> None:
+    def listing(seed: str) -> str:
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(emitted.HERE)}
+        return subprocess.run(
+            [sys.executable, "-c", _EMIT], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    wanted = listing("0")
+    assert wanted.count("\n") == 24
+    assert listing("1") == wanted
+    assert listing("4294967295") == wanted
+    digest = hashlib.sha256(files("fitzhugh_nagumo")["fitzhugh_nagumo.c"].encode()).hexdigest()
+    assert f"fitzhugh_nagumo float fitzhugh_nagumo.c {digest}" in wanted
+
+
+def test_words_of_the_user_stay_in_their_comments(tmp_path: Path) -> None:
+    a = hg.Signal("a", "*/ int i; /*", "a */ b /* c\n#error d ??/", low=-1, high=1)
+    y = hg.Signal("y", "V \\", "\\")
+    plant = hg.System("words", states=(a,), outputs=(y,), flow=[-a], output=[a])
+    made = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=[1], R=1), dt=0.01)
+    texts = hg.targets.c99(made, command="hgogen generate models/*.py */ #error")
+    program = compiled(tool("gcc"), texts, tmp_path, "-O1", "-DWORDS_EXACT")
+    assert subprocess.run([program], check=False).returncode == 0
+
+
+def test_few_bits_are_unsigned_and_many_have_32() -> None:
+    assert len(step("fitzhugh_nagumo").bits) <= 16 < len(step("wide").bits)
+    assert "unsigned fitzhugh_nagumo_step(" in files("fitzhugh_nagumo")["fitzhugh_nagumo.h"]
+    assert "uint32_t wide_step(" in files("wide")["wide.h"]
+
+
+def test_more_than_32_bits_are_refused() -> None:
+    x, y = (emitted.signals(" ".join(f"{letter}{i}" for i in range(16))) for letter in "xy")
+    plant = hg.System("wider", states=x, outputs=y, flow=[-v for v in x], output=x)
+    with pytest.raises(BadStep, match="has more than 32"):
+        hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1] * 16, R=[1] * 16), dt=0.01)
+
+
+@pytest.mark.parametrize("constant", [1e-60, 1e60])
+def test_a_number_beyond_float_is_refused_in_float_only(constant: float) -> None:
+    a, y = hg.Signal("a"), hg.Signal("y")
+    plant = hg.System("beyond", states=(a,), outputs=(y,), flow=[-a + constant], output=[a])
+    made = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=[1], R=1), dt=0.01)
+    with pytest.raises(BeyondFloat, match="beyond the range of float"):
+        hg.targets.c99(made)
+    assert hg.targets.c99(made, real="double")
+
+
+# --- the self-check -----------------------------------------------------------------------------------------
+
+# what an engineer may mistype: a coefficient of the model, of the method, of the guards; a sign; an index
+SEEDED = [
+    ("2.4f*", "2.5f*"),
+    ("0.0016666667f", "0.00167f"),
+    ("0.005f", "0.0051f"),
+    ("0.33333334f", "0.3334f"),
+    (" <= 15.0f", " <= 1.5f"),
+    ("100.0f", "99.0f"),
+    ("s->L[1] = l31", "s->L[1] = l21"),
+    ("const float d2 = w2_1*t", "const float d2 = -w2_1*t"),
+    ("|= FITZHUGH_NAGUMO_REUSED_u", "|= FITZHUGH_NAGUMO_CLAMPED_u"),
+]
+
+
+def test_the_self_check_catches_what_is_mistyped(tmp_path: Path) -> None:
+    name, source = "fitzhugh_nagumo", files("fitzhugh_nagumo")["fitzhugh_nagumo.c"]
+    for right, wrong in SEEDED:
+        assert right in source, right
+        texts = {**files(name), f"{name}.c": source.replace(right, wrong, 1)}
+        program = compiled(tool("gcc"), texts, tmp_path, "-O1", exact(name))
+        found = subprocess.run([program], check=False).returncode
+        assert found == 1, f"{right} became {wrong}"
+
+
+def test_fast_math_is_refused(tmp_path: Path) -> None:
+    """It assumes away what is not a number, and so the guards; the self-check alone would not always notice."""
+    with pytest.raises(AssertionError, match="ffast-math drops the guards"):
+        compiled(tool("gcc"), files("fitzhugh_nagumo"), tmp_path, "-O2", "-ffast-math")
