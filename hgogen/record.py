@@ -184,7 +184,7 @@ def _pace(period: float, dt: float) -> tuple[str, ...]:
         doubt = "between rows the step has only its model; are the times seconds, and is dt right?"
     else:
         doubt = "only the row nearest to each sample is used; are the times seconds, and is dt right?"
-    return (f"the record's period, {period:g} s, is {factor:.3g} times the step's dt, {dt:g} s: {doubt}",)
+    return (f"the record's period, {period:g} s, is {factor:.4g} times the step's dt, {dt:g} s: {doubt}",)
 
 
 def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: float) -> Record:

@@ -207,7 +207,7 @@ def test_cells_of_rows_without_a_time_are_not_counted(tmp_path: Path):
         (0.05, None),
         (0.21, "is 2.1 times the step's dt, 0.1 s: between rows"),
         (0.02, "is 0.2 times the step's dt, 0.1 s: only the row nearest"),
-        (100, "is 1e+03 times the step's dt, 0.1 s: are its times milliseconds?"),
+        (100, "is 1000 times the step's dt, 0.1 s: are its times milliseconds?"),
     ],
 )
 def test_another_pace_than_the_steps_is_noted(tmp_path: Path, period: float, said: str | None):
