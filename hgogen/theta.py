@@ -146,6 +146,7 @@ class Smoothstep:
 
     gamma_0: float
     gamma_1: float
+    equation: str = "mu 0 below gamma_0, 1 above gamma_1, a smoothstep between"
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -169,6 +170,7 @@ class Logistic:
 
     centre: float
     slope: float
+    equation: str = "mu = 1/(1 + exp(-slope (I_d - centre)))"
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -193,8 +195,17 @@ class Adaptive:
     rate: float
     mu: Smoothstep | Logistic
     innovation: Innovation
-    equation: str = "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows"
     traces: tuple[str, ...] = ("theta", "innovation")
+
+    @property
+    def equation(self) -> str:
+        """For the banner."""
+        return (
+            "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
+            "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "
+            + self.mu.equation
+            + f"; I_d over d = {self.innovation.d:g} s"
+        )
 
     @property
     def peak(self) -> float:

@@ -11,8 +11,10 @@
  * Observer
  *   z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)
  *   S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S
- *   Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..)
- *   theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows
+ *   P = S^-1, Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..)
+ *   theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time
+ *     up to theta_1, then (theta - 2 theta_1)^2/rise_time; mu 0 below gamma_0, 1 above gamma_1, a smoothstep
+ *     between; I_d over d = 1 s
  *   Q = 0.1, 0.01, 0.00023
  *   R = 1
  *   theta_1 = 4
@@ -54,9 +56,20 @@
  *     }
  *
  * The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
- * An output that is not a number (v != v) is missing: the step predicts. An input that is not a number
- * reuses the last valid one. No input, however absurd, makes the state infinite or not a number.
- * The status is 0 for ok, else an or of the bits below.
+ * The period is compiled in: one call for each, with NaN for a sample that did not come.
+ * An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
+ * valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
+ * plausible value is not noticed. The status is 0 for ok, else an or of the bits below.
+ *
+ * fitzhugh_nagumo_step is predict, update_y, adapt:
+ * in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later
+ * than the input. Without a sample leave its update out.
+ *
+ * Change gains in p.gain, then call fitzhugh_nagumo_tune,
+ * or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
+ * A gain whose largest value is its nominal one can only go down, because dt was admitted for it.
+ * The state may be copied, saved and restored, by the same version of this file; write s.z after init or
+ * reset to start from an estimate of yours.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check;

@@ -27,7 +27,7 @@ REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonl
 EQUATIONS = (
     "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
     "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
-    "Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..)",
+    "P = S^-1, Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..)",
 )
 
 
