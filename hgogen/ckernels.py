@@ -87,7 +87,8 @@ static void PREFIX_correct(PREFIX_column L[SIZE], REAL D[SIZE], const REAL c[SIZ
     for (unsigned i = 0u; i < SIZE; ++i) {
         gain[i] = ZERO;
     }
-    for (unsigned j = SIZE; j-- > 0u;) {
+    for (unsigned k = 0u; k < SIZE; ++k) {
+        const unsigned j = SIZE - 1u - k;
         REAL f = c[j];
         for (unsigned i = j + 1u; i < SIZE; ++i) {
             f = f + L[j].v[i]*c[i];

@@ -90,7 +90,7 @@ class Writer:
         if place in self._indices:
             return f"unsigned {name} = 0u;"
         zero = literal(0, self.real)
-        return f"{self.real} {name} = {zero};" if size == 1 else f"{self.real} {name}[{size}] = {{{zero}}};"
+        return f"{self.real} {name} = {zero};" if size == 1 else f"{self.real} {name}[{size}];"
 
     def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> list[str]:
         """Every statement in order."""
@@ -187,7 +187,9 @@ class Writer:
     def _local(self, place: str, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""
         kind, name = place.split(".", 1)
-        if f"work.{name}" in self._work:  # u: the input now; u_given: as it came; u_before: at the last call
+        if (
+            kind != "work" and f"work.{name}" in self._work
+        ):  # u: the input now; u_given: as it came; u_before: at the last call
             name += {"input": "_given", "output": "_given", "state": "_before"}.get(kind, f"_{kind}")
         known = self._fields.get(place)
         label = known.labels[element] if known and known.labels else ""

@@ -1,5 +1,6 @@
 """Steps whose C the tests compile, and what they need to compile and run it."""
 
+import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
@@ -161,7 +162,8 @@ def tool(name: str) -> str:
 
 def run(command: list[str], folder: Path, timeout: float = 300) -> str:
     """What a command prints; the test fails with it where the command fails."""
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout, check=False)
+    settings = {"cwd": folder, "env": {**os.environ, "PWD": str(folder)}, "timeout": timeout}  # Frama-C goes by PWD
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **settings)
     assert done.returncode == 0, f"{' '.join(command)}\n{done.stdout[-4000:]}{done.stderr[-4000:]}"
     return done.stdout + done.stderr
 

@@ -44,7 +44,7 @@ def test_a_float_build_calls_nothing_in_double_and_holds_no_static_data(
 
 def test_that_the_helpers_of_double_would_be_seen(tmp_path: Path) -> None:
     """So that the test above cannot pass on nothing."""
-    (tmp_path / "wrong.c").write_text("float half(float x) { return 0.5*x; }\n")
+    (tmp_path / "wrong.c").write_text("float half(float x) { return 0.1*x; }\n")
     run([tool("arm-none-eabi-gcc"), *ARM, *M4F, "-c", "wrong.c"], tmp_path)
     assert "__aeabi_dmul" in run([tool("arm-none-eabi-nm"), "wrong.o"], tmp_path)
 
@@ -52,18 +52,8 @@ def test_that_the_helpers_of_double_would_be_seen(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_an_int_of_16_bits_is_enough_or_refused(name: str, tmp_path: Path) -> None:
     """AVR, without a warning; also that sizes are not taken for granted."""
-    flags = (
-        "-std=c99",
-        "-Os",
-        "-mmcu=atmega2560",
-        "-Wall",
-        "-Wextra",
-        "-Wpedantic",
-        "-Wconversion",
-        "-Wshadow",
-        "-Werror",
-    )
-    run([tool("avr-gcc"), *flags, "-c", firmware(name, tmp_path)], tmp_path)
+    flags = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
+    run([tool("avr-gcc"), "-std=c99", "-Os", "-mmcu=atmega2560", *flags, "-c", firmware(name, tmp_path)], tmp_path)
 
 
 # --- on the machines ----------------------------------------------------------------------------------------
@@ -153,9 +143,22 @@ def test_a_cortex_m4f_as_its_compiler_likes_it_is_within_the_tolerance(name: str
     assert on_the_board(name, "float", tmp_path, "mps2-an386", *M4F)["check"] == 0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_an_8_bit_machine_computes_every_bit(name: str, tmp_path: Path) -> None:
+    """Float in software, int of 16 bits."""
+    made = step(name)
+    hg.write(files(name), tmp_path)
+    flags = ["-std=gnu99", "-Os", "-mmcu=atmega2560", "-ffp-contract=off", f"-DCHECK={made.name}_check"]
+    macros = [f"-D{made.name.upper()}_{word}" for word in ("EXACT", "NO_MAIN")]
+    sources = [f"{made.name}.c", f"{made.name}_check.c", str(emitted.HERE / "c" / "avr.c")]
+    run([tool("avr-gcc"), *flags, *macros, *sources, "-o", "check.elf"], tmp_path)
+    assert "check 00" in run([tool("simavr"), "-m", "atmega2560", "-f", "16000000", "check.elf"], tmp_path, timeout=120)
+
+
 # Bytes and instructions on a Cortex-M4F at -O2, with a fifth more than was measured: a change that costs is seen.
 # One step of three Riccati states by RK4 alone takes 900; this one has five predictors, guards and theta as well.
-BUDGET = {"text": 11500, "stack": 300, "instructions": 3600, "state": 200, "params": 36}
+BUDGET = {"text": 10200, "stack": 128, "instructions": 3450, "state": 160, "params": 36}
 
 
 @pytest.mark.slow
@@ -179,9 +182,10 @@ MISRA = {
 @pytest.mark.parametrize("name", NAMES)
 def test_checked_with_misra_s_rules(name: str, tmp_path: Path) -> None:
     options = ["--addon=misra", "--enable=style,warning,performance,portability", "--std=c99", "--inline-suppr"]
-    hidden = ["--suppress=missingIncludeSystem", "--suppress=unreadVariable"]  # each work value starts at 0
+    # work values stand at the top of their function and start at 0
+    hidden = [f"--suppress={kind}" for kind in ("missingIncludeSystem", "unreadVariable", "variableScope")]
     found = run([tool("cppcheck"), *options, *hidden, firmware(name, tmp_path)], tmp_path)
-    assert {rule for rule in re.findall(r"misra-c2012-([\d.]+)", found)} <= MISRA.keys()
+    assert set(re.findall(r"misra-c2012-([\d.]+)", found)) <= MISRA.keys()
     assert not re.findall(r"\[(?!misra)[a-zA-Z]+\]$", found, re.MULTILINE), found
 
 
@@ -214,7 +218,8 @@ def driver(made: hg.Step) -> tuple[str, int]:
     kinds = [kind for kind, signals in (("in", made.inputs), ("out", made.outputs)) if signals]
     types = {"in": "input", "out": "output"}
     members = {"in": made.inputs, "out": made.outputs}
-    parameters = [("plant", f) for f in made.plant] + [("gain", f) for f in made.gains]
+    tuned = [("plant", f) for f in made.plant] + [("gain", f) for f in made.gains]
+    parameters = [f"{kind}.{f.name}" + (f"[{i}]" if f.size > 1 else "") for kind, f in tuned for i in range(f.size)]
     state, inside = [], []
     for e in emitted.elements(made):
         if e.field.kind == "index":
@@ -229,11 +234,7 @@ def driver(made: hg.Step) -> tuple[str, int]:
         name=made.name,
         locals="\n".join(f"    {made.name}_{types[kind]} {kind};" for kind in kinds),
         first="\n".join(inside),
-        parameters="\n".join(
-            f"    p.{kind}.{f.name}{f'[{i}]' if f.size > 1 else ''} = any;"
-            for kind, f in parameters
-            for i in range(f.size)
-        ),
+        parameters="\n".join(f"    p.{name} = any;" for name in parameters),
         state="\n".join(state),
         samples="\n".join(f"    {kind}.{s.name} = any;" for kind in kinds for s in members[kind]),
         call=", ".join(["&s", "&p", *(f"&{kind}" for kind in kinds)]),
@@ -252,9 +253,8 @@ def proved(name: str, folder: Path, source: str, precision: int) -> bool:
     said = run(command, folder, timeout=900)
     assert "Values at end of function main:" in said
     assert "NON TERMINATING" not in said
-    valid, unknown, invalid, total = map(
-        int, re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid +(\d+) total", said).groups()
-    )
+    counts = re.search(r"Assertions +(\d+) valid +\d+ unknown +(\d+) invalid +(\d+) total", said)
+    valid, invalid, total = map(int, counts.groups())
     assert total == count, said[-3000:]
     assert not invalid
     return valid == total and " 0 alarms generated" in said
@@ -276,5 +276,5 @@ def test_that_a_missing_guard_is_not_proved(tmp_path: Path) -> None:
     source = files("pendulum")["pendulum.c"]
     guard = re.search(r"u = pendulum_clamp\(tau_taken, [^)]*\)", source).group()
     assert not proved("pendulum", tmp_path, source.replace(guard, "u = tau_taken"), 5)
-    index = files("fitzhugh_nagumo")["fitzhugh_nagumo.c"].replace("? s->oldest : 0u", "? s->oldest : 5u")
-    assert not proved("fitzhugh_nagumo", tmp_path, index.replace("s->oldest < 5u", "s->oldest < 6u"), 3)
+    beyond = files("fitzhugh_nagumo")["fitzhugh_nagumo.c"].replace("k < 5u", "k < 6u", 1)
+    assert not proved("fitzhugh_nagumo", tmp_path, beyond, 3)
