@@ -187,8 +187,9 @@ class Writer:
     def _local(self, place: str, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""
         kind, name = place.split(".", 1)
-        if kind != "work" and f"work.{name}" in self._work:
-            # u, the input now; u_given, as it came; u_before, at the last call
+        if (
+            kind != "work" and f"work.{name}" in self._work
+        ):  # u: the input now; u_given: as it came; u_before: at the last call
             name += {"input": "_given", "output": "_given", "state": "_before"}.get(kind, f"_{kind}")
         known = self._fields.get(place)
         label = known.labels[element] if known and known.labels else ""
@@ -211,9 +212,7 @@ class Writer:
         source = None if argument is None else (argument, element)
         if self.is_index(place) and real != "unsigned":
             return Target(lambda text: [f"{target} = (unsigned)({text});"], source=source)
-        home = target if kind == "work" and size == 1 and argument is None else ""
-        flag = place in self._flags and size == 1
-        return Target(lambda text: [f"{target} = {text};"], flag=flag, source=source, home=home)
+        return Target(lambda text: [f"{target} = {text};"], flag=place in self._flags and size == 1, source=source)
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:
