@@ -118,7 +118,7 @@ class _Writer:
         if isinstance(node, sp.Rational):
             return self._put("number", value=Fraction(int(node.p), int(node.q)))
         if isinstance(node, sp.Float):
-            return self._put("number", value=Fraction(str(node)))
+            return self._put("number", value=Fraction(repr(float(node))))
         if kind in _FOLDED:
             return reduce(lambda a, b: self._put(_FOLDED[kind], (a, b)), args)
         if kind is sp.Pow:
