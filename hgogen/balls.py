@@ -1,0 +1,236 @@
+"""Power series with Arb balls, for tapes with exp, log, sin, roots, real powers, and with branches.
+
+Each coefficient is a midpoint with a proved radius. A series that is not finite, or a branch that the balls cannot
+decide, raises `Undecided`: another point may do.
+"""
+
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import flint
+
+BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise"})
+_BITS = 60  # of a random number
+_SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0, 10.0), (0.001, 0.1), (-0.1, 0.1))
+
+
+class Undecided(ArithmeticError):
+    """At this point the balls tell nothing: a pole, the edge of a domain, or a branch point."""
+
+
+@dataclass(frozen=True)
+class Balls:
+    """Series with balls of the precision of `flint.ctx`, at points that `seed` draws in wider and wider ranges."""
+
+    seed: int
+
+    def draws(self, name: str) -> random.Random:
+        """The random numbers of one purpose; the same for the same seed and name, at every call."""
+        return random.Random(f"{self.seed} {name}")
+
+    def draw(self, source: random.Random) -> Any:
+        """A random number of the range of this seed."""
+        low, high = _SCALES[self.seed % len(_SCALES)]
+        return low + (high - low) * flint.arb(source.getrandbits(_BITS)) / (1 << _BITS)
+
+    def series(self, coefficients: Sequence[Any], order: int) -> Any:
+        """c_0 + c_1 t + ... , known below t^order."""
+        return flint.arb_series(list(coefficients[:order]), prec=order)
+
+    def number(self, value: Fraction, order: int) -> Any:
+        """A rational as a series."""
+        return self.series([flint.arb(flint.fmpq(value.numerator, value.denominator))], order)
+
+    def constant(self, name: str, order: int) -> Any:
+        """pi or e as a series."""
+        return self.series([flint.arb.pi() if name == "pi" else flint.arb.const_e()], order)
+
+    def mul(self, a: Any, b: Any, order: int) -> Any:
+        """a b below t^order."""
+        return a * b if min(a.prec, b.prec) <= order else self.cut(a, order) * self.cut(b, order)
+
+    def cut(self, a: Any, order: int) -> Any:
+        """a below t^order."""
+        return a if a.prec <= order else flint.arb_series(a.coeffs()[:order], prec=order)
+
+    def nothing(self, a: Any) -> bool:
+        """Whether the series is known to be zero."""
+        return all(c.is_zero() for c in a.coeffs())
+
+    def unary(self, op: str, a: Any, value: Any, order: int) -> tuple[Any, Any]:
+        """(f(a), f'(a)) below t^order, for the function or power of an instruction."""
+        a = self.cut(a, order)
+        if op == "power":
+            return self._power(a, value, order)
+        if op == "root":
+            inverse = _inverse(a)
+            result = a.sqrt() ** value.numerator if value.denominator == 2 and value > 0 else self._real(a, value)
+            return _finite(result), self.number(value, order) * result * inverse
+        if op in _STEPS:
+            level, slope = _STEPS[op](a[0])
+            return (slope * a if slope else self.series([level], order)), self.series([slope], order)
+        result, slope = _FUNCTIONS[op](a)
+        return _finite(result), _finite(slope)
+
+    def _power(self, a: Any, value: int, order: int) -> tuple[Any, Any]:
+        if value < 0:
+            inverse = _inverse(a)
+            result = _whole(inverse, -value)
+            return result, value * result * inverse
+        less = _whole(a, value - 1) if value > 1 else self.series([1], order)
+        return less * a, value * less
+
+    def _real(self, a: Any, value: Fraction) -> Any:
+        _positive(a)
+        return (self.number(value, a.prec) * a.log()).exp()
+
+    def raised(self, a: Any, b: Any, order: int) -> tuple[Any, Any, Any]:
+        """a^b = exp(b log a) and its derivatives by a and by b."""
+        _positive(a)
+        log = a.log()
+        result = _finite((b * log).exp())
+        return result, b * result * _inverse(a), result * log
+
+    def angle(self, a: Any, b: Any, order: int) -> tuple[Any, Any, Any]:
+        """atan2(a, b) and its derivatives by a and by b."""
+        square = _inverse(a * a + b * b)
+        if b[0].contains(0):
+            raise Undecided
+        turn = flint.arb.atan2(a[0], b[0]) - (a[0] / b[0]).atan()
+        return _finite((a * _inverse(b)).atan() + turn), b * square, -a * square
+
+    def less(self, a: Any, b: Any) -> bool:
+        """Whether a < b at t = 0."""
+        if a[0] < b[0]:
+            return True
+        if a[0] > b[0] or (a - b)[0].is_zero():
+            return False
+        raise Undecided
+
+    def equal(self, a: Any, b: Any) -> bool:
+        """Whether a = b at t = 0."""
+        if (a - b)[0].is_zero():
+            return True
+        if a[0] != b[0]:
+            return False
+        raise Undecided
+
+    def coefficients(self, a: Any, order: int) -> list[Any]:
+        """The first `order` coefficients."""
+        found: list[Any] = a.coeffs()[:order]
+        if not all(c.is_finite() for c in found):
+            raise Undecided
+        return found + [flint.arb(0)] * (order - len(found))
+
+    def matrix(self, rows: int, columns: int, entries: Iterable[Any]) -> Any:
+        """A matrix from its entries, row by row."""
+        return flint.arb_mat(rows, columns, list(entries))
+
+    def over(self, k: int) -> Any:
+        """1/k."""
+        return 1 / flint.arb(k)
+
+
+def _finite(a: Any) -> Any:
+    if not all(c.is_finite() for c in a.coeffs()):
+        raise Undecided
+    return a
+
+
+def _inverse(a: Any) -> Any:
+    if a[0].contains(0):
+        raise ZeroDivisionError if a[0].is_zero() else Undecided
+    return 1 / a
+
+
+def _positive(a: Any) -> None:
+    if not a[0] > 0:
+        raise Undecided
+
+
+def _whole(a: Any, k: int) -> Any:
+    """a^k by squaring; k > 0."""
+    result = None
+    while k:
+        if k & 1:
+            result = a if result is None else result * a
+        k >>= 1
+        a = a * a if k else a
+    return result
+
+
+def _sign(x: Any) -> int:
+    if x > 0:
+        return 1
+    if x < 0:
+        return -1
+    raise Undecided
+
+
+def _level(x: Any) -> Any:
+    level = x.floor()
+    if not level.is_exact() or x.contains_integer():
+        raise Undecided
+    return level
+
+
+def _hyperbolic(a: Any) -> tuple[Any, Any]:
+    e = a.exp()
+    return (e - 1 / e) / 2, (e + 1 / e) / 2
+
+
+def _tanh(a: Any) -> tuple[Any, Any]:
+    s, c = _hyperbolic(a)
+    t = s / c
+    return t, 1 - t * t
+
+
+def _tan(a: Any) -> tuple[Any, Any]:
+    t = a.sin() * _inverse(a.cos())
+    return t, 1 + t * t
+
+
+def _area(a: Any, sign: int) -> tuple[Any, Any]:
+    """asinh (sign 1), acosh (sign -1)."""
+    root = (a * a + sign).sqrt()
+    return (a + root).log(), _inverse(root)
+
+
+def _log(a: Any) -> tuple[Any, Any]:
+    _positive(a)
+    return a.log(), _inverse(a)
+
+
+def _atanh(a: Any) -> tuple[Any, Any]:
+    ratio = (1 + a) * _inverse(1 - a)
+    _positive(ratio)
+    return ratio.log() / 2, _inverse(1 - a * a)
+
+
+_FUNCTIONS: Mapping[str, Callable[[Any], tuple[Any, Any]]] = {
+    "exp": lambda a: (a.exp(), a.exp()),
+    "log": _log,
+    "sin": lambda a: (a.sin(), a.cos()),
+    "cos": lambda a: (a.cos(), -a.sin()),
+    "tan": _tan,
+    "asin": lambda a: (a.asin(), _inverse((1 - a * a).sqrt())),
+    "acos": lambda a: (flint.arb.pi() / 2 - a.asin(), -_inverse((1 - a * a).sqrt())),
+    "atan": lambda a: (a.atan(), _inverse(1 + a * a)),
+    "sinh": _hyperbolic,
+    "cosh": lambda a: _hyperbolic(a)[::-1],
+    "tanh": _tanh,
+    "asinh": lambda a: _area(a, 1),
+    "acosh": lambda a: _area(a, -1),
+    "atanh": _atanh,
+}
+# What is level or straight but at its corners: (level, slope) at a value.
+_STEPS: Mapping[str, Callable[[Any], tuple[Any, int]]] = {
+    "abs": lambda x: (0, _sign(x)),
+    "sign": lambda x: (_sign(x), 0),
+    "heaviside": lambda x: ((1 + _sign(x)) // 2, 0),
+    "floor": lambda x: (_level(x), 0),
+    "ceiling": lambda x: (_level(x) + 1, 0),
+}

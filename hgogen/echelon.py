@@ -1,0 +1,105 @@
+"""Which rows of a matrix are new, and its kernel, modulo a prime and with balls.
+
+With balls, a pivot is an entry whose ball excludes zero: so the rank is at least the number of pivots, for certain at
+this point. What is left counts as zero when its ball contains zero and is tiny; a ball that contains zero and is not
+tiny raises `Blurred`: more bits may decide.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import flint
+
+Row = Sequence[Any]
+
+
+class Blurred(ArithmeticError):
+    """The precision does not tell whether an entry is zero."""
+
+
+def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:
+    """Indices of the rows that are no combination of the rows before; `modulus` 0 for balls."""
+    if not rows or not rows[0]:
+        return []
+    return _pivots(_columns(rows, modulus)) if modulus else [i for i, _, _ in _eliminated(rows)]
+
+
+def kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[Any]]:
+    """A basis v_1, v_2, .. of the vectors v with rows v = 0; an entry that counts as zero is 0.
+
+    Raises: `Blurred`.
+    """
+    if not rows:
+        return [[int(i == j) for i in range(width)] for j in range(width)]
+    return _modular_kernel(rows, width, modulus) if modulus else _ball_kernel(rows, width)
+
+
+def _columns(rows: Sequence[Row], modulus: int) -> Any:
+    """The transposed matrix."""
+    return flint.nmod_mat(len(rows), len(rows[0]), [e for row in rows for e in row], modulus).transpose()
+
+
+def _pivots(matrix: Any) -> list[int]:
+    reduced, rank = matrix.rref()
+    width = reduced.ncols()
+    found: list[int] = []
+    for i in range(rank):
+        start = found[-1] + 1 if found else 0
+        found.append(next(j for j in range(start, width) if reduced[i, j] != 0))
+    return found
+
+
+def _modular_kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[int]]:
+    matrix = flint.nmod_mat(len(rows), width, [e for row in rows for e in row], modulus)
+    basis, nullity = matrix.nullspace()
+    return [[int(basis[i, j]) for i in range(width)] for j in range(nullity)]
+
+
+def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
+    """(index of a new row, column of its pivot, the reduced row with 1 there); a pivot is the largest entry."""
+    found: list[tuple[int, int, list[Any]]] = []
+    for i, row in enumerate(rows):
+        left = _normal(row)
+        for _, column, pivot in found:
+            factor = left[column]
+            if not factor.is_zero():
+                left = [a - factor * b for a, b in zip(left, pivot, strict=True)]
+                left[column] = flint.arb(0)
+        sure = [j for j, entry in enumerate(left) if not _zero(entry)]
+        if sure:
+            best = max(sure, key=lambda j: abs(float(left[j].mid())))
+            found.append((i, best, [entry / left[best] for entry in left]))
+    return found
+
+
+def _normal(row: Row) -> list[Any]:
+    """The row times a power of two, so that its largest entry is about 1."""
+    largest = max((entry.abs_upper() for entry in row), default=flint.arb(0))
+    if largest.is_zero():
+        return list(row)
+    shift = largest.mid().man_exp()
+    exponent = int(shift[1]) + int(shift[0]).bit_length()
+    scale = flint.arb(2) ** -exponent
+    return [entry * scale for entry in row]
+
+
+def _zero(entry: Any) -> bool:
+    """Whether it counts as zero: False only for a ball that excludes zero."""
+    if not entry.contains(0):
+        return False
+    if entry.abs_upper() > flint.arb(2) ** -(flint.ctx.prec // 3):
+        raise Blurred
+    return True
+
+
+def _ball_kernel(rows: Sequence[Row], width: int) -> list[list[Any]]:
+    found = _eliminated(rows)
+    columns = [column for _, column, _ in found]
+    free = [j for j in range(width) if j not in columns]
+    basis = []
+    for j in free:
+        vector = [flint.arb(int(i == j)) for i in range(width)]
+        for _, column, pivot in reversed(found):  # a row's pivot column is zero in the rows after it
+            vector[column] = -sum((pivot[k] * vector[k] for k in range(width) if k != column), flint.arb(0))
+        basis.append([flint.arb(0) if _zero(entry) else entry for entry in vector])
+    return basis
