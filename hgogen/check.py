@@ -7,6 +7,7 @@ condition; `generic` holds outside a set of measure zero; `unknown` is an honest
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 from hgogen.errors import HgogenError
 
@@ -43,9 +44,15 @@ class Check:
 
 @dataclass(eq=False)
 class Refuted(HgogenError):
-    """An observer was asked for on a form with a refuted hypothesis that nobody accepted."""
+    """An observer was asked for on a form with a refuted hypothesis that nobody accepted.
+
+    `checks`: those refuted; `form`: the form that was refused, with all its checks, where there is one; `accepted`: the
+    ids that were accepted.
+    """
 
     checks: tuple[Check, ...]
+    form: Any = None
+    accepted: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         ids = tuple(check.id for check in self.checks)
@@ -78,8 +85,10 @@ def refuted(checks: Iterable[Check], accept: Iterable[str] = ()) -> tuple[Check,
     return tuple(check for check in checks if check.verdict is Verdict.REFUTED and check.id not in accept)
 
 
-def demand(checks: Iterable[Check], accept: Iterable[str] = ()) -> None:
-    """Raise `Refuted` if a check is refuted and not accepted; nothing else stops building."""
+def demand(checks: Iterable[Check], accept: Iterable[str] = (), form: Any = None) -> None:
+    """Raise `Refuted`, of the `form` that makes the checks, if a check is refuted and not accepted; nothing else stops
+    building."""
+    accept = (accept,) if isinstance(accept, str) else tuple(accept)
     left = refuted(checks, accept)
     if left:
-        raise Refuted(left)
+        raise Refuted(left, form, accept)

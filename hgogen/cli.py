@@ -174,8 +174,8 @@ def build(
     Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
     the trials run in Python, one seed each, and the C is written but not tried.
 
-    JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, notes (as in `check`), compiler,
-    self_check (what the self-check printed), trials (trial, seeds, engine, times, settled, worst, peak, calm,
+    JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, theorem, notes (as in `check`),
+    compiler, self_check (what it printed), trials (trial, seeds, engine, times, settled, worst, peak, calm,
     triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial, seed, until, before, after, settled, dt,
     agreed), files.
     """
@@ -215,17 +215,20 @@ def build(
 def check(model: ModelArgument, as_json: Json = False) -> None:
     """Print what is claimed of a model's form and observer, each claim with its verdict.
 
-    JSON keys: model, plant, form, coordinates, flow, outputs (expressions by name: z, z', y; null where the observer
-    refused the form), checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that
-    nobody accepted; the exit status is 1 if there are any), notes.
+    JSON keys: model, plant, form, coordinates, flow, outputs (expressions by name: z, z', y), checks (id, claim,
+    verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; the exit status is 1
+    if there are any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks,
+    reference; null without an observer), notes.
     """
     loaded = load(model)
     claims = jobs.checked(loaded)
     shown = tables.checks(claims.head, claims.checks, claims.accepted)
-    _print(as_json, {"model": loaded.path, **claims.as_dict()}, shown)
+    _print(
+        as_json, {"model": loaded.path, **claims.as_dict()}, shown, tables.theorem(claims.theorem, claims.hypotheses)
+    )
     for note in claims.notes:
         _note(note)
-    demand(claims.checks, claims.accepted)
+    demand(claims.checks, claims.accepted, claims.form)
 
 
 @_command()

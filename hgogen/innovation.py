@@ -20,10 +20,12 @@ import casadi as ca
 
 from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
+from hgogen.kalman_theorems import STAGGERED, WINDOW
 from hgogen.observer import HUGE, Clock, Part, Pieces, real
 from hgogen.program import Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
 from hgogen.stability import decay_limits
+from hgogen.theorem import Hypothesis
 
 if TYPE_CHECKING:
     from hgogen.method import Method
@@ -54,6 +56,11 @@ class Innovation(Protocol):
     @property
     def d(self) -> float:
         """Length of the window."""
+        ...
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """What is known of it as the integral of the theorem."""
         ...
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
@@ -124,6 +131,7 @@ class Staggered:
     d: float
     predictors: int
     tableau: Tableau
+    hypothesis: Hypothesis = STAGGERED
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """M + 1 copies of the model in the group `predictor`."""
@@ -199,6 +207,7 @@ class Window:
 
     d: float
     tableau: Tableau
+    hypothesis: Hypothesis = WINDOW
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """A ring of N + 1 samples in the group `past`."""

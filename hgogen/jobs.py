@@ -18,6 +18,7 @@ from hgogen.metrics import Metrics, Summary, metrics, summary
 from hgogen.model import MissingPart, Model
 from hgogen.record import Record
 from hgogen.signal import Signal
+from hgogen.theorem import Row, Theorem, rows
 from hgogen.trial import Trajectory, Trial, try_out
 
 if TYPE_CHECKING:
@@ -28,26 +29,28 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Checked:
-    """The claims about a model: of its step's observer, or of its plant's form where it has no step.
+    """The claims about a model: of its step's observer, or of its plant's form where it has no step or an observer
+    refused the form.
 
-    `form` is None where an observer refused it; `notes`: what is not claimed, and why.
+    `theorem`: the observer's; `notes`: what is not claimed, and why.
     """
 
     plant: str
-    form: Form | None
+    form: Form
     checks: tuple[Check, ...]
     accepted: tuple[str, ...]
+    theorem: Theorem | None = None
     notes: tuple[str, ...] = ()
-
-    @property
-    def kind(self) -> str:
-        """The form's kind."""
-        return self.form.kind if self.form else "the observer's"
 
     @property
     def head(self) -> str:
         """The form's coordinates and equations, as text."""
-        return str(replace(self.form, checks=())) if self.form else f"{self.plant} in {self.kind} form"
+        return str(replace(self.form, checks=()))
+
+    @property
+    def hypotheses(self) -> tuple[Row, ...]:
+        """What the observer's theorem assumes, and what is known of it."""
+        return rows(self.theorem, self.checks) if self.theorem else ()
 
     @property
     def open(self) -> tuple[Check, ...]:
@@ -57,17 +60,20 @@ class Checked:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         listed = [{**asdict(c), "accepted": c.id in self.accepted} for c in self.checks]
-        equations: dict[str, Any] = {"coordinates": None, "flow": None, "outputs": None}
-        if self.form:
-            z, y = self.form.states, self.form.system.outputs
-            equations = {
-                "coordinates": _texts(z, self.form.to_form),
-                "flow": _texts(z, self.form.flow),
-                "outputs": _texts(y, self.form.output),
-            }
+        z, y = self.form.states, self.form.system.outputs
+        equations = {
+            "coordinates": _texts(z, self.form.to_form),
+            "flow": _texts(z, self.form.flow),
+            "outputs": _texts(y, self.form.output),
+        }
+        theorem = self.theorem and {
+            "conclusion": self.theorem.conclusion,
+            "reference": self.theorem.reference,
+            "hypotheses": [row.as_dict() for row in self.hypotheses],
+        }
         refused = [c.id for c in self.open]
-        said = {"checks": listed, "refuted": refused, "notes": list(self.notes)}
-        return {"plant": self.plant, "form": self.kind, **equations, **said}
+        said = {"checks": listed, "refuted": refused, "theorem": theorem, "notes": list(self.notes)}
+        return {"plant": self.plant, "form": self.form.kind, **equations, **said}
 
 
 def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, str]:
@@ -82,12 +88,15 @@ def checked(model: Model) -> Checked:
     if not model.has("step"):
         form = hg.forms.triangular(model.plant)
         note = f"{model.path} has no step(): these are the checks of the form; those of an observer are missing"
-        return Checked(model.plant.name, form, form.checks, (), (note,))
+        return Checked(model.plant.name, form, form.checks, (), notes=(note,))
     try:
         observer = model.step().observer
     except Refuted as error:
-        return Checked(model.plant.name, None, error.checks, ())
-    return Checked(model.plant.name, observer.form, observer.checks, observer.accepted)
+        if error.form is None:
+            raise
+        note = f"the observer of {model.path} refused this form: its own checks are missing"
+        return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(note,))
+    return Checked(model.plant.name, observer.form, observer.checks, observer.accepted, observer.theorem)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.program import INF, Bit, Field, Group, Program, sym
 from hgogen.signal import Signal
+from hgogen.theorem import Theorem
 
 if TYPE_CHECKING:
     from hgogen.method import Method
@@ -224,7 +225,7 @@ class Observer:
     `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state
     from places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the
     state worth recording; `checks`: the form's and the theorem's; `accepted`: ids of refuted checks the user took on;
-    `equations`: lines for the banner; `reference`: the paper.
+    `theorem`: what is claimed of it, under which hypotheses; `equations`: lines for the banner; `reference`: the paper.
     """
 
     form: Form
@@ -235,6 +236,7 @@ class Observer:
     dynamics: Dynamics
     checks: tuple[Check, ...]
     accepted: tuple[str, ...]
+    theorem: Theorem
     equations: tuple[str, ...]
     reference: str
     traces: tuple[str, ...] = ()
@@ -251,7 +253,7 @@ def founded(name: str, form: Any, accept: Iterable[str]) -> tuple[str, ...]:
     if not isinstance(form, Form):
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    demand(form.checks, accept)
+    demand(form.checks, accept, form)
     return accept
 
 

@@ -15,6 +15,7 @@ from hgogen.noise import Suggestion
 from hgogen.prediction import Prediction
 from hgogen.program import Bit
 from hgogen.record import Report
+from hgogen.theorem import Row, Theorem
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
 WIDTH = 110  # of what is not a terminal
@@ -48,6 +49,20 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
         table.add_row(verdict, Text(check.id), Text(said))
     fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
     return Group(Text(title, style="bold"), *map(Text, equations), table, *fixes, "")
+
+
+def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
+    """What the observer's theorem concludes, and what is known of each hypothesis; nothing without a theorem."""
+    if theorem is None:
+        return Group()
+    head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
+    table = _table("", "", "hypothesis", "known by")
+    for row in hypotheses:
+        standing = Text(row.standing, style=COLOURS.get(row.verdict, "cyan") if row.verdict else "magenta")
+        known = "; ".join(said for said in (", ".join(row.checks), row.reason) if said)
+        where = f" [{row.reference}]" if row.reference else ""
+        table.add_row(standing, Text(row.claim + where), Text(known))
+    return Group(Text(head), table, "")
 
 
 def trials(each: Iterable[Summary]) -> RenderableType:

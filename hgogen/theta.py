@@ -19,8 +19,10 @@ import casadi as ca
 
 from hgogen.dynamics import Dynamics
 from hgogen.innovation import Innovation
+from hgogen.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SMOOTHSTEP
 from hgogen.observer import BadGain, Clock, HighGain, Jump, Part, Pieces, gain, real
 from hgogen.program import Block, Field, scalar, sym
+from hgogen.theorem import Hypothesis, Theorem
 
 
 @runtime_checkable
@@ -40,6 +42,11 @@ class Theta(HighGain, Protocol):
     @property
     def traces(self) -> tuple[str, ...]:
         """Scalar fields of the state worth recording."""
+        ...
+
+    @property
+    def theorem(self) -> Theorem:
+        """What is known of the Riccati observer with it."""
         ...
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
@@ -84,6 +91,11 @@ class Constant:
         return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
 
     @property
+    def theorem(self) -> Theorem:
+        """Of the extended Kalman filter, or of the one with a high gain."""
+        return KALMAN if self.theta == 1 else HIGH_GAIN
+
+    @property
     def traces(self) -> tuple[str, ...]:
         """None."""
         return ()
@@ -101,6 +113,7 @@ class Decaying:
     rate: float
     equation: str = "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
     traces: tuple[str, ...] = ("theta",)
+    theorem: Theorem = DECAYING
 
     @property
     def peak(self) -> float:
@@ -147,6 +160,7 @@ class Smoothstep:
     gamma_0: float
     gamma_1: float
     equation: str = "mu 0 below gamma_0, 1 above gamma_1, a smoothstep between"
+    hypothesis: Hypothesis = SMOOTHSTEP
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -171,6 +185,7 @@ class Logistic:
     centre: float
     slope: float
     equation: str = "mu = 1/(1 + exp(-slope (I_d - centre)))"
+    hypothesis: Hypothesis = LOGISTIC
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -206,6 +221,11 @@ class Adaptive:
             + self.mu.equation
             + f"; I_d over d = {self.innovation.d:g} s"
         )
+
+    @property
+    def theorem(self) -> Theorem:
+        """Theorem 5, with what it asks of mu and of the innovation."""
+        return ADAPTIVE.under(self.mu.hypothesis, self.innovation.hypothesis)
 
     @property
     def peak(self) -> float:

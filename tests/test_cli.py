@@ -94,6 +94,11 @@ def test_check(here: Path):
     assert "  y = z1\n" in shown
     assert "accepted" in shown
     assert "u = 0" in shown
+    assert "Theorem: the estimate converges exponentially from any initial state (theorem 5)" in shown
+    assert "left to you" in shown
+    known = {row["claim"]: row for row in found["theorem"]["hypotheses"]}
+    driven = known["0 < a_m <= a_i <= a_M for every input and parameter in its range"]
+    assert (driven["verdict"], "triangular.a_2" in driven["checks"]) == ("refuted", True)
 
 
 def test_check_of_a_refuted_plant_exits_1(here: Path):
@@ -113,7 +118,14 @@ def test_a_step_on_a_refuted_form_exits_1(here: Path):
     text = NEURON.read_text().replace('"accept": ("triangular.a_2",)', '"accept": ()')
     (here / "stubborn.py").write_text(text)
     found = as_json("check", "stubborn.py", status=1)
-    assert (found["refuted"], found["coordinates"]) == (["triangular.a_2"], None)
+    assert found["refuted"] == ["triangular.a_2"]
+    assert found["coordinates"]["z3"] == "-eta"
+    assert found["checks"][0]["id"] == "triangular.structure"
+    assert found["theorem"] is None
+    assert "refused this form" in found["notes"][0]
+    shown = hgogen("check", "stubborn.py", status=1)[0]
+    assert "  z3' = 0\n" in shown
+    assert "triangular.lipschitz" in shown
     for command in ("build", "generate", "simulate"):
         out, err = hgogen(command, "stubborn.py", status=1)
         assert (out, err.count("\n")) == ("", 1)

@@ -20,8 +20,19 @@ from hgogen.gains import coefficients
 from hgogen.graph import to_casadi
 from hgogen.observer import BadGain, Observer, Ode, founded, gain, real, state_field
 from hgogen.program import Block, Field, sym
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state",
+    (
+        *FORM,
+        Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="by its poles; others are refused"),
+        Hypothesis("theta is large enough", ("high_gain.theta",)),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
 
 
 def high_gain(
@@ -78,6 +89,7 @@ def high_gain(
         dynamics=dynamics,
         checks=(*form.checks, _theorem()),
         accepted=accept,
+        theorem=THEOREM,
         equations=("z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)",),
         reference=REFERENCE,
     )

@@ -106,6 +106,7 @@ def riccati(
         dynamics=dynamics,
         checks=(*form.checks, _theorem(theta)),
         accepted=accept,
+        theorem=theta.theorem,
         equations=(*EQUATIONS, theta.equation),
         reference=REFERENCE,
         traces=theta.traces,
@@ -148,7 +149,7 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
 def _theorem(theta: Theta) -> Check:
     return Check(
         "riccati.convergence",
-        "the estimate converges exponentially from any initial state (theorem 5)",
+        theta.theorem.conclusion,
         Verdict.UNKNOWN,
         "the theorem's constants are existential: no number for theta, d, gamma can be proved from it",
         fix="validate by trials over noise seeds and jumps",

@@ -1,0 +1,110 @@
+"""What is known of the high-gain extended Kalman filter, by the law of theta: theorems as data.
+
+    theta = 1         local convergence: the extended Kalman filter
+    theta constant    convergence from anywhere for theta large enough
+    theta decaying    the same, then a Kalman filter
+    theta adaptive    theorem 5: convergence from anywhere, Kalman filter where the innovation is small
+
+Their constants are existential: the theorems say that there are such d, theta_1, .., not which. Sources: Boizot,
+Busvelle, Gauthier, Automatica 46 (2010), with the numbers of its equations; Gauthier, Kupka, "Deterministic Observation
+Theory and Applications" (2001); Busvelle's slides on decaying theta.
+"""
+
+from hgogen.check import Verdict
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+_BUILT = (
+    Hypothesis(
+        "b is smooth and of compact support",
+        verdict=Verdict.UNKNOWN,
+        reason="its argument is clamped to the ranges, which bounds b and bends it at their edge",
+        reference="section 2.2",
+    ),
+    Hypothesis(
+        "Q, S(0) are positive definite and R > 0",
+        verdict=Verdict.PROVED,
+        reason="else the observer is refused",
+        reference="(4)",
+    ),
+    Hypothesis(
+        "the first estimate lies in the ranges", verdict=Verdict.PROVED, reason="else it is refused", reference="(4)"
+    ),
+)
+_EXISTENTIAL = "the theorem's constants are existential: no number is known to be large or small enough"
+_ANYWHERE = "the estimate converges exponentially from any initial state"
+
+
+def _large(claim: str, reference: str) -> Hypothesis:
+    return Hypothesis(claim, verdict=Verdict.UNKNOWN, reason=_EXISTENTIAL, reference=reference)
+
+
+KALMAN = Theorem(
+    "the estimate converges exponentially if the first error is small enough",
+    (
+        *FORM,
+        *_BUILT,
+        Hypothesis(
+            "the first error is small enough",
+            reason="how small is not known: " + _EXISTENTIAL,
+            reference="(18)",
+        ),
+        *OPERATION,
+    ),
+    "Boizot, Busvelle, Gauthier, Automatica 46 (2010), local inequality (17)",
+)
+HIGH_GAIN = Theorem(
+    f"{_ANYWHERE}, for theta large enough",
+    (*FORM, *_BUILT, _large("theta is large enough", "(16)"), *OPERATION),
+    "Boizot, Busvelle, Gauthier, Automatica 46 (2010), global inequality (16); Gauthier, Kupka 2001, chapter 6",
+)
+DECAYING = Theorem(
+    f"{_ANYWHERE}, for theta_0 large and the rate small enough",
+    (
+        *FORM,
+        *_BUILT,
+        _large("0 < rate <= lambda_0, and theta_0 large enough for that rate", "theorem"),
+        *OPERATION,
+    ),
+    "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides), theorem",
+)
+ADAPTIVE = Theorem(
+    f"{_ANYWHERE} (theorem 5)",
+    (
+        *FORM,
+        *_BUILT,
+        Hypothesis(
+            "theta(0) = 1 and 1 <= theta <= 2 theta_1",
+            verdict=Verdict.PROVED,
+            reason="by the exact flow of its law",
+            reference="(4), (5)",
+        ),
+        _large("d, Delta T small, theta_1 large, lambda and gamma_1 small enough", "theorem 5, (18), (21)"),
+        *OPERATION,
+    ),
+    "Boizot, Busvelle, Gauthier, Automatica 46 (2010), theorem 5",
+)
+
+SMOOTHSTEP = Hypothesis(
+    "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",
+    verdict=Verdict.PROVED,
+    reason="by its formula",
+    reference="(6)",
+)
+LOGISTIC = Hypothesis(
+    "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",
+    verdict=Verdict.REFUTED,
+    reason="a logistic is never 0 nor 1; it holds theta a little above 1",
+    reference="(6)",
+)
+WINDOW = Hypothesis(
+    "the innovation is an integral over the last d seconds",
+    verdict=Verdict.PROVED,
+    reason="as a sum over the samples",
+    reference="(4)",
+)
+STAGGERED = Hypothesis(
+    "the innovation is an integral over the last d seconds",
+    verdict=Verdict.UNKNOWN,
+    reason="M staggered predictors look back over d to d (1 + 1/M) seconds",
+    reference="(4)",
+)

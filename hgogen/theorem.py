@@ -1,0 +1,133 @@
+"""The theorem behind an observer: what it concludes, what it assumes, and what is known of each hypothesis.
+
+An observer's case declares its theorem as data. A hypothesis is known by checks of the form, the plant or the observer,
+or by the way the observer is built; what remains is about the plant in operation, and left to the user.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+from hgogen.check import Check, Verdict
+
+YOURS = "left to you"
+# From the worst: a hypothesis is as good as the worst of its checks.
+_ORDER = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verdict.PROVED)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One hypothesis of a theorem.
+
+    `claim`: a sentence; `checks`: patterns of the ids of checks that know it, such as "*.lipschitz"; `verdict`: what is
+    known without a check, by construction, None where only the user can know; `reason`: how, or what the user should
+    see to; `reference`: where the theorem says so. With `optional`, it is dropped where no check has such an id.
+    """
+
+    claim: str
+    checks: tuple[str, ...] = ()
+    verdict: Verdict | None = None
+    reason: str = ""
+    reference: str = ""
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Theorem:
+    """A theorem about an observer: `conclusion`, under the `hypotheses`; `reference`: the paper and its number."""
+
+    conclusion: str
+    hypotheses: tuple[Hypothesis, ...]
+    reference: str
+
+    def under(self, *more: Hypothesis) -> "Theorem":
+        """The theorem with more hypotheses."""
+        return replace(self, hypotheses=(*self.hypotheses, *more))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A hypothesis with what is known of it: `verdict`, None where it is left to the user; `checks`: the ids behind
+    it."""
+
+    claim: str
+    verdict: Verdict | None
+    reason: str
+    checks: tuple[str, ...]
+    reference: str
+
+    @property
+    def standing(self) -> str:
+        """The verdict as text, or "left to you"."""
+        return YOURS if self.verdict is None else str(self.verdict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "claim": self.claim,
+            "verdict": self.standing,
+            "reason": self.reason,
+            "checks": list(self.checks),
+            "reference": self.reference,
+        }
+
+
+def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
+    """The theorem's hypotheses, each with the verdict of its worst check; unknown where no check knows it."""
+    known = {check.id: check for check in checks}
+    found = (_row(hypothesis, known) for hypothesis in theorem.hypotheses)
+    return tuple(row for row in found if row is not None)
+
+
+def _row(hypothesis: Hypothesis, known: Mapping[str, Check]) -> Row | None:
+    ids = tuple(id for id in known if any(fnmatchcase(id, pattern) for pattern in hypothesis.checks))
+    verdict, reason = hypothesis.verdict, hypothesis.reason
+    if ids:
+        worst = min((known[id] for id in ids), key=lambda check: _ORDER.index(check.verdict))
+        verdict, reason = worst.verdict, worst.id if len(ids) > 1 and worst.verdict is not Verdict.PROVED else ""
+    elif hypothesis.optional:
+        return None
+    elif hypothesis.checks:
+        verdict, reason = Verdict.UNKNOWN, "the form makes no such check"
+    return Row(hypothesis.claim, verdict, reason, ids, hypothesis.reference)
+
+
+# Hypotheses that theorems on form (3) of Boizot, Busvelle, Gauthier 2010 have in common.
+
+FORM = (
+    Hypothesis(
+        "z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1, up to a known offset",
+        ("triangular.structure", "triangular.offset"),
+        reference="(3)",
+    ),
+    Hypothesis(
+        "0 < a_m <= a_i <= a_M for every input and parameter in its range",
+        ("triangular.a_*",),
+        reference="(3)",
+    ),
+    Hypothesis("b is Lipschitz in the state, uniformly in the input", ("*.lipschitz",), reference="section 2.2"),
+    Hypothesis("z is a change of coordinates, and its ranges hold the plant's", ("recast.*",), optional=True),
+)
+OPERATION = (
+    Hypothesis(
+        "the plant's state stays in its declared ranges",
+        reason="outside of them the model is evaluated at their edge (status OUTSIDE_BOX tells of the estimate only)",
+    ),
+    Hypothesis(
+        "the input is measured and stays in its declared range",
+        reason="beyond it the observer takes the range's end (status CLAMPED)",
+    ),
+    Hypothesis(
+        "the model is exact: its parameters are the plant's and constant, no state jumps",
+        reason="after a jump the theorem starts again",
+    ),
+    Hypothesis(
+        "y is measured without noise, at all times",
+        reason="samples and noise leave an error that trials measure",
+    ),
+    Hypothesis(
+        "the estimate does not touch its outer box",
+        reason="watch the status STATE_LIMITED, which suspends the theorem",
+    ),
+)

@@ -1,0 +1,146 @@
+"""The hypotheses of an observer's theorem, and what is known of each."""
+
+import pytest
+from plants import MODELS, fitzhugh_nagumo, kalman, model, pendulum, van_der_pol
+
+import hgogen as hg
+from hgogen.check import Check, Refuted, Verdict
+from hgogen.model import load
+from hgogen.theorem import YOURS, Hypothesis, Row, Theorem, rows
+
+
+def check(id: str, verdict: Verdict) -> Check:
+    return Check(id, "a claim", verdict, "a reason")
+
+
+def table(observer: hg.Observer) -> dict[str, Row]:
+    return {row.claim: row for row in rows(observer.theorem, observer.checks)}
+
+
+def one(hypothesis: Hypothesis, *checks: Check) -> tuple[Row, ...]:
+    return rows(Theorem("it converges", (hypothesis,), "a paper"), checks)
+
+
+# --- what is known of a hypothesis --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "worst"),
+    [
+        (("proved", "proved"), "proved"),
+        (("proved", "generic"), "generic"),
+        (("generic", "where"), "where"),
+        (("where", "unknown"), "unknown"),
+        (("unknown", "refuted", "proved"), "refuted"),
+    ],
+)
+def test_a_hypothesis_is_as_good_as_its_worst_check(verdicts: tuple[str, ...], worst: str) -> None:
+    listed = [check(f"form.a_{i}", Verdict(verdict)) for i, verdict in enumerate(verdicts)]
+    (row,) = one(Hypothesis("0 < a_i", ("form.a_*",)), *listed, check("form.b", Verdict.REFUTED))
+    assert row.standing == worst
+    assert row.checks == tuple(c.id for c in listed)
+    if worst != "proved":
+        assert row.reason == next(c.id for c in listed if c.verdict == worst)
+
+
+def test_what_no_check_knows_is_unknown() -> None:
+    (row,) = one(Hypothesis("0 < a_i", ("form.a_*",), verdict=Verdict.PROVED), check("form.b", Verdict.PROVED))
+    assert (row.standing, row.checks) == ("unknown", ())
+
+
+def test_an_optional_hypothesis_without_a_check_is_dropped() -> None:
+    hypothesis = Hypothesis("coordinates", ("recast.*",), optional=True)
+    assert one(hypothesis) == ()
+    assert one(hypothesis, check("recast.inverse", Verdict.REFUTED))[0].verdict is Verdict.REFUTED
+
+
+def test_what_only_the_user_knows_is_left_to_him() -> None:
+    (row,) = one(Hypothesis("no noise", reason="look"))
+    assert (row.verdict, row.standing, row.as_dict()["verdict"]) == (None, YOURS, YOURS)
+
+
+# --- the observers' theorems --------------------------------------------------------------------------------
+
+
+def adaptive(**changes: object) -> hg.Observer:
+    gains = {"mu": (0.1, 0.2), "innovation": hg.innovation.staggered(1.0), **changes}
+    return kalman(van_der_pol(), theta=hg.theta.adaptive(2.0, **gains))
+
+
+OBSERVERS = {
+    "kalman": lambda: kalman(van_der_pol()),
+    "high_gain_kalman": lambda: kalman(van_der_pol(), theta=3),
+    "decaying": lambda: kalman(van_der_pol(), theta=hg.theta.decaying(3, 1)),
+    "adaptive": adaptive,
+    "high_gain": pendulum,
+}
+
+
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_every_theorem_is_complete(name: str) -> None:
+    """A conclusion, a source, the form's hypotheses with their checks, and what is left to the user."""
+    observer = OBSERVERS[name]()
+    theorem, found = observer.theorem, table(observer)
+    assert theorem.conclusion
+    assert any(character.isdigit() for character in theorem.reference) or "slides" in theorem.reference
+    assert len(found) == len(rows(theorem, observer.checks))
+    for part in ("z_i' =", "0 < a_m", "b is Lipschitz"):
+        (row,) = (row for claim, row in found.items() if claim.startswith(part))
+        assert row.standing == "proved"
+        assert row.checks
+    yours = [row for row in found.values() if row.verdict is None]
+    assert len(yours) >= 5
+    assert all(row.reason for row in yours)
+    assert all(row.reason or row.checks for row in found.values())
+
+
+@pytest.mark.parametrize("name", [name for name in OBSERVERS if name != "high_gain"])
+def test_no_riccati_theorem_is_proved(name: str) -> None:
+    """Their constants are existential: some hypothesis stays open, and the conclusion is unknown."""
+    observer = OBSERVERS[name]()
+    said = " ".join(row.reason for row in rows(observer.theorem, observer.checks))
+    assert "existential" in said
+    verdicts = {c.id: c.verdict for c in observer.checks}
+    assert verdicts["riccati.convergence"] is Verdict.UNKNOWN
+
+
+def test_a_refuted_check_refutes_its_hypothesis() -> None:
+    """The paper's own example: a_2(u) = -u."""
+    observer = fitzhugh_nagumo()
+    (row,) = (row for claim, row in table(observer).items() if claim.startswith("0 < a_m"))
+    assert (row.standing, row.reason) == ("refuted", "triangular.a_2")
+    assert row.checks == ("triangular.a_1", "triangular.a_2", "triangular.a_3")
+
+
+def test_the_theorem_asks_mu_and_the_innovation() -> None:
+    mu, integral = (
+        "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",
+        "the innovation is an integral over the last d seconds",
+    )
+    found = table(adaptive())
+    assert (found[mu].standing, found[integral].standing) == ("proved", "unknown")
+    other = table(adaptive(mu=hg.theta.logistic(0.1, 100), innovation=hg.innovation.window(1.0)))
+    assert (other[mu].standing, other[integral].standing) == ("refuted", "proved")
+
+
+def test_a_form_that_is_not_triangular_proves_nothing_of_the_theorem() -> None:
+    plant = van_der_pol()
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(1, 1), R=1)
+    (row,) = (row for claim, row in table(observer).items() if claim.startswith("z_i' ="))
+    assert (row.standing, row.reason) == ("unknown", "the form makes no such check")
+
+
+def test_recast_coordinates_are_a_hypothesis() -> None:
+    observer = load(MODELS / "cascaded_tanks.py").step().observer
+    (row,) = (row for claim, row in table(observer).items() if claim.startswith("z is a change"))
+    assert row.checks == ("recast.inverse", "recast.range")
+    assert not any(claim.startswith("z is a change") for claim in table(pendulum()))
+
+
+def test_a_refusal_keeps_its_form() -> None:
+    form = hg.forms.triangular(model("fitzhugh_nagumo"))
+    with pytest.raises(Refuted) as caught:
+        hg.observers.riccati(form, Q=(1, 1, 1), R=1, accept="triangular.a_1")
+    assert caught.value.form is form
+    assert caught.value.accepted == ("triangular.a_1",)
+    assert [c.id for c in caught.value.checks] == ["triangular.a_2"]
