@@ -1,0 +1,256 @@
+"""Expressions as rational functions of generators: what exp, sin, roots and powers are, so that algebra can cancel.
+
+    exp(p m) = E^(p q)                          E = exp(m/q)
+    cos(k t) + i sin(k t) = ((1 + i T)^2/(1 + T^2))^k     T = tan(t/2)
+    e^(p/q) = R^p                               R^q = e, a relation
+    a^b = exp(b log a),   log(c g) = log c + log g for a rational c > 0,   sinh, cosh, tanh by exp
+    |e|^2 = e^2, a relation,   max(a, b) = (a + b + |a - b|)/2,   min(a, b) = (a + b - |a - b|)/2
+
+m is a monomial of the expanded argument, q the common denominator of its rational factors. Any other function of an
+argument is a generator of its own. Each rule is an identity over the reals wherever both sides are defined; that
+generators may depend on each other in a way not listed only loses proofs.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import reduce
+
+import sympy as sp
+
+from hgogen.errors import HgogenError
+
+# A multiple of an angle, the terms and the operations of one argument beyond these would only cost time.
+_MULTIPLE, _TERMS, _OPERATIONS = 16, 6, 200
+_TRIGONOMETRIC = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
+_HYPERBOLIC = (sp.sinh, sp.cosh, sp.tanh, sp.coth, sp.sech, sp.csch)
+
+
+@dataclass(eq=False)
+class TooLarge(HgogenError):
+    """An expression that exact algebra would need too long for."""
+
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.what} is too large for exact algebra; write it in fewer or simpler terms"
+
+
+@dataclass(frozen=True)
+class Relation:
+    """generator^degree = value, a rational function of generators that come before it."""
+
+    generator: sp.Dummy
+    degree: int
+    value: sp.Expr
+
+
+@dataclass(frozen=True)
+class Rational:
+    """`value`: a rational function of `generators`, that stand for the symbols, kernels and constants of an
+    expression; `relations` in the order in which generators were met, inner ones first.
+    """
+
+    value: sp.Expr
+    generators: tuple[sp.Symbol, ...]
+    relations: tuple[Relation, ...]
+
+
+def rational(expression: sp.Expr) -> Rational:
+    """The expression, whose numbers are exact, as a rational function of generators.
+
+    Raises: `TooLarge`.
+    """
+    writer = _Writer()
+    writer.measure(expression)
+    value = writer.write(expression)
+    found = (*value.free_symbols, *(s for r in writer.relations for s in (r.generator, *r.value.free_symbols)))
+    order = {s: i for i, s in enumerate((*sorted(expression.free_symbols, key=str), *writer.kernels.values()))}
+    return Rational(value, tuple(sorted(set(found), key=lambda s: order[s])), tuple(writer.relations))
+
+
+@dataclass(frozen=True, eq=False)
+class _Writer:
+    """Kernels and relations as they are met; `scales`: each exponential's or angle's monomial with its q."""
+
+    kernels: dict[sp.Expr, sp.Dummy] = field(default_factory=dict)
+    relations: list[Relation] = field(default_factory=list)
+    scales: dict[tuple[str, sp.Expr], int] = field(default_factory=dict)
+    known: dict[sp.Expr, sp.Expr] = field(default_factory=dict)
+
+    def measure(self, expression: sp.Expr) -> None:
+        """The common denominators q of all arguments."""
+        for node in _nodes(expression):
+            kind = _kind(node)
+            if kind:
+                for factor, monomial in _terms(_argument(node)):
+                    key = (kind, monomial)
+                    self.scales[key] = math.lcm(self.scales.get(key, 1), int(factor.q))
+                    self.measure(monomial)
+
+    def write(self, node: sp.Expr) -> sp.Expr:
+        """The node in generators."""
+        if node.is_Rational or node.is_Symbol:
+            return node
+        if node not in self.known:
+            self.known[node] = self._write(node)
+        return self.known[node]
+
+    def _write(self, node: sp.Expr) -> sp.Expr:
+        if node.is_Add or node.is_Mul:
+            return node.func(*(self.write(part) for part in node.args))
+        if node.is_Pow and node.exp.is_Integer:
+            return self.write(node.base) ** node.exp
+        if node.is_Pow and node.exp.is_Rational:
+            return self._root(node.base, int(node.exp.q)) ** int(node.exp.p)
+        if isinstance(node, _TRIGONOMETRIC):
+            return self._trigonometric(node)
+        if _kind(node) == "exp":
+            return self._exponential(node)
+        if isinstance(node, sp.log):
+            return self._log(_canonical(node.args[0]))
+        if isinstance(node, sp.Abs):
+            return self._abs(node.args[0])
+        if isinstance(node, (sp.Min, sp.Max)):
+            sign = 1 if isinstance(node, sp.Max) else -1
+            return self.write(reduce(lambda a, b: (a + b + sign * sp.Abs(a - b)) / 2, node.args))
+        return self._kernel(node)
+
+    def _kernel(self, node: sp.Expr) -> sp.Expr:
+        """A generator for the node; the same for arguments that are the same rational function."""
+        if isinstance(node, sp.Function) and not isinstance(node, sp.Piecewise):
+            node = node.func(*(_canonical(part) for part in node.args), evaluate=False)
+        return self.kernels.setdefault(node, sp.Dummy(f"kernel{len(self.kernels)}"))
+
+    def _relation(self, key: sp.Expr, degree: int, value: sp.Expr) -> sp.Expr:
+        if key not in self.kernels:
+            inner = self.write(value)
+            self.kernels[key] = sp.Dummy(f"kernel{len(self.kernels)}")
+            self.relations.append(Relation(self.kernels[key], degree, inner))
+        return self.kernels[key]
+
+    def _abs(self, argument: sp.Expr) -> sp.Expr:
+        argument = _canonical(argument)
+        if argument.could_extract_minus_sign():
+            argument = _canonical(-argument)
+        return self._relation(sp.Abs(argument, evaluate=False), 2, argument**2)
+
+    def _root(self, base: sp.Expr, degree: int) -> sp.Expr:
+        base = _canonical(base)
+        return self._relation(sp.Pow(base, sp.Rational(1, degree), evaluate=False), degree, base)
+
+    def _log(self, argument: sp.Expr) -> sp.Expr:
+        if argument.is_Integer and argument > 1 and argument < 2**40:
+            return sp.Add(*(k * self._kernel(sp.log(p)) for p, k in sp.factorint(argument).items()))
+        factor, rest = argument.as_content_primitive()
+        if factor < 0:
+            factor, rest = -factor, -rest
+        powers = [part for part in sp.Mul.make_args(rest) if isinstance(part, sp.exp)]
+        rest = sp.Mul(*(part for part in sp.Mul.make_args(rest) if part not in powers))
+        inner = sp.S.Zero if rest == 1 else self._kernel(sp.log(rest, evaluate=False))
+        ends = [self._log(sp.Integer(n)) if n != 1 else sp.S.Zero for n in (factor.p, factor.q)]
+        return sp.Add(inner, ends[0], -ends[1], *(self.write(power.args[0]) for power in powers))
+
+    def _exponential(self, node: sp.Expr) -> sp.Expr:
+        power = sp.Mul(*(self._factor(*term) for term in _terms(_argument(node))))
+        rules = {
+            sp.sinh: (power - 1 / power) / 2,
+            sp.cosh: (power + 1 / power) / 2,
+            sp.tanh: (power**2 - 1) / (power**2 + 1),
+            sp.coth: (power**2 + 1) / (power**2 - 1),
+            sp.sech: 2 * power / (power**2 + 1),
+            sp.csch: 2 * power / (power**2 - 1),
+        }
+        return rules.get(type(node), power)
+
+    def _factor(self, factor: sp.Rational, monomial: sp.Expr) -> sp.Expr:
+        """exp(factor monomial)."""
+        if isinstance(monomial, sp.log):
+            return self.write(sp.Pow(monomial.args[0], factor))
+        scale, times = self._scale("exp", factor, monomial)
+        return self._kernel(_Exp(monomial, sp.Integer(scale))) ** times
+
+    def _scale(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[int, int]:
+        """q, and factor q, which is whole; an argument that was not measured gets a q of its own."""
+        scale = self.scales.get((kind, monomial), 1)
+        if scale % int(factor.q):
+            scale = int(factor.q)
+        return scale, int(factor * scale)
+
+    def _trigonometric(self, node: sp.Expr) -> sp.Expr:
+        terms = list(_terms(_argument(node)))
+        if len(terms) > _TERMS:
+            raise TooLarge(str(node))
+        c, s = sp.S.One, sp.S.Zero
+        for factor, monomial in terms:
+            a, b = self._turn(factor, monomial)
+            c, s = c * a - s * b, s * a + c * b
+        if isinstance(node, (sp.sin, sp.cos)):
+            return s if isinstance(node, sp.sin) else c
+        return {sp.tan: s / c, sp.cot: c / s, sp.sec: 1 / c, sp.csc: 1 / s}[type(node)]
+
+    def _turn(self, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """cos and sin of factor * monomial."""
+        if monomial == sp.pi:
+            exact = sp.cos(factor * sp.pi), sp.sin(factor * sp.pi)
+            if not any(value.has(*_TRIGONOMETRIC) for value in exact):
+                return self.write(exact[0]), self.write(exact[1])
+        scale, times = self._scale("turn", factor, monomial)
+        T = self._kernel(_Half(monomial, sp.Integer(scale)))
+        if abs(times) > _MULTIPLE:
+            raise TooLarge(f"{times} times the angle {monomial}/{scale}")
+        a, b = (1 - T**2) / (1 + T**2), 2 * T / (1 + T**2)
+        c, s = sp.S.One, sp.S.Zero
+        for _ in range(abs(times)):
+            c, s = c * a - s * b, s * a + c * b
+        return c, s if times >= 0 else -s
+
+
+class _Exp(sp.Function):  # type: ignore[misc]
+    """exp(m/q), unevaluated."""
+
+
+class _Half(sp.Function):  # type: ignore[misc]
+    """tan(m/(2 q)), unevaluated."""
+
+
+def _kind(node: sp.Basic) -> str:
+    """Whether the node is written with exp or with an angle."""
+    if isinstance(node, (sp.exp, *_HYPERBOLIC)) or node == sp.E or (node.is_Pow and not node.exp.is_Rational):
+        return "exp"
+    return "turn" if isinstance(node, _TRIGONOMETRIC) else ""
+
+
+def _argument(node: sp.Expr) -> sp.Expr:
+    if node == sp.E:
+        return sp.S.One
+    if isinstance(node, sp.exp):
+        return _canonical(node.args[0])
+    if node.is_Pow:
+        return _canonical(node.exp * sp.log(node.base))
+    return _canonical(node.args[0])
+
+
+def _terms(argument: sp.Expr) -> Iterator[tuple[sp.Rational, sp.Expr]]:
+    for term in sp.Add.make_args(argument):
+        factor, monomial = term.as_coeff_Mul(rational=True)
+        if factor:
+            yield factor, monomial
+
+
+def _canonical(argument: sp.Expr) -> sp.Expr:
+    """An argument in one form for equal rational functions of its symbols and functions."""
+    if argument.is_Atom:
+        return argument
+    inverse = any(node.is_Pow and not (node.exp.is_Integer and node.exp > 0) for node in _nodes(argument))
+    if inverse and argument.count_ops() <= _OPERATIONS:
+        try:
+            top, bottom = sp.fraction(sp.cancel(sp.together(argument)))
+            return sp.expand(sp.expand(top) / bottom)
+        except sp.PolynomialError:  # Piecewise
+            return argument
+    return sp.expand(argument)
+
+
+def _nodes(expression: sp.Expr) -> Iterator[sp.Basic]:
+    return iter(sp.preorder_traversal(expression))
