@@ -5,6 +5,7 @@ One declaration of the range serves proof assumptions, clamping, the C comment a
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,7 @@ _WORDS = """
     assert offsetof NAN INFINITY
 """
 _RESERVED = frozenset(_WORDS.split())
+_DOTS = ("", "_dot", "_ddot", "_dddot")
 
 
 @dataclass(eq=False)
@@ -77,13 +79,42 @@ def _number(name: str, what: str, value: Any) -> float | None:
     return number
 
 
+Ends = tuple[float | None, float | None]
+
+
+def _range(name: str, low: Any, high: Any, names: tuple[str, str] = ("low", "high")) -> Ends:
+    low, high = (_number(name, what, value) for what, value in zip(names, (low, high), strict=True))
+    if (low is None) != (high is None):
+        raise BadRange(name, "has only one end of a range; give both low and high, or neither")
+    if low is not None and high is not None and not low < high:
+        raise BadRange(name, f"{names[0]} = {low:g} is not below {names[1]} = {high:g}; swap or widen them")
+    return low, high
+
+
+def _rates(name: str, rates: Any) -> tuple[tuple[float, float], ...]:
+    """Ranges of the derivatives of a signal, the first derivative's first."""
+    fix = "rates is a pair for each derivative, such as rates=((-1, 1), (-2, 2))"
+    if isinstance(rates, str) or not isinstance(rates, Iterable):
+        raise BadRange(name, f"rates = {rates!r} is no list of ranges; {fix}")
+    result = []
+    for k, pair in enumerate(rates, 1):
+        if isinstance(pair, str) or not isinstance(pair, Iterable) or len(pair := tuple(pair)) != 2:
+            raise BadRange(name, f"rate {k} is {pair!r}, no pair of numbers; {fix}")
+        low, high = _range(name, pair[0], pair[1], (f"low end of rate {k}", f"high end of rate {k}"))
+        if low is None or high is None:
+            raise BadRange(name, f"rate {k} is {pair!r}, no pair of numbers; {fix}")
+        result.append((low, high))
+    return tuple(result)
+
+
 class Signal(sp.Symbol):  # type: ignore[misc]
     """A real symbol with its engineering data.
 
     Args: `name`, a C identifier; `unit` and `meaning`, free text for reports and C comments; `nominal`, a
     parameter's value or an input's value before the first sample; `low`, `high`, the closed range, both or
     neither. A signal without a range is never clamped. A parameter with a range can be tuned at run time, one
-    without is folded into the code.
+    without is folded into the code. `rates`: closed ranges of an input's derivatives, the first derivative's first, for
+    the forms into which they enter.
 
     Raises: `BadName`, `BadRange`.
 
@@ -91,13 +122,14 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     the first, is bypassed), and signals pickle.
     """
 
-    __slots__ = ("high", "low", "meaning", "nominal", "unit")
+    __slots__ = ("high", "low", "meaning", "nominal", "rates", "unit")
 
     unit: str
     meaning: str
     nominal: float | None
     low: float | None
     high: float | None
+    rates: tuple[tuple[float, float], ...]
 
     def __new__(
         cls,
@@ -107,35 +139,31 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         nominal: Any = None,
         low: Any = None,
         high: Any = None,
+        rates: Any = (),
     ) -> "Signal":
         check_name(name)
         for what, text in (("unit", unit), ("meaning", meaning)):
             if not isinstance(text, str):
                 raise BadRange(name, f"{what} = {text!r} is not text; numbers go to nominal=, low=, high=")
-        nominal, low, high = (
-            _number(name, what, value) for what, value in (("nominal", nominal), ("low", low), ("high", high))
-        )
-        if (low is None) != (high is None):
-            raise BadRange(name, "has only one end of a range; give both low and high, or neither")
-        if low is not None and high is not None:
-            if not low < high:
-                raise BadRange(name, f"low = {low:g} is not below high = {high:g}; swap or widen them")
-            if nominal is not None and not low <= nominal <= high:
-                raise BadRange(name, f"nominal = {nominal:g} lies outside [{low:g}, {high:g}]; widen it")
+        nominal = _number(name, "nominal", nominal)
+        low, high = _range(name, low, high)
+        if nominal is not None and low is not None and high is not None and not low <= nominal <= high:
+            raise BadRange(name, f"nominal = {nominal:g} lies outside [{low:g}, {high:g}]; widen it")
         signal: Signal = sp.Symbol.__xnew__(cls, name, real=True)
         signal.unit, signal.meaning = str(unit), str(meaning)
         signal.nominal, signal.low, signal.high = nominal, low, high
+        signal.rates = _rates(name, rates)
         return signal
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         """SymPy's base takes no arguments here; `__new__` has done the work."""
 
     def _hashable_content(self) -> tuple[Any, ...]:
-        data = (self.unit, self.meaning, self.nominal, self.low, self.high)
+        data = (self.unit, self.meaning, self.nominal, self.low, self.high, self.rates)
         return tuple(super()._hashable_content()) + tuple(str(value) for value in data)
 
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        return (self.name, self.unit, self.meaning, self.nominal, self.low, self.high), {}
+        return (self.name, self.unit, self.meaning, self.nominal, self.low, self.high, self.rates), {}
 
     def __reduce_ex__(self, protocol: Any) -> tuple[Any, ...]:
         return Signal, self.__getnewargs_ex__()[0]
@@ -151,3 +179,24 @@ class Signal(sp.Symbol):  # type: ignore[misc]
         if self.low is None or self.high is None:
             return -math.inf, math.inf
         return self.low, self.high
+
+    def derivative(self, order: int) -> "Signal":
+        """The signal's time derivative of this order, a signal of its own, in the range of `rates`; order 0 is itself.
+
+        Named NAME_dot, NAME_ddot, NAME_dddot, NAME_d4, ...
+        """
+        if order == 0:
+            return self
+        suffix = _DOTS[order] if order < len(_DOTS) else f"_d{order}"
+        unit = f"({self.unit})/s{order if order > 1 else ''}" if self.unit else ""
+        what = "derivative" if order == 1 else f"derivative of order {order}"
+        source = "you supply it, from what sets the signal or from a filter of it"
+        low, high = self.rates[order - 1] if order <= len(self.rates) else (None, None)
+        return Signal(
+            f"{self.name.rstrip('_')}{suffix}",
+            unit,
+            f"{what} of {self.name}; {source}",
+            low=low,
+            high=high,
+            rates=self.rates[order:],
+        )

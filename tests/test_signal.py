@@ -23,6 +23,7 @@ def test_equal_only_with_equal_data() -> None:
         Signal("x", nominal=0),
         Signal("x", low=-1, high=1),
         Signal("x", low=-1, high=2),
+        Signal("x", low=-1, high=2, rates=((-1, 1),)),
         sp.Symbol("x", real=True),
     ]
     for index, other in enumerate(others):
@@ -52,10 +53,11 @@ def test_is_real_and_carries_its_data() -> None:
 
 @pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))  # SymPy's own least
 def test_pickles(protocol: int) -> None:
-    signal = Signal("q", "rad", "angle", 0.25, low=-4, high=4)
+    signal = Signal("q", "rad", "angle", 0.25, low=-4, high=4, rates=((-1, 1), (-2, 3)))
     again = pickle.loads(pickle.dumps(signal, protocol))
     assert again == signal
     assert (again.unit, again.meaning, again.nominal, again.interval) == ("rad", "angle", 0.25, (-4.0, 4.0))
+    assert again.rates == ((-1.0, 1.0), (-2.0, 3.0))
     expression = pickle.loads(pickle.dumps(sp.sin(signal) ** 2, protocol))
     assert expression == sp.sin(signal) ** 2
     assert copy.deepcopy(signal) == signal
@@ -102,6 +104,10 @@ def test_the_name_that_an_error_offers_is_good(name: str) -> None:
         ({"nominal": 10**400}, "is not a number"),
         ({"nominal": "fast"}, "'fast' is not a number"),
         ({"nominal": 1j}, "is not a number"),
+        ({"rates": (1, 2)}, "rate 1 is 1, no pair of numbers"),
+        ({"rates": ((1, 1),)}, "low end of rate 1 = 1 is not below"),
+        ({"rates": 3}, "rates = 3 is no list"),
+        ({"rates": ((None, None),)}, "no pair of numbers"),
         ({"nominal": 3, "low": 0, "high": 2}, "nominal = 3 lies outside [0, 2]; widen"),
     ],
 )

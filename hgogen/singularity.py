@@ -1,0 +1,257 @@
+"""Where a plant is not observable: the zero set of the determinant of d(h, h', ..)/dx, and the next jet there.
+
+    O(x, u, u', ..) = d(y, y', .., y^(k))/dx,   singular where n chosen rows of O have determinant 0
+
+On the zero set of a factor, such as u = 0, later rows may have full rank: the state is then observable by the next
+jet, which reads higher derivatives of the input. That rank n at a point suffices for local observability there:
+R. Hermann, A. Krener, "Nonlinear controllability and observability", IEEE TAC 22 (1977).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import sympy as sp
+
+from hgogen.check import Check, Verdict
+from hgogen.determinant import determinant, factors, independent
+from hgogen.interval import Interval, contains_zero, enclose
+from hgogen.interval import box as box_of
+from hgogen.lie import derivatives, rates, size
+from hgogen.points import exact
+from hgogen.singular import singular
+from hgogen.system import System
+
+# An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
+LIMIT = 4000
+# Derivatives beyond y^(n-1) that a jet on a zero set may use, and how many zero sets one inside the other are followed.
+_FURTHER, _DEPTH = 2, 2
+_ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
+Row = tuple[int, int]  # (output, order of the derivative), both from 0
+_STATES, _NAME = "singularity.regular", "singularity.jet_{}"
+
+
+@dataclass(frozen=True)
+class Jet:
+    """On the zero set `where` (symbol to value): the rows that are independent there, and their determinant's factors.
+
+    `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0; None where no choice
+    of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of the outputs and the
+    entries of the Jacobian, which must be smooth for the determinant to tell anything.
+    """
+
+    where: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    rows: tuple[Row, ...]
+    determinant: sp.Expr
+    factors: tuple[sp.Expr, ...] | None
+    order: int
+    parts: tuple[sp.Expr, ...] = ()
+
+
+@dataclass(frozen=True)
+class Singularity:
+    """Where the plant is not observable by its first derivatives, and what the next ones show there.
+
+    `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix has
+    more than `LIMIT` nodes, `nodes` says how many it has.
+    """
+
+    plant: System
+    jets: tuple[Jet, ...]
+    nodes: int
+
+    @property
+    def factors(self) -> tuple[sp.Expr, ...] | None:
+        """Of the generic determinant: their zero sets together are the singular set; None where it is not known."""
+        return self.jets[0].factors if self.jets else None
+
+    @property
+    def inputs(self) -> tuple[sp.Expr, ...]:
+        """The factors of inputs and parameters alone that may be 0 on the box: singular inputs, whatever the state."""
+        return tuple(e for e in self.open_factors if e.free_symbols.isdisjoint(self.plant.states))
+
+    @property
+    def open_factors(self) -> tuple[sp.Expr, ...]:
+        """The generic determinant's factors that may be 0 on the box of states, inputs and parameters."""
+        return _open(self.plant, self.factors or ())
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """One for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
+        if not self.jets:
+            reason = f"the observability matrix has {self.nodes} nodes, more than {LIMIT}"
+            return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, reason),)
+        return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
+
+    def __str__(self) -> str:
+        lines = [f"{self.plant.name}: where the state is not observable", *(f"  {check}" for check in self.checks)]
+        if self.inputs:
+            lines.append(f"  singular inputs: {', '.join(f'{e} = 0' for e in self.inputs)}")
+        return "\n".join(lines)
+
+    def latex(self) -> str:
+        """The determinants as LaTeX, one line of an align environment a jet."""
+        rows, dots = [], _latex_dots(self.plant)
+        for jet in self.jets:
+            names = ", ".join(_latex_name(self.plant, row) for row in jet.rows)
+            at = ", ".join(
+                f"{sp.latex(s, symbol_names=dots)} = {sp.latex(value, symbol_names=dots)}" for s, value in jet.where
+            )
+            left = rf"\det \frac{{\partial ({names})}}{{\partial x}}" if jet.rows else r"\operatorname{rank} O"
+            right = f"= {sp.latex(jet.determinant, symbol_names=dots)}" if jet.rows else f"< {len(self.plant.states)}"
+            rows.append(f"{left} &{right}" + (rf" && \text{{at }} {at}" if at else ""))
+        return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
+
+
+def singularity(plant: System, limit: int = LIMIT) -> Singularity:
+    """The plant's singular set with the derivatives of its inputs, and the next jets on it.
+
+    Parameters stay symbols. A zero set is followed where a factor is linear, with a constant slope, in one of the
+    inputs, their derivatives or the states: that symbol is put to its root. `limit` counts nodes of expressions.
+    """
+    n = len(plant.states)
+    last = n - 1 + _FURTHER
+    flow = rates(plant, last)
+    chains = []
+    for h in plant.output:
+        chain = derivatives(h, flow, 1)
+        while len(chain) <= last and size(chain) <= limit:
+            chain = (*chain, *derivatives(chain[-1], flow, 2)[1:])
+        chains.append(chain)
+    shortest = min(map(len, chains))
+    rows = [(j, k) for k in range(shortest) for j in range(len(chains))]
+    gradients = {(j, k): [*(chains[j][k].diff(x) for x in plant.states), chains[j][k]] for j, k in rows}
+    nodes = size(e for row in gradients.values() for e in row)
+    if shortest < n or nodes > limit:
+        return Singularity(plant, (), nodes)
+    known = {row: entries for row, entries in gradients.items() if row[1] < n}
+    generic = _jet((), known, n)
+    return Singularity(plant, (generic, *_followed(plant, generic, gradients, _DEPTH)), nodes)
+
+
+def _box(plant: System) -> dict[sp.Symbol, Interval]:
+    """Of all signals and the inputs' derivatives; a parameter without a range has its value."""
+    orders = range(1, len(plant.states) + _FURTHER)
+    box = box_of((*plant.signals, *(u.derivative(k) for u in plant.inputs for k in orders)))
+    values = {p: Fraction(int(v.p), int(v.q)) for p, v in plant.nominal.items() if not p.bounded}
+    return {**box, **{p: (value, value) for p, value in values.items()}}
+
+
+def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
+    """Those that exact intervals do not keep away from 0 on the box."""
+    box = _box(plant)
+    return tuple(e for e in factors if contains_zero(enclose(exact(e), box)))
+
+
+def _jet(where: tuple[tuple[sp.Symbol, sp.Expr], ...], gradients: dict[Row, list[sp.Expr]], n: int) -> Jet:
+    """The first n rows (gradient, then the derivative itself) that are independent on the zero set, by order."""
+    order = max(k for _, k in gradients)
+    there = {row: [e.subs(where) for e in entries[:n]] for row, entries in gradients.items()}
+    chosen = independent(there, n)
+    if len(chosen) < n:
+        return Jet(where, (), sp.S.Zero, None, order)
+    value = determinant([there[row] for row in chosen])
+    parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
+    return Jet(where, chosen, value, factors(value), order, parts)
+
+
+def _followed(plant: System, jet: Jet, gradients: dict[Row, list[sp.Expr]], depth: int) -> list[Jet]:
+    found: list[Jet] = []
+    for factor in _open(plant, jet.factors or ()) if depth else ():
+        root = _root(factor)
+        if root is not None and root[0] not in dict(jet.where):
+            deeper = _jet((*jet.where, root), gradients, len(plant.states))
+            found += [deeper, *_followed(plant, deeper, gradients, depth - 1)]
+    return found
+
+
+def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
+    """The symbol in which the factor is linear with a constant slope, and its root."""
+    for symbol in sorted(factor.free_symbols, key=str):
+        slope = factor.diff(symbol)
+        if slope.is_number and slope != 0:
+            return symbol, sp.expand(symbol - factor / slope)
+    return None
+
+
+# ---------------------------------------------------------------- words
+
+
+def _primes(k: int) -> str:
+    return "'" * k if k < 4 else f"^({k})"
+
+
+def _latex_dots(plant: System) -> dict[sp.Symbol, str]:
+    """Names of the inputs' derivatives, with dots or orders above."""
+    marks = (r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
+    return {
+        u.derivative(k): (marks[k - 1] if k <= len(marks) else "{{{}}}^{{(" + str(k) + ")}}").format(sp.latex(u))
+        for u in plant.inputs
+        for k in range(1, len(plant.states) + _FURTHER)
+    }
+
+
+def _latex_name(plant: System, row: Row) -> str:
+    output, order = row
+    return f"{sp.latex(plant.outputs[output])}^{{({order})}}" if order else sp.latex(plant.outputs[output])
+
+
+def _check(plant: System, jet: Jet, k: int) -> Check:
+    """proved: the determinant has no zero on the box; where: it may have; unknown: no full rank was found."""
+    rows = ", ".join(f"{plant.outputs[j]}{_primes(order)}" for j, order in jet.rows)
+    at = " and ".join(f"{symbol} = {value}" for symbol, value in jet.where)
+    id = _NAME.format(k) if k else _STATES
+    claim = f"{'at ' + at + ' ' if at else ''}{rows or 'derivatives of the outputs'} determine the state locally"
+    if jet.factors is None:
+        reason = f"derivatives up to order {jet.order} leave the generic rank below {len(plant.states)}"
+        return Check(id, claim, Verdict.UNKNOWN, reason)
+    reason = f"the determinant of their Jacobian is {jet.determinant}"
+    rough = sorted({str(node) for part in jet.parts for node in part.atoms(*_ROUGH)})
+    if rough:
+        return Check(id, claim, Verdict.UNKNOWN, f"{rough[0]} may not be smooth; {reason}")
+    conditions = [f"{e} != 0" for e in _open(plant, jet.factors)]
+    box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
+    conditions += sorted(set(singular(map(exact, jet.parts), box).values()))
+    if not conditions:
+        return Check(id, claim, Verdict.PROVED, f"{reason}, which has no zero on the box")
+    return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}; {reason}")
+
+
+def singular_set(
+    flow: Sequence[sp.Expr],
+    output: Sequence[sp.Expr],
+    states: Sequence[sp.Symbol],
+    inputs: Sequence[sp.Symbol] = (),
+    limit: int = LIMIT,
+) -> tuple[sp.Expr, ...] | str | None:
+    """Factors whose zero sets together are that of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs at 0.
+
+    "none": it has no zero; "all": it is 0 everywhere. With several outputs the rows are taken until they have rank n;
+    whether all outputs come before the next derivative, or all derivatives before the next output, must make no
+    difference. None: no answer, because it does make one, or for a function with kinks, or beyond `limit` nodes.
+    """
+    off = dict.fromkeys(inputs, sp.S.Zero)
+    drift = dict(zip(states, (sp.sympify(f).subs(off) for f in flow), strict=True))
+    gradients: dict[Row, list[sp.Expr]] = {}
+    for j, h in enumerate(output):
+        lie = sp.sympify(h).subs(off)
+        for k in range(len(states)):
+            if lie.has(*_ROUGH) or size([lie]) > limit:
+                return None
+            gradients[j, k] = [lie.diff(x) for x in states]
+            lie = derivatives(lie, drift, 2)[1]
+    if size(e for row in gradients.values() for e in row) > limit:
+        return None
+    by_order = dict(sorted(gradients.items(), key=lambda item: (item[0][1], item[0][0])))
+    answers = {_zero_set(one, len(states)) for one in (by_order, gradients)}
+    return answers.pop() if len(answers) == 1 else None
+
+
+def _zero_set(gradients: dict[Row, list[sp.Expr]], n: int) -> tuple[sp.Expr, ...] | str | None:
+    chosen = independent(gradients, n)
+    if len(chosen) < n:
+        return "all"
+    value = determinant([gradients[row] for row in chosen])
+    if value.has(*_ROUGH):
+        return None
+    return factors(value) or "none"

@@ -1,0 +1,161 @@
+"""The singular set and the next jets, against determinants known in closed form."""
+
+import random
+
+import pytest
+import sympy as sp
+from plants import model
+
+import hgogen as hg
+from hgogen.check import Verdict
+from hgogen.determinant import determinant, factors, independent
+from hgogen.lie import along, derivatives, input_derivatives, rates
+from hgogen.singularity import singular_set, singularity
+
+X, Y, Z = sp.symbols("x y z", real=True)
+SIGMA, RHO, BETA = sp.symbols("sigma rho beta", real=True)
+LORENZ = [SIGMA * (Y - X), X * (RHO - Z) - Y, X * Y - BETA * Z]
+
+
+def neuron() -> hg.System:
+    return model("fitzhugh_nagumo")
+
+
+# --- derivatives of inputs ----------------------------------------------------------------------------------
+
+
+def test_a_derivative_is_a_signal_of_its_own() -> None:
+    u = hg.Signal("u", "V", "drive", low=-1, high=1, rates=((-1, 1), (-2, 2)))
+    first, second, third = (u.derivative(k) for k in (1, 2, 3))
+    assert (first.name, first.unit, first.interval) == ("u_dot", "(V)/s", (-1, 1))
+    assert (second.name, second.interval) == ("u_ddot", (-2, 2))
+    assert not third.bounded
+    assert "you supply it" in first.meaning
+    assert u.derivative(0) is u
+    assert u.derivative(1) == first
+
+
+def test_the_time_derivative_moves_inputs_too() -> None:
+    plant = neuron()
+    flow = rates(plant, 2)
+    x1, x2, _ = plant.states
+    (u,) = plant.inputs
+    chain = derivatives(x1, flow, 3)
+    assert chain[1] == plant.flow[0]
+    assert sp.expand(chain[2].diff(u.derivative(1)) + x2) == 0
+    assert input_derivatives(chain, plant, 2) == (u.derivative(1),)
+    assert along(sp.Integer(3), flow) == 0
+
+
+# --- the neuron, as its paper has it ------------------------------------------------------------------------
+
+
+def test_the_neuron_and_its_next_jets() -> None:
+    found = singularity(neuron())
+    (u,), (eps,) = neuron().inputs, neuron().parameters
+    generic, first, second = found.jets
+    assert sp.expand(generic.determinant + eps * u**2) == 0
+    assert found.inputs == (u,)
+    assert first.where == ((u, 0),)
+    assert sp.expand(first.determinant + 2 * eps * u.derivative(1) ** 2) == 0
+    assert first.rows == ((0, 0), (0, 2), (0, 3))
+    assert second.where == ((u, 0), (u.derivative(1), 0))
+    assert [check.verdict for check in found.checks] == [Verdict.WHERE] * 3
+    assert "holds where u != 0" in str(found)
+    assert r"- 2 eps \dot{u}^{2} && \text{at } u = 0" in found.latex()
+
+
+def test_a_plant_without_singular_points_is_proved() -> None:
+    (check,) = singularity(model("pendulum")).checks
+    assert check.verdict is Verdict.PROVED
+
+
+def tanks(low: float) -> hg.System:
+    level, other = hg.Signal("x1", low=low, high=9), hg.Signal("x2", low=1, high=9)
+    flow = [-sp.sqrt(level), sp.sqrt(level) - sp.sqrt(other)]
+    return hg.System("tanks", states=(level, other), outputs=(hg.Signal("y"),), flow=flow, output=[other])
+
+
+def test_a_pole_on_the_box_is_not_proved() -> None:
+    """The determinant 1/(2 sqrt x1) has no zero, and no value at x1 = 0."""
+    assert [singularity(tanks(low)).checks[0].verdict for low in (1, 0)] == [Verdict.PROVED, Verdict.WHERE]
+
+
+def test_a_kink_is_not_proved() -> None:
+    x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
+    plant = hg.System("kink", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[3 * x2 + sp.Abs(x2), 0], output=[x1])
+    assert singularity(plant).checks[0].verdict is Verdict.UNKNOWN
+
+
+def test_too_large_a_matrix_is_left_alone() -> None:
+    (check,) = singularity(neuron(), limit=20).checks
+    assert check.verdict is Verdict.UNKNOWN
+    assert "more than" in check.reason
+
+
+# --- expressions --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("flow", "output", "zero_set"),
+    [
+        (LORENZ, [X], SIGMA * X),
+        ([-Y - Z, X + BETA * Y, BETA + Z * (X - RHO)], [Y], "none"),
+        ([-Y - Z, X + BETA * Y, BETA + Z * (X - RHO)], [X], X - RHO - BETA),
+        ([Y, -sp.sin(X), Z], [X], "all"),
+        ([-sp.sin(Y), sp.cos(X), sp.S.Zero], [X, Z], sp.cos(Y)),
+        ([sp.sqrt(Y), -sp.sqrt(Y), sp.S.Zero], [X, Z], "none"),
+        ([Y * sp.exp(-Y), -Y, sp.S.Zero], [X, Z], 1 - Y),
+    ],
+)
+def test_known_singular_sets(flow: list[sp.Expr], output: list[sp.Expr], zero_set: sp.Expr | str) -> None:
+    found = singular_set(flow, output, (X, Y, Z))
+    if isinstance(zero_set, str):
+        assert found == zero_set
+    else:
+        assert isinstance(found, tuple)
+        quotient = sp.simplify(sp.prod(found) / zero_set)
+        assert quotient.is_number
+        assert quotient != 0
+
+
+def test_inputs_are_off() -> None:
+    """x' = u y, y' = 0: with u = 0 nothing is seen of y."""
+    assert singular_set([RHO * Y, sp.S.Zero], [X], (X, Y), (RHO,)) == "all"
+
+
+def test_rows_that_could_be_taken_in_two_ways_have_no_answer() -> None:
+    """(y1, y2, y1') = (x, z, y) is regular, (y1, y1', y1'') = (x, y, z^2) is not."""
+    assert singular_set([Y, Z**2, X], [X, Z], (X, Y, Z)) is None
+
+
+def test_kinks_have_no_answer() -> None:
+    assert singular_set([sp.Abs(Y), -Y], [X], (X, Y)) is None
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_the_determinant_is_sympys(n: int) -> None:
+    draw = random.Random(n)
+    rows = [[draw.choice([X - X, X, Y, sp.sin(Z), X / (1 + Y**2), sp.Float(0.5)]) for _ in range(n)] for _ in range(n)]
+    assert sp.simplify(determinant(rows) - sp.nsimplify(sp.Matrix(rows).det(method="berkowitz"))) == 0
+
+
+def test_sine_and_cosine_are_related() -> None:
+    assert determinant([[sp.cos(X), -sp.sin(X)], [sp.sin(X), sp.cos(X)]]) == 1
+
+
+def test_factors_say_where_it_is_zero() -> None:
+    assert factors(X**3 * sp.exp(Y) / (1 + Z)) == (X,)
+    assert factors(sp.Integer(5)) == ()
+    assert factors(X**2 + 1) == ()
+    assert factors(sp.sqrt(X) * (Y - Z) / 7) in ((X, Y - Z), (Y - Z, X))
+
+
+def test_rows_that_depend_on_others_are_left_out() -> None:
+    rows = {
+        "a": [X, Y],
+        "b": [2 * X * Z, 2 * Y * Z],
+        "c": [X - X, sp.sin(X) ** 2 + sp.cos(X) ** 2 - 1],
+        "d": [Y, X],
+    }
+    assert independent(rows, 2) == ("a", "d")
