@@ -44,7 +44,8 @@ def _fractions(form: Rational, ring: Any) -> list[_Fraction]:
     Raises: `TooLarge`; `ZeroDivisionError` for a denominator that is zero.
     """
     program = tape((form.value, *(relation.value for relation in form.relations)), form.generators)
-    generators, values = ring.gens(), []
+    generators = ring.gens()
+    values: list[_Fraction] = []
     for instruction in program.instructions:
         values.append(_apply(instruction, [values[i] for i in instruction.args], generators, ring))
     return [values[i] for i in program.outputs]

@@ -202,10 +202,9 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
         affine = _on_a_line(row, state, rows.box)
     if affine is False and not varies:
         varies = (state,)
-    moves = is_zero(slope, rows.box)
-    return Link(
-        name, row, state, gain, rest, affine, varies, may_vary, strays, slope, None if moves is None else not moves
-    )
+    still = is_zero(slope, rows.box)
+    moves = None if still is None else not still
+    return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
 
 
 def _rest(row: sp.Expr, state: sp.Symbol, gain: sp.Expr) -> sp.Expr:

@@ -8,6 +8,7 @@ refuted on x >= 1, and not proved either.
 import random
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 import sympy as sp
@@ -82,7 +83,8 @@ def dependence(
     expression = _settled(expression, box)
     asked = [s for s in symbols if s in expression.free_symbols]
     seen = _seen(expression, asked, box) if asked else set()
-    sure, maybe = [], []
+    sure: list[sp.Symbol] = []
+    maybe: list[sp.Symbol] = []
     for s in asked:
         answer = False if s in seen else _free(expression, s, box)
         if not answer:
@@ -127,7 +129,7 @@ def _seen(expression: sp.Expr, symbols: Sequence[sp.Symbol], box: Box | None) ->
     except NoTape:
         return set()
     points = list(_points(every, box, _QUICK + 1))
-    return {s for s in symbols if any(_changes(program, every.index(s), a, b) for a, b in zip(points, points[1:]))}
+    return {s for s in symbols if any(_changes(program, every.index(s), a, b) for a, b in pairwise(points))}
 
 
 def _changes(program: Tape, index: int, point: Sequence[Fraction], other: Sequence[Fraction]) -> bool:

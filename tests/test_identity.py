@@ -14,6 +14,7 @@ x, y, z, k, a = sp.symbols("x y z k a")
 r, s = sp.symbols("r s", real=True)
 R = sp.Rational
 TINY = R(1, 10**30)
+PIECES = sp.Piecewise((r, r > 0), (1, True))
 
 ZERO = [
     (x**2 - 1) / (x - 1) - x - 1,
@@ -72,10 +73,7 @@ ZERO = [
     Abs(x * (y + 1)) - Abs(x * y + x),
     Max(r, s) + Min(r, s) - r - s,
     Max(r, 2) - Min(r, 2) - Abs(r - 2),
-    x + (sp.Piecewise((x, x > 0), (1, True)) - sp.Piecewise((x, x > 0), (1, True))) - x,
-    sp.Piecewise((r, r > 0), (1, True)) * (y + 1)
-    - y * sp.Piecewise((r, r > 0), (1, True))
-    - sp.Piecewise((r, r > 0), (1, True)),
+    PIECES * (y + 1) - y * PIECES - PIECES,
     log(x - 10) - log(2 * x - 20) + log(2),
 ]
 NOT_ZERO = [
