@@ -133,6 +133,19 @@ class Balls:
         """1/k."""
         return 1 / flint.arb(k)
 
+    @property
+    def nudge(self) -> Any:
+        """A small step d: F(x + d v) - F(x) = d F'(x) v but for d^2."""
+        return flint.arb(2) ** -(flint.ctx.prec // 2)
+
+    def slope(self, moved: Any, base: Any) -> Any:
+        """F'(x) v, with a radius that is far more than the step leaves out (F'' would have to be 2^(bits / 8))."""
+        return (moved - base) / self.nudge + flint.arb(0, flint.arb(2) ** -(flint.ctx.prec * 3 // 8))
+
+    def reduced(self, a: Any) -> Any:
+        """The number itself."""
+        return a
+
 
 def _finite(a: Any) -> Any:
     if not all(c.is_finite() for c in a.coeffs()):

@@ -73,8 +73,8 @@ def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
 
 
 def _normal(row: Row) -> list[Any]:
-    """The row times a power of two, so that its largest entry is about 1."""
-    largest = max((entry.abs_upper() for entry in row), default=flint.arb(0))
+    """The row times a power of two, so that its largest entry that is not zero is about 1."""
+    largest = max((entry.abs_lower() for entry in row), default=flint.arb(0))
     if largest.is_zero():
         return list(row)
     shift = largest.mid().man_exp()

@@ -85,3 +85,16 @@ class Modular:
     def over(self, k: int) -> int:
         """1/k."""
         return pow(k, -1, self.modulus)
+
+    @property
+    def nudge(self) -> int:
+        """A step d whose square is zero modulo prime^2, so that F(x + d v) - F(x) = d F'(x) v exactly."""
+        return self.prime
+
+    def slope(self, moved: Any, base: Any) -> int:
+        """F'(x) v modulo the prime, from F(x + d v) and F(x) modulo prime^2."""
+        return (int(moved) - int(base)) % self.modulus // self.prime
+
+    def reduced(self, a: Any) -> int:
+        """The number modulo the prime."""
+        return int(a) % self.prime

@@ -24,6 +24,7 @@ from hgogen.series import Arithmetic, Plant, Point, gradients, random_point
 from hgogen.tape import tape
 
 PRIMES = (2**61 - 1, 2**62 - 57, 2**62 - 87)
+SMALL_PRIMES = (2**31 - 1, 2**31 - 19, 2**31 - 61)  # whose squares fit a word
 TRIES = 48
 FEW_BITS, MANY_BITS = 256, 8192
 _CAP = 4096  # terms of a series with balls
@@ -128,17 +129,19 @@ def exact_numbers(plant: Plant) -> bool:
     return len(constants) < 2 and all(i.op in OPERATIONS for i in plant.tape.instructions)
 
 
-def somewhere(
-    plant: Plant, answer: Callable[[Arithmetic, Point], _Found], modular: Callable[[int], Modular] | None = None
-) -> _Found:
+def somewhere(plant: Plant, answer: Callable[[Arithmetic, Point], _Found], *, first: int = 0, power: int = 1) -> _Found:
     """`answer` at the first random point at which the plant is defined, with balls at a precision that decides.
+
+    `first`: which of the random points to begin with; `power`: of the prime that numbers are taken modulo.
 
     Raises: `NowhereDefined`.
     """
-    for seed in range(TRIES):
+    for seed in range(first * TRIES, (first + 1) * TRIES):
         try:
             if exact_numbers(plant):
-                numbers = modular(seed) if modular else _modular(seed)
+                primes = PRIMES if power == 1 else SMALL_PRIMES
+                prime = primes[seed % len(primes)]
+                numbers = Modular(prime**power, prime, seed)
                 return answer(numbers, random_point(plant, numbers))
             return _with_balls(plant, Balls(seed), answer)
         except (ZeroDivisionError, Undecided):
@@ -149,11 +152,6 @@ def somewhere(
 def modulus(numbers: Arithmetic) -> int:
     """The prime, or 0 for balls."""
     return numbers.prime if isinstance(numbers, Modular) else 0
-
-
-def _modular(seed: int) -> Modular:
-    prime = PRIMES[seed % len(PRIMES)]
-    return Modular(prime, prime, seed)
 
 
 def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Point], _Found]) -> _Found:

@@ -85,6 +85,16 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
         known *= 2
 
 
+def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int) -> list[Any]:
+    """Y_0, .., Y_(count - 1)."""
+    found: list[Any] = []
+    for matrices in gradients(plant, numbers, point):
+        found += matrices
+        if len(found) >= count:
+            break
+    return found[:count]
+
+
 def evaluate(
     plant: Plant, numbers: Arithmetic, values: Sequence[Any], order: int, slope_order: int
 ) -> list[tuple[Any, Gradient]]:

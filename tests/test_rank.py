@@ -1,14 +1,20 @@
 """Generic observability: series against symbolic Lie derivatives, ranks against Kalman's, known answers, bad input."""
 
+import json
 import math
+import os
 import random
+import time
 from itertools import pairwise
+from pathlib import Path
 
 import flint
+import numpy as np
 import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracle import observability as oracle
 
 from hgogen.balls import Balls
 from hgogen.modular import Modular
@@ -162,6 +168,49 @@ def test_the_limit_gives_a_partial_answer() -> None:
     assert set(part.observable) < set(chain)
     assert part.observable[:3] == chain[:3]
     assert observability(flow, [chain[0]], chain).known.observable == chain
+
+
+# --- the library, by two methods that share no code -----------------------------------------------------------
+
+DATA = Path(os.environ.get("HGOGEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+LIBRARY = DATA / "observability_models.json"
+here = pytest.mark.skipif(not LIBRARY.exists(), reason="no observability_models.json; set HGOGEN_DATA")
+
+
+def library() -> list[tuple[str, tuple]]:
+    return [(model["name"], oracle.parse(model)) for model in json.loads(LIBRARY.read_text())["models"]]
+
+
+@here
+def test_two_methods_agree_on_the_whole_library() -> None:
+    """Both questions, none missing: rank, order of derivatives, and which are observable one by one."""
+    models = library()
+    assert len(models) == 341
+    for name, (flow, output, states, inputs, parameters) in models:
+        ours = observability(flow, output, states, inputs, parameters)
+        theirs = oracle.observability(flow, output, states, inputs, parameters)
+        for rank, expected in zip((ours.known, ours.joint), theirs, strict=True):
+            assert rank.final
+            assert (rank.rank, rank.order, [s.name for s in rank.observable]) == expected, name
+
+
+@here
+@pytest.mark.slow
+def test_the_library_is_quick() -> None:
+    """Median 20 ms, slowest 3 s, all in 60 s, with a margin of four for a busy machine; both methods."""
+    models = library()
+    for method in (observability, oracle.observability):
+        times = []
+        for _, model in models:
+            start = time.perf_counter()
+            method(*model)
+            times.append(time.perf_counter() - start)
+        print(
+            f"{method.__module__}: median {np.median(times):.4f} s, slowest {max(times):.2f} s, all {sum(times):.1f} s"
+        )
+        assert np.median(times) < 4 * 0.020
+        assert max(times) < 4 * 3
+        assert sum(times) < 60
 
 
 # --- bad input ----------------------------------------------------------------------------------------------
