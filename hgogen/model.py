@@ -1,25 +1,42 @@
-"""A model file: a Python file that holds `plant` and, where they apply, `step()`, `trial()` and `tuning`."""
+"""A model file: Python that holds `plant` and, where they apply, `step()`, `trial()` and `tuning`; or plain text."""
 
 import linecache
 import sys
 import tokenize
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import HgogenError
+from hgogen.modelfile import READERS, BadModelFile, read
+from hgogen.recipe import step_of, trial_of
 from hgogen.system import System
 from hgogen.trial import Trial
 
 FOLDER = Path("models")
-_NO_MODELS = f"give the path of a Python file: a bare name is sought in ./{FOLDER}, and there is none here"
+_NO_MODELS = f"give the path of a model file: a bare name is sought in ./{FOLDER}, and there is none here"
+
+
+_PYTHON = MappingProxyType(
+    {
+        "plant": "plant = hg.System(...)",
+        "step": "def step(): return hg.sample(...)",
+        "trial": "def trial(): return hgogen.trial.Trial(...)",
+    }
+)
+_PLAIN = MappingProxyType(
+    {
+        "step": "an observer table, such as kind = 'high_gain', theta = 20, poles = [-1, -1], dt = 1e-3",
+        "trial": "a trial table, such as duration = 10, start = {x1 = 1}",
+    }
+)
 
 
 @dataclass(eq=False)
@@ -61,16 +78,20 @@ class MissingPart(HgogenError):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A loaded model file."""
+    """A loaded model file.
+
+    `module` holds its parts; `fixes` says, for a part that is missing, what the file should define.
+    """
 
     name: str
     path: str
-    module: ModuleType
+    module: ModuleType | SimpleNamespace
+    fixes: Mapping[str, str]
 
     @property
     def plant(self) -> System:
         """Its `plant`. Raises: `MissingPart`."""
-        plant = self._part("plant", "plant = hg.System(...)")
+        plant = self._part("plant")
         if not isinstance(plant, System):
             raise MissingPart(self.path, "plant", f"plant is of type {type(plant).__name__}; make it an hg.System")
         return plant
@@ -81,7 +102,7 @@ class Model:
 
     def step(self) -> CallableStep:
         """What its `step()` returns. Raises: `MissingPart`, `ModelFails`, `Refuted`."""
-        step = self._called("step", "def step(): return hg.sample(...)")
+        step = self._called("step")
         if not isinstance(step, CallableStep):
             raise MissingPart(
                 self.path, "step", f"step() returns the type {type(step).__name__}; return hg.sample(...)"
@@ -90,7 +111,7 @@ class Model:
 
     def trials(self) -> tuple[Trial, ...]:
         """What its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""
-        given = self._called("trial", "def trial(): return hgogen.trial.Trial(...)")
+        given = self._called("trial")
         trials = (given,) if isinstance(given, Trial) else given
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
             kind = type(given).__name__
@@ -102,17 +123,16 @@ class Model:
             )
         return tuple(trials)
 
-    def _part(self, part: str, fix: str) -> Any:
+    def _part(self, part: str) -> Any:
         if not self.has(part):
-            raise MissingPart(self.path, part, f"defines no {part}, which this command needs; add {fix}")
+            raise MissingPart(self.path, part, f"defines no {part}, which this command needs; add {self.fixes[part]}")
         return getattr(self.module, part)
 
-    def _called(self, part: str, fix: str) -> Any:
-        function = self._part(part, fix)
+    def _called(self, part: str) -> Any:
+        function = self._part(part)
         if not callable(function):
-            raise MissingPart(
-                self.path, part, f"{part} is of type {type(function).__name__}; make it a function, {fix}"
-            )
+            kind = type(function).__name__
+            raise MissingPart(self.path, part, f"{part} is of type {kind}; make it a function, {self.fixes[part]}")
         return _guarded(self.path, function)
 
 
@@ -121,9 +141,29 @@ def load(given: str | Path) -> Model:
 
     What the file prints goes to the standard error stream.
 
-    Raises: `NoModel`; `ModelFails` with file, line and error where it cannot be imported.
+    Raises: `NoModel`; `ModelFails` with file, line and error where Python cannot import it; `BadModelFile` with file,
+    key and fix for plain text.
     """
     path = _located(str(given))
+    return _LOADERS[path.suffix](path)
+
+
+def _plain(path: Path) -> Model:
+    try:
+        told = read(path)
+    except OSError as error:
+        raise NoModel(str(path), f"cannot be read: {error.strerror}", listed()) from None
+    parts = SimpleNamespace(
+        plant=told.plant, known=told.known, reference=told.reference, __doc__=told.meaning, __name__=path.stem
+    )
+    if told.observer:
+        parts.step = lambda: step_of(told)
+    if told.trial:
+        parts.trial = lambda: trial_of(told)
+    return Model(path.stem, str(path), parts, _PLAIN)
+
+
+def _python(path: Path) -> Model:
     try:
         with tokenize.open(path) as stream:
             text = stream.read()
@@ -139,24 +179,33 @@ def load(given: str | Path) -> Model:
     sys.modules[module.__name__] = module
     linecache.checkcache(str(path))
     _guarded(str(path), lambda: exec(code, module.__dict__))
-    return Model(path.stem, str(path), module)
+    return Model(path.stem, str(path), module, _PYTHON)
 
 
-def listed() -> tuple[str, ...]:
-    """The model files in the folder `models` here, sorted."""
-    return tuple(sorted(str(path) for path in FOLDER.glob("*.py") if not path.name.startswith("_")))
+_LOADERS: dict[str, Callable[[Path], Model]] = {".py": _python, **dict.fromkeys(READERS, _plain)}  # by suffix
+
+
+def listed(folder: Path = FOLDER) -> tuple[str, ...]:
+    """The model files in a folder, by default `models` here, sorted."""
+    found = (path for path in folder.glob("*") if path.suffix in _LOADERS and path.is_file())
+    return tuple(sorted(str(path) for path in found if not path.name.startswith("_")))
 
 
 def _located(given: str) -> Path:
-    path, named = Path(given), FOLDER / f"{given}.py"
+    path = Path(given)
     if path.is_file():
-        if path.suffix != ".py":
-            raise NoModel(given, "is no Python file (.py)", listed())
+        if path.suffix not in _LOADERS:
+            raise NoModel(given, f"is no model file ({', '.join(_LOADERS)})", listed())
         return path
-    if given.isidentifier() and named.is_file():
-        return named
+    named = [file for suffix in _LOADERS if (file := FOLDER / f"{given}{suffix}").is_file()]
+    if given.isidentifier() and named:
+        if len(named) > 1:
+            raise NoModel(
+                given, f"the name is that of {len(named)} files; give the path of one", tuple(map(str, named))
+            )
+        return named[0]
     if path.is_dir():
-        raise NoModel(given, "is a folder, not a model file", tuple(sorted(map(str, path.glob("*.py")))) or listed())
+        raise NoModel(given, "is a folder, not a model file", listed(path) or listed())
     raise NoModel(given, "there is no such model file", listed())
 
 
@@ -166,7 +215,7 @@ def _guarded(path: str, function: Callable[[], Any]) -> Any:
     try:
         with redirect_stdout(sys.stderr):
             return function()
-    except Refuted:
+    except (Refuted, BadModelFile):
         raise
     except (Exception, SystemExit) as error:
         frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]

@@ -89,7 +89,7 @@ def test_paths_that_lead_nowhere(tmp_path: Path):
         load(tmp_path / "none.py")
     with pytest.raises(NoModel, match="is a folder"):
         load(tmp_path)
-    with pytest.raises(NoModel, match="is no Python file"):
+    with pytest.raises(NoModel, match=r"is no model file \(\.py, \.toml, \.json\)"):
         load(model(tmp_path, "", "model.txt"))
 
 
