@@ -1,0 +1,105 @@
+"""A box: the closed, perhaps unbounded, range of each symbol, with exact ends."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TypeAlias
+
+import numpy as np
+import sympy as sp
+
+from hgogen.errors import HgogenError
+from hgogen.outward import Pair, number
+from hgogen.signal import Signal
+from hgogen.variants import STEEP, largest_exponent
+
+End: TypeAlias = Fraction | float
+Box: TypeAlias = Mapping[sp.Symbol, tuple[End, End]]
+Point: TypeAlias = dict[sp.Symbol, Fraction]
+
+EVERYTHING = (-math.inf, math.inf)
+
+
+@dataclass(eq=False)
+class EmptyBox(HgogenError):
+    """A range whose ends are no numbers or the wrong way round."""
+
+    name: str
+    low: End
+    high: End
+
+    def __str__(self) -> str:
+        return f"the range [{self.low}, {self.high}] of {self.name} holds no number; give low <= high, not NaN"
+
+
+def box(
+    signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None
+) -> dict[sp.Symbol, tuple[End, End]]:
+    """The box of the declared ranges; one without a range is at its value in `nominal` (such as
+    `system.nominal`, of the parameters), else unbounded. A float is the number that its shortest decimal says."""
+    fixed = nominal or {}
+    return {s: _declared(s, fixed) for s in signals}
+
+
+def _declared(signal: Signal, fixed: Mapping[Signal, sp.Rational]) -> tuple[End, End]:
+    if signal.low is not None and signal.high is not None:
+        return Fraction(repr(float(signal.low))), Fraction(repr(float(signal.high)))
+    if signal in fixed:
+        value = Fraction(int(fixed[signal].p), int(fixed[signal].q))
+        return value, value
+    return EVERYTHING
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The sides of a box in the order of `symbols`: exact ends, and floats around (`outer`) and inside it."""
+
+    symbols: tuple[sp.Symbol, ...]
+    ends: tuple[tuple[End, End], ...]
+
+    @property
+    def outer(self) -> Pair:
+        """The smallest box of floats around it."""
+        lows, highs = [number(low)[0] for low, _ in self.ends], [number(high)[1] for _, high in self.ends]
+        return np.array(lows, dtype=float), np.array(highs, dtype=float)
+
+    @property
+    def inner(self) -> Pair:
+        """The largest box of floats inside it."""
+        lows, highs = [number(low)[1] for low, _ in self.ends], [number(high)[0] for _, high in self.ends]
+        return np.array(lows, dtype=float), np.array(highs, dtype=float)
+
+    def point(self, x: Iterable[float]) -> Point:
+        """The exact point that a vector of floats of the outer box stands for: at an end, the exact end."""
+        return {s: Fraction(_nearest(value, ends)) for s, value, ends in zip(self.symbols, x, self.ends, strict=True)}
+
+    def contains(self, point: Point) -> bool:
+        """Whether an exact point of these symbols lies in the box."""
+        return all(low <= point[s] <= high for s, (low, high) in zip(self.symbols, self.ends, strict=True))
+
+
+def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
+    """The expression with every symbol that is a point at its value, and the sides of the others, sorted by name.
+
+    A symbol that the box does not name is unbounded; among powers too large for exact numbers points stay sides.
+    Raises: `EmptyBox`.
+    """
+    points: dict[sp.Symbol, sp.Rational] = {}
+    left, ends = [], []
+    steep = largest_exponent(expression) > STEEP
+    for symbol in sorted(expression.free_symbols, key=lambda s: (s.name, str(sp.srepr(s)))):
+        low, high = box.get(symbol, EVERYTHING)
+        if not low <= high or low == math.inf or high == -math.inf:
+            raise EmptyBox(symbol.name, low, high)
+        if low == high and not steep:
+            value = Fraction(low)
+            points[symbol] = sp.Rational(value.numerator, value.denominator)
+        else:
+            left.append(symbol)
+            ends.append((low, high))
+    return expression.xreplace(points), Sides(tuple(left), tuple(ends))
+
+
+def _nearest(value: float, ends: tuple[End, End]) -> End:
+    return max(min(value, ends[1]), ends[0])
