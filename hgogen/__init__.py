@@ -9,10 +9,12 @@ from hgogen.call import Run, Sample, sample
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
+from hgogen.gramian import gramian
 from hgogen.observer import Observer
 from hgogen.recast import recast
 from hgogen.reference import reference
 from hgogen.signal import Signal
+from hgogen.singularity import singularity
 from hgogen.step import Step
 from hgogen.system import System
 from hgogen.target import write
@@ -29,12 +31,14 @@ __all__ = [
     "System",
     "Verdict",
     "forms",
+    "gramian",
     "innovation",
     "methods",
     "observers",
     "recast",
     "reference",
     "sample",
+    "singularity",
     "targets",
     "theta",
     "trial",
