@@ -17,6 +17,8 @@ from functools import cached_property
 import sympy as sp
 
 from hgogen.identity import Box, dependence, free_of, is_zero
+from hgogen.interval import box
+from hgogen.system import System
 
 Answer = tuple[bool | None, str]
 
@@ -56,6 +58,14 @@ class Rows:
     def rate(self, state: sp.Symbol) -> sp.Expr:
         """x' of a state."""
         return self.flow[self.states.index(state)]
+
+
+def of_plant(plant: System) -> Rows:
+    """The rows of a plant on its box; a parameter without a range has its value."""
+    fixed = {p: (value, value) for p, value in plant.nominal.items() if not p.bounded}
+    return Rows(
+        plant.states, plant.flow, tuple(y.name for y in plant.outputs), plant.output, box(plant.signals) | fixed
+    )
 
 
 @dataclass(frozen=True)
@@ -157,7 +167,7 @@ def levelwise(rows: Rows) -> Chains:
     left = list(rows.states)
     chains: list[list[Link]] = [[] for _ in rows.output]
     active = dict(enumerate(zip(rows.names, rows.output, strict=True)))
-    certain = True
+    certain, alone = True, len(rows.output) == 1
 
     def broken(why: str, sure: bool = True) -> Chains:
         return Chains(tuple(map(tuple, chains)), why, certain and sure)
@@ -166,14 +176,13 @@ def levelwise(rows: Rows) -> Chains:
         found: dict[int, Link] = {}
         for j, (name, row) in active.items():
             sure, maybe = rows.reads(row, left)
-            if len(sure) > 1:
-                return broken(f"{name} brings in {listed(sure)} together, and each row may bring in one new state")
-            if not sure and len(maybe) > 1:
-                return broken(f"{name} may bring in {listed(maybe)}, and none is shown to matter", False)
-            if not sure and not maybe and (len(rows.output) == 1 or not chains[j]):
-                return broken(f"{name} brings in no new state, so the output never shows {listed(left)}")
+            if alone and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
+                sure = dependence(row, left)[0]
+            stop = _stop(name, sure, maybe, left, alone or not chains[j])
+            if stop:
+                return broken(*stop)
             if sure or maybe:
-                certain = certain and (bool(sure) or len(rows.output) == 1)
+                certain = certain and (bool(sure) or alone)
                 found[j] = link(name, row, (*sure, *maybe), rows)
         both = twice(found.values())
         if both:
@@ -185,6 +194,19 @@ def levelwise(rows: Rows) -> Chains:
             left.remove(new.state)
         active = {j: (f"{new.state}'", rows.rate(new.state)) for j, new in found.items()}
     return Chains(tuple(map(tuple, chains)), certain=certain)
+
+
+def _stop(
+    name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], left: Sequence[sp.Symbol], must: bool
+) -> tuple[str, bool] | None:
+    """Why the order ends at a row that reads these new states, and whether that is proved; it `must` read one."""
+    if len(sure) > 1:
+        return f"{name} brings in {listed(sure)} together, and each row may bring in one new state", True
+    if not sure and len(maybe) > 1:
+        return f"{name} may bring in {listed(maybe)}, and none is shown to matter", False
+    if must and not sure and not maybe:
+        return f"{name} brings in no new state, so the output never shows {listed(left)}", True
+    return None
 
 
 def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:

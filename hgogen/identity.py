@@ -92,6 +92,13 @@ def dependence(
     return tuple(sure), tuple(maybe)
 
 
+def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> tuple[sp.Symbol, ...]:
+    """Those of the symbols that the value changes with, as far as is known, in their order."""
+    symbols = tuple(symbols)
+    found = {s for part in dependence(expression, symbols, box) for s in part}
+    return tuple(s for s in symbols if s in found)
+
+
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
     """The same function written without those of the symbols on which it does not depend, as far as that is proved.
 

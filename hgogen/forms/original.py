@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 from hgogen.check import Check, Verdict
 from hgogen.coordinates import Coordinates, coordinates, split
-from hgogen.dependence import states_in
 from hgogen.errors import HgogenError
 from hgogen.form import Form
+from hgogen.identity import reads
 from hgogen.lipschitz import lipschitz
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -47,8 +47,8 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
 
     Raises: `BadOrder`.
     """
-    needs = {x: states_in(rate, plant.states) for x, rate in zip(plant.states, plant.flow, strict=True)}
-    seen = [states_in(h, plant.states) for h in plant.output]
+    needs = {x: reads(rate, plant.states) for x, rate in zip(plant.states, plant.flow, strict=True)}
+    seen = [reads(h, plant.states) for h in plant.output]
     outwards = _outwards(seen, needs)
     hidden = [x for x in plant.states if x not in outwards]
     order = tuple(order) if order is not None else (*outwards, *hidden)
