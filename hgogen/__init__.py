@@ -6,6 +6,7 @@ plant : System --form--> Form --observer--> Observer --method, dt--> Step --targ
 
 from hgogen import forms, innovation, methods, observers, targets, theta, trial
 from hgogen.call import Run, Sample, sample
+from hgogen.casadi_model import from_casadi
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
@@ -31,6 +32,7 @@ __all__ = [
     "System",
     "Verdict",
     "forms",
+    "from_casadi",
     "gramian",
     "innovation",
     "methods",

@@ -1,7 +1,9 @@
-"""The one door from SymPy, the language of the plant and of proof, to CasADi, that of all that follows."""
+"""The one door between SymPy, the language of the plant and of proof, and CasADi, that of all that follows."""
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import reduce
 from typing import Any
 
@@ -156,3 +158,111 @@ def _repeated(base: Any, times: int) -> Any:
     half = _repeated(base, times // 2)
     square = half * half if times > 1 else ca.SX(1)
     return square * base if times % 2 else square
+
+
+# --- from CasADi --------------------------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class NoSymbols(HgogenError):
+    """A CasADi operation, or a constant, that has no SymPy expression here."""
+
+    operation: str
+
+    def __str__(self) -> str:
+        return (
+            f"CasADi's {self.operation} has no expression in SymPy that hgogen can read; write the model with "
+            "+ - * / powers, sqrt, exp, log, trigonometric and hyperbolic functions, fabs, sign, fmin, fmax and if_else"
+        )
+
+
+def _value(term: sp.Basic) -> sp.Expr:
+    """A condition as CasADi's number, 1 or 0."""
+    return term if isinstance(term, sp.Expr) else sp.Piecewise((1, term), (0, True), evaluate=False)
+
+
+def _condition(term: sp.Basic) -> sp.Basic:
+    """A number as a condition: that it is not 0."""
+    return sp.Ne(term, 0) if isinstance(term, sp.Expr) else term
+
+
+def _chosen(condition: sp.Basic, value: sp.Expr) -> sp.Expr:
+    condition = _condition(condition)
+    if condition in (sp.true, sp.false):
+        return value if condition == sp.true else sp.S.Zero
+    return sp.Piecewise((value, condition), (0, True), evaluate=False)
+
+
+def _added(a: sp.Expr, b: sp.Expr) -> sp.Expr:
+    """The sum; of CasADi's two halves of an if_else, the one Piecewise."""
+    halves = [t.args for t in (a, b) if isinstance(t, sp.Piecewise) and len(t.args) == 2 and t.args[1].expr == 0]
+    if len(halves) == 2 and halves[1][0].cond == sp.Not(halves[0][0].cond):
+        return sp.Piecewise(halves[0][0].args, (halves[1][0].expr, True), evaluate=False)
+    return a + b
+
+
+_ARITHMETIC: dict[int, Callable[..., sp.Basic]] = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_LIFT: lambda a, b: a,
+    ca.OP_ADD: _added,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: lambda a, b: a / b,
+    ca.OP_NEG: lambda a: -a,
+    ca.OP_INV: lambda a: 1 / a,
+    ca.OP_SQ: lambda a: a**2,
+    ca.OP_TWICE: lambda a: 2 * a,
+    ca.OP_SQRT: sp.sqrt,
+    ca.OP_POW: lambda a, b: a**b,
+    ca.OP_CONSTPOW: lambda a, b: a**b,
+    ca.OP_EXPM1: lambda a: sp.exp(a) - 1,
+    ca.OP_LOG1P: lambda a: sp.log(1 + a),
+    ca.OP_HYPOT: lambda a, b: sp.sqrt(a**2 + b**2),
+    ca.OP_FABS: sp.Abs,
+    ca.OP_FMIN: sp.Min,
+    ca.OP_FMAX: sp.Max,
+    **{getattr(ca, f"OP_{kind.__name__.upper()}"): kind for kind in _FUNCTIONS if kind not in (sp.Abs, sp.Min, sp.Max)},
+    ca.OP_CEIL: sp.ceiling,
+    ca.OP_LT: sp.Lt,
+    ca.OP_LE: sp.Le,
+    ca.OP_EQ: sp.Eq,
+    ca.OP_NE: sp.Ne,
+}
+_LOGIC: dict[int, Callable[..., sp.Basic]] = {ca.OP_NOT: sp.Not, ca.OP_AND: sp.And, ca.OP_OR: sp.Or}
+
+
+def to_sympy(function: Any, symbols: Sequence[Sequence[sp.Symbol]]) -> list[list[sp.Expr]]:
+    """What an SX function computes, an expression for each nonzero of each output.
+
+    Args: `symbols`: for each input its symbols, in CasADi's order (columns). A float becomes the rational of its
+    shortest decimal, so 0.1 is 1/10 and pi a rational near it.
+
+    Raises: `NoSymbols` for an operation without an expression, and for a constant that is not finite.
+    """
+    work: dict[int, sp.Basic] = {}
+    results: list[list[sp.Expr]] = [[sp.S.Zero] * function.nnz_out(k) for k in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        op, read, wrote = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_INPUT:
+            work[wrote[0]] = symbols[read[0]][read[1]]
+        elif op == ca.OP_CONST:
+            work[wrote[0]] = _exact(function.instruction_constant(k))
+        elif op == ca.OP_OUTPUT:
+            results[wrote[0]][wrote[1]] = _value(work[read[0]])
+        elif op == ca.OP_IF_ELSE_ZERO:
+            work[wrote[0]] = _chosen(work[read[0]], _value(work[read[1]]))
+        elif op in _LOGIC:
+            work[wrote[0]] = _LOGIC[op](*(_condition(work[place]) for place in read))
+        elif op in _ARITHMETIC:
+            work[wrote[0]] = _ARITHMETIC[op](*(_value(work[place]) for place in read))
+        else:
+            names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == op]
+            raise NoSymbols((names or [f"OP_{op}"])[0].removeprefix("OP_").lower())
+    return results
+
+
+def _exact(number: float) -> sp.Rational:
+    if not math.isfinite(number):
+        raise NoSymbols(f"constant {number}")
+    exact = Fraction(repr(number))
+    return sp.Rational(exact.numerator, exact.denominator)

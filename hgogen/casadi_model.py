@@ -1,0 +1,92 @@
+"""A plant declared in CasADi: x' = flow, y = output, graphs of SX or MX symbols, each of which is a Signal."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from hgogen.errors import HgogenError
+from hgogen.graph import to_sympy
+from hgogen.signal import Signal
+from hgogen.system import System
+
+Pairs = Iterable[tuple[Any, Any]]
+
+
+@dataclass(eq=False)
+class BadGraph(HgogenError):
+    """A CasADi model that does not fit together; the sentence names the part and the fix."""
+
+    system: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"CasADi model {self.system!r}: {self.reason}"
+
+
+def from_casadi(
+    name: str,
+    *,
+    states: Pairs,
+    outputs: Iterable[Signal],
+    flow: Any,
+    output: Any,
+    inputs: Pairs = (),
+    parameters: Pairs = (),
+) -> System:
+    """The System of a CasADi model.
+
+    Args: `states`, `inputs`, `parameters`: pairs (symbol, Signal), or (vector symbol, a Signal for each entry); the
+    symbols all SX or all MX. `flow` (n) and `output` (p): graphs of them, or lists of scalar graphs.
+
+    A float in a graph becomes the rational of its shortest decimal.
+
+    Raises: `BadGraph` for symbols that are none, are given twice or are missing, and for MX that does not expand to SX;
+    `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
+    """
+    groups = {"states": states, "inputs": inputs, "parameters": parameters}
+    declared = {kind: [_pair(name, kind, pair) for pair in pairs] for kind, pairs in groups.items()}
+    symbols = [symbol for pairs in declared.values() for symbol, _ in pairs]
+    signals = [entries for pairs in declared.values() for _, entries in pairs]
+    graphs = [_graph(name, what, given) for what, given in (("flow", flow), ("output", output))]
+    known = {entry.name() for symbol in symbols for entry in ca.symvar(symbol)}
+    for what, graph in zip(("flow", "output"), graphs, strict=True):
+        for free in ca.symvar(graph):
+            if not any(type(free) is type(s) and ca.depends_on(free, s) for s in symbols):
+                hint = "which is another symbol of that name" if free.name() in known else "which is not declared"
+                raise BadGraph(name, f"{what} uses {free.name()}, {hint}; pair that symbol with a Signal")
+    try:
+        function = ca.Function("model", symbols, graphs)
+        function = function.expand() if function.is_a("MXFunction") else function
+    except (RuntimeError, NotImplementedError) as error:
+        last = str(error).strip().splitlines()[-1]
+        raise BadGraph(name, f"does not become one SX function ({last}); declare it in SX, each symbol once") from None
+    found = to_sympy(function, signals)
+    told: dict[str, Any] = {kind: [s for _, entries in pairs for s in entries] for kind, pairs in declared.items()}
+    return System(name, **told, outputs=outputs, flow=found[0], output=found[1])
+
+
+def _pair(system: str, kind: str, pair: Any) -> tuple[Any, tuple[Signal, ...]]:
+    fix = f"{kind} is a list of pairs (symbol, Signal)"
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise BadGraph(system, f"{kind} holds {str(pair)[:60]}, no pair; {fix}")
+    symbol, given = pair
+    entries = (given,) if isinstance(given, Signal) else tuple(given) if isinstance(given, tuple | list) else ()
+    if not isinstance(symbol, ca.SX | ca.MX) or not symbol.is_valid_input():
+        raise BadGraph(system, f"{kind} holds {str(symbol)[:60]}, no CasADi symbol; {fix}")
+    if len(entries) != symbol.numel() or not all(isinstance(entry, Signal) for entry in entries):
+        raise BadGraph(system, f"{symbol} in {kind} has {symbol.numel()} entries; give a Signal for each, {fix}")
+    return symbol, entries
+
+
+def _graph(system: str, what: str, given: Any) -> Any:
+    try:
+        graph = ca.vertcat(*given) if isinstance(given, tuple | list) else given
+    except NotImplementedError:
+        graph = None
+    if not isinstance(graph, ca.SX | ca.MX):
+        raise BadGraph(system, f"{what} is of type {type(given).__name__}; give a CasADi graph, or a list of them")
+    if graph.shape[1] != 1:
+        raise BadGraph(system, f"{what} has the shape {graph.shape}; make it a column")
+    return ca.densify(graph)
