@@ -321,3 +321,10 @@ def test_the_command_line_checks_and_simulates_it(tmp_path: Path) -> None:
     assert bad.exit_code == 2
     assert "bad.toml, name: is 3; write text" in bad.output
     assert "Traceback" not in bad.output
+
+
+def test_the_model_of_the_readme_works(tmp_path: Path) -> None:
+    text = (ROOT / "README.md").read_text().partition("```toml\n")[2].partition("```")[0]
+    loaded = load(written(tmp_path, text, "oscillator.toml"))
+    assert loaded.plant.name == "oscillator"
+    assert loaded.step().dt == 1e-3
