@@ -13,7 +13,8 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.check import Check, Verdict
+from hgogen.certified import checks, of_poles
+from hgogen.check import Verdict
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.gains import coefficients
@@ -44,6 +45,8 @@ def high_gain(
     accept: Iterable[str] = (),
 ) -> Observer:
     """The standard high-gain observer on a triangular form whose A does not depend on the input.
+
+    Checks: `high_gain.convergence` (a bound on theta is proved), `high_gain.theta` (theta is above it).
 
     Args: `theta` >= 1; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta;
     `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
@@ -87,7 +90,7 @@ def high_gain(
         gains=(gain("theta", float(theta), 1.0, float(theta), "high-gain parameter"),),
         z=sym("state.z", n),
         dynamics=dynamics,
-        checks=(*form.checks, _theorem()),
+        checks=(*form.checks, *checks("high_gain", theta, of_poles(form, p))),
         accepted=accept,
         theorem=THEOREM,
         equations=("z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)",),
@@ -105,8 +108,9 @@ def _chain(form: Form) -> list[sp.Expr]:
     if any(entry != 0 for entry in off_chain):
         raise BadGain("high_gain", f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati")
     for i, a in enumerate(chain, 1):
-        if a.free_symbols & set(form.system.inputs):
-            raise BadGain(f"a_{i} = {a}", "depends on the input, a constant gain wants it constant; use riccati")
+        if a.free_symbols - {*form.system.parameters}:
+            what = "input" if a.free_symbols & {*form.system.inputs} else "state"
+            raise BadGain(f"a_{i} = {a}", f"depends on the {what}, a constant gain wants it constant; use riccati")
     return chain
 
 
@@ -116,13 +120,3 @@ def _graphs(gains: list[sp.Expr], parameters: Mapping[sp.Symbol, Any], theta: An
         power = power * theta
         result.append(power * value)
     return ca.vertcat(*result)
-
-
-def _theorem() -> Check:
-    return Check(
-        "high_gain.convergence",
-        "the error converges exponentially for every theta above a bound",
-        Verdict.UNKNOWN,
-        "the bound 2 lambda_max(P) L_b on theta is not computed here",
-        fix="validate by trials",
-    )

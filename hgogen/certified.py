@@ -1,0 +1,340 @@
+"""Certified lower bound on theta of a constant-gain observer on a triangular form.
+
+    z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)   converges exponentially for every
+    theta > max(1, 2 lambda_max(P) L_b),   (A - K C)'P + P (A - K C) <= -I,   L_b >= |db/dz| on the box
+
+Proof. With e = Delta (z - x), Delta = diag(1, 1/theta, .., 1/theta^(n-1)): e' = theta (A - K C) e + Delta (b(sat z) -
+b(x)). The box is convex and b Lipschitz on it, so b(sat z) - b(x) = J (sat z - x) with J in the closed convex hull of
+the values of db/dz: lower triangular and |J| <= L_b. sat clamps each component to an interval that holds x_i, so
+|(sat z - x)_i| <= |z_i - x_i|, and |Delta (sat z - x)| <= |e|. J_ij turns into theta^(j - i) J_ij, j <= i, by Delta
+J Delta^-1; for a triangular J it is analytic in 1/theta, with the norm |J| on the unit circle, so that its norm is at
+most |J| for theta >= 1 (maximum modulus). Then V = e'P e has V' <= -(theta - 2 lambda_max(P) L_b) |e|^2.
+
+The same holds in scaled coordinates S z, S diagonal, positive, constant in time: sat stays a clamp of each component,
+J turns into S J S^-1. With gains K_i = p_i/(a_1..a_i), S_i = a_2..a_i makes the core the companion matrix of p whatever
+the parameters; with a constant K the a_i of a range are the vertices of one inequality. So a constant gain serves an
+input-driven A as well, against remark 1 of Boizot, Busvelle, Gauthier, Automatica 46 (2010). Source of the observer:
+Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from math import ceil, isqrt, log10
+
+import numpy as np
+import sympy as sp
+
+from hgogen.bounds import Range, bound, box
+from hgogen.check import Check, Verdict
+from hgogen.form import Form
+from hgogen.lmi import Lyapunov, Matrix, common
+from hgogen.lmi import gains as designed
+from hgogen.points import exact, points
+from hgogen.tape import NoTape
+
+# Beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once.
+STATES = 12
+_STEPS = (Fraction(2), Fraction(5, 4))
+_TRIALS = 400
+
+
+@dataclass(frozen=True)
+class ThetaBound:
+    """Every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges; `scale` (n): S, of parameters."""
+
+    theta: Fraction
+    lyapunov: Lyapunov
+    lipschitz: Fraction
+    scale: tuple[sp.Expr, ...]
+
+    def rate(self, theta: float) -> float:
+        """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
+        peak = self.lyapunov.peak
+        return float((Fraction(theta) - 2 * peak * self.lipschitz) / (2 * peak))
+
+    def __str__(self) -> str:
+        return (
+            f"{up(self.theta)} = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= {up(self.lyapunov.peak)}, "
+            f"L_b <= {up(self.lipschitz)}"
+        )
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """No bound, and why."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return self.reason
+
+
+@dataclass(frozen=True)
+class _Core:
+    """A - K C in the coordinates `scale` z, at every vertex."""
+
+    scale: tuple[sp.Expr, ...]
+    vertices: tuple[Matrix, ...]
+
+    def scaled(self, d: Sequence[Fraction]) -> "_Core":
+        """In the coordinates diag(d) scale z."""
+        n = range(len(d))
+        vertices = tuple(tuple(tuple(d[i] * N[i][j] / d[j] for j in n) for i in n) for N in self.vertices)
+        rationals = (sp.Rational(value.numerator, value.denominator) for value in d)
+        return _Core(tuple(value * s for value, s in zip(rationals, self.scale, strict=True)), vertices)
+
+
+def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
+    """The bound for K_i = p_i/(a_1..a_i), a_i of parameters only; p (n) the coefficients of s^n + p_1 s^(n-1) + ..
+
+    The scale is searched: first as z is at the nominal parameters, then whatever makes lambda_max(P) L_b smaller.
+    """
+    reason = _obstacle(form)
+    if reason:
+        return Nothing(reason)
+    a = _chain(form)
+    driven = [f"a_{i} = {x}" for i, x in enumerate(a, 1) if x.free_symbols - {*form.system.parameters}]
+    if driven:
+        return Nothing(f"{driven[0]} varies with the input, so that gains from poles are not constant")
+    loose = [f"a_{i} = {x}" for i, x in enumerate(a, 1) if not _positive(x, form)]
+    if loose:
+        return Nothing(f"{loose[0]} is not shown to be positive")
+    core = _Core(tuple(sp.Mul(*a[1 : i + 1]) for i in range(form.n)), (_companion(p),))
+    slopes = _slopes(form)
+    given = [Fraction(f"{float(1 / s.subs(form.system.nominal)):.6g}") for s in core.scale]
+    plain = _certified(form, slopes, core.scaled(given))
+    if isinstance(plain, Nothing):
+        return plain
+    better = _certified(form, slopes, core.scaled(_search(form, slopes, core)))
+    return better if isinstance(better, ThetaBound) and better.theta < plain.theta else plain
+
+
+def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
+    """The bound for a constant K (n), a_i of inputs and parameters: one P for the vertices of their ranges.
+
+    Raises: `lmi.NoSolver` where the a_i have ranges and no solver is installed.
+    """
+    reason = _obstacle(form)
+    if reason:
+        return Nothing(reason)
+    gain = [Fraction(k) for k in K]
+    corners = _corners(form)
+    if isinstance(corners, str):
+        return Nothing(corners)
+    n = range(form.n)
+    vertices = tuple(tuple(tuple(A[i][j] - gain[i] * C[j] for j in n) for i in n) for A, C in corners)
+    return _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices))
+
+
+def suggested(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
+    """A constant gain K (n), |K| <= `largest`, for all a_i in their ranges, with a small lambda_max(P).
+
+    Raises: `lmi.NoSolver`.
+    """
+    reason = _obstacle(form)
+    corners = reason or _corners(form)
+    if isinstance(corners, str):
+        return Nothing(corners)
+    K = designed(corners, largest)
+    return Nothing(f"no gain up to {largest:g} was found") if K is None else tuple(map(float, K))
+
+
+def checks(id: str, theta: float, found: ThetaBound | Nothing) -> tuple[Check, Check]:
+    """`ID.convergence`, that there is a bound, and `ID.theta`, that theta is above it."""
+    exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
+    above = f"theta = {theta:g} is above that bound"
+    if isinstance(found, Nothing):
+        return (
+            Check(f"{id}.convergence", exists, Verdict.UNKNOWN, found.reason, fix="Validate by trials."),
+            Check(f"{id}.theta", above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
+        )
+    proof = f"above {found}; exact arithmetic and outward-rounded intervals"
+    convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof)
+    if Fraction(theta) > found.theta:
+        rate = f"above {up(found.theta)}; the error decays at least like exp(-{found.rate(theta):.2g} t)"
+        return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate)
+    low = f"it is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
+    return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix="Raise theta, or validate by trials.")
+
+
+def up(value: Fraction, digits: int = 4) -> str:
+    """A positive number with that many significant digits, rounded up."""
+    if value == 0:
+        return "0"
+    step = Fraction(10) ** (int(np.floor(log10(value))) + 1 - digits)
+    return f"{float(ceil(value / step) * step):.{digits}g}"
+
+
+def _obstacle(form: Form) -> str:
+    """Why the theorem does not apply as it stands, or ""."""
+    if len(form.output) != 1:
+        return "the bound is for one output"
+    if form.n > STATES:
+        return f"the bound is computed for up to {STATES} states"
+    open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
+    if open_:
+        return f"the bound rests on {open_[0]}, which is not proved"
+    signals = {*form.system.inputs, *form.system.parameters}
+    for i in range(form.n):
+        for j in range(form.n):
+            if form.A[i, j] != 0 and (j != i + 1 or form.A[i, j].free_symbols - signals):
+                return f"A[{i + 1}, {j + 1}] = {form.A[i, j]} has no place in the triangular form"
+        if not form.b[i].free_symbols <= {*form.states[: i + 1], *signals}:
+            return f"b_{i + 1} = {form.b[i]} reads more than z_1..z_{i + 1}"
+    offset = form.output[0] - sp.diff(form.output[0], form.states[0]) * form.states[0]
+    if sp.expand(offset).free_symbols & {*form.states} or _chain(form)[0].free_symbols & {*form.states}:
+        return f"the output {form.output[0]} is not a_1 z_1 + c(u)"
+    return ""
+
+
+def _chain(form: Form) -> list[sp.Expr]:
+    """a_1..a_n, constants at their values."""
+    a = [sp.diff(form.output[0], form.states[0]), *(form.A[i, i + 1] for i in range(form.n - 1))]
+    return [exact(sp.sympify(x).xreplace(_fixed(form))) for x in a]
+
+
+def _positive(a: sp.Expr, form: Form) -> bool:
+    span = _span(a, form)
+    return bool(span and span.defined and span.low > 0)
+
+
+def _span(expression: sp.Expr, form: Form) -> Range | None:
+    """Its range on the declared box; None where there is no rule for it."""
+    try:
+        return bound(expression, box(_signals(form)), relative=0.005)
+    except NoTape:
+        return None
+
+
+def _fixed(form: Form) -> dict[sp.Symbol, sp.Rational]:
+    return {p: value for p, value in form.system.nominal.items() if not p.bounded}
+
+
+def _signals(form: Form) -> tuple[sp.Symbol, ...]:
+    return (*form.states, *form.system.inputs, *form.system.parameters)
+
+
+def _slopes(form: Form) -> sp.Matrix:
+    """db/dz, constants at their values."""
+    b = sp.Matrix([exact(sp.sympify(row).xreplace(_fixed(form))) for row in form.b])
+    return b.jacobian(sp.Matrix(form.states))
+
+
+def _companion(p: Iterable[float]) -> Matrix:
+    column = [-Fraction(x) for x in p]
+    n = range(len(column))
+    return tuple(tuple((column[i] if j == 0 else Fraction(0)) + int(j == i + 1) for j in n) for i in n)
+
+
+def _corners(form: Form) -> list[tuple[Matrix, tuple[Fraction, ...]]] | str:
+    """(A, C) at the ends of the ranges of a_1..a_n; or why there are none."""
+    ends: list[tuple[Fraction, ...]] = []
+    for i, a in enumerate(_chain(form), 1):
+        if a.is_Rational:
+            ends.append((Fraction(int(a.p), int(a.q)),))
+            continue
+        span = _span(a, form)
+        if not (span and span.defined and span.finite):
+            return f"a_{i} = {a} has no finite range on the box"
+        ends.append((Fraction(span.low), Fraction(span.high)))
+    n = range(form.n)
+    return [
+        (
+            tuple(tuple(a[j] if j == i + 1 else Fraction(0) for j in n) for i in n),
+            tuple(a[0] if j == 0 else Fraction(0) for j in n),
+        )
+        for a in product(*ends)
+    ]
+
+
+def _certified(form: Form, slopes: sp.Matrix, core: _Core) -> ThetaBound | Nothing:
+    """The bound in the coordinates core.scale z."""
+    steep = _steepness(form, slopes, core.scale)
+    if isinstance(steep, str):
+        return Nothing(steep)
+    found = common(core.vertices)
+    if found is None:
+        return Nothing("no P with (A - K C)'P + P (A - K C) <= -I was found for the range of the a_i")
+    return ThetaBound(max(Fraction(1), 2 * found.peak * steep), found, steep, core.scale)
+
+
+def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Fraction | str:
+    """L_b in the coordinates scale z, from above: sup of the Frobenius norm of S J S^-1 on the box; or why there is
+    none."""
+    square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(i + 1)))
+    span = _span(square, form)
+    if not (span and span.defined and span.finite):
+        return "no bound L_b on the slope of b was found on the box"
+    return _root(Fraction(max(span.high, 0.0)))
+
+
+def _root(value: Fraction) -> Fraction:
+    """A short rational at or above the square root, by the share 2^-20 at most."""
+    if not value:
+        return value
+    shift = 2 * max(0, 24 - (value.numerator.bit_length() - value.denominator.bit_length()) // 2)
+    whole = -(-(value.numerator << shift) // value.denominator)
+    return Fraction(isqrt(whole - 1) + 1, 1 << (shift // 2))
+
+
+def _search(form: Form, slopes: sp.Matrix, core: _Core) -> tuple[Fraction, ...]:
+    """A scale d (n) with a small lambda_max(P) L_b, by descent in floats at sample points: `_certified` proves it.
+
+    A move makes the tail d_k..d_n, or d_k alone, larger or smaller by a factor.
+    """
+    n, signals = form.n, _signals(form)
+    if any(not s.bounded and s not in _fixed(form) for s in signals):
+        return (Fraction(1),) * n
+    samples = _samples(slopes, core.scale, signals, form)
+    if samples is None:
+        return (Fraction(1),) * n
+    best: tuple[Fraction, ...] = (Fraction(1),) * n
+    value, left = _merit(best, samples, core), _TRIALS
+    for step in _STEPS:
+        moved = True
+        while moved and left > 0:
+            moved = False
+            for d in _moves(best, step):
+                left -= 1
+                merit = _merit(d, samples, core)
+                if merit < value * (1 - 1e-6):
+                    best, value, moved = d, merit, True
+    return best
+
+
+def _moves(d: tuple[Fraction, ...], step: Fraction) -> Iterator[tuple[Fraction, ...]]:
+    for k in range(1, len(d)):
+        for factor in (step, 1 / step):
+            yield (*d[:k], *(factor * x for x in d[k:]))
+            if k + 1 < len(d):
+                yield (*d[:k], factor * d[k], *d[k + 1 :])
+
+
+def _samples(
+    slopes: sp.Matrix, scale: Sequence[sp.Expr], signals: Sequence[sp.Symbol], form: Form
+) -> np.ndarray | None:
+    """S J S^-1 at sample points of the box, (k, n, n); None where they are not all finite."""
+    n = range(form.n)
+    matrix = [scale[i] * slopes[i, j] / scale[j] for i in n for j in n]
+    free = [s for s in signals if s not in _fixed(form)]
+    graph = sp.lambdify(free, matrix, "numpy")
+    columns = np.array([[float(point[s]) for s in free] for point in points(free)]).T.reshape(len(free), -1)
+    with np.errstate(all="ignore"):
+        rows = np.broadcast_arrays(*graph(*columns), np.zeros(columns.shape[1] or 1))[:-1]
+    values = np.array(rows, dtype=float).T.reshape(-1, form.n, form.n)
+    return values if np.isfinite(values).all() else None
+
+
+def _merit(d: Sequence[Fraction], samples: np.ndarray, core: _Core) -> float:
+    """lambda_max(P) L_b in floats, in the coordinates diag(d) scale z."""
+    scale = np.array([float(x) for x in d])
+    N = scale[:, None] * np.array([[float(x) for x in row] for row in core.vertices[0]]) / scale
+    n, one = len(d), np.eye(len(d))
+    try:
+        P = np.linalg.solve(np.kron(N.T, one) + np.kron(one, N.T), -one.ravel()).reshape(n, n)
+    except np.linalg.LinAlgError:
+        return np.inf
+    steep = np.linalg.norm(scale[:, None] * samples / scale, ord=2, axis=(1, 2)).max()
+    return float(np.linalg.eigvalsh((P + P.T) / 2).max() * steep)

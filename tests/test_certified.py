@@ -1,0 +1,247 @@
+"""The certified bound on theta: by hand, against eigenvalues in floats, and in simulation."""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import chain, fitzhugh_nagumo, model, pendulum, van_der_pol
+from scipy.integrate import solve_ivp
+
+import hgogen as hg
+from hgogen.certified import Nothing, ThetaBound, of_gains, of_poles, suggested, up
+from hgogen.check import Check, Verdict
+from hgogen.gains import coefficients
+
+
+def bound(plant: hg.System, poles: tuple[complex, ...]) -> ThetaBound:
+    found = of_poles(hg.forms.triangular(plant), coefficients(poles, len(plant.states)))
+    assert isinstance(found, ThetaBound), found
+    return found
+
+
+def plant(flow: Any, x: Any, inputs: Any = (), parameters: Any = (), output: Any = None) -> hg.System:
+    data = {"states": x, "inputs": inputs, "parameters": parameters, "outputs": (hg.Signal("y"),)}
+    return hg.System("plant", **data, flow=flow, output=[x[0] if output is None else output])
+
+
+def states(n: int, size: float = 4.0) -> list[hg.Signal]:
+    return [hg.Signal(f"x{i}", low=-size, high=size) for i in range(1, n + 1)]
+
+
+def theta_check(observer: hg.Observer) -> Check:
+    return next(check for check in observer.checks if check.id == "high_gain.theta")
+
+
+# --- by hand ------------------------------------------------------------------------------------------------
+
+
+def test_one_state_by_hand() -> None:
+    """x' = -sin x - x + u: P = 1/(2 p), L_b = 2, so theta > 2/p; the bound is never below 1."""
+    for p, expected in ((1.0, 2.0), (0.25, 8.0), (4.0, 1.0)):
+        assert float(bound(chain(1), (-p,)).theta) == pytest.approx(expected, rel=1e-2)
+        assert bound(chain(1), (-p,)).theta >= expected
+
+
+def test_two_states_by_hand() -> None:
+    """x1' = x2, x2' = -3 x1: L_b = 3 d, the core [[-2, 1/d], [-d, 0]] in (x1, d x2); the best d, by a fine search."""
+    x1, x2 = states(2)
+    found = bound(plant([x2, -3 * x1], (x1, x2)), (-1, -1))
+
+    def value(d: float) -> float:
+        N = np.array([[-2, 1 / d], [-d, 0]])
+        P = np.linalg.solve(np.kron(N.T, np.eye(2)) + np.kron(np.eye(2), N.T), -np.eye(2).ravel()).reshape(2, 2)
+        return float(2 * np.linalg.eigvalsh(P).max() * 3 * d)
+
+    assert value(1.0) == pytest.approx(6 * (1 + 0.5**0.5), rel=1e-12)
+    best = min(value(d) for d in np.linspace(0.05, 2, 400))
+    assert best * (1 - 1e-3) <= float(found.theta) <= 1.1 * best
+
+
+def test_a_linear_b_of_zero_needs_no_more_than_1() -> None:
+    x1, x2 = states(2)
+    assert bound(plant([x2, 0], (x1, x2)), (-1, -2)).theta == 1
+
+
+def test_the_gains_of_parameters_cancel() -> None:
+    """x1' = a x2, x2' = -x1/a: in (x1, a x2) the parameter disappears, whatever its range."""
+    x1, x2 = states(2)
+    for low, high in ((0.5, 2.0), (1e-3, 1e3)):
+        a = hg.Signal("a", "", "", 1.0, low=low, high=high)
+        found = bound(plant([a * x2, -x1 / a], (x1, x2), parameters=(a,)), (-1, -2))
+        assert float(found.lipschitz) == pytest.approx(float(bound(plant([x2, -x1], (x1, x2)), (-1, -2)).lipschitz))
+
+
+# --- against eigenvalues ------------------------------------------------------------------------------------
+
+PLANTS = {
+    "pendulum": (model("pendulum"), (-1, -1)),
+    "van_der_pol": (van_der_pol(), (-1, -2)),
+    "chain3": (chain(3), (-1, -1, -1)),
+    "chain6": (chain(6), (-1, -1 + 1j, -1 - 1j, -2, -2, -3)),
+    "chain8": (chain(8), (-1,) * 8),
+}
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_lyapunov_function_decays_above_the_bound(name: str) -> None:
+    """theta (N'P + P N) + P E + E'P < 0, E = Delta S J S^-1 Delta^-1, at points of the box and for theta above the
+    bound; and the search for S has not made the bound worse than S = I."""
+    plant, poles = PLANTS[name]
+    form, n = hg.forms.triangular(plant), len(plant.states)
+    found = bound(plant, poles)
+    P = np.array([[float(x) for x in row] for row in found.lyapunov.P])
+    S = np.array([float(s) for s in found.scale])
+    N = np.diag(np.ones(n - 1), 1)
+    N[:, 0] -= coefficients(poles, n)
+    N = S[:, None] * N / S
+    free = (*form.states, *plant.inputs)
+    b = sp.Matrix([sp.sympify(row).subs(plant.nominal) for row in form.b])
+    slope = sp.lambdify(free, b.jacobian(sp.Matrix(form.states)), "numpy")
+    rng = np.random.default_rng(1)
+    worst = 0.0
+    for _ in range(300):
+        J = np.array(slope(*(rng.uniform(*s.interval) for s in free)), dtype=float)
+        worst = max(worst, np.linalg.norm(S[:, None] * J / S, 2))
+        for theta in (float(found.theta) * 1.0001, float(found.theta) * 3):
+            Delta = theta ** -np.arange(n) * S
+            E = Delta[:, None] * J / Delta
+            assert np.linalg.eigvalsh(theta * (N.T @ P + P @ N) + P @ E + E.T @ P).max() < 0
+    assert worst <= found.lipschitz <= 1.5 * worst
+
+
+def test_the_search_finds_a_smaller_bound() -> None:
+    """The pendulum: 66.9 = 2 (1 + sqrt(1/2)) 19.6 without scaling."""
+    plain = 2 * (1 + 0.5**0.5) * np.hypot(19.6, 0.1)
+    assert float(bound(model("pendulum"), (-1, -1)).theta) < 0.7 * plain
+
+
+# --- in simulation ------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=8)
+@given(st.integers(1, 4), st.integers(0, 2**32 - 1), st.booleans())
+def test_the_error_decays_as_proved(n: int, seed: int, driven: bool) -> None:
+    """Random triangular systems of bounded slopes, from anywhere in the box: V(t) <= exp(-2 r t) V(0)."""
+    rng = np.random.default_rng(seed)
+    x, u = states(n, 1e3), hg.Signal("u", low=-1, high=1)
+    c = np.round(rng.uniform(-2, 2, size=(n, n)), 2)
+    w = np.round(rng.uniform(-2, 2, size=(n, n)), 2)
+    row = [sum(float(c[i, j]) * sp.sin(float(w[i, j]) * x[j] + u) for j in range(i + 1)) for i in range(n)]
+    flow = [row[i] + (x[i + 1] if i + 1 < n else 0) for i in range(n)]
+    poles = tuple(-rng.uniform(0.5, 2, size=n))
+    found = bound(plant(flow, x, inputs=(u,)), poles)
+    theta = float(found.theta) * (1.001 if driven else 2)
+    K = coefficients(poles, n) * theta ** np.arange(1, n + 1)
+
+    def both(t: float, state: np.ndarray) -> np.ndarray:
+        truth, z, force = state[:n], state[n:], np.sin(t)
+        result = []
+        for value in (truth, z):
+            terms = np.tril(c * np.sin(w * np.clip(value, -1e3, 1e3) + force)).sum(axis=1)
+            result.append(terms + np.append(value[1:], 0))
+        return np.concatenate([result[0], result[1] + K * (truth[0] - z[0])])
+
+    start = rng.uniform(-100, 100, size=2 * n)
+    t = np.linspace(0, 5 / theta, 40)
+    run = solve_ivp(both, (0, t[-1]), start, t_eval=t, rtol=1e-8, atol=1e-8)
+    assert np.abs(run.y[:n]).max() < 1e3
+    S = np.array([float(s) for s in found.scale]) * theta ** -np.arange(n)
+    P = np.array([[float(v) for v in r] for r in found.lyapunov.P])
+    e = S[:, None] * (run.y[n:] - run.y[:n])
+    V = np.einsum("it,ij,jt->t", e, P, e)
+    assert (np.exp(-2 * found.rate(theta) * t) * V[0] * (1 + 1e-5) + 1e-8 * V[0] >= V).all()
+
+
+# --- verdicts -----------------------------------------------------------------------------------------------
+
+
+def test_theta_above_the_bound_is_proved_and_below_it_unknown() -> None:
+    top = float(bound(model("pendulum"), (-1, -1)).theta)
+    low, high = theta_check(pendulum(theta=top * 0.999)), theta_check(pendulum(theta=top * 1.001))
+    assert (low.verdict, high.verdict) == (Verdict.UNKNOWN, Verdict.PROVED)
+    assert "it is below the certified 44.3" in low.reason
+    assert "sufficient, not necessary" in low.reason
+    assert "decays at least like exp(-" in high.reason
+    assert {c.id: c.verdict for c in pendulum().checks}["high_gain.convergence"] is Verdict.PROVED
+
+
+@pytest.mark.parametrize(
+    ("flow", "why"),
+    [
+        (lambda x1, x2, u: [x2, sp.sqrt(x1 + 4)], "rests on triangular.lipschitz"),
+        (lambda x1, x2, u: [x2, -sp.Abs(x2) * sp.sign(x1)], "rests on triangular.lipschitz"),
+        (lambda x1, x2, u: [u * x2, -x1], "rests on triangular.a_2"),
+        (lambda x1, x2, u: [(u + 2) * x2, -x1], "a_2 = u + 2 varies with the input"),
+    ],
+)
+def test_no_bound_without_its_hypotheses(flow: Any, why: str) -> None:
+    x1, x2 = states(2)
+    u = hg.Signal("u", low=-1, high=1)
+    found = of_poles(hg.forms.triangular(plant(flow(x1, x2, u), (x1, x2), inputs=(u,))), (2, 1))
+    assert isinstance(found, Nothing)
+    assert why in found.reason
+
+
+def test_no_bound_where_b_is_not_bounded_or_the_form_is_another() -> None:
+    x1, x2 = hg.Signal("x1"), hg.Signal("x2")
+    found = of_poles(hg.forms.triangular(plant([x2, -(x1**3)], (x1, x2))), (2, 1))
+    assert isinstance(found, Nothing)
+    assert isinstance(of_poles(hg.forms.original(van_der_pol()), (2, 1)), Nothing)
+    assert isinstance(of_poles(fitzhugh_nagumo().form, (3, 3, 1)), Nothing)
+
+
+def test_no_bound_for_poles_that_are_not_stable() -> None:
+    found = of_poles(hg.forms.triangular(van_der_pol()), (2, -1))
+    assert isinstance(found, Nothing)
+    assert "no P" in found.reason
+
+
+def test_many_states_are_left_alone() -> None:
+    found = of_poles(hg.forms.triangular(chain(14)), np.poly([-1] * 14)[1:])
+    assert isinstance(found, Nothing)
+    assert "up to 12 states" in found.reason
+
+
+@settings(max_examples=200)
+@given(st.fractions(min_value=Fraction(1, 10**6), max_value=10**9))
+def test_a_bound_is_printed_upwards(value: Fraction) -> None:
+    assert value <= Fraction(up(value)) <= value * Fraction(1002, 1000)
+
+
+# --- a_i in a range -----------------------------------------------------------------------------------------
+
+
+def test_a_constant_gain_serves_an_input_driven_chain() -> None:
+    """a_1, a_2 between 1 and 3/2: one P for the four vertices, against random a_i in floats."""
+    pytest.importorskip("cvxpy")
+    pytest.importorskip("clarabel")
+    x1, x2 = states(2)
+    u = hg.Signal("u", low=0, high=1)
+    form = hg.forms.triangular(
+        plant([(1 + u / 2) * x2, -sp.sin(x1)], (x1, x2), inputs=(u,), output=(1 + u**2 / 2) * x1)
+    )
+    K = suggested(form, largest=20.0)
+    assert not isinstance(K, Nothing)
+    found = of_gains(form, K)
+    assert isinstance(found, ThetaBound), found
+    assert len(found.lyapunov.vertices) == 4
+    P = np.array([[float(v) for v in r] for r in found.lyapunov.P])
+    rng = np.random.default_rng(3)
+    for a1, a2 in rng.uniform(1, 1.5, size=(200, 2)):
+        N = np.array([[-K[0] * a1, a2], [-K[1] * a1, 0]])
+        assert np.linalg.eigvalsh(N.T @ P + P @ N).max() <= -1 + 1e-6
+    assert float(found.lipschitz) == pytest.approx(1, rel=1e-2)
+    assert float(found.theta) == pytest.approx(max(1, 2 * np.linalg.eigvalsh(P).max()), rel=1e-2)
+
+
+def test_gains_on_a_constant_chain_are_those_of_the_poles() -> None:
+    form = hg.forms.triangular(chain(2))
+    found, poles = of_gains(form, (2, 1)), of_poles(form, (2, 1))
+    assert isinstance(found, ThetaBound)
+    assert isinstance(poles, ThetaBound)
+    assert float(found.lyapunov.peak) == pytest.approx(1 + 0.5**0.5, rel=1e-6)
+    assert poles.theta <= found.theta
