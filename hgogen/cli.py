@@ -6,39 +6,24 @@ vectors) disagree; 2: wrong usage or bad input. Results go to the standard outpu
 """
 
 import json
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
-from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 import hgogen as hg
 from hgogen import jobs, native, noise, tables
 from hgogen.call import CallableStep, Engine
-from hgogen.check import Refuted, demand
-from hgogen.compare import Comparison
+from hgogen.check import demand
+from hgogen.command import Bar, Json, ModelArgument, app, command, note, show
+from hgogen.compare import Disagree
 from hgogen.model import listed, load
 from hgogen.prediction import predictions
 from hgogen.record import Record, mapping, read
 from hgogen.signal import Signal
 from hgogen.targets.c99 import c99
 from hgogen.trial import Trial
-
-app = typer.Typer(
-    help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
-    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted or a failed comparison, 2 usage or bad input.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="markdown",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
 
 
 class Precision(StrEnum):
@@ -55,10 +40,11 @@ class Reader(StrEnum):
     PYTHON = "python"
 
 
-ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model file, or the name of one in models/.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
 Seeds = Annotated[int | None, typer.Option(min=1, help="Number of noise seeds; by default the trial's.")]
+CertificateFile = Annotated[
+    Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
+]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times in seconds.")]
@@ -68,84 +54,23 @@ Map = Annotated[
 ]
 
 
-@dataclass(eq=False)
-class Disagree(hg.HgogenError):
-    """C and Python do not say the same."""
-
-    failed: tuple[Comparison, ...]
-
-    def __str__(self) -> str:
-        worst = max(self.failed, key=lambda one: one.before)
-        return (
-            f"C and Python disagree in trial {worst.trial!r}, seed {worst.seed}: {worst.before:.1e} of the peak until "
-            f"{worst.until:g} s, times to settle {worst.settled}; check the compiler's flags (no -ffast-math)"
-        )
-
-
 def main() -> None:
     """The entry point of the command `hgogen`."""
     app()
-
-
-def _command(name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a command whose errors are one sentence and an exit status."""
-
-    def register(function: Callable[..., None]) -> Callable[..., None]:
-        @app.command(name)
-        @wraps(function)
-        def command(*args: Any, **kwargs: Any) -> None:
-            try:
-                function(*args, **kwargs)
-            except (Refuted, Disagree, native.CompilerFailed) as error:
-                _note(str(error))
-                raise typer.Exit(1) from None
-            except (hg.HgogenError, OSError) as error:
-                _note(str(error))
-                raise typer.Exit(2) from None
-
-        return function
-
-    return register
-
-
-def _note(sentence: str) -> None:
-    print(f"hgogen: {sentence}", file=sys.stderr)
-
-
-class _Bar(Progress):
-    """A progress bar on the standard error stream, if that is a terminal."""
-
-    def __init__(self, what: str, total: int) -> None:
-        err = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        super().__init__(*columns, console=err, transient=True, disable=not err.is_terminal)
-        self._only = self.add_task(what, total=total)
-
-    def tick(self) -> None:
-        """One more is done."""
-        self.advance(self._only)
-
-
-def _print(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
-    if as_json:
-        print(json.dumps(value, indent=2, allow_nan=False))
-        return
-    for part in shown:
-        tables.console().print(part)
 
 
 def _engine() -> Engine:
     """C where there is a compiler, else Python, and says so."""
     if native.compiler():
         return "c"
-    _note(str(native.NoCompilerWarning.__doc__))
+    note(str(native.NoCompilerWarning.__doc__))
     return "python"
 
 
 def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     language = {"c": "C", "python": "Python"}[engine]
-    with _Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
+    with Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
@@ -153,7 +78,7 @@ def _save(drawn: dict[str, Any], folder: Path) -> list[Path]:
     from hgogen import figure  # here, because matplotlib is slow to import
 
     paths: list[Path] = []
-    with _Bar("figures", len(drawn)) as bar:
+    with Bar("figures", len(drawn)) as bar:
         for name, one in drawn.items():
             paths += figure.save({name: one}, folder)
             bar.tick()
@@ -165,7 +90,7 @@ def _made_by(name: str, real: Precision) -> str:
     return f"hgogen generate {name}" + (" --real double" if real is Precision.DOUBLE else "")
 
 
-@_command()
+@command()
 def build(
     model: ModelArgument, out: Out = None, real: Real = Precision.FLOAT, seeds: Seeds = None, as_json: Json = False
 ) -> None:
@@ -193,7 +118,7 @@ def build(
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.compared(done, again, step.dt) if again else ()
     paths += _save(jobs.figures(step, done), folder)
-    summaries = jobs.summaries(step, done, engine, _note)
+    summaries = jobs.summaries(step, done, engine, note)
     report = {
         "model": loaded.path,
         **claims.as_dict(),
@@ -206,13 +131,13 @@ def build(
     paths += hg.write({"report.json": json.dumps(report, indent=2, allow_nan=False) + "\n"}, folder)
     shown = [tables.trials(summaries)]
     shown += [tables.comparisons(comparison), f"self-check of the {real.value} C: {self_check}\n"] if again else []
-    _print(as_json, report, *shown, tables.files(paths))
+    show(as_json, report, *shown, tables.files(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
 
 
-@_command()
-def check(model: ModelArgument, as_json: Json = False) -> None:
+@command()
+def check(model: ModelArgument, certificate: CertificateFile = None, as_json: Json = False) -> None:
     """Print what is claimed of a model's form and observer, each claim with its verdict.
 
     JSON keys: model, plant, form, coordinates, flow, outputs (expressions by name: z, z', y), checks (id, claim,
@@ -223,15 +148,43 @@ def check(model: ModelArgument, as_json: Json = False) -> None:
     loaded = load(model)
     claims = jobs.checked(loaded)
     shown = tables.checks(claims.head, claims.checks, claims.accepted)
-    _print(
-        as_json, {"model": loaded.path, **claims.as_dict()}, shown, tables.theorem(claims.theorem, claims.hypotheses)
-    )
-    for note in claims.notes:
-        _note(note)
+    show(as_json, {"model": loaded.path, **claims.as_dict()}, shown, tables.theorem(claims.theorem, claims.hypotheses))
+    for sentence in claims.notes:
+        note(sentence)
+    if certificate is not None:
+        _certify(claims, certificate)
     demand(claims.checks, claims.accepted, claims.form)
 
 
-@_command()
+def _certify(claims: jobs.Checked, path: Path) -> None:
+    from hgogen.certificate import certificate
+
+    text = json.dumps(certificate(claims.form, claims.checks), indent=1, ensure_ascii=True) + "\n"
+    hg.write({path.name: text}, path.parent)
+    note(f"wrote {path}; hgogen recheck {path} verifies it again")
+
+
+@command("recheck")
+def recheck_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A certificate that hgogen check wrote.")],
+    as_json: Json = False,
+) -> None:
+    """Verify a certificate again, by other code and another arithmetic than those that wrote it.
+
+    Exit status: 0 every claim of it is verified, 1 a claim is not, 2 the file is no certificate.
+
+    JSON keys: plant, form, verified, claims (id, verdict, found: "verified", "open" where nothing is asserted, or
+    "fails", sentence, boxes: how many intervals it took).
+    """
+    from hgogen import recheck
+
+    found = recheck.recheck(recheck.load(file))
+    show(as_json, found.as_dict(), tables.rechecked(found))
+    if found.failed:
+        raise recheck.NotVerified(found.failed)
+
+
+@command()
 def generate(
     models: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Model files, or names in models/.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
@@ -251,13 +204,13 @@ def generate(
         if loaded.has("trial"):
             drawn = jobs.figures(step, _tried(step, loaded.trials(), "c", 1))
         else:
-            _note(f"{loaded.path} defines no trial(), so there are no figures of it")
+            note(f"{loaded.path} defines no trial(), so there are no figures of it")
         paths = hg.write(files, out / loaded.name) + _save(drawn, out / loaded.name)
         written.append({"model": loaded.path, "files": [str(path) for path in paths]})
-    _print(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
+    show(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
 
 
-@_command()
+@command()
 def simulate(
     model: ModelArgument,
     seeds: Seeds = None,
@@ -280,13 +233,13 @@ def simulate(
         raise typer.BadParameter(f"{trial!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
     reader = engine.value if engine else _engine()
     done = _tried(step, chosen, reader, seeds)
-    summaries = jobs.summaries(step, done, reader, _note)
+    summaries = jobs.summaries(step, done, reader, note)
     pairs = zip(summaries, done, strict=True)
     listed_ = [{**told.as_dict(), "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
-    _print(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries))
+    show(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries))
 
 
-@_command()
+@command()
 def run(
     model: ModelArgument,
     data: Data,
@@ -332,7 +285,7 @@ def run(
         tables.predictions(errors, step.dt),
         tables.files(paths),
     )
-    _print(as_json, report, *shown)
+    show(as_json, report, *shown)
 
 
 def _horizons(text: str) -> tuple[int, ...]:
@@ -358,7 +311,7 @@ def _record(
     return read(data, wanted, dt=step.dt, time=time, period=period)
 
 
-@_command("noise")
+@command("noise")
 def noise_(
     model: ModelArgument,
     data: Data,
@@ -382,10 +335,10 @@ def noise_(
     quiet = noise.quiet(record.t, begin, end)
     found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
     value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in found]}
-    _print(as_json, value, tables.report(record.report), *(tables.suggestion(one) for one in found))
+    show(as_json, value, tables.report(record.report), *(tables.suggestion(one) for one in found))
 
 
-@_command("list")
+@command("list")
 def list_(as_json: Json = False) -> None:
     """List the models found in models/, and the forms, observers, methods and targets there are.
 
@@ -394,4 +347,4 @@ def list_(as_json: Json = False) -> None:
     groups = {"models": list(listed())}
     for kind in ("forms", "observers", "methods", "targets"):
         groups[kind] = list(getattr(hg, kind).__all__)
-    _print(as_json, groups, tables.names(groups))
+    show(as_json, groups, tables.names(groups))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hgogen.errors import HgogenError
 from hgogen.metrics import Metrics, crossings
 from hgogen.trial import Trajectory
 
@@ -64,3 +65,17 @@ def compare(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], d
         settled=tuple((a.settled, b.settled) for a, b in zip(measured.responses, expected.responses, strict=True)),
         dt=dt,
     )
+
+
+@dataclass(eq=False)
+class Disagree(HgogenError):
+    """C and Python do not say the same."""
+
+    failed: tuple[Comparison, ...]
+
+    def __str__(self) -> str:
+        worst = max(self.failed, key=lambda one: one.before)
+        return (
+            f"C and Python disagree in trial {worst.trial!r}, seed {worst.seed}: {worst.before:.1e} of the peak until "
+            f"{worst.until:g} s, times to settle {worst.settled}; check the compiler's flags (no -ffast-math)"
+        )

@@ -14,6 +14,7 @@ from hgogen.metrics import Summary
 from hgogen.noise import Suggestion
 from hgogen.prediction import Prediction
 from hgogen.program import Bit
+from hgogen.recheck import Rechecked
 from hgogen.record import Report
 from hgogen.theorem import Row, Theorem
 
@@ -49,6 +50,18 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
         table.add_row(verdict, Text(check.id), Text(said))
     fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
     return Group(Text(title, style="bold"), *map(Text, equations), table, *fixes, "")
+
+
+def rechecked(found: Rechecked) -> RenderableType:
+    """The claims of a certificate, and what was verified of them."""
+    table = _table(f"{found.plant}, {found.form} form", "found", "claim", "what was shown", "boxes", numbers=1)
+    colours = {"verified": "green", "fails": "red"}
+    for row in found.rows:
+        word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
+        word.stylize(colours.get(row.found, "yellow"))
+        sentence = row.sentence if row.found != "open" else f"{row.verdict}: {row.sentence}"
+        table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
+    return Group(table, "")
 
 
 def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:

@@ -1,0 +1,82 @@
+"""What every command of the command line has: the app, errors as one sentence and an exit status, a progress bar."""
+
+import json
+import sys
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from hgogen import native, tables
+from hgogen.check import Refuted
+from hgogen.compare import Disagree
+from hgogen.errors import HgogenError
+from hgogen.recheck import NotVerified
+
+FAILURES = (Refuted, Disagree, NotVerified, native.CompilerFailed)  # what exits with 1; other errors with 2
+
+app = typer.Typer(
+    help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
+    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted or a failed comparison, 2 usage or bad input.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model file, or the name of one in models/.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
+
+
+def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a command whose errors are one sentence and an exit status."""
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        @app.command(name)
+        @wraps(function)
+        def command(*args: Any, **kwargs: Any) -> None:
+            try:
+                function(*args, **kwargs)
+            except FAILURES as error:
+                note(str(error))
+                raise typer.Exit(1) from None
+            except (HgogenError, OSError) as error:
+                note(str(error))
+                raise typer.Exit(2) from None
+
+        return function
+
+    return register
+
+
+def note(sentence: str) -> None:
+    """Say something on the standard error stream."""
+    print(f"hgogen: {sentence}", file=sys.stderr)
+
+
+class Bar(Progress):
+    """A progress bar on the standard error stream, if that is a terminal."""
+
+    def __init__(self, what: str, total: int) -> None:
+        err = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        super().__init__(*columns, console=err, transient=True, disable=not err.is_terminal)
+        self._only = self.add_task(what, total=total)
+
+    def tick(self) -> None:
+        """One more is done."""
+        self.advance(self._only)
+
+
+def show(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
+    """Print a result: as JSON alone, or as tables."""
+    if as_json:
+        print(json.dumps(value, indent=2, allow_nan=False))
+        return
+    for part in shown:
+        tables.console().print(part)

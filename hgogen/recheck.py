@@ -1,0 +1,139 @@
+"""A certificate verified again, by code and arithmetic that share nothing with those that wrote it.
+
+Exact identities are shown by rational functions over fractions, ranges by mpmath's intervals on the certificate's
+bisections. A claim holds for the model that stands in the same file; the digest tells whether the file was changed.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hgogen.errors import HgogenError
+from hgogen.recheck_algebra import TooLarge
+from hgogen.recheck_arithmetic import Undefined
+from hgogen.recheck_box import NotShown
+from hgogen.recheck_file import LARGEST, Certificate, Claim, NoCertificate, read
+from hgogen.recheck_rules import Context, Shown, required, rule
+from hgogen.recheck_text import Unreadable
+
+OPEN = ("where", "generic", "unknown", "stated")  # verdicts that assert nothing to verify
+
+
+@dataclass(eq=False)
+class CannotRead(HgogenError):
+    """A certificate file that cannot be read."""
+
+    path: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.reason}"
+
+
+@dataclass(eq=False)
+class NotVerified(HgogenError):
+    """A certificate of which a claim was not verified."""
+
+    failed: tuple["Row", ...]
+
+    def __str__(self) -> str:
+        told = "; ".join(f"{row.id}: {row.sentence}" for row in self.failed)
+        return f"not verified: {told}. Do not rely on this file; write it again with hgogen check --certificate"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One claim, what was found ("verified", "open" where nothing is asserted, "fails"), how, with how many boxes."""
+
+    id: str
+    verdict: str
+    found: str
+    sentence: str
+    boxes: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "id": self.id,
+            "verdict": self.verdict,
+            "found": self.found,
+            "sentence": self.sentence,
+            "boxes": self.boxes,
+        }
+
+
+@dataclass(frozen=True)
+class Rechecked:
+    """What was verified of a certificate, claim by claim."""
+
+    plant: str
+    form: str
+    rows: tuple[Row, ...]
+
+    @property
+    def failed(self) -> tuple[Row, ...]:
+        """The claims that were not verified."""
+        return tuple(row for row in self.rows if row.found == "fails")
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        rows = [row.as_dict() for row in self.rows]
+        return {"plant": self.plant, "form": self.form, "verified": not self.failed, "claims": rows}
+
+
+def recheck(text: str) -> Rechecked:
+    """Verify the certificate in a text; what is not shown is a row that fails.
+
+    Raises: `NoCertificate` and `Unreadable` for a text that is no certificate.
+    """
+    certificate = read(text)
+    if not certificate.untouched:
+        row = Row("digest", "", "fails", "the file is not as it was written")
+        return Rechecked(certificate.name, certificate.form.kind, (row,))
+    return Rechecked(certificate.name, certificate.form.kind, tuple(rows(certificate)))
+
+
+def load(path: str | Path) -> str:
+    """The text of a certificate file. Raises: `CannotRead`."""
+    try:
+        with open(path, encoding="utf-8") as stream:
+            return stream.read(LARGEST + 1)
+    except OSError as error:
+        raise CannotRead(str(path), f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise CannotRead(str(path), "is no text in UTF-8") from None
+
+
+def rows(certificate: Certificate) -> Iterator[Row]:
+    """One row a claim, and one for each that is missing."""
+    context = Context(certificate)
+    seen: set[str] = set()
+    for claim in certificate.claims:
+        if claim.id in seen:
+            yield Row(claim.id, claim.verdict, "fails", "it stands twice")
+        seen.add(claim.id)
+        yield _row(context, claim)
+    for id in required(certificate):
+        if id not in seen:
+            yield Row(id, "", "fails", "the claim is missing")
+
+
+def _row(context: Context, claim: Claim) -> Row:
+    if claim.verdict in OPEN:
+        return Row(claim.id, claim.verdict, "open", str(claim.evidence.get("reason", "")))
+    found = rule(context.form.kind, claim)
+    if found is None:
+        return Row(claim.id, claim.verdict, "fails", f"no rule verifies that it is {claim.verdict}")
+    try:
+        shown: Shown = found[0](context, claim, found[1])
+    except NotShown as error:
+        return Row(claim.id, claim.verdict, "fails", str(error))
+    except Undefined as error:
+        return Row(claim.id, claim.verdict, "fails", f"an expression has no value: {error}")
+    except TooLarge:
+        return Row(claim.id, claim.verdict, "fails", "its identity is too large to verify")
+    return Row(claim.id, claim.verdict, "verified", shown.sentence, shown.boxes)
+
+
+__all__ = ["CannotRead", "NoCertificate", "NotVerified", "Rechecked", "Row", "Unreadable", "load", "recheck"]

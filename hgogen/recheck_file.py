@@ -1,0 +1,199 @@
+"""What a certificate file holds, read at the door: every part has its type, every name its range.
+
+The file says nothing twice that could disagree: a claim's expressions are compared with the form's by the rules.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Any
+
+from hgogen.errors import HgogenError
+from hgogen.recheck_box import Box, End
+from hgogen.recheck_text import Expression, Unreadable, expression, number
+
+FORMAT, VERSION = "hgogen certificate", "1"
+LARGEST = 50_000_000  # characters of a file
+VERDICTS = ("proved", "refuted", "where", "generic", "unknown", "stated")
+
+
+@dataclass(eq=False)
+class NoCertificate(HgogenError):
+    """A file that is no certificate."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f"this is no certificate: {self.reason}; write one with hgogen check MODEL --certificate FILE"
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Names with their ranges, and expressions of them: the plant's, or the form's."""
+
+    states: tuple[str, ...]
+    box: Box
+    flow: tuple[Expression, ...]
+    output: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class FormFile:
+    """The form: z = to_form(x), x = from_form(z), z' = A z + b, y = output."""
+
+    kind: str
+    states: tuple[str, ...]
+    box: Box
+    to_form: tuple[Expression, ...]
+    from_form: tuple[Expression, ...]
+    A: tuple[tuple[Expression, ...], ...]
+    b: tuple[Expression, ...]
+    output: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim: its verdict, and what shows it, as the file says."""
+
+    id: str
+    verdict: str
+    evidence: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate as it is read; `untouched`: its digest is that of its content."""
+
+    name: str
+    plant: Equations
+    form: FormFile
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    claims: tuple[Claim, ...]
+    untouched: bool
+
+
+def digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of the content without its digest, as JSON with sorted keys and no white space."""
+    rest = {key: value for key, value in content.items() if key != "digest"}
+    return sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def read(text: str) -> Certificate:
+    """The certificate in a text.
+
+    Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an expression or number.
+    """
+    if len(text) > LARGEST:
+        raise NoCertificate(f"it has more than {LARGEST} characters")
+    try:
+        content = json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
+    except RecursionError:
+        raise NoCertificate("its JSON is nested too deep") from None
+    except ValueError as error:
+        raise NoCertificate(f"its JSON cannot be read ({error})") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise NoCertificate(f'it does not say "format": "{FORMAT}"')
+    if content.get("version") != VERSION:
+        raise NoCertificate(f"its version is {content.get('version')!r}, this reader's is {VERSION!r}")
+    return _read(content)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key stands twice")
+    return found
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number here")
+
+
+def _read(content: Mapping[str, Any]) -> Certificate:
+    plant, form = part(content, "plant", dict), part(content, "form", dict)
+    states, inputs, parameters = ({**_signals(plant, kind)} for kind in ("states", "inputs", "parameters"))
+    common = {**inputs, **parameters}
+    z = _signals(form, "states")
+    x_box, z_box = {**states, **common}, {**z, **common}
+    if len(x_box) < len(states) + len(inputs) + len(parameters) or len(z_box) < len(z) + len(common):
+        raise NoCertificate("a name is declared twice")
+    n, m = len(states), len(part(plant, "outputs", list))
+    return Certificate(
+        name=part(plant, "name", str),
+        plant=Equations(tuple(states), x_box, _rows(plant, "flow", x_box, n), _rows(plant, "output", x_box, m)),
+        form=FormFile(
+            kind=part(form, "kind", str),
+            states=tuple(z),
+            box=z_box,
+            to_form=_rows(form, "to_form", {**states, **parameters}, len(z)),
+            from_form=_rows(form, "from_form", {**z, **parameters}, n),
+            A=tuple(
+                tuple(expression(entry, z_box) for entry in texts)
+                for texts in _sized(part(form, "A", list), len(z), lambda row: _sized(row, len(z)))
+            ),
+            b=_rows(form, "b", z_box, len(z)),
+            output=_rows(form, "output", z_box, m),
+        ),
+        inputs=tuple(inputs),
+        parameters=tuple(parameters),
+        claims=_claims(content),
+        untouched=content.get("digest") == digest(content),
+    )
+
+
+def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
+    """One part of a JSON object. Raises: `NoCertificate` where it is missing or of another type."""
+    value = holder.get(key)
+    if not isinstance(value, kind):
+        raise NoCertificate(f"its part {key!r} is missing or no {kind.__name__}")
+    return value
+
+
+def _sized(rows: Any, count: int, each: Any = None) -> list[Any]:
+    if not isinstance(rows, list) or len(rows) != count:
+        raise NoCertificate(f"a list has not its {count} entries")
+    return [each(row) for row in rows] if each else rows
+
+
+def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: int) -> tuple[Expression, ...]:
+    return tuple(expression(text, names) for text in _sized(part(holder, key, list), count))
+
+
+def _signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
+    """Names with closed ranges, both ends null for an unbounded one; a parameter's fixed value is both ends."""
+    found: dict[str, tuple[End, End]] = {}
+    for entry in part(holder, key, list):
+        if not isinstance(entry, dict):
+            raise NoCertificate(f"an entry of {key!r} is no object")
+        name = part(entry, "name", str)
+        if not name.isidentifier() or name in found:
+            raise NoCertificate(f"{name!r} in {key!r} is no name, or stands twice")
+        found[name] = ends(entry.get("low"), entry.get("high"), name)
+    return found
+
+
+def ends(low: object, high: object, name: str) -> tuple[End, End]:
+    """A closed range; None is an infinite end. Raises: `NoCertificate` for an empty one."""
+    least = -math.inf if low is None else number(low)
+    most = math.inf if high is None else number(high)
+    if not least <= most:
+        raise NoCertificate(f"the range of {name} is empty")
+    return least, most
+
+
+def _claims(content: Mapping[str, Any]) -> tuple[Claim, ...]:
+    found = []
+    for entry in part(content, "claims", list):
+        if not isinstance(entry, dict):
+            raise NoCertificate("a claim is no object")
+        verdict = part(entry, "verdict", str)
+        if verdict not in VERDICTS:
+            raise NoCertificate(f"{verdict!r} is no verdict")
+        found.append(Claim(part(entry, "id", str), verdict, entry.get("evidence") or {}))
+    return tuple(found)
+
+
+__all__ = ["FORMAT", "VERSION", "Certificate", "Claim", "NoCertificate", "Unreadable", "digest", "part", "read"]

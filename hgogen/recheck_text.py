@@ -1,0 +1,229 @@
+"""Expressions of a certificate as straight-line programs: a reader that shares no code with the rest of hgogen.
+
+    sum: term (+ - term)*    term: factor (* / factor)*    factor: - factor | atom ** factor
+    atom: number | name | function(sum, ...) | (sum)
+
+Every name is declared by the certificate. A text that is too long or too deep is refused, so a hostile file costs
+nothing.
+"""
+
+import re
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import NamedTuple
+
+from hgogen.errors import HgogenError
+
+LONGEST = 100_000  # characters of one expression
+DEEPEST = 60  # nested brackets, signs and powers
+LARGEST = 400  # digits of a number
+HIGHEST = 1000  # whole exponent
+
+ONE_ARGUMENT = frozenset(
+    (
+        *("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan"),
+        *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "Abs", "sign"),
+    )
+)
+MANY_ARGUMENTS = frozenset(("Min", "Max"))
+TWO_ARGUMENTS = frozenset(("atan2",))
+
+_TOKEN = re.compile(r"\s*(?:(\d+(?:\.\d+)?(?:[eE][+-]?\d{1,4})?)|([A-Za-z_][A-Za-z0-9_]*)|(\*\*|[-+*/(),]))", re.ASCII)
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:/[1-9]\d*)?\Z", re.ASCII)
+
+
+@dataclass(eq=False)
+class Unreadable(HgogenError):
+    """A text of a certificate that is no expression or number of its grammar."""
+
+    text: str
+    reason: str
+
+    def __str__(self) -> str:
+        short = self.text if len(self.text) <= 80 else f"{self.text[:77]}..."
+        return f"cannot read {short!r}: {self.reason}; write the certificate again with hgogen check --certificate"
+
+
+class Instruction(NamedTuple):
+    """One value: `op` is "number" (a Fraction), "symbol" (its name), "add", "sub", "mul", "div", "neg", "power" (a
+    whole exponent), "root" (a rational exponent), "raise", or a function's name; `args` are places before it."""
+
+    op: str
+    args: tuple[int, ...] = ()
+    value: Fraction | int | str | None = None
+
+
+@dataclass(frozen=True)
+class Expression:
+    """`instructions` in order; `result`: which of them gives the value; `names`: the symbols that are read."""
+
+    text: str
+    instructions: tuple[Instruction, ...]
+    result: int
+    names: frozenset[str]
+
+
+def number(text: object) -> Fraction:
+    """The exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
+    if not isinstance(text, str) or len(text) > 2 * LARGEST or not _NUMBER.match(text):
+        raise Unreadable(str(text), 'a number is written as "p/q" or as a decimal')
+    return Fraction(text)
+
+
+def expression(text: object, declared: Container[str]) -> Expression:
+    """The program of a text in declared names; `pi` is the constant unless it is declared. Raises: `Unreadable`."""
+    if not isinstance(text, str):
+        raise Unreadable(str(text), "an expression is a text")
+    if len(text) > LONGEST:
+        raise Unreadable(text, f"it has more than {LONGEST} characters")
+    reader = _Reader(text, declared)
+    result = reader.sum(0)
+    if reader.token:
+        raise reader.fault(f"{reader.token!r} stands where it should end")
+    places = tuple(reader.places)
+    names = frozenset(str(place.value) for place in places if place.op == "symbol")
+    return Expression(text, places, result, names)
+
+
+class _Reader:
+    """One token ahead; each value is written once."""
+
+    def __init__(self, text: str, declared: Container[str]) -> None:
+        self.text, self.declared = text, declared
+        self.places: dict[Instruction, int] = {}
+        self.numbers: dict[int, Fraction] = {}
+        self.tokens = self._tokens()
+        self.token, self.kind = "", ""
+        self.next()
+
+    def fault(self, reason: str) -> Unreadable:
+        """The error that the text is none of the grammar."""
+        return Unreadable(self.text, reason)
+
+    def _tokens(self) -> Iterator[tuple[str, str]]:
+        at, text = 0, self.text.rstrip()
+        while at < len(text):
+            found = _TOKEN.match(text, at)
+            if not found:
+                raise self.fault(f"{text[at : at + 10]!r} is outside the grammar")
+            at = found.end()
+            yield found.group(found.lastindex or 0), ("number", "name", "sign")[(found.lastindex or 1) - 1]
+
+    def next(self) -> str:
+        """Step on; the token left behind."""
+        left = self.token
+        self.token, self.kind = next(self.tokens, ("", ""))
+        return left
+
+    def expect(self, token: str) -> None:
+        """Step over `token`."""
+        if self.token != token:
+            raise self.fault(f"{token!r} is missing")
+        self.next()
+
+    def put(self, op: str, args: tuple[int, ...] = (), value: Fraction | int | str | None = None) -> int:
+        """Where the value stands; arithmetic of numbers is done at once."""
+        known = [self.numbers.get(arg) for arg in args]
+        folded = value if op == "number" else self._fold(op, known)
+        if isinstance(folded, Fraction):
+            if max(abs(folded.numerator), folded.denominator) >= 10**LARGEST:
+                raise self.fault(f"a number has more than {LARGEST} digits")
+            op, args, value = "number", (), folded
+        place = self.places.setdefault(Instruction(op, args, value), len(self.places))
+        if isinstance(folded, Fraction):
+            self.numbers[place] = folded
+        return place
+
+    def _fold(self, op: str, args: list[Fraction | None]) -> Fraction | None:
+        numbers = [arg for arg in args if arg is not None]
+        if not numbers or len(numbers) < len(args):
+            return None
+        if op == "neg":
+            return -numbers[0]
+        if op == "div" and numbers[1]:
+            return numbers[0] / numbers[1]
+        if op in ("add", "sub", "mul"):
+            a, b = numbers
+            return a + b if op == "add" else a - b if op == "sub" else a * b
+        return None
+
+    def sum(self, depth: int) -> int:
+        """sum: term (+ - term)*."""
+        value = self.term(depth)
+        while self.token in ("+", "-"):
+            op = "add" if self.next() == "+" else "sub"
+            value = self.put(op, (value, self.term(depth)))
+        return value
+
+    def term(self, depth: int) -> int:
+        """term: factor (* / factor)*."""
+        value = self.factor(depth)
+        while self.token in ("*", "/"):
+            op = "mul" if self.next() == "*" else "div"
+            value = self.put(op, (value, self.factor(depth)))
+        return value
+
+    def factor(self, depth: int) -> int:
+        """factor: - factor | atom ** factor."""
+        if depth > DEEPEST:
+            raise self.fault(f"it is nested deeper than {DEEPEST}")
+        if self.token == "-":
+            self.next()
+            return self.put("neg", (self.factor(depth + 1),))
+        base = self.atom(depth)
+        if self.token != "**":
+            return base
+        self.next()
+        return self.power(base, self.factor(depth + 1))
+
+    def power(self, base: int, exponent: int) -> int:
+        """base ** exponent, by what the exponent is."""
+        known = self.numbers.get(exponent)
+        if known is None:
+            return self.put("raise", (base, exponent))
+        if abs(known) > HIGHEST or known.denominator > HIGHEST:
+            raise self.fault(f"the exponent {known} is too large")
+        if known.denominator == 1:
+            return self.put("power", (base,), int(known))
+        return self.put("root", (base,), known)
+
+    def atom(self, depth: int) -> int:
+        """atom: number | name | function(sum, ...) | (sum)."""
+        kind, token = self.kind, self.next()
+        if kind == "number":
+            if len(token) > LARGEST:
+                raise self.fault(f"a number has more than {LARGEST} digits")
+            return self.put("number", value=self._number(token))
+        if kind == "name" and self.token == "(":
+            return self.function(token, depth)
+        if kind == "name" and (token in self.declared or token == "pi"):
+            return self.put("symbol", value=token) if token in self.declared else self.put("pi")
+        if kind == "name":
+            raise self.fault(f"the name {token!r} is not declared")
+        if token == "(":
+            value = self.sum(depth + 1)
+            self.expect(")")
+            return value
+        what = f"{token!r} stands" if token else "it ends"
+        raise self.fault(f"{what} where a value should stand")
+
+    def _number(self, token: str) -> Fraction:
+        exponent = token.lower().partition("e")[2]
+        if exponent and abs(int(exponent)) > LARGEST:
+            raise self.fault(f"a number has more than {LARGEST} digits")
+        return Fraction(token)
+
+    def function(self, name: str, depth: int) -> int:
+        """function(sum, ...)."""
+        self.next()
+        args = [self.sum(depth + 1)]
+        while self.token == ",":
+            self.next()
+            args.append(self.sum(depth + 1))
+        self.expect(")")
+        if name == "sqrt" and len(args) == 1:
+            return self.put("root", (args[0],), Fraction(1, 2))
+        if name in {1: ONE_ARGUMENT, 2: TWO_ARGUMENTS | MANY_ARGUMENTS}.get(len(args), MANY_ARGUMENTS):
+            return self.put(name, tuple(args))
+        raise self.fault(f"there is no rule for {name} of {len(args)}")
