@@ -171,6 +171,10 @@ def _obstacle(form: Form) -> str:
     """Why the theorem does not apply as it stands, or ""."""
     if len(form.output) != 1:
         return "the bound is for one output"
+    if getattr(form, "jacobian", None) is not None:
+        return "the bound is for an observer in the coordinates of the form, this one stays in the plant's"
+    if form.jacobian is not None or form.behind is not None:
+        return "the bound is for a gain that acts on z itself, with b a function of z"
     if form.n > STATES:
         return f"the bound is computed for up to {STATES} states"
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]

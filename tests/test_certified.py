@@ -194,6 +194,16 @@ def test_no_bound_where_b_is_not_bounded_or_the_form_is_another() -> None:
     assert isinstance(of_poles(fitzhugh_nagumo().form, (3, 3, 1)), Nothing)
 
 
+def test_no_bound_for_an_observer_in_other_coordinates() -> None:
+    """A form that carries the Jacobian of a map acts through its inverse, which the proof does not know."""
+    form = hg.forms.triangular(van_der_pol())
+    assert isinstance(of_poles(form, (2, 1)), ThetaBound)
+    object.__setattr__(form, "jacobian", sp.ImmutableDenseMatrix(sp.eye(2)))
+    found = of_poles(form, (2, 1))
+    assert isinstance(found, Nothing)
+    assert "stays in the plant's" in found.reason
+
+
 def test_no_bound_for_poles_that_are_not_stable() -> None:
     found = of_poles(hg.forms.triangular(van_der_pol()), (2, -1))
     assert isinstance(found, Nothing)
