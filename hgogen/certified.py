@@ -36,6 +36,7 @@ from hgogen.tape import NoTape
 
 # Beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once.
 STATES = 12
+VARYING = 8
 _STEPS = (Fraction(2), Fraction(5, 4))
 _TRIALS = 400
 
@@ -244,6 +245,8 @@ def _corners(form: Form) -> list[tuple[Matrix, tuple[Fraction, ...]]] | str:
             return f"a_{i} = {a} has no finite range on the box"
         ends.append((Fraction(span.low), Fraction(span.high)))
     n = range(form.n)
+    if sum(len(pair) > 1 for pair in ends) > VARYING:
+        return f"more than {VARYING} of the a_i vary, whose ranges have too many vertices"
     return [
         (
             tuple(tuple(a[j] if j == i + 1 else Fraction(0) for j in n) for i in n),

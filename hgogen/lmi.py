@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from flint import fmpq, fmpq_mat
@@ -134,7 +135,9 @@ def _cvxpy(what: str) -> Any:
 def _solved(cp: Any, problem: Any, P: Any) -> np.ndarray | None:
     """P as the solver leaves it, whatever it thinks of it."""
     try:
-        problem.solve(solver="CLARABEL")
+        with catch_warnings():
+            simplefilter("ignore")  # of inaccuracy: what is not exact is refused by `verified`
+            problem.solve(solver="CLARABEL")
     except cp.SolverError:
         return None
     value = P.value

@@ -248,6 +248,14 @@ def test_a_constant_gain_serves_an_input_driven_chain() -> None:
     assert float(found.theta) == pytest.approx(max(1, 2 * np.linalg.eigvalsh(P).max()), rel=1e-2)
 
 
+def test_too_many_vertices_are_left_alone() -> None:
+    x, u = states(10), hg.Signal("u", low=0, high=1)
+    form = hg.forms.triangular(plant([*((1 + u) * s for s in x[1:]), 0], x, inputs=(u,)))
+    found = of_gains(form, (1.0,) * 10)
+    assert isinstance(found, Nothing)
+    assert "more than 8 of the a_i vary" in found.reason
+
+
 def test_gains_on_a_constant_chain_are_those_of_the_poles() -> None:
     form = hg.forms.triangular(chain(2))
     found, poles = of_gains(form, (2, 1)), of_poles(form, (2, 1))
