@@ -11,6 +11,7 @@ from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.gramian import gramian
+from hgogen.observability import observability
 from hgogen.observer import Observer
 from hgogen.recast import recast
 from hgogen.reference import reference
@@ -36,6 +37,7 @@ __all__ = [
     "gramian",
     "innovation",
     "methods",
+    "observability",
     "observers",
     "recast",
     "reference",

@@ -27,6 +27,7 @@ PRIMES = (2**61 - 1, 2**62 - 57, 2**62 - 87)
 SMALL_PRIMES = (2**31 - 1, 2**31 - 19, 2**31 - 61)  # whose squares fit a word
 TRIES = 48
 FEW_BITS, MANY_BITS = 256, 8192
+BITS_EACH = 4  # more bits for each unknown
 _CAP = 4096  # terms of a series with balls
 
 _Found = TypeVar("_Found")
@@ -129,16 +130,24 @@ def exact_numbers(plant: Plant) -> bool:
     return len(constants) < 2 and all(i.op in OPERATIONS for i in plant.tape.instructions)
 
 
-def somewhere(plant: Plant, answer: Callable[[Arithmetic, Point], _Found], *, first: int = 0, power: int = 1) -> _Found:
+def somewhere(
+    plant: Plant,
+    answer: Callable[[Arithmetic, Point], _Found],
+    *,
+    first: int = 0,
+    power: int = 1,
+    balls: bool = False,
+) -> _Found:
     """`answer` at the first random point at which the plant is defined, with balls at a precision that decides.
 
-    `first`: which of the random points to begin with; `power`: of the prime that numbers are taken modulo.
+    `first`: which of the random points to begin with; `power`: of the prime that numbers are taken modulo; `balls`:
+    a real point even for a rational plant.
 
     Raises: `NowhereDefined`.
     """
     for seed in range(first * TRIES, (first + 1) * TRIES):
         try:
-            if exact_numbers(plant):
+            if exact_numbers(plant) and not balls:
                 primes = PRIMES if power == 1 else SMALL_PRIMES
                 prime = primes[seed % len(primes)]
                 numbers = Modular(prime**power, prime, seed)
@@ -156,7 +165,7 @@ def modulus(numbers: Arithmetic) -> int:
 
 def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Point], _Found]) -> _Found:
     cap, bits = flint.ctx.cap, flint.ctx.prec
-    flint.ctx.cap, flint.ctx.prec = _CAP, FEW_BITS
+    flint.ctx.cap, flint.ctx.prec = _CAP, FEW_BITS + BITS_EACH * plant.wide
     try:
         while True:
             try:
@@ -175,7 +184,7 @@ def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, poin
     widths = {plant.n, plant.wide}
     done: dict[int, Rank] = {}
     for matrices in gradients(plant, numbers, point):
-        rows += [row for matrix in matrices for row in _rows(matrix)]
+        rows += [row for matrix in matrices for row in matrix_rows(matrix)]
         for width in widths - done.keys():
             rank = _rank(rows, width, symbols[:width], plant.outputs, prime, limit)
             if rank:
@@ -187,7 +196,8 @@ def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, poin
     return Ranks(done[plant.n], done[plant.wide], method, ", ".join(branches))
 
 
-def _rows(matrix: Any) -> list[list[Any]]:
+def matrix_rows(matrix: Any) -> list[list[Any]]:
+    """The rows of a matrix of either arithmetic as lists."""
     width, entries = matrix.ncols(), matrix.entries()
     return [entries[i : i + width] for i in range(0, len(entries), width)]
 
@@ -196,12 +206,13 @@ def _rank(
     rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], p: int, prime: int, limit: int | None
 ) -> Rank | None:
     """The rank once it is stationary over one more derivative of every output, full, or at its limit."""
-    orders = len(rows) // p
-    cut = [row[:width] for row in rows]
+    reached = limit is not None and len(rows) // p > limit
+    orders = limit + 1 if limit is not None and reached else len(rows) // p
+    cut = [row[:width] for row in rows[: orders * p]]
     levels = [i // p for i in new_rows(cut, prime)]  # the order of derivative of each new row
     gap = next((k for k in range(orders) if k not in levels), None)
     final = len(levels) == width or gap is not None
-    if not final and (limit is None or orders <= limit):
+    if not final and not reached:
         return None
     kept = [k for k in levels if gap is None or k < gap]
     order = max(kept, default=0)

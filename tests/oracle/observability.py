@@ -104,6 +104,8 @@ class Program:
         for symbol, (kind, argument, q) in self.generators.items():
             self.at[symbol] = self._put(kind, (self._place(argument),), q)
         self.outputs = [self._place(e) for e in self.expressions]
+        for symbol in self.unknowns:
+            self._place(symbol)
         self.values = [[[] for _ in range(self.runs)] for _ in self.kinds]
 
     def _put(self, kind: str, args: tuple[int, ...], value: object = None) -> int:
@@ -141,6 +143,12 @@ class Program:
         for part in e.args[1:]:
             found = self._put("mul", (found, self._place(part)))
         return found
+
+    def residue(self, polynomial: sp.Expr) -> int:
+        """A polynomial's value at the point modulo PRIME."""
+        at = {s: self.values[self.at[s]][0][0] for s in polynomial.free_symbols}
+        top, bottom = sp.fraction(sp.together(polynomial.xreplace(at)))
+        return int(top) * pow(int(bottom), -1, PRIME) % PRIME
 
     def step(self, k: int) -> None:
         """The coefficient k of every node, then that of k + 1 of the states."""

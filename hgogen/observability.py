@@ -1,0 +1,187 @@
+"""What a plant's outputs tell of its states and unknown parameters, what hides the rest, and what would show it.
+
+The answers are generic: they hold at almost every state, parameter value and input. Full rank at one point proves
+full rank almost everywhere. A deficiency is proved by a symmetry, a vector field that no output sees; without one it
+is known but for the chance that a random point lies on a thin set.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import sympy as sp
+
+from hgogen.check import Check, Verdict
+from hgogen.echelon import kernel
+from hgogen.rank import Rank, matrix_rows, plant_of, somewhere
+from hgogen.rank import observability as ranks
+from hgogen.series import Arithmetic, Point, first_gradients
+from hgogen.symmetry import Symmetry, symmetries
+from hgogen.system import System
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One question, states alone or states with unknown parameters.
+
+    `orders`: the order of derivatives of the outputs at which each observable unknown is first observable;
+    `symmetries`: what hides the others; `direction`: where these are fewer than the deficiency, an unobservable
+    direction at a random point, `point`; `repairs`: each unknown whose measurement alone would make all observable.
+    """
+
+    rank: Rank
+    orders: tuple[tuple[sp.Symbol, int], ...]
+    symmetries: tuple[Symmetry, ...]
+    direction: tuple[tuple[sp.Symbol, float], ...]
+    point: tuple[tuple[sp.Symbol, float], ...]
+    repairs: tuple[sp.Symbol, ...]
+
+    def __str__(self) -> str:
+        rank = self.rank
+        lines = [f"rank {rank.rank} of {rank.dimension}, by derivatives up to order {rank.order}"]
+        if self.orders:
+            lines.append("observable, from derivative: " + ", ".join(f"{s} ({k})" for s, k in self.orders))
+        if rank.unobservable:
+            lines.append("not observable: " + ", ".join(s.name for s in rank.unobservable))
+            lines += [f"not seen: {symmetry}" for symmetry in self.symmetries]
+            if self.direction:
+                lines.append(f"an unobservable direction: {_values(self.direction)}, at {_values(self.point)}")
+            names = " or ".join(s.name for s in self.repairs) or "no single unknown"
+            lines.append(f"measuring {names} as well would show all")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Observability:
+    """What is generically observable of a plant: `known` with known parameters, `joint` with those that have a range.
+
+    `joint` is None where no parameter has a range; `method` names the arithmetic; `local`: the functions with
+    branches for which the answer holds on an open set only, "" without.
+    """
+
+    system: System
+    known: Answer
+    joint: Answer | None
+    method: str
+    local: str
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.known.rank.dimension
+
+    @property
+    def rank(self) -> int:
+        """Generic rank with known parameters."""
+        return self.known.rank.rank
+
+    @property
+    def order(self) -> int:
+        """Order of the outputs' derivatives that attains it."""
+        return self.known.rank.order
+
+    @property
+    def observable(self) -> tuple[sp.Symbol, ...]:
+        """The states that are individually observable, parameters known."""
+        return self.known.rank.observable
+
+    @property
+    def unobservable(self) -> tuple[sp.Symbol, ...]:
+        """The states that are not."""
+        return self.known.rank.unobservable
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """`observability.states`, and `observability.joint` where a parameter has a range."""
+        found = [_check("observability.states", "the states are observable, parameters known", self.known, self)]
+        if self.joint is not None:
+            claim = "states and ranged parameters are observable together"
+            found.append(_check("observability.joint", claim, self.joint, self))
+        return tuple(found)
+
+    def __str__(self) -> str:
+        parts = [("parameters known", self.known), ("with the parameters that have a range", self.joint)]
+        lines = [f"{self.system.name}: generic observability, {self.method}"]
+        for title, answer in parts:
+            if answer is not None:
+                lines += [f"  {title}:", *(f"    {line}" for line in str(answer).splitlines())]
+        return "\n".join(lines + ([f"  on an open set only, because of {self.local}"] if self.local else []))
+
+
+def observability(plant: System) -> Observability:
+    """Generic observability of a plant: parameters without a range stand at their nominal values.
+
+    Raises: `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a function without a rule.
+    """
+    fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
+    flow, output = (tuple(sp.sympify(e).xreplace(fixed) for e in part) for part in (plant.flow, plant.output))
+    loose = tuple(p for p in plant.parameters if p.bounded)
+    found = ranks(flow, output, plant.states, plant.inputs, loose)
+    parts = (flow, output, plant.states, plant.inputs)
+    known = _answer(found.known, *parts, ())
+    joint = _answer(found.joint, *parts, loose) if loose else None
+    return Observability(plant, known, joint, found.method, found.local)
+
+
+Exprs = Sequence[sp.Expr]
+Symbols = Sequence[sp.Symbol]
+
+
+def _answer(rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols) -> Answer:
+    orders: dict[sp.Symbol, int] = {}
+    for k in range(rank.order + 1):
+        now = _question(ranks(flow, output, states, inputs, parameters, limit=k), parameters)
+        orders |= {s: k for s in now.observable if s not in orders}
+    ordered = tuple((s, orders[s]) for s in rank.observable)
+    hidden = rank.unobservable
+    if not hidden:
+        return Answer(rank, ordered, (), (), (), ())
+    found = symmetries(flow, output, states, inputs, parameters, hidden=hidden, order=rank.order)
+    few = len(found) < rank.dimension - rank.rank
+    direction, point = _direction(rank.order, flow, output, states, inputs, parameters) if few else ((), ())
+    measured = ((s, ranks(flow, (*output, s), states, inputs, parameters)) for s in hidden)
+    repairs = tuple(s for s, more in measured if not _question(more, parameters).unobservable)
+    return Answer(rank, ordered, found, direction, point, repairs)
+
+
+def _question(found: Any, parameters: Symbols) -> Rank:
+    rank: Rank = found.joint if parameters else found.known
+    return rank
+
+
+def _direction(
+    order: int, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
+) -> tuple[Any, Any]:
+    """An unobservable direction at a random real point, largest entry 1, and the point."""
+    plant, unknowns = plant_of(flow, output, states, inputs, parameters)
+
+    def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
+        rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
+        vector = [float(e.mid()) for e in map(flint.arb, kernel(rows, plant.wide, 0)[0])]
+        largest = max(vector, key=abs)
+        values = (*point.states, *point.constants[: plant.q])
+        moved = tuple((s, v / largest) for s, v in zip(unknowns, vector, strict=True) if v)
+        return moved, tuple((s, float(v.mid())) for s, v in zip(unknowns, values, strict=True))
+
+    return somewhere(plant, answer, balls=True)
+
+
+def _check(id: str, claim: str, answer: Answer, whole: Observability) -> Check:
+    rank = answer.rank
+    reason = f"rank {rank.rank} of {rank.dimension} at a random point, {whole.method}"
+    if whole.local:
+        reason += f"; on an open set only, because of {whole.local}"
+    if not rank.unobservable:
+        return Check(id, claim, Verdict.GENERIC, reason)
+    names = ", ".join(s.name for s in rank.unobservable)
+    proof = next((symmetry for symmetry in answer.symmetries if symmetry.proved), None)
+    verdict = Verdict.REFUTED if proof else Verdict.UNKNOWN
+    shown = " or ".join(s.name for s in answer.repairs)
+    fix = f"Measure {shown} as well." if shown else "Measure more: no single state or parameter would do."
+    why = f"no output sees {proof}" if proof else f"{names} not seen, but for the chance of a special point"
+    return Check(id, claim, verdict, f"{reason}; {why}", fix=fix)
+
+
+def _values(pairs: Sequence[tuple[sp.Symbol, float]]) -> str:
+    return ", ".join(f"{s} = {value:.3g}" for s, value in pairs)

@@ -1,0 +1,157 @@
+"""The report on a plant: what is seen and when, what hides the rest, what would repair it; the library."""
+
+import random
+import time
+
+import pytest
+import sympy as sp
+from neuron import MODEL
+from oracle import observability as oracle
+from test_rank import here, library
+
+import hgogen as hg
+from hgogen.check import Verdict
+from hgogen.observability import observability
+from hgogen.rank import NowhereDefined
+from hgogen.rank import observability as ranks
+from hgogen.symmetry import symmetries
+
+a, b, c = (hg.Signal(name, "m", "") for name in "abc")
+u, y = hg.Signal("u", "", ""), hg.Signal("y", "", "")
+k = hg.Signal("k", "", "", 1, low=0.5, high=2)
+
+
+def plant(flow, output, states=(a, b), parameters=(k,)) -> hg.System:
+    return hg.System("s", states=states, inputs=(u,), outputs=(y,), parameters=parameters, flow=flow, output=[output])
+
+
+def test_the_neuron_is_observable_through_its_input() -> None:
+    found = observability(MODEL.plant)
+    assert (found.n, found.rank, found.order) == (3, 3, 2)
+    assert [(s.name, order) for s, order in found.known.orders] == [("x1", 0), ("x2", 1), ("eta", 2)]
+    assert [check.verdict for check in found.checks] == [Verdict.GENERIC]
+    assert "x2 (1), eta (2)" in str(found)
+
+
+def test_a_scaling_hides_a_gain() -> None:
+    """y' = k b: b and k are seen as a product."""
+    found = observability(plant([k * b + u, -b], a))
+    assert found.joint is not None
+    states, joint = found.checks
+    assert states.verdict is Verdict.GENERIC
+    assert joint.verdict is Verdict.REFUTED
+    assert [str(s) for s in found.joint.symmetries] == ["b -> c b, k -> k/c"]
+    assert found.joint.repairs == (b, k)
+    assert joint.fix == "Measure b or k as well."
+    assert "rank 2 of 3" in str(found)
+
+
+def test_the_kinds_of_symmetry() -> None:
+    """Translation, rotation, scaling with a shift, the last two found with balls; a reflection is no direction."""
+    x1, x2, x3, v = sp.symbols("x1 x2 x3 v")
+    cases = [
+        ([x2 - x3, v, v], x1, ["x2 -> c + x2, x3 -> c + x3"]),
+        ([0, x3, -x2], x2**2 + x3**2, ["x1 -> c + x1", "along d/ds (x2: x3, x3: -x2)"]),
+        ([sp.exp(x2) * x3, 0, 0], x1, ["x2 -> x2 + log(c), x3 -> x3/c"]),
+        ([x2, x3 * sp.sin(x1), 0], x1**2, []),
+        ([v * sp.sin(x1 - x2), 0, v], sp.cos(x1 - x2), ["x1 -> c + x1, x2 -> c + x2", "x3 -> c + x3"]),
+    ]
+    for flow, output, expected in cases:
+        rank = ranks(flow, [output], [x1, x2, x3], [v]).known
+        moves = symmetries(flow, [output], [x1, x2, x3], [v], [], hidden=rank.unobservable, order=rank.order)
+        shown = {str(move) for move in moves}
+        assert all(move.proved for move in moves)
+        assert len(moves) == 3 - rank.rank
+        assert shown == set(expected)
+
+
+def test_a_direction_where_no_symmetry_is_found() -> None:
+    """k enters by a quotient of degree 3: the direction is that of the level set."""
+    seen = (1 + b**2) / (2 + k * b**2)
+    found = observability(plant([-a * seen, 0], a)).joint
+    assert found is not None
+    assert found.symmetries == ()
+    point, direction = dict(found.point), dict(found.direction)
+    slope = sum(float(seen.diff(s).subs(point)) * direction.get(s, 0.0) for s in (b, k))
+    assert abs(slope) < 1e-12
+    assert max(map(abs, direction.values())) == 1
+    (_, check) = observability(plant([-a * seen, 0], a)).checks
+    assert check.verdict is Verdict.UNKNOWN
+
+
+def test_no_single_measurement_repairs_two_hidden_states() -> None:
+    found = observability(plant([-a, b, c], a, (a, b, c), ())).known
+    assert found.repairs == ()
+    assert found.rank.unobservable == (b, c)
+    assert "measuring no single unknown" in str(found)
+    assert [str(move) for move in found.symmetries] == ["b -> b + c", "c -> c + s"]  # a name that is free
+
+
+def test_a_parameter_without_a_range_stands_at_its_value() -> None:
+    """At 0 the coupling is not there; with a range it is, almost everywhere."""
+    zero = hg.Signal("gain", "", "", 0)
+    assert observability(plant([zero * b, -b], a, parameters=(zero,))).rank == 1
+    ranged = hg.Signal("gain", "", "", 0, low=-1, high=1)
+    assert observability(plant([ranged * b, -b], a, parameters=(ranged,))).rank == 2
+
+
+def test_branches_and_undefined_plants() -> None:
+    found = observability(plant([b, -sp.Abs(b)], a, parameters=()))
+    assert "open set only, because of abs" in found.checks[0].reason
+    with pytest.raises(NowhereDefined, match="logarithm"):
+        observability(plant([b, sp.log(u - a**2 - 9) + sp.log(-u)], a, parameters=()))
+
+
+@pytest.mark.parametrize("bend", [lambda e: e**2, sp.sin], ids=["modulo a prime", "balls"])
+def test_sixty_states(bend) -> None:
+    """A sparse nonlinear chain with one output: a partial answer by a limit; with three outputs, the whole."""
+    draw = random.Random(5)
+    x = sp.symbols("x0:60")
+    flow = [x[i + 1] * (1 + x[draw.randrange(60)]) + bend(x[draw.randrange(60)]) for i in range(59)] + [x[0] * x[7]]
+    start = time.perf_counter()
+    part = ranks(flow, [x[0]], x, limit=4).known
+    assert not part.final
+    assert part.rank == 5
+    whole = ranks(flow, [x[0], x[20], x[40]], x).known
+    assert whole.rank == 60
+    assert time.perf_counter() - start < 60  # some 3 s; a busy machine has room
+
+
+# --- the library --------------------------------------------------------------------------------------------
+
+
+def annihilated(field, model, order: int) -> bool:
+    """Whether the oracle's gradients, modulo its own prime, are all zero along the field."""
+    flow, output, states, inputs, parameters = model
+    unknowns = [*states, *parameters]
+    for seed in range(50):
+        program = oracle.Program(oracle.Tower(), [*flow, *output], unknowns, len(states), seed)
+        program.build(set(inputs))
+        try:
+            gradients = [row for _, rows in zip(range(order + 2), oracle.rows(program), strict=False) for row in rows]
+        except ZeroDivisionError:
+            continue
+        along = {s: program.residue(e) for s, e in field}
+        return all(sum(row[unknowns.index(s)] * v for s, v in along.items()) % oracle.PRIME == 0 for row in gradients)
+    raise AssertionError
+
+
+@here
+@pytest.mark.slow
+def test_every_symmetry_of_the_library_is_one_for_the_oracle() -> None:
+    """Of the models of + - * / with a deficiency; most have as many symmetries as the deficiency."""
+    tried = full = deficient = 0
+    for name, model in library():
+        flow, output, states, inputs, parameters = model
+        rank = ranks(flow, output, states, inputs, parameters).joint
+        if not rank.unobservable or any(not e.is_rational_function() for e in (*flow, *output)):
+            continue
+        deficient += 1
+        found = symmetries(*model, hidden=rank.unobservable, order=rank.order)
+        full += len(found) == rank.dimension - rank.rank
+        for move in found:
+            assert annihilated(move.field, model, rank.order), (name, str(move))
+            tried += 1
+    print(f"{tried} symmetries of {deficient} models, all of them for {full}")
+    assert tried > 300
+    assert full > 0.8 * deficient
