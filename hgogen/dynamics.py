@@ -7,16 +7,21 @@ folded.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import sympy as sp
 
+from hgogen.determinant import determinant
 from hgogen.form import Form
 from hgogen.graph import to_casadi
 from hgogen.program import INF, column, sym
+from hgogen.signal import resting
+
+# A value beyond this is absurd in any unit; its square still is a float.
+HUGE = 1e15
 
 
 def clamp(value: Any, low: float, high: float) -> Any:
@@ -56,9 +61,11 @@ class Dynamics:
         return linear @ z + nonlinear
 
     def jacobian(self, z: Any, u: Any) -> Any:
-        """A(u) + b*(sat(z), u), n x n."""
-        linear, _ = self._graphs(self._z, self._u)
-        slope = ca.jacobian(self._graphs(self._z, self._u)[1], self._z)
+        """d(A z + b)/dz at (sat(z), u), n x n: A(u) + b* where A is free of states."""
+        linear, rest = self._graphs(self._z, self._u)
+        slope = ca.jacobian(rest, self._z)
+        if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
+            slope += ca.jacobian(linear @ self._z, self._z) - linear
         return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output(self, z: Any, u: Any) -> Any:
@@ -70,9 +77,41 @@ class Dynamics:
         slope = ca.jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
-    def estimate(self, z: Any) -> Any:
-        """The plant's states from z (n)."""
-        return column(self._convert([expression for _, expression in self.form.estimates], z, self._u))
+    def estimate(self, z: Any, u: Any) -> Any:
+        """The plant's states, as first declared, from z (n) and u (m)."""
+        system = self.form.system
+        if self._moved:
+            return column(self._of_plant([expression for _, expression in system.reported], z, u))
+        return column(self._convert([expression for _, expression in self.form.estimates], z, u))
+
+    def recovered(self, z: Any, u: Any) -> tuple[Any, Any]:
+        """(the states of the form's system from z, each in its range, whether the inverse is a number there).
+
+        Where it is none, as at 0/0, a state takes its resting value.
+        """
+        raw = self._saturating(self.form.from_form, z, u)
+        usable = reduce(ca.logic_and, (ca.fabs(raw[i]) <= HUGE for i in range(raw.numel())))
+        values = (
+            clamp(ca.if_else(usable, raw[i], resting(s)), *s.interval) for i, s in enumerate(self.form.system.states)
+        )
+        return column(values), usable
+
+    def pulled(self, vector: Any, z: Any, u: Any, least: float) -> tuple[Any, Any]:
+        """((dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); whether it is above)."""
+        n, place = self.n, self.saturated(z)
+        entries = self._convert(list(self._map.T), place, u)
+        solved = ca.solve(ca.sparsify(ca.reshape(column(entries), n, n)), vector)
+        regular = ca.fabs(self.determinant(place, u)) > least
+        return column(ca.if_else(regular, solved[i], 0) for i in range(n)), regular
+
+    def determinant(self, z: Any, u: Any) -> Any:
+        """det dPhi/dx."""
+        return self._convert([determinant(self._map.tolist())], z, u)[0]
+
+    def largest_determinant(self) -> float:
+        """The largest |det dPhi/dx| in the middle, on corners and at random points of the box."""
+        values = self._numbers(self.determinant(self._z, self._u), self._points(64))
+        return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
     def linearised(self, samples: int = 64, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and
@@ -112,7 +151,25 @@ class Dynamics:
     def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
         n = self.n
         linear = ca.sparsify(ca.reshape(column(self._convert(list(self.form.A.T), z, u)), n, n))
+        if self.form.behind is not None:
+            return linear, column(self._of_plant(self.form.behind, z, u))
         return linear, column(self._convert(self.form.b, z, u))
+
+    @property
+    def _map(self) -> sp.ImmutableDenseMatrix:
+        """dPhi/dx, of a form that carries it."""
+        assert self.form.jacobian is not None
+        return self.form.jacobian
+
+    @cached_property
+    def _moved(self) -> bool:
+        """Whether the form's coordinates are more than the system's states in another order, with signs."""
+        return not all(x.is_Symbol or (-x).is_Symbol for x in self.form.from_form)
+
+    def _of_plant(self, expressions: Any, z: Any, u: Any) -> list[Any]:
+        """Expressions of the states of the form's system, inputs and parameters."""
+        states, _ = self.recovered(z, u)
+        return self._convert(expressions, states, u, self.form.system.states)
 
     def _output(self, z: Any, u: Any) -> Any:
         return self._saturating(self.form.output, z, u)
@@ -122,10 +179,10 @@ class Dynamics:
         linear, rest = zip(*(_split(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
 
-    def _convert(self, expressions: Any, z: Any, u: Any) -> list[Any]:
+    def _convert(self, expressions: Any, z: Any, u: Any, states: Sequence[sp.Symbol] | None = None) -> list[Any]:
         system = self.form.system
         constants = {p: value for p, value in system.nominal.items() if not p.bounded}
-        symbols = {s: z[i] for i, s in enumerate(self.form.states)}
+        symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym(f"plant.{p.name}") for p in system.parameters if p.bounded}
         return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)

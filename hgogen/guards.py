@@ -40,6 +40,10 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "the estimate is outside the declared box, where the model is evaluated at the edge",
         "normal while the estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow",
     ),
+    "SINGULAR": (
+        "the outputs and their derivatives do not tell the state here: no correction, or no inverse",
+        "none if brief; if it stays, the inputs or the region of operation hide the state",
+    ),
     "STATE_LIMITED": (
         "the estimate was projected to its outer box; the convergence theorem is suspended",
         "none if brief; if it stays, lower theta or widen the ranges",
@@ -60,6 +64,16 @@ def outside(observer: Observer) -> Block:
     z, box = observer.z, observer.dynamics.box
     tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(box) if low > -INF]
     return Block("outside the declared box the model is evaluated at its edge", {"status.OUTSIDE_BOX": _any(tests)})
+
+
+def unrecovered(observer: Observer) -> tuple[Block, ...]:
+    """Say so where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
+    form = observer.form
+    if form.behind is None:
+        return ()
+    inputs = form.system.inputs
+    _, usable = observer.dynamics.recovered(observer.z, sym("state.u", len(inputs)) if inputs else ca.SX(0, 1))
+    return (Block("where the inverse is no number, states rest", {"status.SINGULAR": ca.logic_not(usable)}),)
 
 
 def _any(tests: Iterable[Any]) -> Any:

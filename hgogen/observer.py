@@ -14,18 +14,16 @@ import numpy as np
 import sympy as sp
 
 from hgogen.check import Check, demand
+from hgogen.dynamics import HUGE as HUGE
 from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.program import INF, Bit, Field, Group, Program, sym
-from hgogen.signal import Signal
+from hgogen.program import INF, Bit, Block, Field, Group, Program, sym
+from hgogen.signal import Signal, resting
 from hgogen.theorem import Theorem
 
 if TYPE_CHECKING:
     from hgogen.method import Method
-
-# A value beyond this is absurd in any unit; its square still is a float.
-HUGE = 1e15
 
 
 @dataclass(eq=False)
@@ -224,8 +222,9 @@ class Observer:
 
     `parts`: in the order in which they run; `gains`: tunable, at places `gain.NAME`; `z`: SX (n) of the form's state
     from places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the
-    state worth recording; `checks`: the form's and the theorem's; `accepted`: ids of refuted checks the user took on;
-    `theorem`: what is claimed of it, under which hypotheses; `equations`: lines for the banner; `reference`: the paper.
+    state worth recording; `notices`: blocks that raise bits of the status at the end of a call; `checks`: the form's
+    and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what is claimed of it, under which
+    hypotheses; `equations`: lines for the banner; `reference`: the paper.
     """
 
     form: Form
@@ -240,6 +239,7 @@ class Observer:
     equations: tuple[str, ...]
     reference: str
     traces: tuple[str, ...] = ()
+    notices: tuple[Block, ...] = ()
 
     def __repr__(self) -> str:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
@@ -266,11 +266,13 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
     Raises: `BadGain` for an initial state of the wrong names or length, not finite, or outside its range.
     """
     start = _initial(form, initial)
-    values = [float(e.subs(form.system.nominal).subs(start)) for e in map(sp.sympify, form.to_form)]
+    known = {**form.system.nominal, **{u: resting(u) for u in form.system.inputs}}
+    values = [float(e.subs(known).subs(start)) for e in map(sp.sympify, form.to_form)]
     low, high = [], []
     for i, signal in enumerate(form.states):
         bottom, top = signal.interval
-        centre, half = (bottom + top) / 2, (top - bottom) / 2 * max(3.0, peak**i)
+        power = i if form.jacobian is None else form.n - 1  # through the inverse each state may overshoot as the last
+        centre, half = (bottom + top) / 2, (top - bottom) / 2 * max(3.0, peak**power)
         low.append(centre - half if signal.bounded else -INF)
         high.append(centre + half if signal.bounded else INF)
     labels = tuple(str(expression) for expression in form.to_form)
@@ -310,12 +312,6 @@ def _initial(form: Form, initial: Mapping[str, float] | Sequence[float] | None) 
         return start
     numbers = start | form.system.nominal
     return {s: float(e.subs(numbers)) for s, e in zip(form.system.states, origin.forward, strict=True)}
-
-
-def resting(signal: Signal) -> float:
-    """A signal's value before anything is known: nominal, else 0 or the end of the range nearest to it."""
-    low, high = signal.interval
-    return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
 
 
 def gain(name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = "") -> Field:

@@ -200,3 +200,9 @@ class Signal(sp.Symbol):  # type: ignore[misc]
             high=high,
             rates=self.rates[order:],
         )
+
+
+def resting(signal: Signal) -> float:
+    """A signal's value before anything is known: nominal, else 0 or the end of the range nearest to it."""
+    low, high = signal.interval
+    return signal.nominal if signal.nominal is not None else min(max(0.0, low), high)

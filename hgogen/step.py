@@ -25,9 +25,10 @@ from hgogen.guards import (
     limit_parameters,
     measure,
     outside,
+    unrecovered,
 )
 from hgogen.method import Method
-from hgogen.observer import HUGE, Clock, Observer, Pieces, resting, tunable
+from hgogen.observer import HUGE, Clock, Observer, Pieces, tunable
 from hgogen.program import (
     INF,
     Bit,
@@ -44,7 +45,7 @@ from hgogen.program import (
     scope,
     sym,
 )
-from hgogen.signal import Signal
+from hgogen.signal import Signal, resting
 
 
 @dataclass(eq=False)
@@ -169,7 +170,9 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
             guarded = (measure(observer, clock, j), When("work.valid", (*program, *kept(program, state))))
             sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
     last = sections.pop()  # after it the estimate of this call stands
-    sections.append(replace(last, program=(*last.program, outside(observer))))
+    sections.append(
+        replace(last, program=(*last.program, outside(observer), *unrecovered(observer), *observer.notices))
+    )
     adapt = _all(piece.adapt for piece in pieces)
     if adapt:
         running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
@@ -240,7 +243,8 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state
 
 
 def _estimate(observer: Observer) -> Program:
-    values = observer.dynamics.estimate(observer.z)
+    inputs = observer.form.system.inputs
+    values = observer.dynamics.estimate(observer.z, sym("state.u", len(inputs)) if inputs else ca.SX(0, 1))
     writes = {f"estimate.{s.name}": values[i] for i, (s, _) in enumerate(observer.form.estimates)}
     return (Block("the plant's state", writes),)
 

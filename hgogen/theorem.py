@@ -98,15 +98,20 @@ def _row(hypothesis: Hypothesis, known: Mapping[str, Check]) -> Row | None:
 FORM = (
     Hypothesis(
         "z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1, up to a known offset",
-        ("triangular.structure", "triangular.offset"),
+        ("triangular.structure", "triangular.offset", "phase.chain"),
         reference="(3)",
     ),
     Hypothesis(
         "0 < a_m <= a_i <= a_M for every input and parameter in its range",
-        ("triangular.a_*",),
+        ("triangular.a_*", "phase.chain"),
         reference="(3)",
     ),
     Hypothesis("b is Lipschitz in the state, uniformly in the input", ("*.lipschitz",), reference="section 2.2"),
+    Hypothesis(
+        "Phi = (y, y', .., y^(n-1)) is a change of coordinates, with the derivatives of inputs in their ranges",
+        ("phase.rank", "phase.inverse", "phase.inputs"),
+        optional=True,
+    ),
     Hypothesis("z is a change of coordinates, and its ranges hold the plant's", ("recast.*",), optional=True),
 )
 OPERATION = (

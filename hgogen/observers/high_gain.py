@@ -2,8 +2,13 @@
 
     z' = A z + b(sat z, u) + diag(theta, theta^2, ..., theta^n) K (y - C z),   A, C constant, A - K C Hurwitz
 
-The argument of b is saturated to the declared box, the linear part never. Source: Gauthier, Hammouri, Othman 1992; in
-the form of Astolfi, Jungers, Zaccarian 2018, (3).
+The argument of b is saturated to the declared box, the linear part never. On a plant in its own coordinates with the
+Jacobian of Phi = (h, L h, .., L^(n-1) h), forms.phase,
+
+    z' = f(sat z, u) + (dPhi/dx)^-1(sat z, u, u', ..) diag(theta, .., theta^n) K (y - h(z, u)),
+
+without correction where |det dPhi/dx| is at most `singular` times its largest value on the box. Source: Gauthier,
+Hammouri, Othman 1992; in the form of Astolfi, Jungers, Zaccarian 2018, (3).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,6 +29,8 @@ from hgogen.program import Block, Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"
+_STANDARD = "z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)"
+_ORIGINAL = "z' = f(sat z, u) + (dPhi/dx)^-1 diag(theta, .., theta^n) K (y - h(z, u)), Phi = (h, L h, .., L^(n-1) h)"
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state",
     (
@@ -42,14 +49,17 @@ def high_gain(
     theta: float,
     poles: Sequence[complex],
     initial: Mapping[str, float] | Sequence[float] | None = None,
+    singular: float = 1e-3,
     accept: Iterable[str] = (),
 ) -> Observer:
-    """The standard high-gain observer on a triangular form whose A does not depend on the input.
+    """The standard high-gain observer on a form z_i' = a_i z_(i+1) + b_i whose A does not depend on the input, or in
+    the plant's coordinates on a form that carries dPhi/dx.
 
     Checks: `high_gain.convergence` (a bound on theta is proved), `high_gain.theta` (theta is above it).
 
     Args: `theta` >= 1; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta;
-    `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+    `initial` the plant's state; `singular` (0..1) switches the correction off near a zero of det dPhi/dx, where that
+    is not proved to have none; `accept` ids of refuted checks to build on all the same.
 
     Raises: `Refuted`; `BadPoles`; `BadGain` for theta < 1, several outputs, or an A that depends on the input.
     """
@@ -69,11 +79,14 @@ def high_gain(
     scaled = _graphs([g.subs(fixed) for g in tuned], parameters, place)
     nominal = [float(a.subs(form.system.nominal)) for a in chain]
     K = p / np.cumprod(nominal)
+    least = _least(dynamics, singular)
     core = theta * (np.diag(nominal[1:], 1) - np.outer(K, np.eye(n)[0] * nominal[0]))
 
     def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
-        error = valid * (y - dynamics.output(values["z"], u))
-        return {"z": dynamics.flow(values["z"], u) + sym("derived.K", n) * error}
+        error, push = valid * (y - dynamics.output(values["z"], u)), sym("derived.K", n)
+        if form.jacobian is not None:
+            push, _ = dynamics.pulled(push, values["z"], u, least)
+        return {"z": dynamics.flow(values["z"], u) + push * error}
 
     labels = tuple(f"theta^{i + 1} K_{i + 1}" if i else "theta K_1" for i in range(n))
     part = Ode(
@@ -93,9 +106,27 @@ def high_gain(
         checks=(*form.checks, *checks("high_gain", theta, of_poles(form, p))),
         accepted=accept,
         theorem=THEOREM,
-        equations=("z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)",),
+        equations=(_ORIGINAL if form.jacobian is not None else _STANDARD,),
         reference=REFERENCE,
+        notices=_notices(dynamics, least) if least > 0 else (),
     )
+
+
+def _least(dynamics: Dynamics, share: float) -> float:
+    """The |det dPhi/dx| up to which there is no correction; 0 where no zero is to be met."""
+    share = real("singular", share)
+    if not 0 <= share <= 1:
+        raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")
+    form = dynamics.form
+    proved = any(check.id == "phase.rank" and check.verdict is Verdict.PROVED for check in form.checks)
+    return 0.0 if form.jacobian is None or proved else share * dynamics.largest_determinant()
+
+
+def _notices(dynamics: Dynamics, least: float) -> tuple[Block, ...]:
+    inputs = dynamics.form.system.inputs
+    z, u = sym("state.z", dynamics.n), sym("state.u", len(inputs)) if inputs else ca.SX(0, 1)
+    regular = ca.fabs(dynamics.determinant(dynamics.saturated(z), u)) > least
+    return (Block("near a singular point there is no correction", {"status.SINGULAR": ca.logic_not(regular)}),)
 
 
 def _chain(form: Form) -> list[sp.Expr]:
@@ -103,6 +134,8 @@ def _chain(form: Form) -> list[sp.Expr]:
     if len(form.output) != 1:
         raise BadGain("high_gain", f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
     n = form.n
+    if form.jacobian is not None:  # the chain is that of the phase coordinates
+        return [sp.S.One] * n
     chain = [sp.diff(form.output[0], form.states[0])] + [form.A[i, i + 1] for i in range(n - 1)]
     off_chain = sp.Matrix(n, n, lambda i, j: 0 if j == i + 1 else form.A[i, j])
     if any(entry != 0 for entry in off_chain):

@@ -1,0 +1,281 @@
+"""The phase form for one output: its derivatives as coordinates, those of the inputs as known signals.
+
+    z = Phi(x, u, u', ..) = (y, y', .., y^(n-1)),   z_i' = z_{i+1},   z_n' = phi(z, u, u', ..),   y = z_1
+
+where det dPhi/dx is proved to have no zero on the box and the inverse x = Psi(z, u, ..) is found; else the plant
+keeps its coordinates and the form carries dPhi/dx, through whose inverse an observer corrects. The derivatives of the
+inputs that enter become inputs of the plant: the user supplies them.
+
+J.-P. Gauthier, H. Hammouri, S. Othman, "A simple observer for nonlinear systems, applications to bioreactors", IEEE
+TAC 37 (1992); E. Bullinger, A. Ilchmann, F. Allgoewer, NOLCOS 1998, form (1).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from hgogen.bounds import Box, Sign, bound, box, nonzero
+from hgogen.check import Check, Verdict
+from hgogen.coordinates import coordinates, split
+from hgogen.determinant import determinant, factors
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.inverse import inverse, tidy
+from hgogen.lie import derivatives, input_derivatives, rates, size
+from hgogen.lipschitz import JUMPS, KINKS, lipschitz
+from hgogen.points import kind, points
+from hgogen.signal import Signal
+from hgogen.system import System
+
+LIMIT = 20_000  # nodes of y .. y^(n)
+_BOXES = 2000
+_REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
+
+
+@dataclass(eq=False)
+class NoPhase(HgogenError):
+    """A plant that has no phase form here."""
+
+    system: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"system {self.system!r} {self.reason}"
+
+
+@dataclass(frozen=True)
+class _Map:
+    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the given plant."""
+
+    plant: System
+    before: System
+    Phi: tuple[sp.Expr, ...]
+    phi: sp.Expr
+    jacobian: sp.ImmutableDenseMatrix
+    determinant: sp.Expr
+
+
+def phase(plant: System, *, original: bool = False) -> Form:
+    """The plant in phase form, or with the Jacobian of the map to it.
+
+    With `original` the plant keeps its coordinates in any case: phi, and the derivatives of inputs that enter nothing
+    else, are then not needed.
+
+    Checks: `phase.chain` (by construction); `phase.inputs` (the derivatives of inputs that enter have ranges);
+    `phase.rank` (det dPhi/dx has no zero on the box); `phase.inverse` (Phi is one to one on the box);
+    `phase.lipschitz` (phi, as a function of z).
+
+    Raises: `NoPhase` for several outputs, or derivatives of more than `LIMIT` nodes; `BadSystem` where a signal has the
+    name of an input's derivative.
+    """
+    whole = _map(plant)
+    rank, sign = _rank(whole)
+    z = coordinates(whole.plant).states
+    images = dict(zip(z, whole.Phi, strict=True))
+    back = inverse(images, whole.plant.states, (*whole.plant.inputs, *whole.plant.parameters))
+    one_to_one = _one_to_one(whole, images, back, rank)
+    checks = (
+        *whole.plant.checks,
+        Check("phase.chain", "y = z_1, z_i' = z_(i+1)", Verdict.PROVED, "by construction"),
+        _inputs(whole),
+        rank,
+        one_to_one,
+        _lipschitz(whole, rank, one_to_one),
+    )
+    if original or back is None or sign.verdict is not Verdict.PROVED:
+        return _kept(whole, checks)
+    return _changed(whole, z, back, checks)
+
+
+def _map(plant: System) -> _Map:
+    n = len(plant.states)
+    if len(plant.outputs) != 1:
+        names = ", ".join(y.name for y in plant.outputs)
+        raise NoPhase(plant.name, f"has {len(plant.outputs)} outputs, {names}; the phase form takes one: keep one")
+    flow, chain = rates(plant, n + 1), plant.output
+    while len(chain) <= n:
+        chain = (*chain, derivatives(chain[-1], flow, 2)[1])
+        if size(chain) > LIMIT:
+            reason = f"has derivatives of more than {LIMIT} nodes, at y^({len(chain) - 1}); use forms.original"
+            raise NoPhase(plant.name, reason)
+    known = input_derivatives(chain, plant, n)
+    extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant
+    jacobian = sp.ImmutableDenseMatrix(n, n, lambda i, j: chain[i].diff(plant.states[j]))
+    return _Map(extended, plant, chain[:n], chain[n], jacobian, determinant(jacobian.tolist()))
+
+
+def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...]) -> Form:
+    """In z = (y, y', ..), each with the range that Phi has on the box."""
+    plant, n = whole.plant, len(z)
+    box_x = box(plant.signals, plant.nominal)
+    (y,) = plant.outputs
+    states = tuple(_derivative(s.name, y, e, k, box_x) for k, (s, e) in enumerate(zip(z, whole.Phi, strict=True)))
+    rename = dict(zip(z, states, strict=True))
+    psi = {x: e.xreplace(rename) for x, e in back.items()}
+    phi = min((e := whole.phi.xreplace(psi), tidy(e)), key=lambda e: size([e]))
+    everywhere = bound(phi, box((*states, *plant.inputs, *plant.parameters), plant.nominal), boxes=_BOXES).defined
+    zeros = (sp.S.Zero,) * (n - 1)
+    return Form(
+        system=plant,
+        kind="phase",
+        states=states,
+        to_form=whole.Phi,
+        from_form=tuple(psi[x] for x in plant.states),
+        A=sp.ImmutableDenseMatrix(n, n, lambda i, j: int(j == i + 1)),
+        b=(*zeros, phi),
+        output=(states[0],),
+        checks=checks,
+        reference=_REFERENCE,
+        behind=None if everywhere else (*zeros, whole.phi),
+    )
+
+
+def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box) -> Signal:
+    values = bound(image, box_x, boxes=_BOXES)
+    low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
+    source = y.derivative(order)
+    meaning = f"derivative of {y.name} of order {order}" if order else y.meaning or y.name
+    return Signal(name, source.unit, meaning, low=low, high=high)
+
+
+def _kept(whole: _Map, checks: tuple[Check, ...]) -> Form:
+    """In the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
+    plant = whole.before
+    read = tuple(u for u in whole.plant.inputs if u in plant.inputs or u in whole.jacobian.free_symbols)
+    z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
+    A, b = split(z.flow, z.states)
+    return Form(
+        system=z.system,
+        kind="phase, original coordinates",
+        states=z.states,
+        to_form=z.to_form,
+        from_form=z.from_form,
+        A=A,
+        b=b,
+        output=z.output,
+        checks=checks,
+        reference=_REFERENCE,
+        jacobian=sp.ImmutableDenseMatrix(whole.jacobian.applyfunc(z.carry)),
+    )
+
+
+# ---------------------------------------------------------------- checks
+
+
+def _inputs(whole: _Map) -> Check:
+    id, claim = "phase.inputs", "the derivatives of inputs that enter have ranges"
+    known = whole.plant.inputs[len(whole.before.inputs) :]
+    if not known:
+        return Check(id, claim, Verdict.PROVED, "none enters")
+    within = {s for e in whole.Phi for s in e.free_symbols}
+    names = ", ".join(u.name if u in within else f"{u.name} (phi alone)" for u in known)
+    loose = [u.name for u in known if not u.bounded]
+    if loose:
+        fix = "Declare rates=((low, high), ..) of the input, one pair for each derivative."
+        reason = f"{names} enter, to be supplied, {', '.join(loose)} without one"
+        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
+    return Check(id, claim, Verdict.PROVED, f"{names} enter, to be supplied, in declared ranges")
+
+
+def _rank(whole: _Map) -> tuple[Check, Sign]:
+    """By rigorous bounds of the determinant; generic where it is not 0 identically, and its zeros are not excluded."""
+    id, claim = "phase.rank", f"det dPhi/dx = {whole.determinant} has no zero on the box"
+    sign = nonzero(whole.determinant, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
+    witness = {s.name: float(value) for s, value in sign.witness.items()}
+    fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
+    if sign.verdict is Verdict.REFUTED:
+        return Check(id, claim, Verdict.REFUTED, sign.reason, witness, fix), sign
+    rough = _rough((*whole.Phi, *whole.jacobian))
+    if rough:
+        unknown = replace(sign, verdict=Verdict.UNKNOWN)
+        return Check(id, claim, Verdict.UNKNOWN, f"{rough} has no derivative somewhere"), unknown
+    undefined = _undefined((*whole.Phi, *whole.jacobian), whole.plant)
+    if sign.verdict is Verdict.PROVED and undefined:
+        unknown = replace(sign, verdict=Verdict.UNKNOWN)
+        return Check(id, claim, Verdict.UNKNOWN, f"{undefined} was not shown to be finite on the box"), unknown
+    if sign.verdict is Verdict.PROVED:
+        return Check(id, claim, Verdict.PROVED, f"|det| >= {sign.margin:.3g} on the box, {sign.reason}"), sign
+    read = tuple(s for s in whole.plant.signals if s in whole.determinant.free_symbols)
+    if any(kind(whole.determinant, point) in ("> 0", "< 0") for point in points(read)):
+        reason = f"it is not 0 identically; zeros on the box are not excluded: {sign.reason}"
+        return Check(id, claim, Verdict.GENERIC, reason, fix=fix), sign
+    return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix), sign
+
+
+def _one_to_one(
+    whole: _Map, images: dict[Signal, sp.Expr], back: dict[sp.Symbol, sp.Expr] | None, rank: Check
+) -> Check:
+    """By the inverse, wherever it is defined on the image; or by rows that each bring in one state, with a slope."""
+    id, claim = "phase.inverse", "Phi is one to one on the box, whatever the inputs"
+    if back is None:
+        return _by_rows(whole, rank, id, claim)
+    parts = {tidy(part.xreplace(dict(images))) for e in back.values() for part in _delicate(e)}
+    box_x = box(whole.plant.signals, whole.plant.nominal)
+    signs = {part: nonzero(part, box_x, boxes=_BOXES).verdict for part in sorted(parts, key=str)}
+    doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
+    others = [e.xreplace(dict(images)) for e in back.values() if _other(e)]
+    text = ", ".join(f"{x} = {e}" for x, e in back.items())
+    if _undefined((*whole.Phi, *others), whole.plant):
+        return Check(id, claim, Verdict.UNKNOWN, f"{text} was not shown to be defined on all of the image")
+    if doubts:
+        conditions = sorted({str(f) for e in doubts for f in factors(e)})
+        return Check(id, claim, Verdict.WHERE, f"holds where {' != 0 and '.join(conditions)} != 0: {text}")
+    return Check(id, claim, Verdict.PROVED, f"{text}, by exact substitution")
+
+
+def _by_rows(whole: _Map, rank: Check, id: str, claim: str) -> Check:
+    """Phi lower triangular in some order of states: strictly monotone in each, where the determinant has no zero."""
+    seen: set[sp.Symbol] = set()
+    for row in whole.jacobian.tolist():
+        new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - seen
+        if len(new) > 1:
+            return Check(id, claim, Verdict.UNKNOWN, "no inverse was found; where the rank is n, nearby states differ")
+        seen |= new
+    if rank.verdict is Verdict.PROVED:
+        return Check(id, claim, Verdict.PROVED, "each derivative brings in one state, with a slope that is never 0")
+    return Check(id, claim, Verdict.UNKNOWN, "each derivative brings in one state, with a slope that may be 0")
+
+
+def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
+    """phi(Psi(z)): on a compact box, a one to one Phi of full rank has a smooth inverse on its compact image."""
+    check = lipschitz("phase.lipschitz", [whole.phi], whole.plant, "phi")
+    check = replace(check, claim="phi is Lipschitz in z on the image of the box")
+    if check.verdict is not Verdict.PROVED:
+        return check
+    loose = [s.name for s in (*whole.plant.states, *whole.plant.inputs) if not s.bounded]
+    if loose:
+        return replace(check, verdict=Verdict.UNKNOWN, reason=f"no range is declared for {', '.join(loose)}")
+    missing = [c.id for c in (rank, one_to_one) if c.verdict is not Verdict.PROVED]
+    if missing:
+        return replace(check, verdict=Verdict.UNKNOWN, reason=f"phi is in x; in z it needs {' and '.join(missing)}")
+    reason = "phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box"
+    return replace(check, reason=reason)
+
+
+def _rough(expressions: Iterable[sp.Expr]) -> str:
+    """A node without a derivative somewhere, as text; the first in the alphabet."""
+    return min((str(node) for e in expressions for node in e.atoms(*JUMPS, *KINKS)), default="")
+
+
+def _undefined(expressions: Iterable[sp.Expr], plant: System) -> str:
+    """The first expression that is not proved to be finite and real on the whole box, as text."""
+    box_x = box(plant.signals, plant.nominal)
+    doubts = (e for e in dict.fromkeys(expressions) if not e.is_number and not _finite(e, box_x))
+    return str(next(doubts, ""))
+
+
+def _finite(e: sp.Expr, box_x: Box) -> bool:
+    return e.is_polynomial() or bound(e, box_x, boxes=_BOXES).defined
+
+
+def _delicate(e: sp.Expr) -> list[sp.Expr]:
+    """What the expression divides by."""
+    return [p.base for p in e.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative]
+
+
+def _other(e: sp.Expr) -> bool:
+    """Whether anything but divisions may leave it undefined: roots and functions."""
+    entire = (sp.sin, sp.cos, sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.atan, sp.asinh)
+    functions = [f for f in e.atoms(sp.Function) if not isinstance(f, entire)]
+    return bool(functions or any(not p.exp.is_Integer for p in e.atoms(sp.Pow)))
