@@ -20,8 +20,13 @@ class Form:
 
     `states`: n Signals z_1..z_n with the ranges of the plant's states; `to_form`: z as expressions
     of the plant's states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and
-    parameters; `b`: n expressions of z, inputs, parameters; `output`: p expressions of z, inputs, parameters;
-    `checks`: one for each hypothesis.
+    parameters (and z_1, where the form says so); `b`: n expressions of z, inputs, parameters; `output`: p expressions
+    of z, inputs, parameters; `checks`: one for each hypothesis; `blocks`: the number of states of each output's chain,
+    in the order of z, one block of n unless it is given; `alignment`: how blocks may read each other, "" for one.
+    `jacobian`: n x n, of z, inputs and parameters, of a map to phase coordinates in which a gain acts through its
+    inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
+    as a function of z may have poles in the box of z; an observer evaluates it at from_form(z), clamped to the plant's
+    ranges.
     """
 
     system: System
@@ -34,6 +39,15 @@ class Form:
     output: tuple[sp.Expr, ...]
     checks: tuple[Check, ...]
     reference: str
+    blocks: tuple[int, ...] = ()
+    alignment: str = ""
+    jacobian: sp.ImmutableDenseMatrix | None = None
+    behind: tuple[sp.Expr, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """One block of n."""
+        if not self.blocks:
+            object.__setattr__(self, "blocks", (self.n,))
 
     @property
     def n(self) -> int:
