@@ -15,6 +15,7 @@ import flint
 BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise"})
 _BITS = 60  # of a random number
 _SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0, 10.0), (0.001, 0.1), (-0.1, 0.1))
+SCALES = len(_SCALES)
 
 
 class Undecided(ArithmeticError):

@@ -21,7 +21,7 @@ import sympy as sp
 from hgogen.check import Check, Verdict
 from hgogen.echelon import new_rows
 from hgogen.points import exact
-from hgogen.rank import exact_numbers, modulus, plant_of, somewhere
+from hgogen.rank import branches, exact_numbers, modulus, plant_of, somewhere
 from hgogen.series import Arithmetic, Plant, Point, evaluate, first_gradients
 from hgogen.system import System
 
@@ -56,6 +56,8 @@ def gauthier_bornard(
         left = somewhere(plant, lambda numbers, point: _left(plant, inputs, numbers, point), first=k, power=2)
         if left:
             return UniformObservability(False, True, left)
+    if branches(plant):
+        return UniformObservability(None, True, f"it holds at {POINTS} points, but on one branch of {branches(plant)}")
     kind = "modulo primes" if exact_numbers(plant) else "with balls"
     return UniformObservability(True, True, f"rank {plant.n}, and every span is kept at {POINTS} random points {kind}")
 

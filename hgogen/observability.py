@@ -13,8 +13,8 @@ import flint
 import sympy as sp
 
 from hgogen.check import Check, Verdict
-from hgogen.echelon import kernel
-from hgogen.rank import Rank, matrix_rows, plant_of, somewhere
+from hgogen.echelon import kernel, new_rows
+from hgogen.rank import Rank, matrix_rows, modulus, plant_of, somewhere
 from hgogen.rank import observability as ranks
 from hgogen.series import Arithmetic, Point, first_gradients
 from hgogen.symmetry import Symmetry, symmetries
@@ -129,25 +129,58 @@ Symbols = Sequence[sp.Symbol]
 
 
 def _answer(rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols) -> Answer:
-    orders: dict[sp.Symbol, int] = {}
-    for k in range(rank.order + 1):
-        now = _question(ranks(flow, output, states, inputs, parameters, limit=k), parameters)
-        orders |= {s: k for s in now.observable if s not in orders}
-    ordered = tuple((s, orders[s]) for s in rank.observable)
-    hidden = rank.unobservable
+    parts = (flow, output, states, inputs, parameters)
+    ordered, hidden = _orders(rank, *parts), rank.unobservable
     if not hidden:
         return Answer(rank, ordered, (), (), (), ())
-    found = symmetries(flow, output, states, inputs, parameters, hidden=hidden, order=rank.order)
+    found = symmetries(*parts, hidden=hidden, order=rank.order)
     few = len(found) < rank.dimension - rank.rank
-    direction, point = _direction(rank.order, flow, output, states, inputs, parameters) if few else ((), ())
-    measured = ((s, ranks(flow, (*output, s), states, inputs, parameters)) for s in hidden)
-    repairs = tuple(s for s, more in measured if not _question(more, parameters).unobservable)
-    return Answer(rank, ordered, found, direction, point, repairs)
+    direction, point = _direction(rank.order, *parts) if few else ((), ())
+    return Answer(rank, ordered, found, direction, point, _repairs(rank, *parts))
 
 
-def _question(found: Any, parameters: Symbols) -> Rank:
-    rank: Rank = found.joint if parameters else found.known
-    return rank
+def _orders(
+    rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
+) -> tuple[tuple[sp.Symbol, int], ...]:
+    """Each observable unknown with the order of derivatives at which its unit vector enters the row space."""
+    plant, unknowns = plant_of(flow, output, states, inputs, parameters)
+
+    def answer(numbers: Arithmetic, point: Point) -> dict[sp.Symbol, int]:
+        orders: dict[sp.Symbol, int] = {}
+        rows: list[Any] = []
+        for k, y in enumerate(first_gradients(plant, numbers, point, rank.order + 1)):
+            rows += matrix_rows(y)
+            basis = kernel(rows, plant.wide, modulus(numbers))
+            seen = (s for i, s in enumerate(unknowns) if all(vector[i] == 0 for vector in basis))
+            orders |= {s: k for s in seen if s not in orders}
+        return orders
+
+    orders = somewhere(plant, answer)
+    return tuple((s, orders[s]) for s in rank.observable if s in orders)
+
+
+def _repairs(
+    rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
+) -> tuple[sp.Symbol, ...]:
+    """The hidden unknowns whose measurement alone gives full rank; all measured in one run, taken one by one.
+
+    Each order of derivatives up to the stationary one adds to the rank, so `rank.order` and as many more as the
+    deficiency suffice.
+    """
+    hidden, p = rank.unobservable, len(output)
+    plant, _ = plant_of(flow, (*output, *hidden), states, inputs, parameters)
+
+    def answer(numbers: Arithmetic, point: Point) -> tuple[sp.Symbol, ...]:
+        count = rank.order + rank.dimension - rank.rank + 1
+        orders = [matrix_rows(y) for y in first_gradients(plant, numbers, point, count)]
+
+        def full(i: int) -> bool:
+            rows = [row for y in orders for row in (*y[:p], y[p + i])]
+            return len(new_rows(rows, modulus(numbers))) == rank.dimension
+
+        return tuple(s for i, s in enumerate(hidden) if full(i))
+
+    return somewhere(plant, answer)
 
 
 def _direction(

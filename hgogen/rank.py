@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import flint
 import sympy as sp
 
-from hgogen.balls import BRANCHES, Balls, Undecided
+from hgogen.balls import BRANCHES, SCALES, Balls, Undecided
 from hgogen.echelon import Blurred, kernel, new_rows
 from hgogen.errors import HgogenError
 from hgogen.modular import OPERATIONS, Modular
@@ -76,7 +76,8 @@ class Rank:
 class Ranks:
     """`known`: with known parameters; `joint`: states and unknown parameters together; how, in `method`.
 
-    `local`: what makes the answer hold on an open set only, "" where it holds at almost every point.
+    `local`: the functions with branches, for which the answer is the least of several points' and holds on an open
+    set only; "" where it holds at almost every point.
     """
 
     known: Rank
@@ -101,7 +102,37 @@ def observability(
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
     plant, symbols = plant_of(flow, output, states, inputs, parameters_unknown)
-    return somewhere(plant, lambda numbers, point: _ranks(plant, symbols, numbers, point, limit))
+
+    def answer(numbers: Arithmetic, point: Point) -> Ranks:
+        return _ranks(plant, symbols, numbers, point, limit)
+
+    found = somewhere(plant, answer)
+    return _on_branches(plant, answer, found) if found.local else found
+
+
+def branches(plant: Plant) -> str:
+    """The functions with branches in a plant, "" without: an answer at a point holds on its branch only."""
+    return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHES))
+
+
+def _on_branches(plant: Plant, answer: Callable[[Arithmetic, Point], Ranks], found: Ranks) -> Ranks:
+    """The least that is seen at points of every scale and sign, so of several branches."""
+    for seed in range(SCALES):
+        try:
+            other = _with_balls(plant, Balls(seed), answer)
+        except (ZeroDivisionError, Undecided):
+            continue
+        known, joint = _least(found.known, other.known), _least(found.joint, other.joint)
+        found = Ranks(known, joint, found.method, found.local)
+    return found
+
+
+def _least(a: Rank, b: Rank) -> Rank:
+    low = min(a, b, key=lambda rank: rank.rank)
+    hidden = {*a.unobservable, *b.unobservable}
+    lost = tuple(s for s in (*low.observable, *low.unobservable) if s in hidden)
+    kept = tuple(s for s in low.observable if s not in hidden)
+    return Rank(low.dimension, low.rank, low.order, kept, lost, a.final and b.final)
 
 
 def plant_of(
@@ -192,8 +223,7 @@ def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, poin
         if widths == done.keys():
             break
     method = f"modulo the prime {prime}" if prime else f"balls of {flint.ctx.prec} bits"
-    branches = sorted({i.op for i in plant.tape.instructions} & BRANCHES)
-    return Ranks(done[plant.n], done[plant.wide], method, ", ".join(branches))
+    return Ranks(done[plant.n], done[plant.wide], method, branches(plant))
 
 
 def matrix_rows(matrix: Any) -> list[list[Any]]:

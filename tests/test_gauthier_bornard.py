@@ -114,3 +114,12 @@ def test_what_cancels_is_affine() -> None:
     """Exactly: by fractions, and by identities."""
     hidden = [x2 + ((u + x1) ** 2 - u**2 - 2 * u * x1) / (1 + x1), u * (sp.sin(u) ** 2 + sp.cos(u) ** 2)]
     assert gauthier_bornard(hidden, [x1], [x1, x2], [u]).answer is True
+
+
+def test_a_branch_is_not_an_open_dense_set() -> None:
+    """For x1 > 0 the triangle holds; for x1 < 0 the input moves x3 into it. What fails somewhere fails."""
+    flow = [x2 + u * sp.Max(0, -x1) * x3, x3, u]
+    found = gauthier_bornard(flow, [x1], X, [u])
+    assert found.answer is None
+    assert "branch of max" in found.reason
+    assert gauthier_bornard([x2 + u * sp.Abs(x3), x3, u], [x1], X, [u]).answer is False

@@ -220,6 +220,9 @@ def test_branches_are_local() -> None:
     answer = observability([sp.Abs(x2), 0], [sp.Piecewise((x1, x1 > 0), (x2, True))], [x1, x2])
     assert answer.local == "abs, piecewise"
     assert observability([x2, 0], [x1], [x1, x2]).local == ""
+    half = observability([sp.Max(x2, 0), 0], [x1], [x1, x2])  # x2 < 0 is not seen
+    assert half.known.observable == (x1,)
+    assert half.known.unobservable == (x2,)
 
 
 def test_bad_input_is_a_sentence() -> None:
