@@ -213,20 +213,35 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
     """The row as a link to the first of the new states; the others are strays."""
     state, strays = new[0], tuple(new[1:])
     clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
-    slope = clean.diff(state)
-    varies, may_vary = rows.reads(slope, rows.states)
-    gain = free_of(slope, [x for x in rows.states if x not in (*varies, *may_vary)], rows.box)
-    rest = _rest(clean, state, gain)
-    affine: bool | None = None
-    if not gain.has(state) and not rest.has(state):
-        affine = True if is_zero(row - gain * state - rest, rows.box) else None
-    if affine is None:
-        affine = _on_a_line(row, state, rows.box)
+    slope = _slope(clean, state)
+    gain, rest, affine = _line(row, clean, state, slope, rows)
+    varies, may_vary = rows.reads(gain, rows.states)
     if affine is False and not varies:
         varies = (state,)
     still = is_zero(slope, rows.box)
     moves = None if still is None else not still
     return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
+
+
+def _slope(row: sp.Expr, state: sp.Symbol) -> sp.Expr:
+    """d row/d state over the reals: SymPy's |x| of a complex x has another derivative."""
+    plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
+    slope = row.xreplace(plain).diff(plain.get(state, state))
+    return slope.xreplace({dummy: s for s, dummy in plain.items()})
+
+
+def _line(
+    row: sp.Expr, clean: sp.Expr, state: sp.Symbol, slope: sp.Expr, rows: Rows
+) -> tuple[sp.Expr, sp.Expr, bool | None]:
+    """gain, rest, and whether row = gain * state + rest with both free of the state; `clean` is the row without what
+    it does not read. The gain is the slope, or the row's difference between 0 and 1, where the slope is not exact."""
+    gain = free_of(slope, rows.states, rows.box)
+    start, end = (clean.subs(state, value) for value in (0, 1))
+    lines = [(gain, _rest(clean, state, gain)), (end - start, start)]
+    for a, b in lines:
+        if not (a.has(state, *_INFINITE) or b.has(state, *_INFINITE)) and is_zero(row - a * state - b, rows.box):
+            return a, b, True
+    return gain, lines[0][1], _on_a_line(row, state, rows.box)
 
 
 def _rest(row: sp.Expr, state: sp.Symbol, gain: sp.Expr) -> sp.Expr:

@@ -49,7 +49,7 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
     """a with constants at their values, all numbers exact, and the signals that it then varies with."""
     a = exact(a.xreplace({p: value for p, value in system.nominal.items() if not p.bounded}))
-    return a, tuple(s for s in (*system.inputs, *system.parameters) if s in a.free_symbols)
+    return a, tuple(s for s in (*system.states, *system.inputs, *system.parameters) if s in a.free_symbols)
 
 
 def _range(a: sp.Expr, signals: tuple[Signal, ...]) -> Interval:

@@ -1,0 +1,174 @@
+"""Block-triangular forms for several outputs: a triangular chain for each output.
+
+    z_(i,j)' = a_(i,j+1)(u) z_(i,j+1) + b_(i,j)(z, u),   j < n_i,
+    z_(i,n_i)' = b_(i,n_i)(z, u),   y_i = a_(i,1)(u) z_(i,1),   0 < a_m <= a_(i,j) <= a_M.
+
+What b_(i,j) may read is the alignment of the chains:
+
+    top       z_(k,l) for l <= j                  Delta_i = diag(1, .., theta^-(n_i - 1))
+    end       z_(k,l) for l <= j + n_k - n_i      Delta_i = diag(theta^-(n* - n_i), .., theta^-(n* - 1)), n* = max n_i
+    cascade   z_(i,l) for l <= j, and all states of the chains before
+
+z is the plant's state in another order, some with the other sign, chain by chain in the order of the outputs.
+
+N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5, for the ends;
+N. Boizot, E. Busvelle, J.-P. Gauthier, Automatica 46 (2010), form (3), for one chain.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from hgogen.chain import Chains, Link, Rows, Shape, levelwise, of_plant
+from hgogen.check import Check, Verdict
+from hgogen.chord import chord
+from hgogen.coordinates import Coordinates, coordinates, split
+from hgogen.defined import defined
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.lipschitz import lipschitz
+from hgogen.positive import positive, sign
+from hgogen.several import cascade, end_aligned
+from hgogen.system import System
+
+# Alignment to the search for its chains and what a row may read.
+_ALIGNMENTS: Mapping[str, tuple[Callable[[Rows], Chains], str]] = {
+    "top": (levelwise, "states of its level and before, of every chain"),
+    "end": (end_aligned, "states no nearer to the end of their chain than its own"),
+    "cascade": (cascade, "states before it in its own chain, and all states of the chains before"),
+}
+
+
+@dataclass(eq=False)
+class NoAlignment(HgogenError):
+    """A name that is no alignment."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"align={self.name!r} is none of {', '.join(_ALIGNMENTS)}; leave it out to take the first that is proved"
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Links in the plant's coordinates, with the sign of each z: rows s * row, states t * state."""
+
+    links: tuple[Link, ...]
+    signs: tuple[int, ...]
+
+    @property
+    def gains(self) -> list[sp.Expr]:
+        """a_1..a_n."""
+        before = (1, *self.signs)
+        return [s * link.gain * t for s, link, t in zip(before, self.links, self.signs, strict=False)]
+
+    @property
+    def rests(self) -> list[sp.Expr]:
+        """The output's offset, then b_1..b_{n-1}."""
+        return [s * link.rest for s, link in zip((1, *self.signs), self.links, strict=False)]
+
+
+def block_triangular(plant: System, align: str | None = None) -> Form:
+    """The plant in block-triangular form, by permutation and sign.
+
+    Args: `align` is "top", "end" or "cascade"; without it the first of these that is proved, else the first that is
+    not refuted.
+
+    Checks: `block_triangular.structure`, of the alignment; `block_triangular.a_i_j` (0 < a_m <= a_(i,j) <= a_M on the
+    box of inputs and parameters); `block_triangular.offset_i` where output i has one; `block_triangular.lipschitz`. A
+    plant without the structure comes back in its own order with that one check.
+
+    Raises: `NoAlignment`.
+    """
+    if align is not None and align not in _ALIGNMENTS:
+        raise NoAlignment(align)
+    rows = of_plant(plant)
+    name, chains = _chosen(rows, align)
+    answer, why = chains.answer(Shape.CONSTANT)
+    verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
+    structure = _structure(name, verdict, why)
+    if chains.broken or answer is False:
+        z = coordinates(plant)
+        A, b = split(z.flow, z.states)
+        return _form(z, A, b, z.output, (structure,))
+    found = [_signed(links, plant) for links in chains.links]
+    z = coordinates(plant, chains.order, [t for chain in found for t in chain.signs])
+    A, b, output = _parts(z, found)
+    checks = (structure, *_claims(found, plant), lipschitz("block_triangular.lipschitz", map(z.back, b), plant))
+    return _form(z, A, b, output, checks, blocks=chains.blocks, alignment=name)
+
+
+def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
+    tried = {name: search(rows) for name, (search, _) in _ALIGNMENTS.items() if align in (None, name)}
+    answers = {name: chains.answer(Shape.CONSTANT)[0] for name, chains in tried.items()}
+    best = next((name for wanted in (True, None, False) for name, is_so in answers.items() if is_so is wanted))
+    return best, tried[best]
+
+
+def _structure(name: str, verdict: Verdict, why: str) -> Check:
+    reads = _ALIGNMENTS[name][1]
+    claim = f"each row brings in the next state of its chain, linearly, and reads {reads} ({name})"
+    fix = "" if verdict is Verdict.PROVED else "Try another alignment, or use forms.original, which takes any plant."
+    return Check("block_triangular.structure", claim, verdict, why, fix=fix)
+
+
+def _signed(links: tuple[Link, ...], plant: System) -> _Chain:
+    settled, signs = [], [1]
+    for link in links:
+        if not link.answer(Shape.CONSTANT)[0]:
+            gain = chord(link.row, link.state, plant)
+            link = replace(link, gain=gain, rest=link.row - gain * link.state)
+        settled.append(link)
+        signs.append(signs[-1] * (sign(link.gain, plant) or 1))
+    return _Chain(tuple(settled), tuple(signs[1:]))
+
+
+def _parts(
+    z: Coordinates, chains: list[_Chain]
+) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+    """A, b and the output, in z."""
+    n = len(z.states)
+    A, b, output, head = sp.zeros(n, n), list(z.flow), [], 0
+    for chain in chains:
+        gains, rests = chain.gains, [z.carry(rest) for rest in chain.rests]
+        output.append(gains[0] * z.states[head] + rests[0])
+        for i, (gain, rest) in enumerate(zip(gains[1:], rests[1:], strict=True), head):
+            A[i, i + 1], b[i] = gain, rest
+        head += len(gains)
+    return sp.ImmutableDenseMatrix(A), tuple(b), tuple(output)
+
+
+def _claims(chains: list[_Chain], plant: System) -> Iterator[Check]:
+    for i, chain in enumerate(chains, 1):
+        for j, gain in enumerate(chain.gains, 1):
+            yield positive(f"block_triangular.a_{i}_{j}", f"a_({i},{j})", gain, plant)
+    for i, chain in enumerate(chains, 1):
+        offset = chain.rests[0]
+        if offset != 0 and offset.free_symbols.isdisjoint(plant.states):
+            yield defined(f"block_triangular.offset_{i}", f"c_{i}", offset, plant)
+
+
+def _form(
+    z: Coordinates,
+    A: sp.ImmutableDenseMatrix,
+    b: tuple[sp.Expr, ...],
+    output: tuple[sp.Expr, ...],
+    checks: tuple[Check, ...],
+    blocks: tuple[int, ...] = (),
+    alignment: str = "",
+) -> Form:
+    return Form(
+        system=z.system,
+        kind="block_triangular",
+        states=z.states,
+        to_form=z.to_form,
+        from_form=z.from_form,
+        A=A,
+        b=b,
+        output=output,
+        checks=(*z.system.checks, *checks),
+        reference="Boizot, thesis (2010), chapter 5",
+        blocks=blocks,
+        alignment=alignment,
+    )

@@ -1,0 +1,86 @@
+"""The uniform form for one output: each row brings in one new state, with any slope that does not vanish.
+
+    z_i' = F_i(z_1..z_{i+1}, u),   z_n' = F_n(z, u),   y = h(z_1, u),
+    dh/dz_1 and dF_i/dz_{i+1} bounded away from zero on the box of states, inputs and parameters.
+
+z is the plant's state in another order. The state is then uniquely determined by y, y', .. for every input. The
+triangular coordinates of the theorem are
+
+    xi_1 = z_1,   xi_{i+1} = (prod_{k=1..i-1} dF_k/dz_{k+1}) F_i,
+
+whose Jacobian is triangular with the diagonal prod_{k<=i} dF_k/dz_{k+1}; of the derivatives of u only u' enters their
+rates. This form stays in z: A z are the terms that are linear in a state, b the rest of F.
+
+H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003).
+"""
+
+from dataclasses import dataclass
+
+from hgogen.apart import apart
+from hgogen.chain import Chains, Shape, levelwise, of_plant
+from hgogen.check import Check, Verdict
+from hgogen.coordinates import coordinates, split
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.lipschitz import lipschitz
+from hgogen.system import System
+
+
+@dataclass(eq=False)
+class OneOutputOnly(HgogenError):
+    """The uniform form is for one output."""
+
+    system: str
+    outputs: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return (
+            f"system {self.system!r} has {len(self.outputs)} outputs, {', '.join(self.outputs)}, and the uniform form "
+            "takes one; keep one of them, or use forms.block_triangular"
+        )
+
+
+def uniform(plant: System) -> Form:
+    """The plant in uniform form, by permutation.
+
+    Checks: `uniform.structure`; `uniform.slope_1` (dh/dz_1) .. `uniform.slope_n` (dF_{n-1}/dz_n), each bounded away
+    from zero; `uniform.lipschitz` (F and h are Lipschitz in the state). A plant without the structure comes back in
+    its own order with that one check.
+
+    Raises: `OneOutputOnly`.
+    """
+    if len(plant.outputs) != 1:
+        raise OneOutputOnly(plant.name, tuple(y.name for y in plant.outputs))
+    chains = levelwise(of_plant(plant))
+    answer, why = chains.answer(Shape.UNIFORM)
+    verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
+    found = not chains.broken and answer is not False
+    z = coordinates(plant, chains.order if found else None)
+    A, b = split(z.flow, z.states)
+    return Form(
+        system=plant,
+        kind="uniform",
+        states=z.states,
+        to_form=z.to_form,
+        from_form=z.from_form,
+        A=A,
+        b=b,
+        output=z.output,
+        checks=(*z.system.checks, _structure(verdict, why), *(_claims(chains, plant) if found else ())),
+        reference="Hammouri, Farza, ESAIM: COCV 9 (2003)",
+    )
+
+
+def _structure(verdict: Verdict, why: str) -> Check:
+    fix = "" if verdict is Verdict.PROVED else "Measure another output, or use forms.original, which takes any plant."
+    return Check("uniform.structure", "y shows one state, each row brings in one new one", verdict, why, fix=fix)
+
+
+def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
+    (links,) = chains.links
+    slopes = [apart(f"uniform.slope_{i}", _name(i), link.slope, plant) for i, link in enumerate(links, 1)]
+    return (*slopes, lipschitz("uniform.lipschitz", (*plant.flow, *plant.output), plant, "F with the output"))
+
+
+def _name(i: int) -> str:
+    return f"dF_{i - 1}/dz_{i}" if i > 1 else "dh/dz_1"

@@ -1,0 +1,46 @@
+"""What was proved by bisection, so that another arithmetic can verify it again."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+import sympy as sp
+
+_SLACK = Fraction(1, 2**40)  # of the size, so that another arithmetic, or other roundings of a cut, reach the bounds
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A fact on a closed box.
+
+    `kind`: "range": low <= value <= high of the one expression, which is defined on the whole box; "slope": the
+    spectral norm of the expressions' Jacobian in `states` is at most `high`, and they are defined. `box`: exact ends,
+    inf where unbounded; `low`, `high`: exact, None where nothing is claimed; `variables`, `tree`: the bisection,
+    ("split", index, left, right) and "leaf", sides cut in the middle.
+    """
+
+    kind: str
+    expressions: tuple[sp.Expr, ...]
+    box: Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]] = field(hash=False)
+    low: Fraction | None
+    high: Fraction | None
+    variables: tuple[sp.Symbol, ...]
+    tree: Any = field(hash=False, repr=False)
+    states: tuple[sp.Symbol, ...] = ()
+
+    @property
+    def expression(self) -> sp.Expr:
+        """The first expression."""
+        return self.expressions[0]
+
+
+def ends(low: float, high: float) -> tuple[Fraction | None, Fraction | None]:
+    """Bounds a little outside; one of the sign that it had, if it had one; None for an infinite one."""
+    return _moved(low, -1), _moved(high, 1)
+
+
+def _moved(value: float, way: int) -> Fraction | None:
+    if abs(value) == float("inf"):
+        return None
+    return Fraction(value) + way * abs(Fraction(value)) * _SLACK
