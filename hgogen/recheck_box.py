@@ -16,7 +16,7 @@ from hgogen.recheck_arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck_interval import Interval, NotExact, between, fractions, intervals, point
 from hgogen.recheck_text import Expression
 
-MORE = 4000  # boxes beyond the certificate's own leaves
+MORE = 2000  # boxes beyond the certificate's own leaves
 
 End = Fraction | float
 Box = Mapping[str, tuple[End, End]]
@@ -88,11 +88,18 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try]) -> int:
         answer = attempt(here)
         if answer.shown:
             continue
+        middle = _middle_of(here)
+        if not attempt(middle).shown:  # no bisection would help
+            raise NotShown(f"it does not hold at {_text(middle)}")
         name = _widest(here, box, answer.slopes)
         if name is None or tried >= limit:
             raise NotShown(f"it does not follow on {_text(here)} ({tried} boxes)")
         left += halves(here, name)
     return tried
+
+
+def _middle_of(box: Box) -> Box:
+    return {name: (low, low) if low == high else (_middle(low, high),) * 2 for name, (low, high) in box.items()}
 
 
 def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
@@ -129,9 +136,11 @@ def _float(end: object) -> float:
 
 
 def _text(box: Box) -> str:
-    return (
-        ", ".join(f"{name} in [{_short(low)}, {_short(high)}]" for name, (low, high) in box.items()) or "its only point"
-    )
+    return ", ".join(_side(name, *ends) for name, ends in box.items()) or "its only point"
+
+
+def _side(name: str, low: End, high: End) -> str:
+    return f"{name} = {_short(low)}" if low == high else f"{name} in [{_short(low)}, {_short(high)}]"
 
 
 def _short(end: End) -> str:
