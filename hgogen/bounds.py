@@ -16,11 +16,12 @@ from hgogen.check import Verdict
 from hgogen.outward import Array
 from hgogen.points import exact
 from hgogen.search import Found, Goal, Tree, one_sign, regular, search, tight
+from hgogen.slope import lipschitz_bound
 from hgogen.tape import Tape, tape
 from hgogen.variants import variants
 from hgogen.zeros import crossing, special_point
 
-__all__ = ["LIMIT", "Attained", "Box", "End", "Range", "Sign", "bound", "box", "nonzero"]
+__all__ = ["LIMIT", "Attained", "Box", "End", "Range", "Sign", "bound", "box", "lipschitz_bound", "nonzero"]
 
 LIMIT = 20_000
 _FIRST = 1000  # boxes before a pole is looked for

@@ -1,7 +1,7 @@
 """A box: the closed, perhaps unbounded, range of each symbol, with exact ends."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
@@ -74,6 +74,21 @@ class Sides:
         """The exact point that a vector of floats of the outer box stands for: at an end, the exact end."""
         return {s: Fraction(_nearest(value, ends)) for s, value, ends in zip(self.symbols, x, self.ends, strict=True)}
 
+    def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
+        """The sides of some of its symbols."""
+        kept = [(s, e) for s, e in zip(self.symbols, self.ends, strict=True) if s in set(symbols)]
+        return Sides(tuple(s for s, _ in kept), tuple(e for _, e in kept))
+
+    def centre(self) -> Point:
+        """A point inside."""
+        return next(self.spread())
+
+    def spread(self) -> Iterator[Point]:
+        """Some points inside, the first near the middle, no two coordinates at the same share of their sides."""
+        for shift in (0, 3, 7, 11, 17, 23):
+            shares = [Fraction(40 + (5 * k + shift) * 7 % 47, 127) for k in range(len(self.symbols))]
+            yield {s: _inside(e, t) for s, e, t in zip(self.symbols, self.ends, shares, strict=True)}
+
     def contains(self, point: Point) -> bool:
         """Whether an exact point of these symbols lies in the box."""
         return all(low <= point[s] <= high for s, (low, high) in zip(self.symbols, self.ends, strict=True))
@@ -99,6 +114,20 @@ def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
             left.append(symbol)
             ends.append((low, high))
     return expression.xreplace(points), Sides(tuple(left), tuple(ends))
+
+
+def rational(value: Fraction) -> sp.Rational:
+    """SymPy's rational of a fraction."""
+    return sp.Rational(value.numerator, value.denominator)
+
+
+def _inside(ends: tuple[End, End], share: Fraction) -> Fraction:
+    low, high = ends
+    if abs(low) == math.inf:
+        return Fraction(min(high, Fraction(1)) if abs(high) != math.inf else 1) - share
+    if abs(high) == math.inf:
+        return Fraction(low) + share
+    return Fraction(low) * (1 - share) + Fraction(high) * share
 
 
 def _nearest(value: float, ends: tuple[End, End]) -> End:

@@ -117,6 +117,14 @@ def _nowhere(slope: Pair | None, wild: Flags) -> Pair | None:
     return np.where(wild, -np.inf, slope[0]), np.where(wild, np.inf, slope[1])
 
 
+def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | None:
+    """The whole line where `wild`, but only for the variables that `reads` vary with: in the others nothing jumps."""
+    if slope is None:
+        return None
+    varies = np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads if a.slope is not None])
+    return _nowhere(slope, wild & varies)
+
+
 def _const(value: float, like: Pair) -> Pair:
     return np.full(like[0].shape, value), np.full(like[0].shape, value)
 
@@ -259,7 +267,7 @@ def _steps(a: Enclosure, value: Pair) -> Enclosure:
     """A piecewise constant function with that range: constant on a box, or it may jump there."""
     still = value[0] == value[1]
     zero = None if a.slope is None else (np.zeros(a.slope[0].shape), np.zeros(a.slope[0].shape))
-    return Enclosure(value, a.defined, a.continuous & still, _nowhere(zero, ~still))
+    return Enclosure(value, a.defined, a.continuous & still, _jumpy(zero, ~still, [a]))
 
 
 def _sign(args: list[Enclosure]) -> Enclosure:
@@ -286,7 +294,11 @@ def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[
     def rule(args: list[Enclosure]) -> Enclosure:
         must, may = verdicts(args[0].value, args[1].value)
         defined = args[0].defined & args[1].defined
-        return Enclosure((must.astype(float), may.astype(float)), defined, must == may, args[0].slope)
+        reads = args[0].slope  # of a condition: what it varies with
+        if reads is not None:
+            zero = np.zeros(reads[0].shape), np.zeros(reads[0].shape)
+            reads = _jumpy(zero, np.ones(must.shape, dtype=bool), args)
+        return Enclosure((must.astype(float), may.astype(float)), defined, must == may, reads)
 
     return rule
 
@@ -326,7 +338,9 @@ def _piecewise(args: list[Enclosure]) -> Enclosure:
     lost = count == 0
     value = np.where(lost, -np.inf, value[0]), np.where(lost, np.inf, value[1])
     continuous &= (count == 1) & ~left
-    final = None if slope is None else _nowhere((slope[0], slope[1]), ~continuous)
+    if slope is None:
+        return Enclosure(value, defined & ~left, continuous)
+    final = _nowhere(_jumpy((slope[0], slope[1]), (count != 1), conditions), lost)
     return Enclosure(value, defined & ~left, continuous, final)
 
 

@@ -128,6 +128,11 @@ def one_sign(leaves: Leaves, inner: Inner) -> Array:
     return np.where(~leaves.defined, np.inf, np.where(doubt, np.where(worst > 0, worst, 5e-324), 0.0))
 
 
+def everywhere(leaves: Leaves, inner: Inner) -> Array:
+    """The goal that the expression is defined."""
+    return np.where(leaves.defined, 0.0, np.inf)
+
+
 def regular(leaves: Leaves, inner: Inner) -> Array:
     """The goal that the expression is defined and continuous."""
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
@@ -180,7 +185,7 @@ def _search(problem: _Problem, goal: Goal, limit: int) -> Found:
         leaves = leaves.only(kept).with_more(new)
         boxes += len(children)
     unresolved = goal(leaves, inner) > 0.0
-    return Found(leaves, inner, boxes, not unresolved.any(), _tree(splits))
+    return Found(leaves, inner, boxes, not unresolved.any(), split_tree(splits))
 
 
 def middle(low: Array, high: Array) -> Array:
@@ -204,7 +209,7 @@ def _halves(parents: Leaves) -> Pair:
     return low, high
 
 
-def _tree(splits: list[tuple[int, int]]) -> Tree:
+def split_tree(splits: list[tuple[int, int]]) -> Tree:
     """Nested ("split", variable, left, right) and "leaf"; node 0 is the root, the j-th split makes 2j+1 and 2j+2."""
     made: dict[int, Tree] = {}
     for j in range(len(splits) - 1, -1, -1):
@@ -359,7 +364,7 @@ def _explore(problem: _Problem, inner: Inner) -> Inner:
     m = len(low)
     if m == 0:
         return inner
-    start = np.concatenate((_corners(low, high), _placed(low, high, _spread(m, _SPREAD))), axis=1)
+    start = np.concatenate((corners(low, high), _placed(low, high, _spread(m, _SPREAD))), axis=1)
     inner = _better(inner, start, enclose(problem.program, *problem.points(start)))
     for round in range(_ROUNDS if m > 1 else 0):
         near = [
@@ -401,7 +406,7 @@ def _placed(low: Array, high: Array, t: Array) -> Array:
     return np.clip(x, low, high)
 
 
-def _corners(low: Array, high: Array) -> Array:
+def corners(low: Array, high: Array) -> Array:
     """Middle, then up to 64 corners; zero or a large number for an infinite end."""
     m = len(low)
     ends = (
