@@ -16,6 +16,7 @@ import numpy as np
 from hgogen import layout
 from hgogen.call import CallableStep, Engine
 from hgogen.metrics import Summary
+from hgogen.signal import resting
 from hgogen.trial import Trial, noisy, simulate
 
 SEEDS = 3  # a mean over many windows varies little from seed to seed
@@ -67,6 +68,7 @@ def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
     """The state before the first call, but the estimate (that of each predictor too) the truth, theta at its peak."""
     form = step.observer.form
     values: dict[Any, Any] = {s: trial.start[s.name] for s in form.system.states} | form.system.nominal
+    values |= {u: resting(u) for u in form.system.inputs}
     state = np.frombuffer(step.save(), layout.state_type(step)).copy()
     state["z"] = z = [float(expression.subs(values)) for expression in form.to_form]
     state["theta"] = max(field.high[0] for field in step.state if field.name == "theta")
