@@ -26,7 +26,7 @@ def plant(flow, output, states=(a, b), parameters=(k,)) -> hg.System:
 
 
 def test_the_neuron_is_observable_through_its_input() -> None:
-    found = observability(MODEL.plant)
+    found = hg.observability(MODEL.plant)
     assert (found.n, found.rank, found.order) == (3, 3, 2)
     assert [(s.name, order) for s, order in found.known.orders] == [("x1", 0), ("x2", 1), ("eta", 2)]
     assert [check.verdict for check in found.checks] == [Verdict.GENERIC]
