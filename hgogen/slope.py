@@ -18,7 +18,7 @@ from hgogen.check import Verdict
 from hgogen.points import exact, kind
 from hgogen.search import Tree, everywhere, search
 from hgogen.spectral import Field, Steep, steepest
-from hgogen.tape import NoTape, Tape, tape
+from hgogen.tape import tape
 from hgogen.zeros import special_point
 
 # What jumps hides from the symbolic derivative, and what bends is better read by slopes.
@@ -27,6 +27,7 @@ KINKS = (sp.Abs, sp.Min, sp.Max)
 
 LIMIT = 4000
 _FIRST = 500  # boxes before a singular point is looked for
+_WORK = 400_000  # boxes times rows times symbols squared, so that large systems take seconds, too
 _RELATIVE = 0.02
 _STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
 _OPERATIONS = 150  # of a slope whose limit is asked for
@@ -70,6 +71,7 @@ def lipschitz_bound(
     if not read:
         return _constant(rows, around, boxes)
     vector = _field(rows, read, around)
+    boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     found = steepest(vector, around.outer, relative, min(boxes, _FIRST))
     steep = None if found.bounded else _endless(rows, read, around)
     if not (found.finished or steep):
@@ -101,17 +103,17 @@ def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
 
 def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
     program = tape(rows, around.symbols)
-    places = tuple(around.symbols.index(x) for x in states)
-    return Field(program, places, _jacobian(rows, states, around))
+    entries = _varying_slopes(rows, states)
+    at = tuple(around.symbols.index(x) for x in states)
+    return Field(program, at, tape(entries.values(), around.symbols), tuple(entries))
 
 
-def _jacobian(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Tape | None:
+def _varying_slopes(rows: list[sp.Expr], states: list[sp.Symbol]) -> dict[tuple[int, int], sp.Expr]:
+    """The entries of the Jacobian that vary, where the rows are smooth; constant ones the rows' tape gives as well."""
     if any(row.has(*JUMPS, *KINKS) for row in rows):
-        return None
-    try:
-        return tape((row.diff(x) for row in rows for x in states), around.symbols)
-    except NoTape:
-        return None
+        return {}
+    slopes = {(i, j): row.diff(x) for i, row in enumerate(rows) for j, x in enumerate(states) if x in row.free_symbols}
+    return {place: slope for place, slope in slopes.items() if slope.free_symbols}
 
 
 # --- not Lipschitz --------------------------------------------------------------------------------------------------

@@ -20,17 +20,19 @@ from hgogen.tape import Tape
 _BATCH = 128
 _FINE = 2.0**-40  # of the root's width: no box is cut further
 _SQUARINGS = 7
+_SHARP = 8  # rows or columns beyond which the power would cost too much
 _LOST = 1e-290  # far above what underflow can change in a matrix of entries below 1
 
 
 @dataclass(frozen=True)
 class Field:
-    """A vector field of n rows as a tape, the indices of its n_x states among the tape's symbols, and its Jacobian's
-    entries, row by row, as a second tape, None where the field has kinks or jumps."""
+    """A vector field as a tape, the indices of its states among the tape's symbols, and those entries of its Jacobian
+    that vary, at `places` (row, column), as a second tape; no entries where the field has kinks or jumps."""
 
     program: Tape
     states: tuple[int, ...]
-    jacobian: Tape | None
+    jacobian: Tape
+    places: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def _steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
     low, high = root[0][:, None], root[1][:, None]
     node = np.zeros(1, dtype=np.int64)
     norm, smooth, cut = _norms(field, root, low, high)
-    best, at = _attained(field, corners(*root))
+    best, at = _attained(field, corners(*root)[:, : limit + 1])
     splits: list[tuple[int, int]] = []
     while True:
         todo = ((norm > (1.0 + relative) * best) | ~smooth) & (cut >= 0)
@@ -113,15 +115,15 @@ def _matrices(field: Field, low: Array, high: Array) -> tuple[Pair, Flags, Array
     slopes = [row.slope for row in rows if row.slope is not None]
     picked = list(field.states)
     matrix = np.stack([slope[0][picked] for slope in slopes]), np.stack([slope[1][picked] for slope in slopes])
-    if field.jacobian is None:
+    if not field.places:
         return matrix, smooth, None
     entries = enclose(field.jacobian, low, high, slopes=True)
     centre = middle(low, high)
     away = add((low, high), negate((centre, centre)))
     there = enclose(field.jacobian, centre, centre)
     weight = np.zeros(low.shape)
-    values = []
-    for entry, middle_value in zip(entries, there, strict=True):
+    usable_everywhere = smooth & continuous
+    for place, entry, middle_value in zip(field.places, entries, there, strict=True):
         value, slope = entry.value, entry.slope
         assert slope is not None
         terms = scale(slope, away)
@@ -132,13 +134,11 @@ def _matrices(field: Field, low: Array, high: Array) -> tuple[Pair, Flags, Array
         usable = entry.defined & entry.continuous & middle_value.defined
         usable = usable & ~np.isnan(form[0]) & ~np.isnan(form[1])
         form = np.where(usable, form[0], -np.inf), np.where(usable, form[1], np.inf)
-        values.append(_met(value, form, entry.defined))
-    shape = matrix[0].shape
-    other = np.stack([v[0] for v in values]).reshape(shape), np.stack([v[1] for v in values]).reshape(shape)
-    joint = meet(matrix, other)
-    sound = (joint[0] <= joint[1]) & smooth & continuous
-    joint = np.where(sound, joint[0], matrix[0]), np.where(sound, joint[1], matrix[1])
-    return joint, smooth, weight
+        first, last = matrix[0][place], matrix[1][place]
+        joint = meet((first, last), _met(value, form, entry.defined))
+        sound = (joint[0] <= joint[1]) & usable_everywhere
+        matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
+    return matrix, smooth, weight
 
 
 def _met(value: Pair, form: Pair, defined: Flags) -> Pair:
@@ -153,7 +153,7 @@ def _norm(matrix: Pair) -> Array:
     plain = _frobenius((size, size))
     centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
     radius = np.maximum(up(high - centre), up(centre - low))
-    sharp = up(_point_norm(centre) + _frobenius((radius, radius)))
+    sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius((radius, radius)))
     sums = _largest_sum(size), _largest_sum(np.swapaxes(size, 0, 1))
     mixed = up(np.sqrt(up(sums[0] * sums[1])))
     found = np.fmin(np.fmin(plain, mixed), sharp)
