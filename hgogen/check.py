@@ -43,6 +43,11 @@ class Check:
         at = ", ".join(f"{name} = {value:g}" for name, value in self.witness.items())
         return f"{self.verdict:8} {self.id}: {self.claim} ({self.reason}{'; at ' + at if at else ''})"
 
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; the proofs go into a certificate."""
+        said = {"id": self.id, "claim": self.claim, "verdict": str(self.verdict), "reason": self.reason}
+        return {**said, "witness": dict(self.witness), "fix": self.fix}
+
 
 @dataclass(eq=False)
 class Refuted(HgogenError):

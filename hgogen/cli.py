@@ -143,12 +143,17 @@ def check(model: ModelArgument, certificate: CertificateFile = None, as_json: Js
     JSON keys: model, plant, form, coordinates, flow, outputs (expressions by name: z, z', y), checks (id, claim,
     verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; the exit status is 1
     if there are any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks,
-    reference; null without an observer), notes.
+    reference; null without an observer), singular (factors: whose zeros are the singular set, null where it is not
+    known; inputs: those of them free of states; checks, which do not count for the exit status), notes.
     """
     loaded = load(model)
-    claims = jobs.checked(loaded)
-    shown = tables.checks(claims.head, claims.checks, claims.accepted)
-    show(as_json, {"model": loaded.path, **claims.as_dict()}, shown, tables.theorem(claims.theorem, claims.hypotheses))
+    claims, singular = jobs.checked(loaded), hg.singularity(loaded.plant)
+    shown = (
+        tables.checks(claims.head, claims.checks, claims.accepted),
+        tables.checks(singular.head, singular.checks, ()),
+        tables.theorem(claims.theorem, claims.hypotheses),
+    )
+    show(as_json, {"model": loaded.path, **claims.as_dict(), "singular": singular.as_dict()}, *shown)
     for sentence in claims.notes:
         note(sentence)
     if certificate is not None:
@@ -336,6 +341,41 @@ def noise_(
     found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
     value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in found]}
     show(as_json, value, tables.report(record.report), *(tables.suggestion(one) for one in found))
+
+
+@command()
+def window(
+    model: ModelArgument,
+    lengths: Annotated[str, typer.Option("--d", help="Windows d (s), such as 0.5,1,2.")] = "",
+    trial: Annotated[str | None, typer.Option(help="The trial of this name; by default the first.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Tell how well windows d of the innovation show the state along a trial: the observability Gramian of each.
+
+    By default half of the model's window d, itself, twice and four times it, as far as the trial is long.
+
+    JSON keys: model, trial, windows (d, least, median and most of the Gramian's smallest eigenvalue, weakest: the state
+    with the largest share of the direction that shows least, share).
+    """
+    loaded = load(model)
+    chosen = next((one for one in loaded.trials() if trial in (None, one.name)), None)
+    if chosen is None:
+        raise typer.BadParameter(f"{trial!r} is none of the model's trials", param_hint="--trial")
+    given = _lengths(lengths) if lengths else _about(jobs.window(loaded), chosen.duration)
+    found = hg.gramian(loaded.plant, chosen, given)
+    value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in found]}
+    show(as_json, value, tables.windows(chosen.name, found))
+
+
+def _about(d: float, duration: float) -> tuple[float, ...]:
+    return tuple(d * k for k in (0.5, 1.0, 2.0, 4.0) if d * k <= duration)
+
+
+def _lengths(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} must be times in seconds, such as 0.5,1,2", param_hint="--d") from None
 
 
 @command("list")

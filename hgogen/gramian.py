@@ -11,6 +11,7 @@ Automatica 46 (2010), the innovation and its lemma on observability over a windo
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -65,6 +66,11 @@ class Gramian:
         """The state with the largest share in the direction that shows least, and its mean square share (0..1)."""
         shares = (self.direction**2).mean(axis=0)
         return self.states[int(np.argmax(shares))], float(shares.max())
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        (low, high), (name, share) = self.range, self.weakest
+        return {"d": self.d, "least": low, "median": self.median, "most": high, "weakest": name, "share": share}
 
     def __str__(self) -> str:
         (low, high), (name, share) = self.range, self.weakest

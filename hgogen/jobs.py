@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,7 +59,7 @@ class Checked:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        listed = [{**asdict(c), "accepted": c.id in self.accepted} for c in self.checks]
+        listed = [{**c.as_dict(), "accepted": c.id in self.accepted} for c in self.checks]
         z, y = self.form.states, self.form.system.outputs
         equations = {
             "coordinates": _texts(z, self.form.to_form),

@@ -10,6 +10,7 @@ R. Hermann, A. Krener, "Nonlinear controllability and observability", IEEE TAC 2
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import sympy as sp
 
@@ -83,11 +84,20 @@ class Singularity:
             return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, reason),)
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
 
+    @property
+    def head(self) -> str:
+        """A title, and a line for the singular inputs if there are any."""
+        title = f"{self.plant.name}: where the state is not observable"
+        return "\n".join([title, *(f"  singular input: {e} = 0" for e in self.inputs)])
+
     def __str__(self) -> str:
-        lines = [f"{self.plant.name}: where the state is not observable", *(f"  {check}" for check in self.checks)]
-        if self.inputs:
-            lines.append(f"  singular inputs: {', '.join(f'{e} = 0' for e in self.inputs)}")
-        return "\n".join(lines)
+        return "\n".join([self.head, *(f"  {check}" for check in self.checks)])
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        known = None if self.factors is None else [str(e) for e in self.factors]
+        inputs = [str(e) for e in self.inputs]
+        return {"factors": known, "inputs": inputs, "checks": [check.as_dict() for check in self.checks]}
 
     def latex(self) -> str:
         """The determinants as LaTeX, one line of an align environment a jet."""

@@ -10,6 +10,7 @@ from rich.text import Text
 from hgogen.alarm import ITSELF
 from hgogen.check import Check, Verdict
 from hgogen.compare import Comparison
+from hgogen.gramian import Gramian
 from hgogen.metrics import Summary
 from hgogen.noise import Suggestion
 from hgogen.prediction import Prediction
@@ -193,6 +194,20 @@ def suggestion(found: Suggestion) -> RenderableType:
     for row in rows:
         table.add_row(*row)
     return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in found.notes), "")
+
+
+def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
+    """What windows of several lengths show along a trial."""
+    names = ("d (s)", "smallest eigenvalue", "median", "weakest direction", "its share")
+    table = _table(f"what a window d shows along trial {trial}: its observability Gramian", *names)
+    for one in found:
+        (low, high), (name, share) = one.range, one.weakest
+        table.add_row(f"{one.d:g}", f"{low:.2g} .. {high:.2g}", f"{one.median:.2g}", name, f"{share:.0%}")
+    advice = (
+        "The innovation of an initial error of length 1 is at least the smallest eigenvalue: take a window at which an "
+        "error that matters stands out of sigma^2 d, the innovation of the noise."
+    )
+    return Group(table, Text(advice), "")
 
 
 def names(groups: Mapping[str, Sequence[str]]) -> RenderableType:

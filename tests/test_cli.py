@@ -1,6 +1,7 @@
 """The command line: exit status, JSON alone, sentences instead of tracebacks, nothing half written."""
 
 import csv
+import itertools
 import json
 import subprocess
 import sys
@@ -246,6 +247,27 @@ def test_run_stays_finite_over_absurd_values(here: Path):
     text = (here / "build" / "neuron" / "log_estimates.csv").read_text()
     assert "nan" not in text
     assert "inf" not in text
+
+
+def test_check_tells_the_singular_set(here: Path):
+    """det = -eps u^2; at u = 0 the next jet has u'. These checks do not count for the exit status."""
+    singular = as_json("check", "neuron")["singular"]
+    assert set(singular["factors"]) == {"eps", "u"}
+    assert singular["inputs"] == ["u"]
+    assert [check["verdict"] for check in singular["checks"]] == ["where"] * 3
+    shown, _ = hgogen("check", "neuron")
+    assert "singular input: u = 0" in shown
+    assert "holds where u_dot != 0" in shown
+
+
+def test_window(here: Path):
+    found = as_json("window", "neuron")["windows"]
+    assert [one["d"] for one in found] == [0.5, 1.0, 2.0]
+    assert found[1]["weakest"] == "eta"
+    assert all(b["least"] > a["least"] for a, b in itertools.pairwise(found))
+    chosen = as_json("window", "neuron", "--d", "1,2", "--trial", "short")
+    assert [one["d"] for one in chosen["windows"]] == [1.0, 2.0]
+    assert "weakest direction" in hgogen("window", "neuron", "--d", "1")[0]
 
 
 def test_noise(here: Path):

@@ -30,6 +30,7 @@ from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)
 _BOXES = 2000
+_POLES = 200  # phi is large, and with poles in the box of z, as they often are, more boxes do not help
 _REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
 
 
@@ -114,7 +115,7 @@ def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], c
     rename = dict(zip(z, states, strict=True))
     psi = {x: e.xreplace(rename) for x, e in back.items()}
     phi = min((e := whole.phi.xreplace(psi), tidy(e)), key=lambda e: size([e]))
-    everywhere = bound(phi, box((*states, *plant.inputs, *plant.parameters), plant.nominal), boxes=_BOXES).defined
+    everywhere = bound(phi, box((*states, *plant.inputs, *plant.parameters), plant.nominal), boxes=_POLES).defined
     zeros = (sp.S.Zero,) * (n - 1)
     return Form(
         system=plant,
