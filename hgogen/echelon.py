@@ -13,8 +13,17 @@ import flint
 Row = Sequence[Any]
 
 
+SURE_BITS = 1024  # at which a zero is believed: then it is smaller than 2^-341
+
+
 class Blurred(ArithmeticError):
     """The precision does not tell whether an entry is zero."""
+
+
+def believe_zeros(modulus: int) -> None:
+    """Raise `Blurred` for balls of few bits: a deficiency rests on what counts as zero, so it is asked again."""
+    if not modulus and flint.ctx.prec < SURE_BITS:
+        raise Blurred
 
 
 def new_rows(rows: Sequence[Row], modulus: int) -> list[int]:

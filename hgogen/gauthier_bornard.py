@@ -19,7 +19,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.check import Check, Verdict
-from hgogen.echelon import new_rows
+from hgogen.echelon import believe_zeros, new_rows
 from hgogen.points import exact
 from hgogen.rank import branches, exact_numbers, modulus, plant_of, somewhere
 from hgogen.series import Arithmetic, Plant, Point, evaluate, first_gradients
@@ -109,6 +109,7 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
     flat = [[numbers.reduced(e) for e in row.entries()] for row in rows]
     rank = len(new_rows(flat, prime))
     if rank < n:
+        believe_zeros(prime)
         return f"without input, d(h, .., L_f^{n - 1} h) has rank {rank} of {n}"
     drift, bend = _field(plant, numbers, point, None)
     for j, u in enumerate(inputs):
@@ -122,6 +123,7 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
             new = [numbers.reduced(a + numbers.reduced(b)) for a, b in zip(turn, tilted, strict=True)]
             if i + 1 in new_rows([*flat[: i + 1], new], prime):
                 return f"d(L_g L_f^{i} h), g of {u}, leaves the span of dh, .., d L_f^{i} h"
+    believe_zeros(prime)
     return ""
 
 

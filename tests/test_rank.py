@@ -156,6 +156,8 @@ def test_balls_find_the_deficiency_of_dependent_exponentials() -> None:
     assert (same.known.rank, same.known.observable) == (1, ())
     identity = observability([0, 0], [sp.sin(x1) ** 2 + sp.cos(x1) ** 2 + x2], [x1, x2])
     assert (identity.known.rank, identity.known.observable) == (1, (x2,))
+    tiny = sp.sin(x1) ** 2 + sp.cos(x1) ** 2 + x2 / sp.Integer(10) ** 90  # what is small is not zero
+    assert observability([0, 0], [tiny], [x1, x2]).known.observable == (x2,)
     assert observability([sp.sin(x2), 0], [x1], [x1, x2]).known.rank == 2
     assert observability([k * sp.sqrt(x1) - x1**k, 0], [x1], [x1, x2], [], [k]).joint.observable == (x1, k)
 
