@@ -196,6 +196,17 @@ def test_two_methods_agree_on_the_whole_library() -> None:
             assert (rank.rank, rank.order, [s.name for s in rank.observable]) == expected, name
 
 
+def test_the_oracle_shares_nothing_and_refuses_what_it_cannot_do() -> None:
+    """Exponentials of dependent terms are no independent generators; terms that expand to each other are found."""
+    text = Path(oracle.__file__).read_text()
+    assert "import hgogen" not in text
+    assert "from hgogen" not in text
+    with pytest.raises(oracle.Dependent):
+        oracle.observability([0, 0], [sp.exp(x1 / (1 + x2)) * sp.exp(x1 * x2 / (1 + x2)) - sp.exp(x1)], [x1, x2])
+    known, _ = oracle.observability([0, 0], [sp.exp(x1 + x2) + sp.exp(2 * x1) * sp.exp(2 * x2)], [x1, x2])
+    assert known == (1, 0, [])
+
+
 @here
 @pytest.mark.slow
 def test_the_library_is_quick() -> None:
