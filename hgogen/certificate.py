@@ -253,7 +253,7 @@ def _lipschitz(form: Form, index: int) -> Evidence | None:
     slopes = b.jacobian(sp.Matrix(form.states))
     square = sp.Add(*(x**2 for x in slopes))
     names = b.free_symbols
-    found = bound(square, _box(form, square.free_symbols))
+    found = bound(square, _box(form, square.free_symbols), relative=0.1)
     if not (found.defined and found.finite):
         return None
     steep = outward(math.sqrt(max(found.high, 0.0)) * (1 + 1e-9), 1)

@@ -128,8 +128,8 @@ def _read(content: Mapping[str, Any]) -> Certificate:
             kind=part(form, "kind", str),
             states=tuple(z),
             box=z_box,
-            to_form=_rows(form, "to_form", {**states, **parameters}, len(z)),
-            from_form=_rows(form, "from_form", {**z, **parameters}, n),
+            to_form=_rows(form, "to_form", x_box, len(z)),
+            from_form=_rows(form, "from_form", z_box, n),
             A=tuple(
                 tuple(expression(entry, z_box) for entry in texts)
                 for texts in _sized(part(form, "A", list), len(z), lambda row: _sized(row, len(z)))
@@ -192,7 +192,7 @@ def _claims(content: Mapping[str, Any]) -> tuple[Claim, ...]:
         verdict = part(entry, "verdict", str)
         if verdict not in VERDICTS:
             raise NoCertificate(f"{verdict!r} is no verdict")
-        found.append(Claim(part(entry, "id", str), verdict, entry.get("evidence") or {}))
+        found.append(Claim(part(entry, "id", str), verdict, part(entry, "evidence", dict)))
     return tuple(found)
 
 

@@ -54,6 +54,8 @@ class Context:
         """The form is the plant, by exact algebra. Raises: `NotShown`."""
         algebra, form, plant = self.algebra, self.form, self.plant
         z = self.letters
+        for change in (*form.to_form, *form.from_form):
+            _only(change.names & set(self.file.inputs), (), "the change of coordinates")
         rates = [self.value(row) for row in form.b]
         for i, row in enumerate(form.A):
             for j, entry in enumerate(row):

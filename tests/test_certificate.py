@@ -1,0 +1,481 @@
+"""Certificates: what a model's file says is verified again; no changed number, and no false statement, is."""
+
+import ast
+import copy
+import json
+import random
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from typer.testing import CliRunner
+
+import hgogen as hg
+from hgogen import cli, jobs
+from hgogen.certificate import NotCertifiable, certificate, outward
+from hgogen.check import Check, Verdict
+from hgogen.model import load
+from hgogen.recheck import NoCertificate, Unreadable, recheck
+from hgogen.recheck_file import digest
+
+ROOT = Path(__file__).resolve().parents[1]
+MODELS = sorted(path for path in ROOT.glob("models/*.py") if not path.name.startswith("_"))
+PACKAGE = ROOT / "hgogen"
+SAMPLES = 100
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+
+
+def sealed(content: dict[str, Any]) -> str:
+    """As a forger would write it: with the digest of the changed content."""
+    return json.dumps({**content, "digest": digest(content)})
+
+
+def verified(text: str) -> bool:
+    try:
+        return not recheck(text).failed
+    except (NoCertificate, Unreadable):
+        return False
+
+
+def found(text: str) -> dict[str, str]:
+    return {row.id: row.found for row in recheck(text).rows}
+
+
+def bent_plant(low: float = -1) -> hg.System:
+    """Two gains that need bisection, a sign, a permutation, transcendental rests, a parameter with a range."""
+    x = [hg.Signal(f"x{i}", low=-2, high=3) for i in (1, 2, 3)]
+    u, k = hg.Signal("u", low=low, high=1), hg.Signal("k", "", "", 0.5, low=0.25, high=1)
+    y, c = hg.Signal("y"), hg.Signal("c", "", "", 0.3)
+    flow = [
+        -k * x[2] - c * x[0] * x[1] + sp.exp(-(x[1] ** 2)),
+        (u**2 - u + 1) * x[0] + sp.sin(x[1]),
+        sp.cos(x[0]) * x[2] / (2 + x[1] ** 2),
+    ]
+    return hg.System("bent", states=x, inputs=(u,), outputs=(y,), parameters=(k, c), flow=flow, output=[2 * x[1] + u])
+
+
+@pytest.fixture(scope="module")
+def bent() -> dict[str, Any]:
+    form = hg.forms.triangular(bent_plant())
+    return certificate(form, claimed(form))
+
+
+def claimed(form: hg.Form) -> list[Check]:
+    """The checks, all said to be proved: what is written then depends on what can be verified."""
+    return [replace(check, verdict=Verdict.PROVED) for check in form.checks]
+
+
+def of_model(path: Path) -> dict[str, Any]:
+    claims = jobs.checked(load(path))
+    return certificate(claims.form, claims.checks)
+
+
+# --- what is written is verified ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
+def test_a_models_certificate_is_verified(path: Path) -> None:
+    claims = jobs.checked(load(path))
+    begin = time.perf_counter()
+    text = json.dumps(certificate(claims.form, claims.checks))
+    result = recheck(text)
+    assert time.perf_counter() - begin < 10
+    assert not result.failed
+    assert {row.id for row in result.rows} == {check.id for check in claims.checks}
+    assert text == json.dumps(certificate(claims.form, claims.checks))
+
+
+@pytest.mark.parametrize("name", ["cascaded_tanks", "fitzhugh_nagumo", "pendulum"])
+def test_the_claims_on_the_form_carry_evidence(name: str) -> None:
+    """None of them is only stated."""
+    rows = recheck(json.dumps(of_model(ROOT / "models" / f"{name}.py"))).rows
+    assert {row.found for row in rows if row.id.startswith(("triangular.", "recast."))} == {"verified"}
+
+
+def test_bisections_and_signs(bent: dict[str, Any]) -> None:
+    result = recheck(json.dumps(bent))
+    assert {row.id: row.found for row in result.rows} == dict.fromkeys(
+        [
+            "triangular.structure",
+            *(f"triangular.a_{i}" for i in (1, 2, 3)),
+            "triangular.offset",
+            "triangular.lipschitz",
+        ],
+        "verified",
+    )
+    gains = {claim["id"]: claim["evidence"] for claim in bent["claims"]}
+    low = Fraction(gains["triangular.a_2"]["low"])
+    assert Fraction(3, 4) * Fraction(98, 100) < low <= Fraction(3, 4)
+    assert " " in gains["triangular.a_2"]["tree"]
+
+
+def test_a_refutation_carries_its_point() -> None:
+    content = of_model(ROOT / "models" / "fitzhugh_nagumo.py")
+    (refuted,) = [claim for claim in content["claims"] if claim["verdict"] == "refuted"]
+    assert refuted["evidence"] == {"expression": "-u", "witness": {"u": "0"}}
+    refuted["evidence"]["witness"]["u"] = "-1/2"  # a_2 = 1/2 there
+    assert found(sealed(content))["triangular.a_2"] == "fails"
+
+
+def test_a_wrong_proof_is_not_written() -> None:
+    """a_2 = -u on [-1, 1], called proved: the certificate says that it is stated only."""
+    form = hg.forms.triangular(load(ROOT / "models" / "fitzhugh_nagumo.py").plant)
+    content = certificate(form, claimed(form))
+    assert claim_of(content, "triangular.a_2")["verdict"] == "stated"
+    assert found(json.dumps(content))["triangular.a_2"] == "open"
+    assert found(json.dumps(content))["triangular.a_3"] == "verified"
+
+
+def test_piecewise_has_no_certificate() -> None:
+    x, y = hg.Signal("x", low=0, high=1), hg.Signal("y")
+    rate = sp.Piecewise((x, x > sp.Rational(1, 2)), (0, True))
+    form = hg.forms.triangular(hg.System("steps", states=(x,), outputs=(y,), flow=[rate], output=[x]))
+    with pytest.raises(NotCertifiable, match="steps"):
+        certificate(form, form.checks)
+
+
+@pytest.mark.parametrize("value", [0.5, -0.1, 1e-300, 123456.789, 1 / 3, -2e17])
+def test_short_numbers_lie_outward(value: float) -> None:
+    low, high = outward(value, -1), outward(value, 1)
+    assert low <= Fraction(value) <= high
+    assert high - low <= abs(Fraction(value)) * Fraction(1, 10**11)
+
+
+# --- no changed number ----------------------------------------------------------------------------------------------
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], int, int]]:
+    """Every number in every text: the path to the text, and where the number stands in it."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from places(inner, (*path, key))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from places(inner, (*path, index))
+    elif isinstance(value, str):
+        yield from ((path, match.start(), match.end()) for match in NUMBER.finditer(value))
+
+
+def changed(content: dict[str, Any], place: tuple[tuple[Any, ...], int, int], how: str) -> dict[str, Any]:
+    path, start, end = place
+    result = copy.deepcopy(content)
+    holder = result
+    for key in path[:-1]:
+        holder = holder[key]
+    text = holder[path[-1]]
+    old = text[start:end]
+    new = {"last": old[:-1] + str((int(old[-1]) + 1) % 10), "sign": f"(-{old})", "ten": f"1{old}"}[how]
+    if how == "sign" and (text[:start] in ("", "-") and re.fullmatch(r"-?[\d/.]+", text)):
+        new, start = (old, 0) if text[:start] == "-" else (f"-{old}", start)  # a number, not an expression
+    holder[path[-1]] = text[:start] + new + text[end:]
+    return result
+
+
+CASES = ["cascaded_tanks", "fitzhugh_nagumo", "pendulum", "bent"]
+
+
+@pytest.mark.parametrize("how", ["last", "sign", "ten"])
+@pytest.mark.parametrize("case", CASES)
+def test_every_changed_number_is_noticed(case: str, how: str, bent: dict[str, Any]) -> None:
+    content = bent if case == "bent" else of_model(ROOT / "models" / f"{case}.py")
+    count = 0
+    for place in places(content):
+        assert not verified(json.dumps(changed(content, place, how))), place
+        count += 1
+    assert count > 50
+
+
+@pytest.mark.parametrize("how", ["last", "sign", "ten"])
+@pytest.mark.parametrize("case", CASES)
+def test_a_forger_gets_only_true_statements_through(case: str, how: str, bent: dict[str, Any]) -> None:
+    """With the digest made anew, what is still verified is not refuted at sample points."""
+    content = bent if case == "bent" else of_model(ROOT / "models" / f"{case}.py")
+    passed = failed = 0
+    every = list(places({key: part for key, part in content.items() if key != "digest"}))
+    every = [place for place in every if place[0][-1] != "tree"]  # another bisection proves the same
+    for place in every[:: 1 if case != "bent" else 3]:
+        forged = changed(content, place, how)
+        if forged == content or not verified(sealed(forged)):
+            failed += 1
+            continue
+        passed += 1
+        assert not falsehood(forged), (place, falsehood(forged))
+    assert failed > passed
+
+
+def falsehood(content: dict[str, Any]) -> str:
+    """What sampling says against a certificate, or ""; written without the package."""
+    plant, form = content["plant"], content["form"]
+    common = plant["inputs"] + plant["parameters"]
+    ranges = {s["name"]: (float(Fraction(s["low"])), float(Fraction(s["high"]))) for s in form["states"] + common}
+    outer = {s["name"]: (float(Fraction(s["low"])), float(Fraction(s["high"]))) for s in plant["states"]}
+    symbols = {name: sp.Symbol(name) for name in (*ranges, *outer)}
+
+    def graph(texts: list[str], names: list[str]) -> Any:
+        return sp.lambdify([symbols[name] for name in names], [sp.sympify(text, symbols) for text in texts], "math")
+
+    z, x = [s["name"] for s in form["states"]], list(outer)
+    inner, plain = list(ranges), [*x, *(s["name"] for s in common)]
+    back, flow = graph(form["from_form"], inner), graph(plant["flow"] + plant["output"], plain)
+    X = sp.Matrix([sp.sympify(text, symbols) for text in form["from_form"]])
+    b = sp.Matrix([sp.sympify(text, symbols) for text in form["b"]])
+    A = sp.Matrix([[sp.sympify(text, symbols) for text in row] for row in form["A"]])
+    v = sp.Matrix([symbols[name] for name in z])
+    rates = X.jacobian(v) * (A * v + b)
+    inside = sp.lambdify(
+        [symbols[n] for n in inner], [*rates, *(sp.sympify(t, symbols) for t in form["output"])], "math"
+    )
+    slopes = sp.lambdify([symbols[n] for n in inner], b.jacobian(v).tolist(), "math")
+    ranged = [claim for claim in content["claims"] if "low" in claim["evidence"]]
+    texts = graph([claim["evidence"]["expression"] for claim in ranged], inner)
+    draw = random.Random(1)
+    for _ in range(SAMPLES):
+        at = {name: draw.choice([low, high, draw.uniform(low, high)]) for name, (low, high) in ranges.items()}
+        values = [at[name] for name in inner]
+        there = [*back(*values), *(at[s["name"]] for s in common)]
+        if not np.allclose(inside(*values), flow(*there), rtol=1e-9, atol=1e-9):
+            return "the equations differ"
+        for claim, value in zip(ranged, texts(*values), strict=True):
+            low, high = (float(Fraction(claim["evidence"][end])) for end in ("low", "high"))
+            if not low - 1e-12 <= value <= high + 1e-12 or (".a_" in claim["id"] and low <= 0):
+                return f"{claim['id']}: {value} is outside [{low}, {high}]"
+        steep = np.linalg.norm(slopes(*values), 2)
+        for claim in content["claims"]:
+            if steep > float(Fraction(claim["evidence"].get("bound", 1e300))) + 1e-9:
+                return f"{claim['id']}: the slope is {steep}"
+    for claim in content["claims"]:
+        if "witness" in claim["evidence"]:
+            at = {name: Fraction(value) for name, value in claim["evidence"]["witness"].items()}
+            value = sp.sympify(claim["evidence"]["expression"], symbols).subs(
+                {symbols[n]: sp.Rational(t.numerator, t.denominator) for n, t in at.items()}
+            )
+            if value > 0 or any(not ranges[n][0] <= t <= ranges[n][1] for n, t in at.items()):
+                return f"{claim['id']}: the witness refutes nothing"
+    return ""
+
+
+# --- no false statement ---------------------------------------------------------------------------------------------
+
+
+def claim_of(content: dict[str, Any], id: str) -> dict[str, Any]:
+    return next(claim for claim in content["claims"] if claim["id"] == id)
+
+
+@pytest.mark.parametrize(("end", "true"), [("low", Fraction(3, 4)), ("high", Fraction(3))])
+def test_a_bound_may_touch_the_range_and_not_enter_it(bent: dict[str, Any], end: str, true: Fraction) -> None:
+    """u^2 - u + 1 on [-1, 1] has the range [3/4, 3]."""
+    content = copy.deepcopy(bent)
+    evidence = claim_of(content, "triangular.a_2")["evidence"]
+    evidence[end] = str(true)
+    assert found(sealed(content))["triangular.a_2"] == "verified"
+    evidence[end] = str(true + Fraction(1, 10**6) * (1 if end == "low" else -1))
+    assert found(sealed(content))["triangular.a_2"] == "fails"
+
+
+def test_a_lipschitz_bound_below_the_slope_fails(bent: dict[str, Any]) -> None:
+    content = copy.deepcopy(bent)
+    evidence = claim_of(content, "triangular.lipschitz")["evidence"]
+    evidence["bound"] = "2"
+    assert found(sealed(content))["triangular.lipschitz"] == "fails"
+
+
+@pytest.mark.parametrize("tree", ["", "u .", "u . . .", "x1 . .", "u u . .", "0 . .", ". ."])
+def test_a_bisection_with_a_gap_fails(bent: dict[str, Any], tree: str) -> None:
+    content = copy.deepcopy(bent)
+    claim_of(content, "triangular.a_2")["evidence"]["tree"] = tree
+    assert found(sealed(content))["triangular.a_2"] == "fails"
+
+
+def edit(content: dict[str, Any], what: str) -> None:
+    """One lie."""
+    form, plant, gain = content["form"], content["plant"], claim_of(content, "triangular.a_2")["evidence"]
+    if what == "the rest's coefficient":
+        form["b"][1] = form["b"][1].replace("exp(", "2*exp(")
+    elif what == "the flow's coefficient":
+        plant["flow"][1] = plant["flow"][1].replace("sin", "cos")
+    elif what == "the output":
+        form["output"][0] = form["output"][0].replace("2", "3")
+    elif what == "the sign of z3":
+        form["to_form"][2] = "x3"
+    elif what == "an entry off the chain":
+        form["A"][0][2] = "1"
+    elif what == "a smaller box":
+        gain["box"]["u"][0] = "0"
+    elif what == "a smaller range of the input":
+        plant["inputs"][0]["low"] = "0"
+    elif what == "a smaller range of a state":
+        form["states"][0]["low"] = "-1"
+    elif what == "another expression":
+        gain["expression"] = "u**2 + 1"
+    elif what == "a claim left out":
+        content["claims"] = [claim for claim in content["claims"] if claim["id"] != "triangular.a_2"]
+    elif what == "a claim twice":
+        content["claims"].append(claim_of(content, "triangular.a_1"))
+    elif what == "a refutation of what is true":
+        claim_of(content, "triangular.a_2").update(verdict="refuted", evidence={"expression": "1", "witness": {}})
+    elif what == "a claim that no rule knows":
+        content["claims"].append({"id": "triangular.beautiful", "verdict": "proved", "evidence": {}})
+    elif what == "a row that is not there":
+        content["claims"].append({**claim_of(content, "triangular.a_1"), "id": "triangular.a_4"})
+    elif what == "another kind":
+        form["kind"] = "phase"
+
+
+LIES = [
+    *("the rest's coefficient", "the flow's coefficient", "the output", "the sign of z3", "an entry off the chain"),
+    *("a smaller box", "a smaller range of the input", "a smaller range of a state", "another expression"),
+    *("a claim left out", "a claim twice", "a refutation of what is true", "a claim that no rule knows"),
+    *("a row that is not there", "another kind"),
+]
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_lie_fails(bent: dict[str, Any], lie: str) -> None:
+    content = copy.deepcopy(bent)
+    edit(content, lie)
+    assert content != bent
+    assert not verified(sealed(content))
+
+
+def test_an_open_claim_asserts_nothing(bent: dict[str, Any]) -> None:
+    content = copy.deepcopy(bent)
+    claim_of(content, "triangular.a_2").update(verdict="unknown", evidence={"reason": "20 boxes do not decide it"})
+    result = recheck(sealed(content))
+    assert not result.failed
+    assert next(row for row in result.rows if row.id == "triangular.a_2").found == "open"
+
+
+# --- the file -------------------------------------------------------------------------------------------------------
+
+HOSTILE = {
+    "nothing": "",
+    "no JSON": "hello",
+    "a list": "[]",
+    "other JSON": '{"models": []}',
+    "a later version": '{"format": "hgogen certificate", "version": "2"}',
+    "no plant": '{"format": "hgogen certificate", "version": "1"}',
+    "a deep nest": "[" * 100_000,
+    "a key twice": '{"format": "x", "format": "hgogen certificate"}',
+    "a long number": '{"format": ' + "9" * 10_000 + "}",
+    "not a number": '{"format": NaN}',
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_what_is_no_certificate(text: str) -> None:
+    with pytest.raises(NoCertificate) as caught:
+        recheck(text)
+    assert str(caught.value).endswith("hgogen check MODEL --certificate FILE")
+
+
+EXPRESSIONS = [
+    *(
+        "__import__('os')",
+        "x1.real",
+        "x1[0]",
+        "lambda: 1",
+        "x1 if x1 else 1",
+        "x9",
+        "exec(x1)",
+        "1 +",
+        "((x1)",
+        "x1 x2",
+    ),
+    *("2**99999", "9" * 500, "(" * 5000 + "x1" + ")" * 5000, "-" * 5000 + "x1", "x1+" * 60_000 + "x1"),
+    *("sin()", "sin(x1, x2)", "1e999999", "x1 ** ** 2", "é", "x1;x2", "x1\n#"),
+]
+
+
+@pytest.mark.parametrize("text", EXPRESSIONS, ids=lambda text: text[:12])
+def test_hostile_expressions_are_refused_at_once(bent: dict[str, Any], text: str) -> None:
+    content = copy.deepcopy(bent)
+    content["plant"]["flow"][0] = text
+    begin = time.perf_counter()
+    with pytest.raises(Unreadable):
+        recheck(sealed(content))
+    assert time.perf_counter() - begin < 2
+
+
+@pytest.mark.parametrize(
+    "text", ["exp(exp(exp(exp(x1))))", "x1**(10**9)", "(x1+x2+x3+1)**900", "((x1**900)**900)**900", "1/0", "log(-1)"]
+)
+def test_costly_expressions_fail_in_time(bent: dict[str, Any], text: str) -> None:
+    content = copy.deepcopy(bent)
+    content["plant"]["flow"][0] = text
+    begin = time.perf_counter()
+    assert not verified(sealed(content))
+    assert time.perf_counter() - begin < 10
+
+
+def test_every_part_may_be_missing_or_of_another_type(bent: dict[str, Any]) -> None:
+    """Each gives the sentence of a bad file, or a claim that fails; no other error."""
+
+    def holders(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+        yield path
+        pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        for key, inner in pairs:
+            yield from holders(inner, (*path, key))
+
+    count, passed = 0, set()
+    for path in holders({key: part for key, part in bent.items() if key != "digest"}):
+        for junk in (None, 7, {}):
+            content = copy.deepcopy(bent)
+            holder: Any = content
+            for key in path[:-1]:
+                holder = holder[key]
+            if not path or holder[path[-1]] == junk:
+                continue
+            holder[path[-1]] = junk
+            count += 1
+            if verified(sealed(content)):
+                passed.add(path[:2])
+    assert count > 200
+    assert passed <= {("hgogen",), ("plant", "outputs")}
+
+
+def command(*arguments: str) -> Any:
+    return CliRunner().invoke(cli.app, list(arguments))
+
+
+def test_the_command_line(tmp_path: Path) -> None:
+    file = tmp_path / "p.json"
+    assert command("check", str(ROOT / "models" / "pendulum.py"), "--certificate", str(file)).exit_code == 0
+    shown = command("recheck", str(file))
+    assert shown.exit_code == 0
+    assert "triangular.lipschitz" in shown.stdout
+    told = json.loads(command("recheck", str(file), "--json").stdout)
+    assert told["verified"] is True
+    file.write_text(file.read_text().replace('"high": "20"', '"high": "21"'))
+    shown = command("recheck", str(file))
+    assert shown.exit_code == 1
+    assert "digest" in shown.stderr
+    file.write_text(file.read_text()[:500])
+    assert command("recheck", str(file)).exit_code == 2
+    assert command("recheck", str(tmp_path / "none.json")).exit_code == 2
+    file.write_bytes(b"\xff\xfe\x00")
+    assert command("recheck", str(file)).exit_code == 2
+
+
+# --- independence ---------------------------------------------------------------------------------------------------
+
+
+def test_the_verifier_shares_no_code() -> None:
+    """It imports nothing of the package but its own files and the base of the errors, and neither SymPy nor Arb."""
+    files = sorted(PACKAGE.glob("recheck*.py"))
+    assert len(files) >= 7
+    own = {f"hgogen.{path.stem}" for path in files} | {"hgogen.errors"}
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert name is not None
+                assert not name.startswith("hgogen") or name in own, (path.name, name)
+                assert name.split(".")[0] not in ("sympy", "flint", "numpy", "casadi"), (path.name, name)
