@@ -133,6 +133,8 @@ def _chain(form: Form) -> list[sp.Expr]:
     """a_1..a_n, free of inputs."""
     if len(form.output) != 1:
         raise BadGain("high_gain", f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
+    if form.kind == "uniform":
+        raise BadGain("high_gain", "wants constant slopes, those of a uniform form vary with the state; use riccati")
     n = form.n
     if form.jacobian is not None:  # the chain is that of the phase coordinates
         return [sp.S.One] * n
