@@ -253,15 +253,15 @@ def singular_set(
     if size(e for row in gradients.values() for e in row) > limit:
         return None
     by_order = dict(sorted(gradients.items(), key=lambda item: (item[0][1], item[0][0])))
-    answers = {_zero_set(one, len(states)) for one in (by_order, gradients)}
+    choices = {frozenset(independent(one, len(states))) for one in (by_order, gradients)}
+    answers = {_zero_set([gradients[row] for row in sorted(rows)], len(states)) for rows in choices}
     return answers.pop() if len(answers) == 1 else None
 
 
-def _zero_set(gradients: dict[Row, list[sp.Expr]], n: int) -> tuple[sp.Expr, ...] | str | None:
-    chosen = independent(gradients, n)
-    if len(chosen) < n:
+def _zero_set(rows: list[list[sp.Expr]], n: int) -> tuple[sp.Expr, ...] | str | None:
+    if len(rows) < n:
         return "all"
-    value = determinant([gradients[row] for row in chosen])
-    if value.has(*_ROUGH):
-        return None
-    return factors(value) or "none"
+    if any(not power.exp.is_number for row in rows for e in row for power in e.atoms(sp.Pow)):
+        return None  # whether x**(a - 1) has a zero depends on a
+    value = determinant(rows)
+    return None if value.has(*_ROUGH) else factors(value) or "none"
