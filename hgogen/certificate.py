@@ -247,17 +247,33 @@ def _offset(form: Form, index: int) -> Evidence | None:
     return _enclosure(form, c, bound(c, _box(form, c.free_symbols)))
 
 
+def _slope(form: Form, index: int) -> Evidence | None:
+    """dh/dz_1 or dF_(i-1)/dz_i away from zero, on the box of states, inputs and parameters."""
+    row = form.output[0] if index == 1 else form.flow[index - 2]
+    slope = exact(sp.sympify(row).diff(form.states[index - 1]))
+    where = _box(form, slope.free_symbols)
+    found = bound(slope, where)
+    return _enclosure(form, slope, found if found.low > 0 or found.high < 0 else nonzero(slope, where).range)
+
+
 def _lipschitz(form: Form, index: int) -> Evidence | None:
-    """A bound of |db/dz|, from the range of its squared Frobenius norm."""
-    b = sp.Matrix([exact(sp.sympify(row)) for row in form.b])
+    return _steep(form, form.b)
+
+
+def _whole_lipschitz(form: Form, index: int) -> Evidence | None:
+    return _steep(form, (*form.flow, *form.output))
+
+
+def _steep(form: Form, rows: Iterable[sp.Expr]) -> Evidence | None:
+    """A bound of the rows' Jacobian, from the range of its squared Frobenius norm."""
+    b = sp.Matrix([exact(sp.sympify(row)) for row in rows])
     slopes = b.jacobian(sp.Matrix(form.states))
     square = sp.Add(*(x**2 for x in slopes))
-    names = b.free_symbols
     found = bound(square, _box(form, square.free_symbols), relative=0.1)
     if not (found.defined and found.finite):
         return None
     steep = outward(math.sqrt(max(found.high, 0.0)) * (1 + 1e-9), 1)
-    return {"box": _sides(_box(form, names)), "bound": str(steep), "tree": _tree(found)}
+    return {"box": _sides(_box(form, b.free_symbols)), "bound": str(steep), "tree": _tree(found)}
 
 
 def _nothing(form: Form, index: int) -> Evidence:
@@ -272,5 +288,8 @@ _MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
     (Verdict.REFUTED, r"triangular\.a_(\d+)", _no_gain),
     (Verdict.PROVED, r"triangular\.offset", _offset),
     (Verdict.PROVED, r"triangular\.lipschitz", _lipschitz),
+    (Verdict.PROVED, r"uniform\.structure", _nothing),
+    (Verdict.PROVED, r"uniform\.slope_(\d+)", _slope),
+    (Verdict.PROVED, r"uniform\.lipschitz", _whole_lipschitz),
     (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),
 )

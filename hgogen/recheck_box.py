@@ -280,18 +280,12 @@ def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> lis
     return [[row.value, *(row.slopes.get(k, zero) for k in range(len(names)))] for row in found]
 
 
-def steep(
-    rows: Sequence[Expression], names: Sequence[str], scale: Sequence[Expression], bound: Fraction
-) -> Callable[[Box], Try]:
-    """The statement |S J S^-1| <= bound in the spectral norm, J the Jacobian of `rows` in `names`, S = diag(scale)."""
+def steep(rows: Sequence[Expression], names: Sequence[str], bound: Fraction) -> Callable[[Box], Try]:
+    """The statement |J| <= bound in the spectral norm, J the Jacobian of `rows` in `names`."""
 
     def attempt(box: Box) -> Try:
         try:
-            J = [row[1:] for row in _jacobian(rows, names, box)]
-            S = [evaluate(one, sides(box), intervals) for one in scale]
-            return Try(
-                _norm([[s * x / t for x, t in zip(row, S, strict=True)] for row, s in zip(J, S, strict=True)], bound)
-            )
+            return Try(_norm([row[1:] for row in _jacobian(rows, names, box)], bound))
         except Undefined:
             return Try(False)
 
@@ -300,7 +294,7 @@ def steep(
 
 def _norm(J: list[list[Interval]], bound: Fraction) -> bool:
     """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
-    n = len(J)
+    n = len(J[0])
     squares = [intervals.power(x, 2) for row in J for x in row]
     total = point(Fraction(0))
     for square in squares:

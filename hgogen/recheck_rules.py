@@ -72,6 +72,18 @@ class Context:
             self._same(_value(forward, x, algebra), z[name], f"{name} is not undone by the inverse")
         return Shown("the form's equations are the plant's")
 
+    @cached_property
+    def rates(self) -> tuple[Expression, ...]:
+        """A z + b, row by row."""
+        form = self.form
+        terms = (
+            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if entry.text != "0"]
+            for row in form.A
+        )
+        return tuple(
+            expression(" + ".join((f"({rest.text})", *row)), form.box) for rest, row in zip(form.b, terms, strict=True)
+        )
+
     def _same(self, a: Quotient, b: Quotient, complaint: str) -> None:
         if not self.algebra.is_zero(a - b):
             raise NotShown(complaint)
@@ -235,15 +247,48 @@ def _offset(context: Context, claim: Claim, index: int) -> Shown:
 
 def _lipschitz(context: Context, claim: Claim, index: int) -> Shown:
     """|db/dz| <= bound in the spectral norm, on the box."""
+    return _steep(context, claim, context.form.b, "db/dz")
+
+
+def _steep(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Shown:
     _ = context.equations
-    names = {name for row in context.form.b for name in row.names}
+    names = {read for row in rows for read in row.names}
     box = _declared_box(claim.evidence, context.form.box, names)
     bound = number(claim.evidence.get("bound"))
     if bound < 0:
         raise NotShown("its bound is negative")
-    ones = [expression("1", ())] * len(context.z)
-    boxes = covered(box, part(claim.evidence, "tree", str), steep(context.form.b, context.z, ones, bound))
-    return Shown(f"|db/dz| <= {_short(bound)}{_on(box)}", boxes)
+    boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))
+    return Shown(f"|{name}| <= {_short(bound)}{_on(box)}", boxes)
+
+
+def _uniform_structure(context: Context, claim: Claim, index: int) -> Shown:
+    """F_i reads z_1..z_(i+1), y reads z_1."""
+    _ = context.equations
+    z = context.z
+    for i, row in enumerate(context.rates):
+        _only(row.names & set(z), z[: i + 2], f"F_{i + 1}")
+    if len(context.form.output) != 1:
+        raise NotShown("the uniform form has one output")
+    _only(context.form.output[0].names & set(z), z[:1], "the output")
+    _ranges(context)
+    return Shown(f"{' -> '.join(('y', *z))}, and the form's equations are the plant's")
+
+
+def _uniform_slope(context: Context, claim: Claim, index: int) -> Shown:
+    """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
+    _ = context.equations
+    if not 1 <= index <= len(context.z):
+        raise NotShown("the form has no such row")
+    row = context.form.output[0] if index == 1 else context.rates[index - 2]
+    low, high, shown = _range(context, claim, context.slope(row, context.z[index - 1]), row)
+    if low <= 0 <= high:
+        raise NotShown("its bounds do not keep clear of zero")
+    return Shown(f"slope {index}: {shown.sentence}", shown.boxes)
+
+
+def _uniform_lipschitz(context: Context, claim: Claim, index: int) -> Shown:
+    """|d(F, h)/dz| <= bound in the spectral norm, on the box."""
+    return _steep(context, claim, (*context.rates, *context.form.output), "d(F, h)/dz")
 
 
 def _inverse(context: Context, claim: Claim, index: int) -> Shown:
@@ -309,6 +354,9 @@ RULES: tuple[tuple[str, str, str, Rule], ...] = (
     ("triangular", r"triangular\.a_(\d{1,4})", "refuted", _no_gain),
     ("triangular", r"triangular\.offset", "proved", _offset),
     ("triangular", r"triangular\.lipschitz", "proved", _lipschitz),
+    ("uniform", r"uniform\.structure", "proved", _uniform_structure),
+    ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope),
+    ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz),
     ("*", r"recast\.inverse", "proved", _inverse),
     ("*", r"recast\.range", "proved", _range_of_recast),
 )
@@ -324,8 +372,13 @@ def rule(kind: str, claim: Claim) -> tuple[Rule, int] | None:
 
 
 def required(certificate: Certificate) -> tuple[str, ...]:
-    """The ids of the claims that a certificate of this form cannot leave out, whatever their verdicts."""
-    if certificate.form.kind != "triangular":
+    """The ids of the claims that a certificate of this form cannot leave out, whatever their verdicts: its structure,
+    and what a form of proved structure needs beside."""
+    kind, count = certificate.form.kind, len(certificate.form.states)
+    row = {"triangular": "a", "uniform": "slope"}.get(kind)
+    if row is None:
         return ()
-    rows = (f"triangular.a_{i}" for i in range(1, len(certificate.form.states) + 1))
-    return ("triangular.structure", *rows, "triangular.lipschitz")
+    structure = f"{kind}.structure"
+    if not any(claim.id == structure and claim.verdict == "proved" for claim in certificate.claims):
+        return (structure,)
+    return (structure, *(f"{kind}.{row}_{i}" for i in range(1, count + 1)), f"{kind}.lipschitz")

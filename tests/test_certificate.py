@@ -133,6 +133,47 @@ def test_a_wrong_proof_is_not_written() -> None:
     assert found(json.dumps(content))["triangular.a_3"] == "verified"
 
 
+def uniform_plant() -> hg.System:
+    x = [hg.Signal(f"x{i}", low=1, high=2) for i in (1, 2)]
+    u, y = hg.Signal("u", low=1, high=2), hg.Signal("y")
+    return hg.System(
+        "cube", states=x, inputs=(u,), outputs=(y,), flow=[x[1] ** 3 * u + x[0], -sp.sin(x[1])], output=[x[0]]
+    )
+
+
+def test_a_uniform_form() -> None:
+    """The slope 3 u x2^2 has the range [3, 24]."""
+    form = hg.forms.uniform(uniform_plant())
+    content = certificate(form, form.checks)
+    assert set(found(json.dumps(content)).values()) == {"verified"}
+    slope = claim_of(content, "uniform.slope_2")["evidence"]
+    for end, value in (("low", "3000001/1000000"), ("high", "23999999/1000000"), ("low", "0")):
+        forged = copy.deepcopy(content)
+        claim_of(forged, "uniform.slope_2")["evidence"][end] = value
+        assert found(sealed(forged))["uniform.slope_2"] == "fails"
+    assert Fraction(slope["low"]) > Fraction(29, 10)
+    claim_of(content, "uniform.lipschitz")["evidence"]["bound"] = "24"  # |dF/dx| at (2, 2, 2) is 24.06
+    assert found(sealed(content))["uniform.lipschitz"] == "fails"
+
+
+def test_a_refuted_structure_leaves_nothing_to_verify() -> None:
+    form = hg.forms.triangular(uniform_plant())
+    content = certificate(form, form.checks)
+    assert found(json.dumps(content)) == {"triangular.structure": "open"}
+    claim_of(content, "triangular.structure").update(verdict="proved")
+    result = found(sealed(content))
+    assert set(result.values()) == {"fails"}
+    assert len(result) == 4
+
+
+@pytest.mark.parametrize("form", ["phase", "block_triangular", "original"])
+def test_a_form_without_rules_is_stated(form: str) -> None:
+    made = getattr(hg.forms, form)(uniform_plant())
+    rows = recheck(json.dumps(certificate(made, made.checks))).rows
+    assert {row.id for row in rows} == {check.id for check in made.checks}
+    assert {row.found for row in rows} == {"open"}
+
+
 def test_piecewise_has_no_certificate() -> None:
     x, y = hg.Signal("x", low=0, high=1), hg.Signal("y")
     rate = sp.Piecewise((x, x > sp.Rational(1, 2)), (0, True))
