@@ -15,7 +15,7 @@ import typer
 import hgogen as hg
 from hgogen import jobs, native, noise, tables
 from hgogen.call import CallableStep, Engine
-from hgogen.check import demand
+from hgogen.checking import OptionalFile, check
 from hgogen.command import Bar, Json, ModelArgument, app, command, note, show
 from hgogen.compare import Disagree
 from hgogen.model import listed, load
@@ -42,9 +42,6 @@ class Reader(StrEnum):
 
 Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
 Seeds = Annotated[int | None, typer.Option(min=1, help="Number of noise seeds; by default the trial's.")]
-CertificateFile = Annotated[
-    Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
-]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times in seconds.")]
@@ -136,37 +133,7 @@ def build(
         raise Disagree(tuple(one for one in comparison if not one.agreed))
 
 
-@command()
-def check(model: ModelArgument, certificate: CertificateFile = None, as_json: Json = False) -> None:
-    """Print what is claimed of a model's form and observer, each claim with its verdict.
-
-    JSON keys: model, plant, form, coordinates, flow, outputs (expressions by name: z, z', y), checks (id, claim,
-    verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; the exit status is 1
-    if there are any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks,
-    reference; null without an observer), singular (factors: whose zeros are the singular set, null where it is not
-    known; inputs: those of them free of states; checks, which do not count for the exit status), notes.
-    """
-    loaded = load(model)
-    claims, singular = jobs.checked(loaded), hg.singularity(loaded.plant)
-    shown = (
-        tables.checks(claims.head, claims.checks, claims.accepted),
-        tables.checks(singular.head, singular.checks, ()),
-        tables.theorem(claims.theorem, claims.hypotheses),
-    )
-    show(as_json, {"model": loaded.path, **claims.as_dict(), "singular": singular.as_dict()}, *shown)
-    for sentence in claims.notes:
-        note(sentence)
-    if certificate is not None:
-        _certify(claims, certificate)
-    demand(claims.checks, claims.accepted, claims.form)
-
-
-def _certify(claims: jobs.Checked, path: Path) -> None:
-    from hgogen.certificate import certificate
-
-    text = json.dumps(certificate(claims.form, claims.checks), indent=1, ensure_ascii=True) + "\n"
-    hg.write({path.name: text}, path.parent)
-    note(f"wrote {path}; hgogen recheck {path} verifies it again")
+command(cls=OptionalFile)(check)
 
 
 @command("recheck")

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from typer.core import TyperCommand
 
 from hgogen import native, tables
 from hgogen.check import Refuted
@@ -33,11 +34,13 @@ ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model fil
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 
 
-def command(name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def command(
+    name: str | None = None, cls: type[TyperCommand] | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Register a command whose errors are one sentence and an exit status."""
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
-        @app.command(name)
+        @app.command(name, cls=cls)
         @wraps(function)
         def command(*args: Any, **kwargs: Any) -> None:
             try:

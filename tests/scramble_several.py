@@ -1,7 +1,7 @@
 """Labelled systems with two and three outputs: level-wise, cascade, both, neither, and bent level-wise.
 
-Chains z_{i,j}, j = 1..n_i, y_i = c z_{i,1}. Level-wise: row (i, j) uses levels up to j of every chain and a(u) times its
-own next. Cascade: all states of earlier chains and its own up to j. Heads are forced by the outputs.
+Chains z_{i,j}, j = 1..n_i, y_i = c z_{i,1}. Level-wise: row (i, j) uses levels up to j of every chain and a(u) times
+its own next. Cascade: all states of earlier chains and its own up to j. Heads are forced by the outputs.
 """
 
 import random

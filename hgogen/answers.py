@@ -1,0 +1,274 @@
+"""What a library run answers of a model: a table from question to fields, cheap ones first.
+
+Each answer is proved, or generic as its definition says, or None, which means no answer:
+
+    observable_*, rank_*    generic ranks, states alone and with parameters; seconds: of these two questions
+    triangular, ..., uof    z_i' = F_i(z_1..z_(i+1), u), its order, and whether slopes keep off zero on the closed box
+    a_ranges, bounds        outward-rounded ranges; lipschitz: of b on the box; gb_uniform, singular, mimo_*
+
+Without boxes the forms speak of structure only.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from time import perf_counter
+from typing import Any
+
+import sympy as sp
+
+from hgogen.bounds import bound, nonzero
+from hgogen.chain import Chains, Link, Rows, Shape, levelwise
+from hgogen.check import Verdict
+from hgogen.determinant import factors
+from hgogen.entry import Entry
+from hgogen.errors import HgogenError
+from hgogen.expression import parse
+from hgogen.gauthier_bornard import gauthier_bornard
+from hgogen.identity import is_zero
+from hgogen.rank import observability
+from hgogen.several import cascade
+from hgogen.singularity import singular_set
+from hgogen.slope import lipschitz_bound
+
+FIELDS = (
+    *("observable_params_known", "observable_joint", "rank_params_known", "rank_joint", "seconds", "triangular"),
+    *("triangular_uy", "uof_structure", "uof", "gb_uniform", "order", "a_ranges", "singular", "bounds", "lipschitz"),
+    *("mimo_levelwise", "mimo_cascade", "mimo_uof"),
+)
+
+_ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
+_EASY = 240  # operations times 2^n of a model whose Lie derivatives are written out: above, it may take minutes
+Answer = tuple[str, Any]
+
+
+def answers(entry: Entry) -> Iterator[Answer]:
+    """Pairs of field and value, as they are found; a field may come again, more complete.
+
+    A text of the model that cannot be read gives ("error", sentence); a question that fails, in whatever way, gives
+    ("note", sentence), and the next one is asked.
+    """
+    forms = _Forms(entry)
+    for what, question in _QUESTIONS.items():
+        try:
+            yield from question(forms)
+        except Exception as error:  # no failure of one question may cost the others
+            yield "note", f"{what}: {error or type(error).__name__}"
+
+
+@dataclass(frozen=True)
+class _Forms:
+    """The chains of a model, found once."""
+
+    entry: Entry
+
+    @cached_property
+    def rows(self) -> Rows:
+        e = self.entry
+        return Rows(e.states, e.flow, e.outputs, e.output, e.inner or {})
+
+    @cached_property
+    def chains(self) -> Chains:
+        return levelwise(self.rows)
+
+    @property
+    def single(self) -> bool:
+        return len(self.entry.output) == 1
+
+    @cached_property
+    def measured(self) -> Shape | None:
+        """The narrowest of the shapes with a gain that the one chain is proved to have."""
+        shapes = (Shape.CONSTANT, Shape.MEASURED)
+        return next((shape for shape in shapes if self.single and self.chains.answer(shape)[0]), None)
+
+    @cached_property
+    def gains(self) -> tuple[sp.Expr, ...]:
+        """a_1 .. a_(n-1), z_i' = a_i z_(i+1) + b_i."""
+        return tuple(link.gain for link in self.chains.links[0][1:])
+
+    @cached_property
+    def rests(self) -> tuple[sp.Expr, ...]:
+        """b_1 .. b_n."""
+        links = self.chains.links[0]
+        return (*(link.rest for link in links[1:]), self.rows.rate(links[-1].state))
+
+
+def _ranks(forms: _Forms) -> Iterator[Answer]:
+    e, before = forms.entry, perf_counter()
+    ranks = observability(e.flow, e.output, e.states, e.inputs, e.unknown or e.known)
+    yield "seconds", round(perf_counter() - before, 5)
+    for which, rank in (("params_known", ranks.known), ("joint", ranks.joint)):
+        yield f"observable_{which}", [s.name for s in rank.observable] if rank.final else None
+        yield f"rank_{which}", rank.rank if rank.final else None
+
+
+def _uniform_structure(forms: _Forms) -> Iterator[Answer]:
+    if forms.single:
+        answer, _ = forms.chains.answer(Shape.UNIFORM)
+        yield "uof_structure", answer
+        if answer or forms.measured:
+            yield "order", [s.name for s in forms.chains.order]
+        if answer is False:
+            yield "uof", False
+
+
+def _triangular(forms: _Forms) -> Iterator[Answer]:
+    if not forms.single:
+        return
+    refuted = [forms.chains.answer(shape)[0] is False for shape in (Shape.CONSTANT, Shape.MEASURED)]
+    kept = _kept(forms.gains, forms.entry) if forms.measured and _pure(forms.chains, forms) else None
+    constant = kept if forms.measured is Shape.CONSTANT else None
+    yield "triangular", False if refuted[0] else constant
+    yield "triangular_uy", False if refuted[1] else kept
+
+
+def _pure(chains: Chains, forms: _Forms) -> bool:
+    """Whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
+    heads = [links[0] for links in chains.links]
+    plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
+    return plain and _kept([head.gain for head in heads], forms.entry) is True
+
+
+def _kept(slopes: Iterable[sp.Expr], entry: Entry) -> bool | None:
+    """Whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
+    return _signed(slopes, entry) if entry.boxed else True
+
+
+def _signed(slopes: Iterable[sp.Expr], entry: Entry) -> bool | None:
+    """Whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness only."""
+    found = [_sign(slope, entry) for slope in slopes]
+    return False if False in found else None if None in found else True
+
+
+def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
+    outside = nonzero(slope, entry.outer).verdict
+    if outside is Verdict.PROVED:
+        return True
+    if outside is not Verdict.REFUTED or entry.inner is None or not entry.declared(slope):
+        return None
+    if nonzero(sp.cancel(slope), entry.outer).verdict is Verdict.PROVED:
+        return None  # a hole that can be filled: it may be read either way
+    inside = nonzero(slope, entry.inner).verdict if entry.inner != entry.outer else outside
+    return False if inside is Verdict.REFUTED else None
+
+
+def _uniform(forms: _Forms) -> Iterator[Answer]:
+    if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
+        yield "uof", _bent(forms.chains, forms.entry)
+
+
+def _bent(chains: Chains, entry: Entry) -> bool | None:
+    """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box."""
+    kept = _signed((_slope(link) for links in chains.links for link in links), entry)
+    return kept if kept or entry.boxed else None
+
+
+def _slope(link: Link) -> sp.Expr:
+    return link.gain if link.affine else link.slope
+
+
+def _ranges(forms: _Forms) -> Iterator[Answer]:
+    if forms.measured and forms.entry.boxed:
+        found = [_magnitude(gain, forms.entry) for gain in forms.gains]
+        yield "a_ranges", None if None in found else found
+
+
+def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
+    """The range of |a|; its lower end is positive where a is proved to keep off zero."""
+    found, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
+    if not found.finite:
+        return None
+    low, high = found.low, found.high
+    if sign.verdict is Verdict.PROVED:
+        near, far = (low, high) if sign.sign > 0 else (-high, -low)
+        return [max(near, sign.margin), far]
+    return [max(low, -high, 0.0), max(-low, high)]
+
+
+def _several(forms: _Forms) -> Iterator[Answer]:
+    shapes: dict[str, Callable[[], Chains]] = {
+        "mimo_levelwise": lambda: forms.chains,
+        "mimo_cascade": lambda: cascade(forms.rows),
+    }
+    for field, found in shapes.items():
+        chains = found()
+        answer, _ = chains.answer(Shape.CONSTANT)
+        if answer:  # whether a gain may vanish is not said: None where one does
+            gains = [link.gain for links in chains.links for link in links[1:]]
+            answer = True if _pure(chains, forms) and _kept(gains, forms.entry) else None
+        yield field, answer
+    answer, _ = forms.chains.answer(Shape.UNIFORM)
+    yield "mimo_uof", _bent(forms.chains, forms.entry) if answer else answer
+
+
+def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
+    e = forms.entry
+    found = gauthier_bornard(e.flow, e.output, e.states, e.inputs)
+    yield "gb_uniform", found.answer if found.applies else "na"
+
+
+def _bounds(forms: _Forms) -> Iterator[Answer]:
+    """One query after the other; null where no finite range is proved, the sentence where it cannot be read."""
+    e, faults = forms.entry, []
+    found: list[list[float] | None] = [None] * len(e.queries)
+    for k, text in enumerate(e.queries):
+        try:
+            one = bound(parse(text, e.symbols), e.outer)
+        except HgogenError as error:
+            faults.append(str(error))
+            continue
+        found[k] = [one.low, one.high] if one.finite else None
+        yield "bounds", list(found)
+    if faults:
+        yield "error", "; ".join(faults)
+
+
+def _singular(forms: _Forms) -> Iterator[Answer]:
+    e = forms.entry
+    if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
+        found = _singular_chain(forms)
+    elif sum(sp.count_ops(row) for row in (*e.flow, *e.output)) << len(e.states) <= _EASY:
+        found = singular_set(e.flow, e.output, e.states, e.inputs)
+    else:
+        found = None
+    yield "singular", [str(factor) for factor in found] if isinstance(found, tuple) else found
+
+
+def _singular_chain(forms: _Forms) -> tuple[sp.Expr, ...] | str | None:
+    """The matrix is triangular, its diagonal h', h' s_1, h' s_1 s_2, .. with the slopes s_i of the rows at u = 0."""
+    still = dict.fromkeys(forms.entry.inputs, sp.S.Zero)
+    slopes = [_slope(link).subs(still) for link in forms.chains.links[0]]
+    if any(slope.has(*_ROUGH) for slope in slopes):
+        return None
+    zero = [is_zero(slope) for slope in slopes]
+    if True in zero:
+        return "all"
+    return None if None in zero else factors(sp.Mul(*slopes)) or "none"
+
+
+def _lipschitz(forms: _Forms) -> Iterator[Answer]:
+    if forms.measured and forms.entry.boxed:
+        yield "lipschitz", _is_lipschitz(forms.rests, forms.entry)
+
+
+def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:
+    outside = lipschitz_bound(rests, entry.states, entry.outer, relative=1.0).verdict
+    if outside is Verdict.PROVED:
+        return True
+    if outside is not Verdict.REFUTED or entry.inner is None or not all(map(entry.declared, rests)):
+        return None
+    return False if lipschitz_bound(rests, entry.states, entry.inner).verdict is Verdict.REFUTED else None
+
+
+_QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
+    "observability": _ranks,
+    "structure": _uniform_structure,
+    "triangular form": _triangular,
+    "uniform form": _uniform,
+    "ranges of gains": _ranges,
+    "forms of several outputs": _several,
+    "uniform observability": _gauthier_bornard,
+    "bounds": _bounds,
+    "Lipschitz constant": _lipschitz,
+    "singular set": _singular,
+}

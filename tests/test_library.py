@@ -1,0 +1,183 @@
+"""Library runs: what each field says, bad models beside good ones, time limits, crashes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hgogen.answers import FIELDS, answers
+from hgogen.entry import entry
+from hgogen.errors import HgogenError
+from hgogen.library import BadLibrary, check, read
+from hgogen.workers import End, Event, run
+
+GOOD: dict[str, Any] = {
+    "name": "good",
+    "states": ["x1", "E"],
+    "inputs": ["u"],
+    "outputs": ["y"],
+    "f": ["-2*u*E", "-x1**3"],
+    "h": ["x1"],
+    "x_box": {"x1": ["-1", "pi/3"], "E": [0, 1]},
+    "u_box": {"u": [0.5, 2]},
+    "bound_queries": ["x1**2 - x1 + 1", "1/E"],
+}
+
+
+def asked(model: dict[str, Any]) -> dict[str, Any]:
+    return dict(answers(entry(model)))
+
+
+def test_every_field_of_a_model() -> None:
+    found = check([("good", GOOD)])["good"]
+    assert list(found) == list(FIELDS)
+    (low, high), pole = found.pop("bounds")
+    assert 0.7 < low <= 0.75
+    assert 3 <= high < 3.1
+    assert pole is None
+    assert 0 < found.pop("seconds") < 5
+    ((least, most),) = found.pop("a_ranges")
+    assert 0.99 < least <= 1
+    assert 4 <= most < 4.01
+    structure = dict.fromkeys(("triangular", "triangular_uy", "uof_structure", "uof", "lipschitz"), True)
+    structure |= dict.fromkeys(("mimo_levelwise", "mimo_cascade", "mimo_uof"), True)
+    names = {"order": ["x1", "E"], "observable_params_known": ["x1", "E"], "observable_joint": ["x1", "E"]}
+    ranks = {"rank_params_known": 2, "rank_joint": 2}
+    assert found == {**structure, **names, **ranks, "gb_uniform": False, "singular": "all"}
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"f": ["1"]}, "2 states and 1 expressions in f"),
+        ({"states": ["x1", "x1"]}, "'x1' is listed twice"),
+        ({"states": ["x1", 2]}, "which is no name"),
+        ({"states": "x1"}, "write a list"),
+        ({"states": [], "f": []}, "has no states"),
+        ({"outputs": [], "h": []}, "has no outputs"),
+        ({"f": ["E", None]}, "write each expression as text"),
+        ({"f": ["E", "w"]}, "'w' is not declared"),
+        ({"f": ["E", "__import__('os')"]}, "__import__"),
+        ({"x_box": {"x1": [1, 0]}}, "holds no number; give low <= high"),
+        ({"x_box": {"x1": [float("nan"), 0]}}, "which is no number"),
+        ({"x_box": {"x1": ["oo", "oo"]}}, "holds no number"),
+        ({"x_box": {"x1": [1]}}, "write [low, high]"),
+        ({"x_box": {"x1": ["sqrt(-1)", 1]}}, "real"),
+        ({"x_box": {"u": [0, 1]}}, "none of its states"),
+        ({"x_box": [0, 1]}, "write an object of ranges"),
+    ],
+)
+def test_a_bad_model_is_a_sentence_and_harms_no_other(change: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(HgogenError) as caught:
+        entry(GOOD | change)
+    assert sentence in str(caught.value)
+
+
+def test_bad_models_beside_a_good_one() -> None:
+    models = [("bad", GOOD | {"name": "bad", "f": ["1"]}), ("good", GOOD), ("good2", GOOD | {"name": "good2"})]
+    models += [("models[3]", 3), ("two", GOOD | {"name": "two"}), ("two", GOOD | {"name": "two"})]
+    found = check(models)
+    assert [name for name, answer in found.items() if "error" in answer] == ["bad", "models[3]", "two"]
+    assert "2 models are named 'two'" in found["two"]["error"]
+    assert found["good"]["triangular"] is True
+    assert all(found["bad"][field] is None for field in FIELDS)
+
+
+def test_a_bad_query_leaves_the_other_answers() -> None:
+    found = asked(GOOD | {"bound_queries": ["w", "u"]})
+    assert "'w' is not declared" in found["error"]
+    assert found["bounds"] == [None, [0.5, 2.0]]
+    assert found["uof"] is True
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"u_box": {"u": [-1, 1]}}, {"triangular": False, "uof": False, "uof_structure": True}),
+        ({"u_box": {"u": [0, 1]}}, {"triangular": False, "uof": False}),
+        ({"u_box": None}, {"triangular": None, "uof": None, "uof_structure": True}),
+        ({"u_box": None, "x_box": None}, {"triangular": True, "uof": None, "lipschitz": None, "a_ranges": None}),
+        ({"u_box": None, "f": ["(1 + u**2)*E", "0"]}, {"triangular": True, "uof": True}),
+        ({"f": ["x1*E", "0"]}, {"triangular": False, "triangular_uy": False, "uof_structure": True}),
+        ({"f": ["E**3", "0"]}, {"triangular": False, "uof": False, "uof_structure": True}),
+        ({"f": ["E + E**3", "0"]}, {"triangular": False, "uof": True}),
+        ({"f": ["0", "E"]}, {"triangular": False, "uof_structure": False, "uof": False}),
+        ({"h": ["x1 + u"]}, {"triangular": None, "uof_structure": True, "uof": True}),
+        ({"f": ["u*E", "sqrt(E)"]}, {"triangular": True, "lipschitz": False}),
+        ({"f": ["u*E", "x1**2"], "x_box": {"E": [0, 1]}}, {"triangular": True, "lipschitz": None}),
+        ({"f": ["cos(u)*E", "0"], "u_box": {"u": [0, "pi/2"]}}, {"triangular": None}),
+        ({"f": ["cos(u)*E", "0"], "u_box": {"u": [0, "pi/3"]}}, {"triangular": True}),
+        ({"f": ["(u**2 - 1)/(u - 1)*E", "0"]}, {"triangular": None}),
+    ],
+)
+def test_boxes_decide_where_they_must(change: dict[str, Any], expected: dict[str, Any]) -> None:
+    found = asked(GOOD | change)
+    assert {field: found.get(field) for field in expected} == expected
+
+
+def test_files_that_are_no_library(tmp_path: Path) -> None:
+    for text in ("", "{", "[]", '{"models": 3}', "[" * 100_000):
+        (tmp_path / "in.json").write_text(text)
+        with pytest.raises(BadLibrary, match="a library is JSON"):
+            read(tmp_path / "in.json")
+    with pytest.raises(BadLibrary, match="cannot be read"):
+        read(tmp_path / "none.json")
+
+
+# --- workers ------------------------------------------------------------------------------------------------
+
+
+def _task(task: Any) -> Iterator[Any]:
+    yield "begun"
+    if task == "hang":
+        time.sleep(60)
+    if task == "crash":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if task == "big":
+        yield len(bytearray(1 << 40))
+    yield task
+
+
+def test_a_task_that_hangs_or_crashes_costs_itself_alone() -> None:
+    tasks = ["a", "hang", "crash", "b", "big", "c"]
+    before = time.monotonic()
+    events = list(run(_task, tasks, limit=1.0, processes=2))
+    assert time.monotonic() - before < 30
+    ends = {tasks[event.task]: event.end for event in events if event.end}
+    crashed = {"crash", "big"}
+    assert ends == {t: End.LATE if t == "hang" else End.CRASHED if t in crashed else End.DONE for t in tasks}
+    assert Event(1, "begun") in events
+    assert {event.result for event in events if event.result != "begun" and event.result} == {"a", "b", "c"}
+
+
+# --- command line -------------------------------------------------------------------------------------------
+
+
+def hgogen(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    command = [str(Path(sys.executable).parent / "hgogen"), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
+
+
+def test_the_command(tmp_path: Path) -> None:
+    sixty = [f"x{k}" for k in range(60)]
+    steps = [f"x{k + 1}*(1 + x{k}**2)/(2 + sin(x{k}))" for k in range(59)]
+    big = {"name": "sixty", "states": sixty, "outputs": ["y"], "f": [*steps, "x0"], "h": ["x0"]}
+    (tmp_path / "in.json").write_text(json.dumps({"models": [big, GOOD]}))
+    done = hgogen("check", "--library", "in.json", "--json", "out.json", "--limit", "5", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert found["good"]["triangular"] is True
+    assert found["sixty"].get("partial") or found["sixty"]["uof_structure"] is True
+    (tmp_path / "in.json").write_text("no")
+    refused = hgogen("check", "--library", "in.json", "--json", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "in.json: is no JSON" in refused.stderr
+    assert hgogen("check", cwd=tmp_path).returncode == 2
