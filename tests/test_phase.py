@@ -172,6 +172,13 @@ def test_a_branch_counts_only_where_it_holds(slope: Any, low: float, verdict: st
         assert float(number) == pytest.approx(1.25, rel=1e-12)
 
 
+def test_the_negative_branch_is_taken_on_a_negative_range() -> None:
+    x1, x2 = x = states((-1, 1), (-2, -0.5))
+    form = hg.forms.phase(plant("negative", x, [x2**2, -x2], x1))
+    assert form.from_form[1] == -sp.sqrt(form.states[1])
+    assert verdicts(form) == ALL_PROVED
+
+
 def test_nearby_is_not_one_to_one() -> None:
     """A full turn: (cos, sin) has full rank everywhere and meets each value twice."""
     x1, x2 = states((0.1, 7), (0.1, 7))
@@ -238,6 +245,7 @@ def test_at_a_singular_point_there_is_no_correction() -> None:
     step = stepped(hg.forms.phase(lorenz()), 10, initial={"x1": 0, "x2": 0, "x3": 20})
     run = step.run(y=np.full(50, 5.0), engine="python")
     assert (run.status & bit(step, "SINGULAR")).all()
+    assert not (run.status & bit(step, "RESTARTED")).any()
     assert (run.x[:, :2] == 0).all()
     step = stepped(hg.forms.phase(lorenz()), 10, initial={"x1": 1, "x2": 0, "x3": 20})
     run = step.run(y=np.full(50, 5.0), engine="python")
