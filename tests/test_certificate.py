@@ -353,6 +353,8 @@ def edit(content: dict[str, Any], what: str) -> None:
         plant["inputs"][0]["low"] = "0"
     elif what == "a smaller range of a state":
         form["states"][0]["low"] = "-1"
+    elif what == "a wider range of the plant":
+        plant["states"][0]["low"] = "-3"
     elif what == "another expression":
         gain["expression"] = "u**2 + 1"
     elif what == "a claim left out":
@@ -371,7 +373,13 @@ def edit(content: dict[str, Any], what: str) -> None:
 
 LIES = [
     *("the rest's coefficient", "the flow's coefficient", "the output", "the sign of z3", "an entry off the chain"),
-    *("a smaller box", "a smaller range of the input", "a smaller range of a state", "another expression"),
+    *(
+        "a smaller box",
+        "a smaller range of the input",
+        "a smaller range of a state",
+        "a wider range of the plant",
+        "another expression",
+    ),
     *("a claim left out", "a claim twice", "a refutation of what is true", "a claim that no rule knows"),
     *("a row that is not there", "another kind"),
 ]
