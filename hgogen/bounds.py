@@ -24,7 +24,8 @@ from hgogen.zeros import crossing, special_point
 __all__ = ["LIMIT", "Attained", "Box", "End", "Range", "Sign", "bound", "box", "lipschitz_bound", "nonzero"]
 
 LIMIT = 20_000
-_FIRST = 1000  # boxes before a pole is looked for
+_FIRST = 500  # boxes before a pole is looked for
+_GLANCE = 60  # and before a zero
 
 
 @dataclass(frozen=True)
@@ -107,13 +108,16 @@ def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT) -> Sign:
     problem = _problem(expression, box)
     if problem is None:
         return Sign(Verdict.REFUTED, 0, 0.0, {}, "it is not a finite real number", _NOWHERE)
-    found = problem.search(one_sign, boxes)
-    if found.defined and (found.low > 0 or found.high < 0):
-        return _proved(problem, found)
-    refuted = _refutation(problem, found, boxes)
-    if refuted:
-        reason, witness = refuted
-        return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, _range(problem, found, 0.0))
+    for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
+        found = problem.search(one_sign, limit)
+        if found.defined and (found.low > 0 or found.high < 0):
+            return _proved(problem, found)
+        refuted = _refutation(problem, found, limit)
+        if refuted:
+            reason, witness = refuted
+            return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, _range(problem, found, 0.0))
+        if found.boxes + 2 <= limit:  # more boxes would change nothing
+            break
     reason = f"{found.boxes} boxes do not decide it"
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, _range(problem, found, 0.0))
 
@@ -178,7 +182,8 @@ def _proved(problem: _Problem, found: Found) -> Sign:
 
 def _refutation(problem: _Problem, found: Found, boxes: int) -> tuple[str, Point] | None:
     """Why it has not one sign, and where."""
-    special = special_point(problem.expression, problem.program, problem.sides)
+    near = [problem.sides.point(at.tolist()) for at in (found.inner.at_least, found.inner.at_most) if at is not None]
+    special = special_point(problem.expression, problem.program, problem.sides, near=near)
     if special:
         what, point = special
         return ("vanishes" if what == "= 0" else "is not a finite real number"), point

@@ -1,24 +1,29 @@
-"""The hypothesis 0 < a_m <= a(u) <= a_M on the closed box of inputs and parameters, and the sign of a(u)."""
+"""The hypothesis 0 < a_m <= a <= a_M on the closed box of what a varies with, and the sign of a."""
 
-from collections.abc import Iterator
+from dataclasses import replace
 
 import sympy as sp
 
+from hgogen.bounds import Range, Sign, bound, box, nonzero
 from hgogen.check import Check, Verdict
-from hgogen.interval import End, Interval, enclose, finite
-from hgogen.interval import box as box_of
-from hgogen.points import Point, exact, kind, points, witness
+from hgogen.points import exact, kind, points
+from hgogen.proof import Proof, ends
 from hgogen.signal import Signal
-from hgogen.singular import singular
 from hgogen.system import System
+from hgogen.tape import NoTape
+
+_FEW = 200  # boxes for a sign that only chooses coordinates
 
 
 def sign(a: sp.Expr, system: System) -> int:
     """1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
     a, signals = _varying(a, system)
-    low, high = _range(a, signals)
-    if low > 0 or high < 0:
-        return 1 if low > 0 else -1
+    try:
+        found = nonzero(a, box(system.signals, system.nominal), boxes=_FEW)
+    except NoTape:
+        found = None
+    if found and found.verdict is Verdict.PROVED:
+        return found.sign
     seen = {kind(a, point) for point in points(signals)}
     return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
 
@@ -26,86 +31,68 @@ def sign(a: sp.Expr, system: System) -> int:
 def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     """The check that 0 < a_m <= a <= a_M. `name` is what the report calls a.
 
-    proved: by exact intervals. refuted: with a point where a is zero, negative or not finite and real.
-    unknown: a range is missing, or neither decides.
+    proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
+    and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
     """
-    claim = f"0 < a_m <= {name} = {a} <= a_M on the box"
     a, signals = _varying(a, system)
-    low, high = _range(a, signals)
-    if low > 0 and finite((low, high)) and not singular([a], box_of(signals)):
-        return Check(id, claim, Verdict.PROVED, _proof(low, high))
-    found = _refutation(a, signals)
-    if found:
-        reason, point = found
-        fix = _fix(id, name, signals, system)
-        return Check(id, claim, Verdict.REFUTED, f"{name} {reason}", witness(point), fix)
+    check = Check(id, f"0 < a_m <= {name} = {a} <= a_M on the box", Verdict.UNKNOWN, "")
+    try:
+        found = nonzero(a, box(system.signals, system.nominal))
+    except NoTape as missing:
+        return replace(check, reason=str(missing))
+    if found.verdict is Verdict.PROVED and found.sign > 0:
+        return _proved(check, a, found, signals, system)
+    negative = found.range.least
+    if found.verdict is Verdict.REFUTED:
+        reason, witness = found.reason, found.witness
+    elif negative is not None and negative.value < 0:
+        reason, witness = "is negative", negative.point
+    else:
+        return _unknown(check, found.reason, signals)
+    at = {s.name: float(value) for s, value in witness.items()}
+    fix = _fix(id, name, signals, system)
+    return replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at, fix=fix)
+
+
+def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
+    """Once the sign is proved, as tight a range as there is."""
+    around = box(system.signals, system.nominal)
+    found = bound(a, around)
+    low, high = max(found.low, first.range.low), min(found.high, first.range.high)
+    if high == float("inf"):
+        return _unknown(check, f"{found.boxes} boxes give no upper bound", signals)
+    tightest = found if found.low > 0 else first.range
+    proof = Proof(
+        "range",
+        (a,),
+        {s: around[s] for s in signals},
+        *ends(tightest.low, tightest.high),
+        tightest.variables,
+        tightest.tree,
+    )
+    return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, found, first), proofs=(proof,))
+
+
+def _range(a: sp.Expr, low: float, high: float, found: Range, first: Sign) -> str:
+    if a.is_Rational:
+        return f"it is {a}"
+    boxes = max(found.boxes, first.range.boxes)
+    return (
+        f"between {low:.3g} and {high:.3g}, rounded: outward-rounded intervals, {boxes} box{'' if boxes == 1 else 'es'}"
+    )
+
+
+def _unknown(check: Check, reason: str, signals: tuple[Signal, ...]) -> Check:
     loose = ", ".join(s.name for s in signals if not s.bounded)
     if loose:
-        fix = f"Declare low= and high= for {loose}."
-        return Check(id, claim, Verdict.UNKNOWN, f"no range is declared for {loose}", fix=fix)
-    return Check(id, claim, Verdict.UNKNOWN, "no sample point refutes it, exact intervals do not decide it")
+        return replace(check, reason=f"no range is declared for {loose}", fix=f"Declare low= and high= for {loose}.")
+    return replace(check, reason=f"no point refutes it, {reason}")
 
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
     """a with constants at their values, all numbers exact, and the signals that it then varies with."""
     a = exact(a.xreplace({p: value for p, value in system.nominal.items() if not p.bounded}))
     return a, tuple(s for s in (*system.states, *system.inputs, *system.parameters) if s in a.free_symbols)
-
-
-def _range(a: sp.Expr, signals: tuple[Signal, ...]) -> Interval:
-    """The tighter of the ranges of a as written and of a in factors."""
-    box = box_of(signals)
-    low, high = enclose(a, box)
-    try:
-        factors = enclose(sp.factor(a), box)
-    except sp.PolynomialError:
-        return low, high
-    return max(low, factors[0]), min(high, factors[1])
-
-
-def _proof(low: End, high: End) -> str:
-    if low == high:
-        return f"it is {low}"
-    return f"exact intervals: between {sp.Rational(low).evalf(3)} and {sp.Rational(high).evalf(3)}, rounded"
-
-
-def _refutation(a: sp.Expr, signals: tuple[Signal, ...]) -> tuple[str, Point] | None:
-    """Why and where a is not positive and finite, from sample points."""
-    first: dict[str, Point] = {}
-    for point in points(signals):
-        first.setdefault(kind(a, point), point)
-    for point in _roots(a, signals) if len(first) == 1 else ():  # a zero between samples of one sign
-        first.setdefault(kind(a, point), point)
-    if "= 0" in first:
-        return "vanishes", first["= 0"]
-    if "undefined" in first:
-        return "is not a finite real number", first["undefined"]
-    if "< 0" in first and "> 0" in first:
-        return "changes sign", _crossing(a, first["< 0"], first["> 0"])
-    return ("is negative", first["< 0"]) if "< 0" in first else None
-
-
-def _roots(a: sp.Expr, signals: tuple[Signal, ...]) -> Iterator[Point]:
-    """The rational zeros in the range of a polynomial in one signal, such as (u - 1/7)^2, which has one sign."""
-    if len(signals) != 1 or not signals[0].bounded or not a.is_polynomial(signals[0]):
-        return
-    low, high = (sp.Rational(str(end)) for end in signals[0].interval)
-    try:
-        roots = sp.Poly(a, signals[0]).ground_roots()
-    except sp.PolynomialError:  # coefficients that are no rationals
-        return
-    yield from ({signals[0]: root} for root in sorted(roots) if low <= root <= high)
-
-
-def _crossing(a: sp.Expr, below: Point, above: Point) -> Point:
-    """Bisection, to float accuracy, on the line between a point where a < 0 and one where a > 0."""
-    for _ in range(60):
-        middle = {s: (below[s] + above[s]) / 2 for s in below}
-        what = kind(a, middle)
-        if what not in ("< 0", "> 0"):
-            return middle
-        below, above = (middle, above) if what == "< 0" else (below, middle)
-    return below
 
 
 def _fix(id: str, name: str, signals: tuple[Signal, ...], system: System) -> str:

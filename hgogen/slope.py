@@ -74,7 +74,7 @@ def lipschitz_bound(
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     found = steepest(vector, around.outer, relative, min(boxes, _FIRST))
     steep = None if found.bounded else _endless(rows, read, around)
-    if not (found.finished or steep):
+    if not (found.finished or steep) and boxes > _FIRST:
         found = steepest(vector, around.outer, relative, boxes)
     if found.bounded:
         reason = "" if found.finished else f"{found.boxes} boxes bring it no closer to the slopes that are attained"

@@ -107,15 +107,17 @@ def _norms(field: Field, root: Pair, low: Array, high: Array) -> tuple[Array, Fl
     return np.where(smooth, _norm(matrix), np.inf), smooth, _cuts(root, low, high, weight)
 
 
-def _matrices(field: Field, low: Array, high: Array) -> tuple[Pair, Flags, Array | None]:
-    """Enclosures of J (rows x states x k), where it can be used, and how much each variable matters (m x k)."""
+def _matrices(field: Field, low: Array, high: Array, wide: bool = True) -> tuple[Pair, Flags, Array | None]:
+    """Enclosures of J (rows x states x k), where it can be used, and how much each variable matters (m x k).
+
+    `wide`: boxes and not points, for which the mean value form is no use."""
     rows = enclose(field.program, low, high, slopes=True)
     smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
     continuous = np.logical_and.reduce([row.continuous for row in rows])
     slopes = [row.slope for row in rows if row.slope is not None]
     picked = list(field.states)
     matrix = np.stack([slope[0][picked] for slope in slopes]), np.stack([slope[1][picked] for slope in slopes])
-    if not field.places:
+    if not (field.places and wide):
         return matrix, smooth, None
     entries = enclose(field.jacobian, low, high, slopes=True)
     centre = middle(low, high)
@@ -129,7 +131,7 @@ def _matrices(field: Field, low: Array, high: Array) -> tuple[Pair, Flags, Array
         terms = scale(slope, away)
         weight = weight + np.maximum(np.abs(terms[0]), np.abs(terms[1]))
         form = middle_value.value
-        for i in range(len(low)):
+        for i in np.nonzero(((slope[0] != 0) | (slope[1] != 0)).any(axis=1))[0]:
             form = add(form, (terms[0][i], terms[1][i]))
         usable = entry.defined & entry.continuous & middle_value.defined
         usable = usable & ~np.isnan(form[0]) & ~np.isnan(form[1])
@@ -228,7 +230,7 @@ def _product(a: Pair, b: Pair) -> Pair:
 
 def _attained(field: Field, points: Array) -> tuple[float, Array | None]:
     """The best lower bound of |J| at points (m x k), and the point."""
-    matrix, smooth, _ = _matrices(field, points, points)
+    matrix, smooth, _ = _matrices(field, points, points, wide=False)
     usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
     if not usable.any():
         return 0.0, None

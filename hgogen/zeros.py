@@ -25,12 +25,17 @@ _STEPS = 1100  # of a bisection: from the largest float down to the smallest
 
 
 def special_point(
-    expression: sp.Expr, program: Tape, sides: Sides, kinds: tuple[str, ...] = ("= 0", "undefined")
+    expression: sp.Expr,
+    program: Tape,
+    sides: Sides,
+    kinds: tuple[str, ...] = ("= 0", "undefined"),
+    near: Iterable[Point] = (),
 ) -> tuple[str, Point] | None:
-    """("= 0" or "undefined", the point) for the first candidate that is one of the kinds."""
+    """("= 0" or "undefined", the point) for the first candidate that is one of the kinds; simple points next to those
+    of `near` are candidates, too."""
     if largest_exponent(expression) > STEEP:
         return None
-    candidates = list(islice(_candidates(expression, sides), _CANDIDATES))
+    candidates = [*_simple(near, sides), *islice(_candidates(expression, sides), _CANDIDATES)]
     if not candidates:
         return None
     low, high = _around(candidates, sides)
@@ -66,6 +71,14 @@ def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, abo
         if sides.contains(point) and kind(expression, _rational(point)) == "= 0":
             return point
     return below
+
+
+def _simple(near: Iterable[Point], sides: Sides) -> Iterator[Point]:
+    for point in near:
+        for largest in (1, 2, 6, 12, 100, 1000):
+            found = {s: value.limit_denominator(largest) for s, value in point.items()}
+            if sides.contains(found):
+                yield found
 
 
 def _simplest(below: Point, above: Point) -> Point:

@@ -373,26 +373,26 @@ def test_several_outputs_are_for_another_form() -> None:
     ("gain", "verdict", "witness", "says"),
     [
         (-p, "proved", {}, "it is 4/5"),
-        (-sp.sqrt(2), "proved", {}, "exact intervals"),
-        (-v, "proved", {}, "between 1.00 and 2.00"),
-        (1 + u**2, "proved", {}, "exact intervals"),
-        (u**2 + 2 * u + 2, "unknown", {}, "exact intervals do not decide"),
-        (-sp.exp(-3 * u), "proved", {}, "exact intervals"),
-        (k**-2 * v, "proved", {}, "exact intervals"),
-        (2 + sp.sin(sp.log(v)), "proved", {}, "exact intervals"),
+        (-sp.sqrt(2), "proved", {}, "between 1.41 and 1.41"),
+        (-v, "proved", {}, "between 1 and 2,"),
+        (1 + u**2, "proved", {}, "between 1 and 2,"),
+        (u**2 + 2 * u + 2, "proved", {}, "between 1 and 5,"),
+        (-sp.exp(-3 * u), "proved", {}, "between 0.0498 and 20.1"),
+        (k**-2 * v, "proved", {}, "outward-rounded intervals"),
+        (2 + sp.sin(sp.log(v)), "proved", {}, "between 2 and 2.64"),
         (2 + sp.sin(sp.log(u)), "refuted", {"u": 0.0}, "not a finite real number"),
         (sp.sqrt(v) - 1, "refuted", {"v": 1.0}, "vanishes"),
         (u, "refuted", {"u": 0.0}, "vanishes"),
         (u**2, "refuted", {"u": 0.0}, "vanishes"),
         (0.1 * u**2 + 0.2 * u + 0.1, "refuted", {"u": -1.0}, "vanishes"),
         (0.2 * v**2 + 0.1 * v - 0.3, "refuted", {"v": 1.0}, "vanishes"),  # in floats it is 5.6e-17 there
-        (0.3 * v**2 - 0.6 * v + 0.31, "unknown", {}, "exact intervals do not decide"),
+        (0.3 * v**2 - 0.6 * v + 0.31, "proved", {}, "between 0.01 and 0.31"),
         (u * v, "refuted", {"u": 0.0}, "vanishes"),
-        (u - sp.Rational(1, 3), "refuted", {"u": 1 / 3}, "changes sign"),
+        (u - sp.Rational(1, 3), "refuted", {"u": 1 / 3}, "vanishes"),
         (sp.exp(u) - 2, "refuted", {"u": float(sp.log(2))}, "changes sign"),
         ((u - sp.Rational(1, 7)) ** 2, "refuted", {"u": 1 / 7}, "vanishes"),
         (1 / u, "refuted", {"u": 0.0}, "not a finite real number"),
-        (k - 3, "refuted", {"k": 3.0}, "sign"),
+        (k - 3, "refuted", {"k": 3.0}, "vanishes"),
     ],
 )
 def test_gains_are_proved_refuted_or_honestly_unknown(
@@ -408,6 +408,7 @@ def test_gains_are_proved_refuted_or_honestly_unknown(
     assert_triangular(form)
 
 
+@settings(deadline=None, max_examples=30)
 @given(st.fractions(-1, 1, max_denominator=20), st.fractions(1, 2, max_denominator=20))
 def test_a_gain_that_vanishes_somewhere_is_never_proved(at_u: sp.Rational, at_v: sp.Rational) -> None:
     gain = (u - sp.Rational(at_u)) ** 2 + (v - sp.Rational(at_v)) ** 2
