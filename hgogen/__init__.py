@@ -13,11 +13,13 @@ from hgogen.form import Form
 from hgogen.gramian import gramian
 from hgogen.observability import observability
 from hgogen.observer import Observer
+from hgogen.query import bound, nonzero
 from hgogen.recast import recast
 from hgogen.reference import reference
 from hgogen.signal import Signal
 from hgogen.singularity import singularity
 from hgogen.step import Step
+from hgogen.survey import survey
 from hgogen.system import System
 from hgogen.target import write
 
@@ -32,17 +34,20 @@ __all__ = [
     "Step",
     "System",
     "Verdict",
+    "bound",
     "forms",
     "from_casadi",
     "gramian",
     "innovation",
     "methods",
+    "nonzero",
     "observability",
     "observers",
     "recast",
     "reference",
     "sample",
     "singularity",
+    "survey",
     "targets",
     "theta",
     "trial",

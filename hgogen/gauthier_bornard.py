@@ -62,11 +62,16 @@ def gauthier_bornard(
     return UniformObservability(True, True, f"rank {plant.n}, and every span is kept at {POINTS} random points {kind}")
 
 
-def uniformly_observable(plant: System) -> Check:
-    """The test as a `Check`, parameters generic within their ranges, the others at their nominal values."""
+def of_plant(plant: System) -> UniformObservability:
+    """The test of a plant, parameters generic within their ranges, those without one at their nominal values."""
     fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
     flow, output = ([e.xreplace(fixed) for e in part] for part in (plant.flow, plant.output))
-    found = gauthier_bornard(flow, output, plant.states, plant.inputs)
+    return gauthier_bornard(flow, output, plant.states, plant.inputs)
+
+
+def uniformly_observable(plant: System) -> Check:
+    """The test as a `Check`; unknown where it does not apply."""
+    found = of_plant(plant)
     verdict = {True: Verdict.GENERIC, False: Verdict.REFUTED, None: Verdict.UNKNOWN}[found.answer]
     return Check("gauthier_bornard", "observable whatever the input, on an open dense set", verdict, found.reason)
 

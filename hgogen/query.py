@@ -1,0 +1,107 @@
+"""Rigorous answers about an expression that a user asks, on the declared box of a plant or on one of his own."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from numbers import Rational, Real
+from typing import Any
+
+import sympy as sp
+
+from hgogen import bounds
+from hgogen.bounds import LIMIT, Box, End, Range, Sign, box
+from hgogen.errors import HgogenError
+from hgogen.expression import parse
+from hgogen.system import System
+
+
+@dataclass(eq=False)
+class NotInBox(HgogenError):
+    """An expression with a symbol that has no place in the box."""
+
+    symbol: str
+    known: tuple[str, ...]
+    alike: bool
+
+    def __str__(self) -> str:
+        if self.alike:
+            return f"{self.symbol} is not the symbol declared with that name; use the Signal itself, or write text"
+        return f"{self.symbol} is not in the box, which has {', '.join(self.known) or 'no symbols'}; declare it there"
+
+
+@dataclass(eq=False)
+class BadRange(HgogenError):
+    """What is given in the place of a box, or of one of its ranges."""
+
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"the box: {self.name} {self.reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
+
+
+def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
+    """The range of an expression, rigorous on the whole closed box, wider than the true one by at most `relative` of
+    its width, or its `note` says why.
+
+    Args: `expression`: SymPy, or text in the names of the box, read by the grammar of plain-text models; `where`: a
+    plant, for the box of its declared ranges, parameters without a range at their values, outputs standing for their
+    equations, or a mapping from symbols or names to closed ranges (low, high), exact or float, infinite if unbounded.
+
+    Raises: `BadExpression` for text outside the grammar; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function
+    without a rule.
+    """
+    return bounds.bound(*_question(expression, where), boxes=boxes, relative=relative)
+
+
+def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign:
+    """Whether an expression is finite and has one sign on the whole closed box; arguments and errors as of `bound`."""
+    return bounds.nonzero(*_question(expression, where), boxes=boxes)
+
+
+def _question(given: Any, where: System | Box) -> tuple[sp.Expr, Box]:
+    plant = where if isinstance(where, System) else None
+    around = _declared(plant) if plant else _given(where)
+    equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
+    names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
+    expression = parse(given, names) if isinstance(given, str) else sp.sympify(given)
+    for symbol in sorted(expression.free_symbols - {*around, *equations}, key=str):
+        raise NotInBox(str(symbol), tuple(names), symbol.name in names)
+    return expression.xreplace(equations), around
+
+
+def _declared(plant: System) -> Box:
+    return box((*plant.states, *plant.inputs, *plant.parameters), plant.nominal)
+
+
+def _given(where: Any) -> Box:
+    if not isinstance(where, Mapping):
+        raise BadRange(str(where), "is neither a plant nor a mapping")
+    return {_symbol(key): _ends(key, value) for key, value in where.items()}
+
+
+def _symbol(key: Any) -> sp.Symbol:
+    if not isinstance(key, sp.Symbol | str):
+        raise BadRange(str(key), "is no name")
+    return key if isinstance(key, sp.Symbol) else sp.Symbol(key)
+
+
+def _ends(key: Any, value: Any) -> tuple[End, End]:
+    if not isinstance(value, Sequence) or len(value) != 2:
+        raise BadRange(str(key), f"has {value!r} for its range")
+    low, high = (_end(key, end) for end in value)
+    return low, high
+
+
+def _end(key: Any, end: Any) -> End:
+    """A float is the number that its shortest decimal says, as in a Signal."""
+    if isinstance(end, sp.Rational):
+        return Fraction(int(end.p), int(end.q))
+    if isinstance(end, bool) or not isinstance(end, Real):
+        raise BadRange(str(key), f"has the end {end!r}, which is no number")
+    return Fraction(repr(float(end))) if isinstance(end, float) and math.isfinite(end) else _kept(end)
+
+
+def _kept(end: Any) -> End:
+    return Fraction(end) if isinstance(end, Rational) else float(end)

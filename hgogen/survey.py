@@ -1,0 +1,153 @@
+"""Which observability forms a plant is in, on its declared box, in which order of states, and why not in the others.
+
+Every form of the folder `forms` is asked, each in its variants, and the test of Gauthier and Bornard. What one says of
+the plant as a whole is the worst of what its checks say.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import sympy as sp
+
+from hgogen import forms
+from hgogen.check import Check, Verdict
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.gauthier_bornard import of_plant
+from hgogen.system import System
+
+DEAR = "not asked, for it may take seconds; ask with --deep, or survey(plant, deep=True)"
+_WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verdict.PROVED)
+
+
+@dataclass(frozen=True)
+class Case:
+    """How a form is asked: the options of each variant, the least and most outputs it is for (0: any number), whether
+    it takes seconds."""
+
+    options: tuple[Mapping[str, Any], ...] = ({},)
+    least: int = 1
+    most: int = 0
+    dear: bool = False
+
+    def refusal(self, outputs: int) -> str:
+        """Why a plant with so many outputs is not asked, "" if it is."""
+        if outputs < self.least:
+            return f"it is for {self.least} outputs or more"
+        return f"it is for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
+
+
+# The narrowest form first; a form of the folder that is not named here comes after them, as it is.
+CASES: Mapping[str, Case] = MappingProxyType(
+    {
+        "triangular": Case(({}, {"measured": True}), most=1),
+        "uniform": Case(most=1),
+        "block_triangular": Case(({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2),
+        "phase": Case(most=1, dear=True),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One form and what is known of the plant in it.
+
+    `verdict`: the worst of the checks'; None where the form does not take the plant, or was not asked, and `why` says
+    which. `order`: the plant's states in the form's order, with their signs; () where the form has other coordinates,
+    or there is no order. `why`: the reason of the first of the worst checks, with its `witness`; `fix`: what may help.
+    """
+
+    name: str
+    verdict: Verdict | None
+    order: tuple[str, ...]
+    why: str
+    witness: Mapping[str, float] = field(default_factory=dict, hash=False)
+    fix: str = ""
+    form: Form | None = field(default=None, repr=False)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        names = ("name", "verdict", "why", "fix")
+        return {**{n: getattr(self, n) for n in names}, "order": list(self.order), "witness": dict(self.witness)}
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A row for each form in each variant, and one for Gauthier and Bornard."""
+
+    plant: System
+    rows: tuple[Row, ...]
+
+    def __getitem__(self, name: str) -> Row:
+        """The row of that name, such as "triangular" or "triangular, measured=True"."""
+        return {row.name: row for row in self.rows}[name]
+
+    @property
+    def answered(self) -> tuple[Row, ...]:
+        """The rows with a verdict."""
+        return tuple(row for row in self.rows if row.verdict is not None)
+
+    @property
+    def best(self) -> Form:
+        """The first form that is proved, else the first that takes the plant."""
+        found = [row for row in self.answered if row.form is not None]
+        proved = [row for row in found if row.verdict is Verdict.PROVED]
+        form = (proved or found)[0].form
+        assert form is not None
+        return form
+
+    def __str__(self) -> str:
+        lines = [f"{row.verdict or '-':8} {row.name}: {row.why}" for row in self.rows]
+        return "\n".join([f"{self.plant.name}: which form, on the declared box", *(f"  {line}" for line in lines)])
+
+
+def survey(plant: System, *, deep: bool = False) -> Survey:
+    """Every form of the plant on its declared box; those that take seconds only if `deep`."""
+    names = (*CASES, *(name for name in forms.__all__ if name not in CASES))
+    rows = [row for name in names for row in _rows(name, CASES.get(name, Case()), plant, deep)]
+    return Survey(plant, (*rows, _gauthier_bornard(plant)))
+
+
+def _rows(name: str, case: Case, plant: System, deep: bool) -> Iterator[Row]:
+    refusal = case.refusal(len(plant.outputs))
+    if refusal or (case.dear and not deep):
+        yield Row(name, None, (), refusal or DEAR)
+    else:
+        for options in case.options:
+            yield _row(", ".join([name, *(f"{key}={value!r}" for key, value in options.items())]), name, options, plant)
+
+
+def _row(title: str, name: str, options: Mapping[str, Any], plant: System) -> Row:
+    try:
+        form: Form = getattr(forms, name)(plant, **options)
+    except HgogenError as refusal:  # the plant is not one that the form takes
+        return Row(title, None, (), str(refusal))
+    worst = min(form.checks, key=lambda check: _WORST.index(check.verdict))
+    order = _order(form) if _ordered(form) else ()
+    if worst.verdict is Verdict.PROVED:
+        return Row(title, worst.verdict, order, f"all {len(form.checks)} checks proved", form=form)
+    return Row(title, worst.verdict, order, f"{_short(worst)}", worst.witness, worst.fix, form)
+
+
+def _short(check: Check) -> str:
+    at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
+    return f"{check.id.partition('.')[2]}: {check.reason}{', at ' + at if at else ''}"
+
+
+def _ordered(form: Form) -> bool:
+    """Whether the form's order means anything: one without the structure leaves the plant in its own."""
+    return all(check.verdict is Verdict.PROVED for check in form.checks if check.id.endswith(".structure"))
+
+
+def _order(form: Form) -> tuple[str, ...]:
+    states = form.system.states
+    permuted = all(any(z in (x, -x) for x in states) for z in form.to_form)
+    return tuple(map(sp.sstr, form.to_form)) if permuted else ()
+
+
+def _gauthier_bornard(plant: System) -> Row:
+    found = of_plant(plant)
+    verdict = {True: Verdict.GENERIC, False: Verdict.REFUTED, None: Verdict.UNKNOWN}[found.answer]
+    return Row("Gauthier-Bornard", verdict if found.applies else None, (), found.reason)
