@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from typing import Any
 
 import sympy as sp
 
@@ -43,7 +44,7 @@ class Range:
     low <= value <= high wherever it and its parts are finite and real; -inf and inf where nothing is proved. `defined`:
     proved finite and real on the whole closed box. `least`, `most`: points where a value as small, as large is
     attained. `boxes`: how many were tried; `note`: why it is not tighter, or "". `variables`: what the tree's indices
-    count; `tree`: the bisection, ("split", index, left, right) and "leaf", sides cut as `search.middle` says.
+    count; `tree`: the bisection, ("split", index, left, right) and "leaf", sides cut as `floats.middle` says.
     """
 
     low: float
@@ -60,6 +61,11 @@ class Range:
     def finite(self) -> bool:
         """Whether both ends are finite."""
         return math.isfinite(self.low) and math.isfinite(self.high)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, which has no infinity: None for an end that is not bounded."""
+        low, high = (end if math.isfinite(end) else None for end in (self.low, self.high))
+        return {"low": low, "high": high, "defined": self.defined, "boxes": self.boxes, "note": self.note}
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from functools import cached_property
 
 import sympy as sp
 
+from hgogen.box import box
 from hgogen.identity import Box, dependence, free_of, is_zero
-from hgogen.interval import box
 from hgogen.system import System
 
 Answer = tuple[bool | None, str]

@@ -13,9 +13,10 @@ from fractions import Fraction
 import sympy as sp
 from sympy.core.evalf import PrecisionExhausted
 
+from hgogen.box import Box, End
+from hgogen.box import box as box_of
 from hgogen.check import Check, Verdict
-from hgogen.interval import Box, End, Interval, enclose, finite
-from hgogen.interval import box as box_of
+from hgogen.glance import Interval, enclose, finite
 from hgogen.lipschitz import JUMPS, KINKS
 from hgogen.points import Point, exact, kind, points, witness
 from hgogen.signal import Signal
@@ -58,7 +59,7 @@ def stand_ins(signals: Iterable[Signal]) -> dict[Signal, sp.Dummy]:
 def checks(change: Change) -> tuple[Check, ...]:
     """`recast.inverse` and `recast.range`.
 
-    proved: exact intervals, exact substitution. refuted: at a sample point. unknown: neither, or no range.
+    proved: outward-rounded intervals, exact substitution. refuted: at a sample point. unknown: neither, or no range.
     """
     fixed = {p: value for p, value in change.plant.nominal.items() if not p.bounded}
     signed = stand_ins((*change.old, *change.forward))
@@ -92,7 +93,9 @@ def _inverse(change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
     doubt = _roughness(maps) or next((f"{g} was not shown to be 0" for g, _ in gaps if not _zero(g, signed)), "")
     if doubt:
         return Check(id, claim, Verdict.UNKNOWN, doubt, fix=narrow)
-    return Check(id, claim, Verdict.PROVED, "exact intervals find no singular point, exact substitution both ways")
+    return Check(
+        id, claim, Verdict.PROVED, "outward-rounded intervals find no singular point, exact substitution both ways"
+    )
 
 
 def _zero(gap: sp.Expr, signed: Mapping[Signal, sp.Dummy]) -> bool:
@@ -141,7 +144,7 @@ def _range(change: Change) -> Check:
         names = ", ".join(sorted(loose))
         fix = f"Declare low= and high= for {names}." if names else "Widen its range."
         return Check(id, claim, Verdict.UNKNOWN, wide[0], fix=fix)
-    return Check(id, claim, Verdict.PROVED, "exact intervals")
+    return Check(id, claim, Verdict.PROVED, "outward-rounded intervals, exact at the ends")
 
 
 def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:

@@ -11,7 +11,8 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.interval import box, enclose
+from hgogen.box import box
+from hgogen.glance import enclose
 from hgogen.observer import HUGE, Clock, Observer
 from hgogen.program import INF, Block, Field, Program, When, column, sym, walk
 from hgogen.signal import Signal

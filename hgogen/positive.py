@@ -34,8 +34,8 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
     and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
     """
-    a, signals = _varying(a, system)
     check = Check(id, f"0 < a_m <= {name} = {a} <= a_M on the box", Verdict.UNKNOWN, "")
+    a, signals = _varying(a, system)
     try:
         found = nonzero(a, box(system.signals, system.nominal))
     except NoTape as missing:

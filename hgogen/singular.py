@@ -5,7 +5,8 @@ from fractions import Fraction
 
 import sympy as sp
 
-from hgogen.interval import Box, Interval, contains_zero, enclose
+from hgogen.box import Box
+from hgogen.glance import Interval, contains_zero, enclose
 
 _ONE, _THREE_HALVES = Fraction(1), Fraction(3, 2)
 
@@ -39,7 +40,7 @@ def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, str]:
 
 
 def _condition(node: sp.Expr, box: Box) -> str:
-    """What must hold for `node` to be smooth; empty if exact intervals show that it does on the whole box."""
+    """What must hold for `node` to be smooth; empty if outward-rounded intervals show that it does on the whole box."""
     if type(node) in _SINGULAR:
         index, clear, text = _SINGULAR[type(node)]
         return "" if clear(enclose(node.args[index], box)) else text.format(node.args[index])

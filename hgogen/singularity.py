@@ -14,10 +14,10 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.box import box as box_of
 from hgogen.check import Check, Verdict
 from hgogen.determinant import determinant, factors, independent
-from hgogen.interval import Interval, contains_zero, enclose
-from hgogen.interval import box as box_of
+from hgogen.glance import Interval, contains_zero, enclose
 from hgogen.lie import derivatives, rates, size
 from hgogen.points import exact
 from hgogen.singular import singular

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgogen.enclosure import Flags, enclose
+from hgogen.floats import corners, middle
 from hgogen.outward import Array, Pair, add, down, meet, negate, power, scale, square_root, up
-from hgogen.search import Tree, corners, middle, split_tree
+from hgogen.search import Tree, split_tree
 from hgogen.tape import Tape
 
 _BATCH = 128

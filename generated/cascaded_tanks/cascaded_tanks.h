@@ -28,13 +28,14 @@
  * (2010)
  * Claims
  *   proved: recast.inverse: the change of coordinates and its inverse are smooth and undo each other on the
- *     declared ranges; exact intervals find no singular point, exact substitution both ways
- *   proved: recast.range: the new states keep to their ranges while the plant's states do; exact intervals
+ *     declared ranges; outward-rounded intervals find no singular point, exact substitution both ways
+ *   proved: recast.range: the new states keep to their ranges while the plant's states do; outward-rounded
+ *     intervals, exact at the ends
  *   proved: triangular.structure: each row brings in one new state, linearly; y -> x2 -> w
  *   proved: triangular.a_1: 0 < a_m <= a_1 = 1 <= a_M on the box; it is 1
  *   proved: triangular.a_2: 0 < a_m <= a_2 = k2 <= a_M on the box; it is 2823/50000
- *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; every partial derivative is bounded
- *     there, by exact intervals
+ *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; L_b <= 0.4809, by outward-rounded
+ *     intervals on 1 box
  *   unknown: riccati.convergence: the estimate converges exponentially from any initial state (theorem 5);
  *     the theorem's constants are existential: no number for theta, d, gamma can be proved from it
  */

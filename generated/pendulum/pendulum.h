@@ -17,12 +17,12 @@
  *   proved: triangular.structure: each row brings in one new state, linearly; y -> q -> w
  *   proved: triangular.a_1: 0 < a_m <= a_1 = 1 <= a_M on the box; it is 1
  *   proved: triangular.a_2: 0 < a_m <= a_2 = 1 <= a_M on the box; it is 1
- *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; every partial derivative is bounded
- *     there, by exact intervals
- *   proved: high_gain.convergence: the error converges exponentially for every theta above a bound; above
- *     44.36 = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= 2.829, L_b <= 7.841; exact arithmetic and
- *     outward-rounded intervals
- *   unknown: high_gain.theta: theta = 20 is above it; it is below the certified 44.36; the bound is
+ *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; L_b <= 19.6, by outward-rounded
+ *     intervals on 1 box
+ *   proved: high_gain.convergence: in continuous time, without noise, the error converges exponentially for
+ *     every theta above a bound; above 44.36 = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= 2.829, L_b <=
+ *     7.841; exact arithmetic and outward-rounded intervals
+ *   unknown: high_gain.theta: theta = 20 is above that bound; it is below the certified 44.36; the bound is
  *     sufficient, not necessary
  */
 #ifndef PENDULUM_H
