@@ -148,7 +148,7 @@ def _box(plant: System) -> dict[sp.Symbol, Interval]:
 
 
 def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """Those that exact intervals do not keep away from 0 on the box."""
+    """Those that outward-rounded intervals do not keep away from 0 on the box."""
     box = _box(plant)
     return tuple(e for e in factors if contains_zero(enclose(exact(e), box)))
 
