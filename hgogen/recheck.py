@@ -13,8 +13,9 @@ from hgogen.errors import HgogenError
 from hgogen.recheck_algebra import TooLarge
 from hgogen.recheck_arithmetic import Undefined
 from hgogen.recheck_box import NotShown
+from hgogen.recheck_context import Context, Shown
 from hgogen.recheck_file import LARGEST, Certificate, Claim, NoCertificate, read
-from hgogen.recheck_rules import Context, Shown, required, rule
+from hgogen.recheck_rules import required, rule
 from hgogen.recheck_text import Unreadable
 
 OPEN = ("where", "generic", "unknown", "stated")  # verdicts that assert nothing to verify
@@ -85,13 +86,13 @@ class Rechecked:
 def recheck(text: str) -> Rechecked:
     """Verify the certificate in a text; what is not shown is a row that fails.
 
+    A file that was changed fails by the row "digest"; the other rows tell what holds of the model that it now names.
+
     Raises: `NoCertificate` and `Unreadable` for a text that is no certificate.
     """
     certificate = read(text)
-    if not certificate.untouched:
-        row = Row("digest", "", "fails", "the file is not as it was written")
-        return Rechecked(certificate.name, certificate.form.kind, (row,))
-    return Rechecked(certificate.name, certificate.form.kind, tuple(rows(certificate)))
+    changed = () if certificate.untouched else (Row("digest", "", "fails", "the file is not as it was written"),)
+    return Rechecked(certificate.name, certificate.form.kind, (*changed, *rows(certificate)))
 
 
 def load(path: str | Path) -> str:

@@ -156,6 +156,34 @@ def test_a_uniform_form() -> None:
     assert found(sealed(content))["uniform.lipschitz"] == "fails"
 
 
+def measured_plant() -> hg.System:
+    """x1' = (2 + sin x1) x2 - x1: the gain varies with what is measured."""
+    x = [hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2)]
+    y, flow = hg.Signal("y"), [(2 + sp.sin(x[0])) * x[1] - x[0], -(x[0] ** 2)]
+    return hg.System("screen", states=x, outputs=(y,), flow=flow, output=[x[0]])
+
+
+def test_gains_that_vary_with_the_measured_state() -> None:
+    form = hg.forms.triangular(measured_plant(), measured=True)
+    content = certificate(form, form.checks)
+    assert set(found(json.dumps(content)).values()) == {"verified"}
+    assert claim_of(content, "triangular.a_2")["evidence"]["box"] == {"z1": ["-2", "2"]}
+    other = copy.deepcopy(content)  # a gain may not vary with z2
+    other["form"]["A"][0][1], other["form"]["b"][0] = "sin(z1) + 2 + z2", "-z1 - z2**2"
+    assert found(sealed(other))["triangular.structure"] == "fails"
+
+
+def test_a_changed_file_tells_what_still_holds() -> None:
+    """The digest is one row of it, and fails."""
+    content = of_model(ROOT / "models" / "pendulum.py")
+    claim_of(content, "triangular.a_1")["evidence"]["high"] = "2"
+    result = found(json.dumps(content))
+    assert result.pop("digest") == "fails"
+    assert result["triangular.a_1"] == result["triangular.lipschitz"] == "verified"
+    claim_of(content, "triangular.a_1")["evidence"]["low"] = "3/2"
+    assert found(json.dumps(content))["triangular.a_1"] == "fails"
+
+
 def test_a_refuted_structure_leaves_nothing_to_verify() -> None:
     form = hg.forms.triangular(uniform_plant())
     content = certificate(form, form.checks)

@@ -1,0 +1,180 @@
+"""What a rule of a certificate works with: its exact algebra, and what has been shown of its form.
+
+Every rule first shows that the form is the plant:
+
+    dX/dz (A z + b) = f(X(z), u),   h(X(z), u) = output,   Z(X(z)) = z       as rational functions, X = from_form
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+from hgogen.recheck_algebra import Algebra, Quotient
+from hgogen.recheck_arithmetic import Dual, dual, evaluate
+from hgogen.recheck_box import Box, NotShown, covered, ranged
+from hgogen.recheck_file import Certificate, Claim, ends, part
+from hgogen.recheck_text import Expression, expression, number
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a rule showed, as a sentence, and with how many boxes."""
+
+    sentence: str
+    boxes: int = 0
+
+
+class Context:
+    """A certificate with its exact algebra, and what has been shown of it."""
+
+    def __init__(self, certificate: Certificate) -> None:
+        self.file = certificate
+        self.form, self.plant = certificate.form, certificate.plant
+        self.z = self.form.states
+        self.algebra = algebra_of(self.form.box)
+
+    @cached_property
+    def letters(self) -> dict[str, Quotient]:
+        """The form's names as letters, fixed parameters as their numbers."""
+        return letters_of(self.algebra, self.form.box)
+
+    def value(self, text: Expression) -> Quotient:
+        """An expression of the form's names."""
+        return value_of(text, self.letters, self.algebra)
+
+    @cached_property
+    def equations(self) -> Shown:
+        """The form is the plant, by exact algebra. Raises: `NotShown`."""
+        algebra, form, plant = self.algebra, self.form, self.plant
+        z = self.letters
+        for change in (*form.to_form, *form.from_form):
+            only(change.names & set(self.file.inputs), (), "the change of coordinates")
+        rates = [self.value(row) for row in form.b]
+        for i, row in enumerate(form.A):
+            for j, entry in enumerate(row):
+                rates[i] = rates[i] + self.value(entry) * z[form.states[j]]
+        moving = {name: Dual(z[name], {0: rates[form.states.index(name)]} if name in form.states else {}) for name in z}
+        images = [evaluate(inverse, moving, dual(algebra.arithmetic)) for inverse in form.from_form]
+        x = {**z, **{name: image.value for name, image in zip(plant.states, images, strict=True)}}
+        for name, flow, image in zip(plant.states, plant.flow, images, strict=True):
+            speed = image.slopes.get(0, algebra.number(Fraction(0)))
+            self._same(value_of(flow, x, algebra), speed, f"{name}' of the form is not the plant's")
+        for given, output in zip(plant.output, form.output, strict=True):
+            self._same(value_of(given, x, algebra), self.value(output), "the form's output is not the plant's")
+        for name, forward in zip(form.states, form.to_form, strict=True):
+            self._same(value_of(forward, x, algebra), z[name], f"{name} is not undone by the inverse")
+        return Shown("the form's equations are the plant's")
+
+    @cached_property
+    def rates(self) -> tuple[Expression, ...]:
+        """A z + b, row by row."""
+        form = self.form
+        terms = (
+            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if entry.text != "0"]
+            for row in form.A
+        )
+        return tuple(
+            expression(" + ".join((f"({rest.text})", *row)), form.box) for rest, row in zip(form.b, terms, strict=True)
+        )
+
+    def _same(self, a: Quotient, b: Quotient, complaint: str) -> None:
+        if not self.algebra.is_zero(a - b):
+            raise NotShown(complaint)
+
+    def same(self, text: Expression, wanted: Quotient, complaint: str) -> None:
+        """That an expression of the file is what has to be shown."""
+        self._same(self.value(text), wanted, complaint)
+
+    @cached_property
+    def first_gain(self) -> Quotient:
+        """a_1 = dy/dz_1. That y(z_1) - y(0) = z_1 dy/dz_1 for every z_1 makes it the same for every z_1.
+
+        Raises: `NotShown`.
+        """
+        first, output = self.z[0], self.form.output[0]
+        slope = self.slope(output, first)
+        rest = value_of(output, {**self.letters, first: self.algebra.number(Fraction(0))}, self.algebra)
+        self._same(self.value(output) - rest, slope * self.letters[first], f"the output is not linear in {first}")
+        return slope
+
+    def slope(self, text: Expression, name: str) -> Quotient:
+        """A partial derivative, in closed form."""
+        one, zero = self.algebra.number(Fraction(1)), self.algebra.number(Fraction(0))
+        values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in self.letters.items()}
+        found: Quotient = evaluate(text, values, dual(self.algebra.arithmetic)).slopes.get(0, zero)
+        return found
+
+
+def algebra_of(box: Box) -> Algebra:
+    free = [name for name, (low, high) in box.items() if low < high]
+    return Algebra(free, [name for name in free if box[name][0] >= 0])
+
+
+def letters_of(algebra: Algebra, box: Box) -> dict[str, Quotient]:
+    return {
+        name: algebra.letter(name) if low < high else algebra.number(Fraction(low)) for name, (low, high) in box.items()
+    }
+
+
+def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
+    found: Quotient = evaluate(text, values, algebra.arithmetic)
+    return found
+
+
+# --- pieces of rules
+
+
+def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
+    strange = sorted(set(names) - set(allowed))
+    if strange:
+        raise NotShown(f"{complaint} reads {', '.join(strange)}")
+
+
+def narrowed(box: Box, names: Iterable[str]) -> Box:
+    return {name: box[name] for name in sorted(names)}
+
+
+def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
+    """The model's box of these names; the claim's own must be the same."""
+    wanted = narrowed(box, names)
+    given = part(evidence, "box", dict)
+    found = {name: ends(*_pair(pair), name) for name, pair in sorted(given.items())}
+    if found != wanted:
+        raise NotShown("its box is not the model's ranges of the names it reads")
+    return wanted
+
+
+def _pair(value: object) -> tuple[object, object]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise NotShown("a range of its box has not two ends")
+    return value[0], value[1]
+
+
+def enclosed(context: Context, claim: Claim, wanted: Quotient, source: Expression) -> tuple[Fraction, Fraction, Shown]:
+    """The claim's enclosure low <= e <= high of what has to be shown, on the model's box."""
+    evidence = claim.evidence
+    text = expression(part(evidence, "expression", str), context.form.box)
+    context.same(text, wanted, f"its expression {text.text} is not what the form has")
+    low, high = number(evidence.get("low")), number(evidence.get("high"))
+    box = declared_box(evidence, context.form.box, text.names)
+    boxes = covered(box, part(evidence, "tree", str), ranged(text, low, high))
+    if text.text != source.text:  # the form's own expression is defined there, too
+        boxes += covered(narrowed(context.form.box, source.names), ".", ranged(source, -math.inf, math.inf))
+    return low, high, Shown(f"{short(low)} <= {_cut(text.text)} <= {short(high)}{on(box)}", boxes)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def short(value: Fraction) -> str:
+    text = str(value)
+    return text if len(text) <= 12 else f"{float(value):.6g}"
+
+
+def on(box: Box) -> str:
+    named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
+    return f" on {', '.join(named)}" if named else ""
