@@ -1,6 +1,7 @@
 """The command `check`: the claims of one model, or the answers to many."""
 
 import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,10 +12,11 @@ from typer.core import TyperCommand
 import hgogen as hg
 from hgogen import jobs, library, tables
 from hgogen.answers import FIELDS
+from hgogen.bounds import Range
 from hgogen.check import demand
 from hgogen.command import Bar, note, show
 from hgogen.latex import fragment
-from hgogen.model import load
+from hgogen.model import Model, load
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
@@ -41,6 +43,11 @@ def check(
     ] = None,
     certificate: CertificateFile = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations and the checks as LaTeX.")] = False,
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared box; repeat it."),
+    ] = None,
+    deep: Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")] = False,
     many: Annotated[
         Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
     ] = None,
@@ -51,13 +58,17 @@ def check(
         str | None, typer.Option("--json", metavar="[FILE]", help="Print JSON alone; of a library into FILE.")
     ] = None,
 ) -> None:
-    """Print what is claimed of a model's form and observer, each claim with its verdict.
+    """Print what is observable, which forms the plant is in and why not in the others, and what is claimed of the
+    model's form and observer, each claim with its verdict.
 
-    JSON keys: model, plant, form, coordinates, flow, outputs (expressions by name: z, z', y), checks (id, claim,
-    verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; the exit status is 1
-    if there are any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks,
-    reference; null without an observer), singular (factors: whose zeros are the singular set, null where it is not
-    known; inputs: those of them free of states; checks, which do not count for the exit status), notes.
+    JSON keys: model, observability (known, joint: rank, dimension, order of derivatives, observable, unobservable,
+    symmetries, repairs; joint is null where no parameter has a range; method, checks), forms (name, verdict: null where
+    the form was not asked or does not take the plant, why, fix, order, witness), bounds (expression, low, high: null
+    where unbounded, defined, boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y),
+    checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted;
+    the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you",
+    reason, checks, reference; null without an observer), singular (factors: whose zeros are the singular set, null
+    where it is not known; inputs: those of them free of states; checks, which do not count for the exit status), notes.
 
     With --library: an object from each model's name to its answers, null where there is no answer; error: what is
     wrong with the model; partial: the time limit struck.
@@ -67,26 +78,38 @@ def check(
     if many is not None:
         _library(many, limit, as_json)
         return
-    _one(str(model), certificate, latex, as_json is not None)
+    _one(load(str(model)), bounds or (), deep, certificate, latex, as_json is not None)
 
 
-def _one(model: str, certificate: Path | None, latex: bool, as_json: bool) -> None:
-    loaded = load(model)
-    claims, singular = jobs.checked(loaded), hg.singularity(loaded.plant)
+def _one(
+    loaded: Model, bounds: Iterable[str], deep: bool, certificate: Path | None, latex: bool, as_json: bool
+) -> None:
+    ranges = {text: hg.bound(text, loaded.plant) for text in bounds}
+    seen, forms = hg.observability(loaded.plant), hg.survey(loaded.plant, deep=deep)
+    claims, singular = jobs.checked(loaded, forms.best), hg.singularity(loaded.plant)
     if latex:
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex())
     else:
         shown = (
+            tables.ranges(ranges),
+            tables.observed(seen),
+            tables.survey(forms, claims.checks),
             tables.checks(claims.head, claims.checks, claims.accepted),
             tables.checks(singular.head, singular.checks, ()),
             tables.theorem(claims.theorem, claims.hypotheses),
         )
-        show(as_json, {"model": loaded.path, **claims.as_dict(), "singular": singular.as_dict()}, *shown)
+        told = {"observability": seen.as_dict(), "forms": forms.as_dict(), "bounds": _ranges(ranges)}
+        value = {"model": loaded.path, **told, **claims.as_dict(), "singular": singular.as_dict()}
+        show(as_json, value, *shown)
     for sentence in claims.notes:
         note(sentence)
     if certificate is not None:
         _certify(claims, certificate)
     demand(claims.checks, claims.accepted, claims.form)
+
+
+def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:
+    return [{"expression": text, **one.as_dict()} for text, one in found.items()]
 
 
 def _certify(claims: jobs.Checked, path: Path) -> None:

@@ -80,13 +80,14 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
     return {s.name: str(expression) for s, expression in zip(signals, expressions, strict=True)}
 
 
-def checked(model: Model) -> Checked:
-    """The model's claims; a model without `step()` is brought into the triangular form.
+def checked(model: Model, otherwise: Form | None = None) -> Checked:
+    """The model's claims; of a model without `step()` those of the form `otherwise`, by default the first that is
+    proved (`survey`).
 
     Raises: `MissingPart`, `ModelFails`.
     """
     if not model.has("step"):
-        form = hg.forms.triangular(model.plant)
+        form = otherwise or hg.survey(model.plant).best
         note = f"{model.path} has no step(): these are the checks of the form; those of an observer are missing"
         return Checked(model.plant.name, form, form.checks, (), notes=(note,))
     try:

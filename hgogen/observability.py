@@ -37,6 +37,19 @@ class Answer:
     point: tuple[tuple[sp.Symbol, float], ...]
     repairs: tuple[sp.Symbol, ...]
 
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        rank = self.rank
+        return {
+            "rank": rank.rank,
+            "dimension": rank.dimension,
+            "order": rank.order,
+            "observable": [s.name for s in rank.observable],
+            "unobservable": [s.name for s in rank.unobservable],
+            "symmetries": [str(symmetry) for symmetry in self.symmetries],
+            "repairs": [s.name for s in self.repairs],
+        }
+
     def __str__(self) -> str:
         rank = self.rank
         lines = [f"rank {rank.rank} of {rank.dimension}, by derivatives up to order {rank.order}"]
@@ -99,6 +112,12 @@ class Observability:
             claim = "states and ranged parameters are observable together"
             found.append(_check("observability.joint", claim, self.joint, self))
         return tuple(found)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        joint = self.joint.as_dict() if self.joint else None
+        checks = [check.as_dict() for check in self.checks]
+        return {"known": self.known.as_dict(), "joint": joint, "method": self.method, "checks": checks}
 
     def __str__(self) -> str:
         parts = [("parameters known", self.known), ("with the parameters that have a range", self.joint)]

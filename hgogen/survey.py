@@ -18,7 +18,7 @@ from hgogen.form import Form
 from hgogen.gauthier_bornard import of_plant
 from hgogen.system import System
 
-DEAR = "not asked, for it may take seconds; ask with --deep, or survey(plant, deep=True)"
+DEAR = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
 _WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verdict.PROVED)
 
 
@@ -35,8 +35,8 @@ class Case:
     def refusal(self, outputs: int) -> str:
         """Why a plant with so many outputs is not asked, "" if it is."""
         if outputs < self.least:
-            return f"it is for {self.least} outputs or more"
-        return f"it is for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
+            return f"for {self.least} outputs or more"
+        return f"for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
 
 
 # The narrowest form first; a form of the folder that is not named here comes after them, as it is.
@@ -46,6 +46,7 @@ CASES: Mapping[str, Case] = MappingProxyType(
         "uniform": Case(most=1),
         "block_triangular": Case(({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2),
         "phase": Case(most=1, dear=True),
+        "original": Case(dear=True),  # its Lipschitz constant is dear, and no theorem covers it
     }
 )
 
@@ -91,12 +92,14 @@ class Survey:
 
     @property
     def best(self) -> Form:
-        """The first form that is proved, else the first that takes the plant."""
-        found = [row for row in self.answered if row.form is not None]
-        proved = [row for row in found if row.verdict is Verdict.PROVED]
-        form = (proved or found)[0].form
-        assert form is not None
-        return form
+        """The first form that is proved, else the first that takes the plant, else its own coordinates."""
+        found = [(row.verdict, row.form) for row in self.answered if row.form is not None]
+        proved = [form for verdict, form in found if verdict is Verdict.PROVED]
+        return next(iter(proved or [form for _, form in found]), None) or forms.original(self.plant)
+
+    def as_dict(self) -> list[dict[str, Any]]:
+        """For JSON."""
+        return [row.as_dict() for row in self.rows]
 
     def __str__(self) -> str:
         lines = [f"{row.verdict or '-':8} {row.name}: {row.why}" for row in self.rows]

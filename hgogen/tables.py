@@ -8,15 +8,18 @@ from rich.table import Table
 from rich.text import Text
 
 from hgogen.alarm import ITSELF
+from hgogen.bounds import Range
 from hgogen.check import Check, Verdict
 from hgogen.compare import Comparison
 from hgogen.gramian import Gramian
 from hgogen.metrics import Summary
 from hgogen.noise import Suggestion
+from hgogen.observability import Answer, Observability
 from hgogen.prediction import Prediction
 from hgogen.program import Bit
 from hgogen.recheck import Rechecked
 from hgogen.record import Report
+from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
@@ -51,6 +54,64 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
         table.add_row(verdict, Text(check.id), Text(said))
     fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
     return Group(Text(title, style="bold"), *map(Text, equations), table, *fixes, "")
+
+
+def observed(found: Observability) -> RenderableType:
+    """What the outputs tell of the states, and of the parameters that have a range."""
+    title = f"{found.system.name}: observability, at almost every state, parameter value and input"
+    loose = _listed(s for s in found.system.parameters if s.bounded)
+    whose = ("the states, parameters known", f"the states and {loose}") if loose else ("the states",)
+    table = _table("", "", "")
+    table.show_header = False
+    for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):
+        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        table.add_row(verdict, Text(_told(answer, what)) if answer else "")
+    local = [Text(f"on an open set of states only, because of {found.local}")] if found.local else []
+    return Group(Text(title, style="bold"), table, *local, "")
+
+
+def _told(answer: Answer, what: str) -> str:
+    rank = answer.rank
+    count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
+    if not rank.unobservable:
+        return f"{what} are observable: {count}"
+    shown = " or ".join(s.name for s in answer.repairs)
+    said = [f"of {what}, {_listed(rank.unobservable)} not observable: {count}"]
+    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
+    return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
+
+
+def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
+    """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
+    table = _table(f"{found.plant.name}: which form, on the declared ranges", *("", "form", "order of states", "why"))
+    for row in found.answered:
+        verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
+        table.add_row(verdict, Text(row.name), Text(_listed(row.order)), Text(row.why))
+    reasons: dict[str, list[str]] = {}
+    for row in found.rows:
+        if row.verdict is None:
+            reasons.setdefault(row.why, []).append(row.name)
+    silent = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in reasons.items()]
+    told = {check.fix for check in below}
+    settled = any(row.verdict is Verdict.PROVED for row in found.answered)
+    fixes = {row.fix: f"{row.name}: {row.fix}" for row in found.answered if row.fix and row.fix not in told}
+    return Group(table, *silent, *map(Text, () if settled else fixes.values()), "")
+
+
+def ranges(found: Mapping[str, Range]) -> RenderableType:
+    """The ranges of expressions; nothing without one."""
+    if not found:
+        return Group()
+    table = _table("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
+    for text, one in found.items():
+        table.add_row(Text(text), f"{one.low:.9g}", f"{one.high:.9g}", str(one.boxes), Text(one.note))
+    return Group(table, "")
+
+
+def _listed(names: Iterable[Any], most: int = 8) -> str:
+    """Names with commas, the middle of many left out."""
+    names = [str(name) for name in names]
+    return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
 
 
 def rechecked(found: Rechecked) -> RenderableType:

@@ -290,7 +290,7 @@ def test_noise(here: Path):
         (("check",), "MODEL"),
         (("check", "none"), "there is no such model file; the models here are models/neuron.py"),
         (("check", "models"), "is a folder"),
-        (("check", "log.csv"), "is no Python file"),
+        (("check", "log.csv"), "is no model file"),
         (("check", "broken.py"), "broken.py, line 1: ModuleNotFoundError"),
         (("check", "empty.py"), "defines no plant"),
         (("build", "plantless.py"), "defines no step"),
