@@ -82,6 +82,10 @@ class _Forms:
         return next((shape for shape in shapes if self.single and self.chains.answer(shape)[0]), None)
 
     @cached_property
+    def bent(self) -> bool | None:
+        return _bent(self.chains, self.entry)
+
+    @cached_property
     def gains(self) -> tuple[sp.Expr, ...]:
         """a_1 .. a_(n-1), z_i' = a_i z_(i+1) + b_i."""
         return tuple(link.gain for link in self.chains.links[0][1:])
@@ -154,7 +158,7 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
 
 def _uniform(forms: _Forms) -> Iterator[Answer]:
     if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
-        yield "uof", _bent(forms.chains, forms.entry)
+        yield "uof", forms.bent
 
 
 def _bent(chains: Chains, entry: Entry) -> bool | None:
@@ -198,7 +202,7 @@ def _several(forms: _Forms) -> Iterator[Answer]:
             answer = True if _pure(chains, forms) and _kept(gains, forms.entry) else None
         yield field, answer
     answer, _ = forms.chains.answer(Shape.UNIFORM)
-    yield "mimo_uof", _bent(forms.chains, forms.entry) if answer else answer
+    yield "mimo_uof", forms.bent if answer else answer
 
 
 def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
