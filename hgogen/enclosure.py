@@ -284,8 +284,13 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
     value = np.where(below, 0.0, value[0]), np.where(below, np.maximum(value[1], 0.0), value[1])
     above = high > 0
     value = np.where(above, np.minimum(value[0], 1.0), value[0]), value[1]
-    value = _joined(value, at_zero.value, (low <= 0) & (high >= 0))
-    return _steps(a, value)
+    there = (low <= 0) & (high >= 0)
+    found = _steps(a, _joined(value, at_zero.value, there))
+    defined, continuous = found.defined & (at_zero.defined | ~there), found.continuous & (at_zero.continuous | ~there)
+    if found.slope is None or at_zero.slope is None:
+        return replace(found, defined=defined, continuous=continuous)
+    slope = _joined(found.slope, at_zero.slope, there)
+    return replace(found, defined=defined, continuous=continuous, slope=slope)
 
 
 def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:

@@ -1,5 +1,6 @@
 """Sample points of a box, exact rationals, and what an expression is there: what refutes, never what proves."""
 
+import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, product
@@ -57,8 +58,15 @@ def witness(point: Point) -> dict[str, float]:
 
 
 def exact(expression: sp.Expr) -> sp.Expr:
-    """The expression with each float as the rational of its shortest decimal."""
-    return expression.xreplace({number: sp.Rational(repr(float(number))) for number in expression.atoms(sp.Float)})
+    """The expression with each float as the rational of its shortest decimal; one that no float of 53 bits holds, as
+    it is."""
+    return expression.xreplace({number: _decimal(number) for number in expression.atoms(sp.Float)})
+
+
+def _decimal(number: sp.Float) -> sp.Rational:
+    nearest = float(number)
+    held = math.isfinite(nearest) and (nearest != 0.0 or number == 0)
+    return sp.Rational(repr(nearest)) if held else sp.Rational(number)
 
 
 def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:

@@ -165,10 +165,11 @@ def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
 def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
     """Whether |slope| tends to infinity towards the point along a line in the box: by its limit, and as seen."""
     t = sp.Dummy("t", positive=True)
-    for target in islice(around.spread(), 6):
-        line = {s: rational(value) + t * rational(target[s] - value) for s, value in point.items()}
-        along = slope.xreplace(line)
-        if not along.has(t):
+    exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
+    for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits is dear
+        moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
+        along = _settled(slope.xreplace({s: rational(value) + t * rational(moved[s]) for s, value in point.items()}), t)
+        if not along.has(t) or along.has(sp.Heaviside):
             continue
         sizes = [_size(along, {t: sp.Rational(1, 2**digits)}) for digits in _NEAR]
         if None in sizes or not sizes[0] < sizes[1] < sizes[2]:  # type: ignore[operator]
@@ -180,6 +181,12 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
         if limit in (sp.oo, -sp.oo):
             return True
     return False
+
+
+def _settled(along: sp.Expr, t: sp.Symbol) -> sp.Expr:
+    """Heaviside, from slopes of Min and Max, as the number that it is for small t > 0, where its argument tells."""
+    starts = {node: node.args[0].subs(t, 0) for node in along.atoms(sp.Heaviside)}
+    return along.xreplace({node: sp.Integer(bool(a.is_positive)) for node, a in starts.items() if a.is_nonzero})
 
 
 def _size(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr | None:

@@ -137,9 +137,9 @@ def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
         return []
     try:
         roots = sp.Poly(expression, symbol).ground_roots()
-    except sp.PolynomialError:  # coefficients that are no rationals
+    except sp.PolynomialError:
         return []
-    exact = sorted(Fraction(int(root.p), int(root.q)) for root in roots)
+    exact = sorted(Fraction(int(root.p), int(root.q)) for root in roots if root.is_Rational)  # x - pi has the root pi
     return [root for root in exact if low <= root <= high]
 
 

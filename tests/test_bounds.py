@@ -170,6 +170,12 @@ def test_the_closed_box_counts_with_its_ends() -> None:
     assert nonzero(u, {u: (Fraction(0), 1.0)}).verdict is Verdict.REFUTED
 
 
+def test_irrational_roots_and_floats_beyond_53_bits() -> None:
+    assert nonzero(u - sp.pi, {u: (3, 4)}).verdict is Verdict.REFUTED
+    assert nonzero(sp.Float("1e400") * u, {u: (1, 2)}).verdict is Verdict.PROVED
+    assert nonzero(sp.Float("1e-400") * u, {u: (1, 2)}).verdict is not Verdict.REFUTED
+
+
 def test_unbounded_boxes() -> None:
     line = {u: (-math.inf, math.inf)}
     assert nonzero(1 + u**2, line).verdict is Verdict.PROVED

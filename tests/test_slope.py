@@ -131,3 +131,19 @@ def _exact(box: dict[sp.Symbol, tuple[object, object]]) -> dict[sp.Symbol, tuple
 
 def _end(value: object) -> Fraction | float:
     return value if isinstance(value, float) and math.isinf(value) else Fraction(str(value))
+
+
+def test_the_value_of_a_step_at_zero_counts() -> None:
+    box = {x1: (Fraction(0), Fraction(1)), u: (Fraction(0), Fraction(1))}
+    assert lipschitz_bound([sp.Heaviside(u, x1)], [x1], box).high >= 1
+    for row in (sp.Heaviside(u, sp.sqrt(x1)), sp.Heaviside(u, 1 / x1)):
+        assert lipschitz_bound([row], [x1], box).verdict is not Verdict.PROVED
+
+
+def test_a_root_under_a_saturation_and_a_power_with_a_range() -> None:
+    bent = lipschitz_bound([sp.Min(1, sp.sqrt(x1))], [x1], {x1: (Fraction(0), Fraction(4))})
+    assert (bent.verdict, bent.witness[x1]) == (Verdict.REFUTED, 0)
+    # d/dx x^u = u x^(u - 1) <= 2, but as u exp((u - 1) log x) it has no bound at 0
+    power = lipschitz_bound([x1**u], [x1], {x1: (Fraction(0), Fraction(1)), u: (Fraction(1), Fraction(2))})
+    assert power.verdict is Verdict.UNKNOWN
+    assert 1.99 < power.low <= 2
