@@ -109,17 +109,20 @@ class Context:
 
 
 def algebra_of(box: Box) -> Algebra:
+    """The algebra of a box's names; a name of one value is no letter."""
     free = [name for name, (low, high) in box.items() if low < high]
     return Algebra(free, [name for name in free if box[name][0] >= 0])
 
 
 def letters_of(algebra: Algebra, box: Box) -> dict[str, Quotient]:
+    """A box's names as letters, those of one value as that number."""
     return {
         name: algebra.letter(name) if low < high else algebra.number(Fraction(low)) for name, (low, high) in box.items()
     }
 
 
 def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
+    """An expression's value in the algebra, its names replaced by `values`."""
     found: Quotient = evaluate(text, values, algebra.arithmetic)
     return found
 
@@ -128,12 +131,14 @@ def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra)
 
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
+    """That only allowed names are read. Raises: `NotShown`."""
     strange = sorted(set(names) - set(allowed))
     if strange:
         raise NotShown(f"{complaint} reads {', '.join(strange)}")
 
 
 def narrowed(box: Box, names: Iterable[str]) -> Box:
+    """The sides of a box that have these names, sorted."""
     return {name: box[name] for name in sorted(names)}
 
 
@@ -171,10 +176,12 @@ def _cut(text: str) -> str:
 
 
 def short(value: Fraction) -> str:
+    """A number for a sentence."""
     text = str(value)
     return text if len(text) <= 12 else f"{float(value):.6g}"
 
 
 def on(box: Box) -> str:
+    """The sides of a box that are no points, for a sentence."""
     named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
     return f" on {', '.join(named)}" if named else ""
