@@ -29,7 +29,7 @@ from hgogen.identity import is_zero
 from hgogen.rank import observability
 from hgogen.several import cascade
 from hgogen.singularity import singular_set
-from hgogen.slope import lipschitz_bound
+from hgogen.slope import JUMPS, lipschitz_bound
 
 FIELDS = (
     *("observable_params_known", "observable_joint", "rank_params_known", "rank_joint", "seconds", "triangular"),
@@ -162,9 +162,17 @@ def _uniform(forms: _Forms) -> Iterator[Answer]:
 
 
 def _bent(chains: Chains, entry: Entry) -> bool | None:
-    """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box."""
-    kept = _signed((_slope(link) for links in chains.links for link in links), entry)
-    return kept if kept or entry.boxed else None
+    """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
+    where a row may jump in that state, which its slope does not see."""
+    links = [link for chain in chains.links for link in chain]
+    kept = _signed(map(_slope, links), entry)
+    if kept:
+        return None if any(map(_jumps, links)) else True
+    return kept if entry.boxed else None
+
+
+def _jumps(link: Link) -> bool:
+    return not link.affine and any(node.has(link.state) for node in link.row.atoms(*JUMPS))
 
 
 def _slope(link: Link) -> sp.Expr:
