@@ -65,9 +65,9 @@ def check(
     symmetries, repairs; joint is null where no parameter has a range; method, checks), forms (name, verdict: null where
     the form was not asked or does not take the plant, why, fix, order, witness), bounds (expression, low, high: null
     where unbounded, defined, boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y),
-    checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted;
-    the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you",
-    reason, checks, reference; null without an observer), singular (factors: whose zeros are the singular set, null
+    checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; of
+    a model with an observer the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim,
+    verdict or "left to you", reason, checks, reference; null without an observer), singular (factors: whose zeros are the singular set, null
     where it is not known; inputs: those of them free of states; checks, which do not count for the exit status), notes.
 
     With --library: an object from each model's name to its answers, null where there is no answer; error: what is
@@ -94,8 +94,8 @@ def _one(
             tables.ranges(ranges),
             tables.observed(seen),
             tables.survey(forms, claims.checks),
-            tables.checks(claims.head, claims.checks, claims.accepted),
-            tables.checks(singular.head, singular.checks, ()),
+            *([tables.checks(claims.head, claims.checks, claims.accepted)] if claims.shown else []),
+            *([tables.checks(singular.head, singular.checks, ())] if seen.rank == seen.n else []),
             tables.theorem(claims.theorem, claims.hypotheses),
         )
         told = {"observability": seen.as_dict(), "forms": forms.as_dict(), "bounds": _ranges(ranges)}
@@ -105,7 +105,8 @@ def _one(
         note(sentence)
     if certificate is not None:
         _certify(claims, certificate)
-    demand(claims.checks, claims.accepted, claims.form)
+    if claims.demanded:
+        demand(claims.checks, claims.accepted, claims.form)
 
 
 def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:

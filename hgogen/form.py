@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from hgogen.check import Check
+from hgogen.check import Check, Verdict
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -55,6 +55,11 @@ class Form:
         return len(self.states)
 
     @property
+    def structured(self) -> bool:
+        """Whether the plant is shown to have the form's structure; without it, its states keep their own order."""
+        return all(check.verdict is Verdict.PROVED for check in self.checks if check.id.endswith(".structure"))
+
+    @property
     def estimates(self) -> tuple[tuple[Signal, sp.Expr], ...]:
         """What an observer reports, each state of the plant as first declared, in terms of z."""
         back = dict(zip(self.system.states, self.from_form, strict=True))
@@ -75,9 +80,14 @@ class Form:
         linear = self.A * sp.Matrix(self.states)
         return tuple(row + rest for row, rest in zip(linear, self.b, strict=True))
 
-    def __str__(self) -> str:
+    @property
+    def head(self) -> str:
+        """Coordinates and equations, as text."""
         arrow = ", ".join(f"{z} = {expression}" for z, expression in zip(self.states, self.to_form, strict=True))
-        lines = [f"{self.system.name} in {self.kind} form, {arrow}"]
+        lines = [f"{self.system.name} {'in' if self.structured else 'not shown in'} {self.kind} form, {arrow}"]
         lines += [f"  {z}' = {rate}" for z, rate in zip(self.states, self.flow, strict=True)]
         lines += [f"  {y} = {expression}" for y, expression in zip(self.system.outputs, self.output, strict=True)]
-        return "\n".join(lines + [f"  {check}" for check in self.checks])
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return "\n".join([self.head, *(f"  {check}" for check in self.checks)])

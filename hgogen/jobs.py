@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,10 +29,10 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Checked:
-    """The claims about a model: of its step's observer, or of its plant's form where it has no step or an observer
-    refused the form.
+    """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
 
-    `theorem`: the observer's; `notes`: what is not claimed, and why.
+    `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`: whether there is an observer, which
+    needs what is refuted.
     """
 
     plant: str
@@ -41,11 +41,27 @@ class Checked:
     accepted: tuple[str, ...]
     theorem: Theorem | None = None
     notes: tuple[str, ...] = ()
+    demanded: bool = True
+
+    @property
+    def shown(self) -> bool:
+        """Whether the checks tell more than why the plant is not in the form."""
+        return self.demanded or self.form.structured
 
     @property
     def head(self) -> str:
         """The form's coordinates and equations, as text."""
-        return str(replace(self.form, checks=()))
+        title, *equations = self.form.head.split("\n")
+        return "\n".join([title, *self._recast, *equations])
+
+    @property
+    def _recast(self) -> list[str]:
+        """The states that the observer's plant has in the place of the declared ones."""
+        origin = self.form.system.origin
+        if origin is None:
+            return []
+        pairs = zip(self.form.system.states, origin.forward, strict=True)
+        return ["  with " + ", ".join(f"{new} = {old}" for new, old in pairs if new.name != str(old))]
 
     @property
     def hypotheses(self) -> tuple[Row, ...]:
@@ -81,15 +97,13 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
 
 
 def checked(model: Model, otherwise: Form | None = None) -> Checked:
-    """The model's claims; of a model without `step()` those of the form `otherwise`, by default the first that is
-    proved (`survey`).
+    """The model's claims; of a model without an observer those of the form `otherwise`, by default `Survey.best`.
 
     Raises: `MissingPart`, `ModelFails`.
     """
     if not model.has("step"):
         form = otherwise or hg.survey(model.plant).best
-        note = f"{model.path} has no step(): these are the checks of the form; those of an observer are missing"
-        return Checked(model.plant.name, form, form.checks, (), notes=(note,))
+        return Checked(model.plant.name, form, form.checks, (), notes=(_alone(model, form),), demanded=False)
     try:
         observer = model.step().observer
     except Refuted as error:
@@ -98,6 +112,13 @@ def checked(model: Model, otherwise: Form | None = None) -> Checked:
         note = f"the observer of {model.path} refused this form: its own checks are missing"
         return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(note,))
     return Checked(model.plant.name, observer.form, observer.checks, observer.accepted, observer.theorem)
+
+
+def _alone(model: Model, form: Form) -> str:
+    """What a model without an observer does not claim."""
+    if not form.structured:
+        return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
+    return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
 
 
 @dataclass(frozen=True, eq=False)

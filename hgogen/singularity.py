@@ -87,7 +87,7 @@ class Singularity:
     @property
     def head(self) -> str:
         """A title, and a line for the singular inputs if there are any."""
-        title = f"{self.plant.name}: where the state is not observable"
+        title = f"{self.plant.name}: where the outputs determine the state, and where not"
         return "\n".join([title, *(f"  singular input: {e} = 0" for e in self.inputs)])
 
     def __str__(self) -> str:

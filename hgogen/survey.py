@@ -92,10 +92,12 @@ class Survey:
 
     @property
     def best(self) -> Form:
-        """The first form that is proved, else the first that takes the plant, else its own coordinates."""
+        """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
+        else its own coordinates."""
         found = [(row.verdict, row.form) for row in self.answered if row.form is not None]
         proved = [form for verdict, form in found if verdict is Verdict.PROVED]
-        return next(iter(proved or [form for _, form in found]), None) or forms.original(self.plant)
+        structured = [form for _, form in found if form.structured]
+        return next(iter([*proved, *structured, *(form for _, form in found)]), None) or forms.original(self.plant)
 
     def as_dict(self) -> list[dict[str, Any]]:
         """For JSON."""
@@ -128,7 +130,7 @@ def _row(title: str, name: str, options: Mapping[str, Any], plant: System) -> Ro
     except HgogenError as refusal:  # the plant is not one that the form takes
         return Row(title, None, (), str(refusal))
     worst = min(form.checks, key=lambda check: _WORST.index(check.verdict))
-    order = _order(form) if _ordered(form) else ()
+    order = _order(form) if form.structured else ()
     if worst.verdict is Verdict.PROVED:
         return Row(title, worst.verdict, order, f"all {len(form.checks)} checks proved", form=form)
     return Row(title, worst.verdict, order, f"{_short(worst)}", worst.witness, worst.fix, form)
@@ -136,12 +138,9 @@ def _row(title: str, name: str, options: Mapping[str, Any], plant: System) -> Ro
 
 def _short(check: Check) -> str:
     at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
-    return f"{check.id.partition('.')[2]}: {check.reason}{', at ' + at if at else ''}"
-
-
-def _ordered(form: Form) -> bool:
-    """Whether the form's order means anything: one without the structure leaves the plant in its own."""
-    return all(check.verdict is Verdict.PROVED for check in form.checks if check.id.endswith(".structure"))
+    said = f"{check.reason}{', at ' + at if at else ''}"
+    name = check.id.partition(".")[2]
+    return said if name == "structure" or said.startswith(name) else f"{name}: {said}"
 
 
 def _order(form: Form) -> tuple[str, ...]:
@@ -153,4 +152,6 @@ def _order(form: Form) -> tuple[str, ...]:
 def _gauthier_bornard(plant: System) -> Row:
     found = of_plant(plant)
     verdict = {True: Verdict.GENERIC, False: Verdict.REFUTED, None: Verdict.UNKNOWN}[found.answer]
-    return Row("Gauthier-Bornard", verdict if found.applies else None, (), found.reason)
+    why = {True: "uniformly observable: ", False: "some input hides a state: ", None: ""}[found.answer]
+    why = f"{why}{found.reason}" if found.applies else f"does not apply: {found.reason}"
+    return Row("Gauthier-Bornard", verdict if found.applies else None, (), why)

@@ -24,6 +24,7 @@ from hgogen.theorem import Row, Theorem
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
 WIDTH = 110  # of what is not a terminal
+_SHORT = 20  # a reason that may be repeated
 
 
 def console() -> Console:
@@ -34,7 +35,8 @@ def console() -> Console:
 
 def _table(title: str, *columns: str, numbers: int = 0) -> Table:
     """A table whose last `numbers` columns are flushed right."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=len(title))
+    table.title_justify, table.title_style = "left", "bold"
     for index, name in enumerate(columns):
         table.add_column(name, justify="right" if index >= len(columns) - numbers else "left", overflow="fold")
     return table
@@ -76,17 +78,21 @@ def _told(answer: Answer, what: str) -> str:
     if not rank.unobservable:
         return f"{what} are observable: {count}"
     shown = " or ".join(s.name for s in answer.repairs)
-    said = [f"of {what}, {_listed(rank.unobservable)} not observable: {count}"]
+    are = "is" if len(rank.unobservable) == 1 else "are"
+    said = [f"of {what}, {_listed(rank.unobservable)} {are} not observable: {count}"]
     said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
     return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
 
 
 def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
     """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
-    table = _table(f"{found.plant.name}: which form, on the declared ranges", *("", "form", "order of states", "why"))
+    table = _table(f"{found.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
+    before = ""
     for row in found.answered:
         verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
-        table.add_row(verdict, Text(row.name), Text(_listed(row.order)), Text(row.why))
+        why = "as above" if row.why == before and len(row.why) > _SHORT else row.why
+        table.add_row(verdict, Text(row.name), Text(_listed(row.order)), Text(why))
+        before = row.why
     reasons: dict[str, list[str]] = {}
     for row in found.rows:
         if row.verdict is None:

@@ -102,17 +102,41 @@ def test_check(here: Path):
     assert (driven["verdict"], "triangular.a_2" in driven["checks"]) == ("refuted", True)
 
 
-def test_check_of_a_refuted_plant_exits_1(here: Path):
+def test_check_of_a_plant_without_an_observer_asks_only(here: Path):
+    """What is refuted is an answer: there is no observer that needs it."""
     text = NEURON.read_text()
     (here / "bare.py").write_text(text[: text.index("tuning = ")])
-    found = as_json("check", "bare.py", status=1)
+    found = as_json("check", "bare.py")
     assert found["refuted"] == ["triangular.a_2"]
-    out, err = hgogen("check", "bare.py", status=1)
-    assert "refuted" in out
+    out, err = hgogen("check", "bare.py")
+    assert "a_2 vanishes; at u = 0" in out
     assert "z1 = x1" in out
-    assert err.startswith("hgogen: bare.py has no step(): these are the checks of the form; those of an observer are")
-    assert "\nhgogen: refuted" in err
-    assert "no step()" in found["notes"][0]
+    assert err == "hgogen: bare.py has no observer: the checks are those of the triangular form alone\n"
+    assert err == f"hgogen: {found['notes'][0]}\n"
+
+
+def test_check_of_a_plant_in_no_form(here: Path):
+    found = as_json("check", str(MODELS / "battery.toml"))
+    assert (found["form"], found["refuted"]) == ("triangular", ["triangular.structure"])
+    assert {row["verdict"] for row in found["forms"] if row["name"].startswith(("tri", "uni"))} == {"refuted"}
+    out, err = hgogen("check", str(MODELS / "battery.toml"))
+    assert "in triangular form" not in out
+    assert out.count("y brings in soc, v together") == 1
+    assert "has the structure of none of the forms asked" in err
+
+
+def test_check_of_a_plant_that_is_not_observable(here: Path):
+    found = as_json("check", str(MODELS / "sir.toml"))
+    assert found["observability"]["known"]["unobservable"] == found["observability"]["known"]["repairs"]
+    out, _ = hgogen("check", str(MODELS / "sir.toml"))
+    assert "is not observable: rank 2 of 3" in out
+    assert "as well" in out
+    assert "singularity" not in out
+
+
+def test_check_names_the_states_of_a_recast_plant(here: Path):
+    out, _ = hgogen("check", str(MODELS / "cascaded_tanks.py"))
+    assert "cascaded_tanks in triangular form, z1 = x2, z2 = w\n  with w = sqrt(x1)\n" in out
 
 
 def test_a_step_on_a_refuted_form_exits_1(here: Path):
