@@ -20,7 +20,6 @@ import sympy as sp
 from hgogen.bounds import bound, nonzero
 from hgogen.chain import Chains, Link, Rows, Shape, levelwise
 from hgogen.check import Verdict
-from hgogen.determinant import factors
 from hgogen.entry import Entry
 from hgogen.errors import HgogenError
 from hgogen.expression import parse
@@ -28,7 +27,7 @@ from hgogen.gauthier_bornard import gauthier_bornard
 from hgogen.identity import is_zero
 from hgogen.rank import observability
 from hgogen.several import cascade
-from hgogen.singularity import singular_set
+from hgogen.singular_set import singular_set
 from hgogen.slope import JUMPS, lipschitz_bound
 
 FIELDS = (
@@ -37,8 +36,6 @@ FIELDS = (
     *("mimo_levelwise", "mimo_cascade", "mimo_uof"),
 )
 
-_ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
-_EASY = 240  # operations times 2^n of a model whose Lie derivatives are written out: above, it may take minutes
 Answer = tuple[str, Any]
 
 
@@ -237,25 +234,8 @@ def _bounds(forms: _Forms) -> Iterator[Answer]:
 
 def _singular(forms: _Forms) -> Iterator[Answer]:
     e = forms.entry
-    if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
-        found = _singular_chain(forms)
-    elif sum(sp.count_ops(row) for row in (*e.flow, *e.output)) << len(e.states) <= _EASY:
-        found = singular_set(e.flow, e.output, e.states, e.inputs)
-    else:
-        found = None
+    found = singular_set(e.flow, e.output, e.states, e.inputs)
     yield "singular", [str(factor) for factor in found] if isinstance(found, tuple) else found
-
-
-def _singular_chain(forms: _Forms) -> tuple[sp.Expr, ...] | str | None:
-    """The matrix is triangular, its diagonal h', h' s_1, h' s_1 s_2, .. with the slopes s_i of the rows at u = 0."""
-    still = dict.fromkeys(forms.entry.inputs, sp.S.Zero)
-    slopes = [_slope(link).subs(still) for link in forms.chains.links[0]]
-    if any(slope.has(*_ROUGH) for slope in slopes):
-        return None
-    zero = [is_zero(slope) for slope in slopes]
-    if True in zero:
-        return "all"
-    return None if None in zero else factors(sp.Mul(*slopes)) or "none"
 
 
 def _lipschitz(forms: _Forms) -> Iterator[Answer]:

@@ -61,7 +61,7 @@ def rational(expression: sp.Expr) -> Rational:
 
     Raises: `TooLarge`.
     """
-    writer = _Writer()
+    writer = Writer()
     writer.measure(expression)
     value = writer.write(expression)
     found = (*value.free_symbols, *(s for r in writer.relations for s in (r.generator, *r.value.free_symbols)))
@@ -70,7 +70,7 @@ def rational(expression: sp.Expr) -> Rational:
 
 
 @dataclass(frozen=True, eq=False)
-class _Writer:
+class Writer:
     """Kernels and relations as they are met; `scales`: each exponential's or angle's monomial with its q."""
 
     kernels: dict[sp.Expr, sp.Dummy] = field(default_factory=dict)
@@ -168,7 +168,7 @@ class _Writer:
         if isinstance(monomial, sp.log):
             return self.write(sp.Pow(monomial.args[0], factor))
         scale, times = self._scale("exp", factor, monomial)
-        return self._kernel(_Exp(monomial, sp.Integer(scale))) ** times
+        return self._kernel(Exp(monomial, sp.Integer(scale))) ** times
 
     def _scale(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[int, int]:
         """q, and factor q, which is whole; an argument that was not measured gets a q of its own."""
@@ -196,7 +196,7 @@ class _Writer:
             if not any(value.has(*_TRIGONOMETRIC) for value in exact):
                 return self.write(exact[0]), self.write(exact[1])
         scale, times = self._scale("turn", factor, monomial)
-        T = self._kernel(_Half(monomial, sp.Integer(scale)))
+        T = self._kernel(Half(monomial, sp.Integer(scale)))
         if abs(times) > _MULTIPLE:
             raise TooLarge(f"{times} times the angle {monomial}/{scale}")
         a, b = (1 - T**2) / (1 + T**2), 2 * T / (1 + T**2)
@@ -206,11 +206,11 @@ class _Writer:
         return c, s if times >= 0 else -s
 
 
-class _Exp(sp.Function):  # type: ignore[misc]
+class Exp(sp.Function):  # type: ignore[misc]
     """exp(m/q), unevaluated."""
 
 
-class _Half(sp.Function):  # type: ignore[misc]
+class Half(sp.Function):  # type: ignore[misc]
     """tan(m/(2 q)), unevaluated."""
 
 

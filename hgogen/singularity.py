@@ -7,7 +7,7 @@ jet, which reads higher derivatives of the input. That rank n at a point suffice
 R. Hermann, A. Krener, "Nonlinear controllability and observability", IEEE TAC 22 (1977).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -225,43 +225,3 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     if not conditions:
         return Check(id, claim, Verdict.PROVED, f"{reason}, which has no zero on the box")
     return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}; {reason}")
-
-
-def singular_set(
-    flow: Sequence[sp.Expr],
-    output: Sequence[sp.Expr],
-    states: Sequence[sp.Symbol],
-    inputs: Sequence[sp.Symbol] = (),
-    limit: int = LIMIT,
-) -> tuple[sp.Expr, ...] | str | None:
-    """Factors whose zero sets together are that of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs at 0.
-
-    "none": it has no zero; "all": it is 0 everywhere. With several outputs the rows are taken until they have rank n;
-    whether all outputs come before the next derivative, or all derivatives before the next output, must make no
-    difference. None: no answer, because it does make one, or for a function with kinks, or beyond `limit` nodes.
-    """
-    off = dict.fromkeys(inputs, sp.S.Zero)
-    drift = dict(zip(states, (sp.sympify(f).subs(off) for f in flow), strict=True))
-    gradients: dict[Row, list[sp.Expr]] = {}
-    for j, h in enumerate(output):
-        lie = sp.sympify(h).subs(off)
-        for k in range(len(states)):
-            if lie.has(*_ROUGH) or size([lie]) > limit:
-                return None
-            gradients[j, k] = [lie.diff(x) for x in states]
-            lie = derivatives(lie, drift, 2)[1]
-    if size(e for row in gradients.values() for e in row) > limit:
-        return None
-    by_order = dict(sorted(gradients.items(), key=lambda item: (item[0][1], item[0][0])))
-    choices = {frozenset(independent(one, len(states))) for one in (by_order, gradients)}
-    answers = {_zero_set([gradients[row] for row in sorted(rows)], len(states)) for rows in choices}
-    return answers.pop() if len(answers) == 1 else None
-
-
-def _zero_set(rows: list[list[sp.Expr]], n: int) -> tuple[sp.Expr, ...] | str | None:
-    if len(rows) < n:
-        return "all"
-    if any(not power.exp.is_number for row in rows for e in row for power in e.atoms(sp.Pow)):
-        return None  # whether x**(a - 1) has a zero depends on a
-    value = determinant(rows)
-    return None if value.has(*_ROUGH) else factors(value) or "none"

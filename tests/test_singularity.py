@@ -10,7 +10,8 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.determinant import determinant, factors, independent
 from hgogen.lie import along, derivatives, input_derivatives, rates
-from hgogen.singularity import singular_set, singularity
+from hgogen.singular_set import singular_set
+from hgogen.singularity import singularity
 
 X, Y, Z = sp.symbols("x y z", real=True)
 SIGMA, RHO, BETA = sp.symbols("sigma rho beta", real=True)
