@@ -67,8 +67,9 @@ def check(
     where unbounded, defined, boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y),
     checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; of
     a model with an observer the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim,
-    verdict or "left to you", reason, checks, reference; null without an observer), singular (factors: whose zeros are the singular set, null
-    where it is not known; inputs: those of them free of states; checks, which do not count for the exit status), notes.
+    verdict or "left to you", reason, checks, reference; null without an observer), singular (factors: whose zeros are
+    the singular set, null where it is not known; inputs: those of them free of states; checks, which do not count for
+    the exit status), notes.
 
     With --library: an object from each model's name to its answers, null where there is no answer; error: what is
     wrong with the model; partial: the time limit struck.

@@ -1,6 +1,7 @@
 """What every command of the command line has: the app, errors as one sentence and an exit status, a progress bar."""
 
 import json
+import os
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -18,6 +19,7 @@ from hgogen.errors import HgogenError
 from hgogen.recheck import NotVerified
 
 FAILURES = (Refuted, Disagree, NotVerified, native.CompilerFailed)  # what exits with 1; other errors with 2
+UNREAD = 141  # the exit status where the reader of the output is gone, as the shell gives it: 128 + SIGPIPE
 
 app = typer.Typer(
     help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
@@ -45,6 +47,10 @@ def command(
         def command(*args: Any, **kwargs: Any) -> None:
             try:
                 function(*args, **kwargs)
+                sys.stdout.flush()
+            except BrokenPipeError:  # as after `| head`
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                raise typer.Exit(UNREAD) from None
             except FAILURES as error:
                 note(str(error))
                 raise typer.Exit(1) from None

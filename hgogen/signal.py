@@ -22,7 +22,7 @@ _WORDS = """
     catch class compl const_cast delete dynamic_cast explicit export friend mutable namespace new
     not not_eq operator or or_eq private protected public reinterpret_cast static_cast template this
     throw try typeid typename using virtual wchar_t xor xor_eq char8_t char16_t char32_t concept
-    consteval constinit co_await co_return co_yield decltype noexcept requires I NULL EOF errno
+    consteval constinit co_await co_return co_yield decltype noexcept requires NULL EOF errno
     assert offsetof NAN INFINITY
 """
 _RESERVED = frozenset(_WORDS.split())
@@ -58,7 +58,10 @@ class BadRange(HgogenError):
 
 
 def check_name(name: str) -> None:
-    """Raise `BadName` unless `name` is an ASCII C identifier that C and C++ do not reserve."""
+    """Raise `BadName` unless `name` is an ASCII C identifier that C and C++ do not reserve.
+
+    `I` is free: it is a macro of complex.h only, which the C here does not include.
+    """
     if not isinstance(name, str) or not _IDENTIFIER.match(name):
         raise BadName(str(name), "is not an identifier (a letter, then letters, digits and underscores)")
     if "__" in name:

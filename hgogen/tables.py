@@ -27,10 +27,16 @@ WIDTH = 110  # of what is not a terminal
 _SHORT = 20  # a reason that may be repeated
 
 
+class _Output(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave it to the command."""
+        raise BrokenPipeError
+
+
 def console() -> Console:
     """For the standard output."""
-    out = Console(highlight=False)
-    return out if out.is_terminal else Console(highlight=False, width=WIDTH)
+    out = _Output(highlight=False)
+    return out if out.is_terminal else _Output(highlight=False, width=WIDTH)
 
 
 def _table(title: str, *columns: str, numbers: int = 0) -> Table:
@@ -62,7 +68,7 @@ def observed(found: Observability) -> RenderableType:
     """What the outputs tell of the states, and of the parameters that have a range."""
     title = f"{found.system.name}: observability, at almost every state, parameter value and input"
     loose = _listed(s for s in found.system.parameters if s.bounded)
-    whose = ("the states, parameters known", f"the states and {loose}") if loose else ("the states",)
+    whose = ("the states", f"the states and {loose}") if loose else ("the states",)
     table = _table("", "", "")
     table.show_header = False
     for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):

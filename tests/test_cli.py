@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hgogen import cli, native
+from hgogen import command as command_
 from hgogen.compare import Comparison
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -378,3 +380,73 @@ def test_the_installed_command(here: Path):
     assert (bad.returncode, bad.stdout) == (2, "")
     assert bad.stderr.startswith("hgogen: none: ")
     assert bad.stderr.count("\n") == 1
+
+
+# --- names --------------------------------------------------------------------------------------------------------
+
+NAMES = """name = "names"
+states.E = {low = 1, high = 2, flow = "beta*S - gamma*E"}
+states.S = {low = 1, high = 2, flow = "N + I*lambda_*sin(S)"}
+states.N = {low = 1, high = 2, flow = "Q"}
+states.Q = {low = 1, high = 2, flow = "-Q*I"}
+inputs.I = {low = 1, high = 2}
+parameters.beta = {value = 1.0}
+parameters.gamma = {value = 1.0}
+parameters.lambda_ = {value = 1.0, low = 0.5, high = 2}
+outputs.O = {equation = "E"}
+observer = {kind = "high_gain", theta = 20, poles = [-1, -1, -1, -1], method = "rk4", dt = 1e-3}
+"""
+
+
+def test_names_that_mean_something_else_elsewhere(here: Path):
+    """E, I, S, N, Q, O, beta and gamma are SymPy's, lambda Python's, I a macro of complex.h."""
+    (here / "names.toml").write_text(NAMES)
+    found = as_json("check", "names.toml", "--bound", "E*S + Q*N*lambda_ + beta*gamma + O + I")
+    assert found["refuted"] == []
+    assert found["coordinates"] == {"z1": "E", "z2": "S", "z3": "N", "z4": "Q"}
+    assert found["flow"]["z2"] == "I*lambda_*sin(z2) + z3"
+    assert {check["id"]: check["verdict"] for check in found["checks"]}["triangular.a_3"] == "proved"
+    (bound,) = found["bounds"]
+    assert bound["low"] <= 4.5  # 1 + 1*0.5 + 1 + 1 + 1
+    assert 17 <= bound["high"] < 17.4  # 4 + 8 + 1 + 2 + 2
+
+
+@needs_compiler
+def test_names_that_mean_something_else_in_c(here: Path):
+    (here / "names.toml").write_text(NAMES)
+    hgogen("generate", "names.toml")
+    flags = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror", "-c", "-o", "names.o")
+    subprocess.run([str(native.compiler()), *flags, "generated/names/names.c"], check=True)
+    subprocess.run([str(native.compiler()), *flags, "-DNAMES_USE_LIBM", "generated/names/names.c"], check=True)
+
+
+# --- every model ----------------------------------------------------------------------------------------------------
+
+
+def keys(value: Any, free: tuple[str, ...]) -> set[str]:
+    """Every key of a JSON value, but for those of the objects whose keys are names of the plant."""
+    if isinstance(value, list):
+        return {key for part in value for key in keys(part, free)}
+    if not isinstance(value, dict):
+        return set()
+    return set(value).union(*(keys(part, free) for key, part in value.items() if key not in free))
+
+
+@pytest.mark.parametrize("name", ["quadruple_tank.toml", "sir.toml", "haldane.toml", "pendulum.py"])
+def test_the_json_of_a_check_is_documented(here: Path, name: str):
+    """Every key, however deep; a number is finite or null, and an observer's refused hypothesis alone exits with 1."""
+    found = as_json("check", str(MODELS / name), "--bound", "1/2")
+    words = set(re.findall(r"\w+", documented("check")))
+    assert keys(found, ("witness", "coordinates", "flow", "outputs")) <= words
+    assert {row["verdict"] for row in found["forms"]} <= {None, "proved", "refuted", "where", "generic", "unknown"}
+
+
+@pytest.mark.parametrize("options", [(), ("--json",), ("--latex",)])
+def test_a_reader_that_stops_early_is_no_error(options: tuple[str, ...]):
+    """As `hgogen check MODEL | head -1`."""
+    command = [sys.executable, "-c", "from hgogen.cli import main; main()", "check", str(NEURON), *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process.stdout.close()  # type: ignore[union-attr]
+    process.stdout = None
+    assert process.communicate() == (None, "")
+    assert process.returncode == command_.UNREAD
