@@ -17,7 +17,8 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.bounds import bound, nonzero
+from hgogen.bounds import Sign, bound, nonzero
+from hgogen.box import rational
 from hgogen.chain import Chains, Link, Rows, Shape, levelwise
 from hgogen.check import Verdict
 from hgogen.entry import Entry
@@ -25,6 +26,7 @@ from hgogen.errors import HgogenError
 from hgogen.expression import parse
 from hgogen.gauthier_bornard import gauthier_bornard
 from hgogen.identity import is_zero
+from hgogen.points import kind
 from hgogen.rank import observability
 from hgogen.several import cascade
 from hgogen.singular_set import singular_set
@@ -149,8 +151,18 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
         return None
     if nonzero(sp.cancel(slope), entry.outer).verdict is Verdict.PROVED:
         return None  # a hole that can be filled: it may be read either way
-    inside = nonzero(slope, entry.inner).verdict if entry.inner != entry.outer else outside
-    return False if inside is Verdict.REFUTED else None
+    inside = nonzero(slope, entry.inner)
+    if inside.verdict is not Verdict.REFUTED or _endless(slope, inside):
+        return None
+    return False
+
+
+def _endless(slope: sp.Expr, found: Sign) -> bool:
+    """Whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is seen."""
+    least, most = found.range.least, found.range.most
+    crosses = least is not None and most is not None and least.value < 0 < most.value
+    at = {s: rational(value) for s, value in found.witness.items()}
+    return not crosses and kind(slope, at) == "undefined"
 
 
 def _uniform(forms: _Forms) -> Iterator[Answer]:

@@ -102,6 +102,9 @@ def test_a_bad_query_leaves_the_other_answers() -> None:
     [
         ({"u_box": {"u": [-1, 1]}}, {"triangular": False, "uof": False, "uof_structure": True}),
         ({"u_box": {"u": [0, 1]}}, {"triangular": False, "uof": False}),
+        ({"f": ["E/u", "0"], "u_box": {"u": [-1, 1]}}, {"triangular": False, "uof": False}),
+        ({"f": ["E/u", "0"], "u_box": {"u": [0, 1]}}, {"triangular": None, "uof": None}),
+        ({"f": ["sqrt(E)", "0"], "x_box": {"E": [0, 1]}}, {"triangular": False, "uof": None}),
         ({"u_box": None}, {"triangular": None, "uof": None, "uof_structure": True}),
         ({"u_box": None, "x_box": None}, {"triangular": True, "uof": None, "lipschitz": None, "a_ranges": None}),
         ({"u_box": None, "f": ["(1 + u**2)*E", "0"]}, {"triangular": True, "uof": True}),
