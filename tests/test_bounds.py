@@ -345,13 +345,25 @@ def _steep(expression: sp.Expr, point: dict[sp.Symbol, Fraction]) -> mpmath.mpf:
     return (mpmath.mpf(point[base].numerator) / point[base].denominator) ** int(exponent)
 
 
+def _exact(expression: sp.Expr, point: dict[sp.Symbol, sp.Rational]) -> sp.Expr:
+    """The expression at a point, from its leaves up; powers of numbers too long to write out are rejected."""
+    if not expression.args:
+        return point.get(expression, expression)
+    args = [_exact(arg, point) for arg in expression.args]
+    if expression.is_Pow and all(arg.is_Rational for arg in args):
+        base, exponent = args
+        if (int(base.p).bit_length() + int(base.q).bit_length()) * (abs(exponent.p) + exponent.q) > 20_000:
+            reject()
+    return expression.func(*args)
+
+
 def _value(expression: sp.Expr, point: dict[sp.Symbol, Fraction]) -> mpmath.mpf | None:
     """The value with 60 digits, None where it is not finite and real."""
     if largest_exponent(expression) > STEEP:
         return _steep(expression, point)
     exact = {s: R(value.numerator, value.denominator) for s, value in point.items()}
     try:
-        number = expression.xreplace({f: R(str(f)) for f in expression.atoms(sp.Float)}).subs(exact)
+        number = _exact(expression.xreplace({f: R(str(f)) for f in expression.atoms(sp.Float)}), exact)
         value = number if number.is_Rational else number.evalf(60)
     except (ValueError, TypeError, OverflowError):
         reject()
