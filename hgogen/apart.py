@@ -4,6 +4,7 @@ import sympy as sp
 
 from hgogen.bounds import box, nonzero
 from hgogen.check import Check, Verdict
+from hgogen.digits import down
 from hgogen.system import System
 from hgogen.tape import NoTape
 
@@ -21,7 +22,9 @@ def apart(id: str, name: str, slope: sp.Expr, plant: System) -> Check:
     except NoTape as error:
         return Check(id, claim, Verdict.UNKNOWN, str(error))
     if sign.verdict is Verdict.PROVED:
-        return Check(id, claim, sign.verdict, f"it is {'above' if sign.sign > 0 else 'below minus'} {sign.margin:.3g}")
+        return Check(
+            id, claim, sign.verdict, f"it is {'at least ' if sign.sign > 0 else 'at most -'}{down(sign.margin)}"
+        )
     if sign.verdict is Verdict.REFUTED:
         witness = {s.name: float(value) for s, value in sign.witness.items()}
         fix = f"Narrow the ranges so that {name} keeps one sign."

@@ -5,7 +5,7 @@ plant's states into the range that each new state declares, so that no state of 
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -13,9 +13,10 @@ from fractions import Fraction
 import sympy as sp
 from sympy.core.evalf import PrecisionExhausted
 
-from hgogen.box import Box, End
+from hgogen.box import Box
 from hgogen.box import box as box_of
 from hgogen.check import Check, Verdict
+from hgogen.digits import down, up
 from hgogen.glance import Interval, enclose, finite
 from hgogen.lipschitz import JUMPS, KINKS
 from hgogen.points import Point, exact, kind, points, witness
@@ -189,15 +190,7 @@ def _least(reached: Interval) -> str:
     """The ends, rounded outwards to few digits, as a sentence goes on; nothing where no float holds them."""
     if not all(-_HUGE < end < _HUGE for end in reached):
         return ""
-    low, high = _round(reached[0], math.floor), _round(reached[1], math.ceil)
-    return f" to at least [{low:.{_DIGITS}g}, {high:.{_DIGITS}g}]"
-
-
-def _round(end: End, whole: Callable[[Fraction], int]) -> float:
-    if not end:
-        return 0.0
-    unit = Fraction(10) ** (math.floor(math.log10(abs(float(end)))) + 1 - _DIGITS)
-    return float(whole(Fraction(end) / unit) * unit)
+    return f" to at least [{down(reached[0], _DIGITS)}, {up(reached[1], _DIGITS)}]"
 
 
 def _sign(signal: Signal) -> dict[str, bool]:

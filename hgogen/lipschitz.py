@@ -11,6 +11,7 @@ import sympy as sp
 
 from hgogen.bounds import box as box_of
 from hgogen.check import Check, Verdict
+from hgogen.digits import up
 from hgogen.proof import Proof, ends
 from hgogen.singular import singular
 from hgogen.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
@@ -70,7 +71,7 @@ def _bound(found: Lipschitz) -> str:
     boxes = f"{found.boxes} box{'' if found.boxes == 1 else 'es'}"
     if found.high == 0:
         return "it does not depend on the state"
-    return f"L_b <= {found.high:.4g}, by outward-rounded intervals on {boxes}"
+    return f"L_b <= {up(found.high)}, by outward-rounded intervals on {boxes}"
 
 
 def _proved(check: Check, rows: tuple[sp.Expr, ...], system: System, found: Lipschitz) -> Check:

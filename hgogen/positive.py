@@ -6,6 +6,7 @@ import sympy as sp
 
 from hgogen.bounds import Range, Sign, bound, box, nonzero
 from hgogen.check import Check, Verdict
+from hgogen.digits import down, up
 from hgogen.points import exact, kind, points
 from hgogen.proof import Proof, ends
 from hgogen.signal import Signal
@@ -78,7 +79,7 @@ def _range(a: sp.Expr, low: float, high: float, found: Range, first: Sign) -> st
         return f"it is {a}"
     boxes = max(found.boxes, first.range.boxes)
     return (
-        f"between {low:.3g} and {high:.3g}, rounded: outward-rounded intervals, {boxes} box{'' if boxes == 1 else 'es'}"
+        f"between {down(low)} and {up(high)}, by outward-rounded intervals on {boxes} box{'' if boxes == 1 else 'es'}"
     )
 
 

@@ -11,6 +11,7 @@ from hgogen.alarm import ITSELF
 from hgogen.bounds import Range
 from hgogen.check import Check, Verdict
 from hgogen.compare import Comparison
+from hgogen.digits import down, up
 from hgogen.gramian import Gramian
 from hgogen.metrics import Summary
 from hgogen.noise import Suggestion
@@ -116,7 +117,7 @@ def ranges(found: Mapping[str, Range]) -> RenderableType:
         return Group()
     table = _table("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
     for text, one in found.items():
-        table.add_row(Text(text), f"{one.low:.9g}", f"{one.high:.9g}", str(one.boxes), Text(one.note))
+        table.add_row(Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(one.note))
     return Group(table, "")
 
 

@@ -32,7 +32,7 @@
  *   refuted (accepted by the user): triangular.a_2: 0 < a_m <= a_2 = -u <= a_M on the box; a_2 vanishes; at u
  *     = 0
  *   proved: triangular.a_3: 0 < a_m <= a_3 = eps <= a_M on the box; it is 4/5
- *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; L_b <= 11.53, by outward-rounded
+ *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; L_b <= 11.54, by outward-rounded
  *     intervals on 1 box
  *   unknown: riccati.convergence: the estimate converges exponentially from any initial state (theorem 5);
  *     the theorem's constants are existential: no number for theta, d, gamma can be proved from it

@@ -17,7 +17,7 @@
  *   proved: triangular.structure: each row brings in one new state, linearly; y -> q -> w
  *   proved: triangular.a_1: 0 < a_m <= a_1 = 1 <= a_M on the box; it is 1
  *   proved: triangular.a_2: 0 < a_m <= a_2 = 1 <= a_M on the box; it is 1
- *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; L_b <= 19.6, by outward-rounded
+ *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; L_b <= 19.61, by outward-rounded
  *     intervals on 1 box
  *   proved: high_gain.convergence: in continuous time, without noise, the error converges exponentially for
  *     every theta above a bound; above 44.36 = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= 2.829, L_b <=

@@ -1,0 +1,24 @@
+"""Bounds in few digits that are still bounds: a number that is printed as proved is rounded to the safe side."""
+
+import math
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from fractions import Fraction
+
+
+def up(value: float | Fraction, digits: int = 4) -> str:
+    """The least number of so many significant digits that is not below the value."""
+    return _rounded(value, digits, ROUND_CEILING)
+
+
+def down(value: float | Fraction, digits: int = 4) -> str:
+    """The largest number of so many significant digits that is not above the value."""
+    return _rounded(value, digits, ROUND_FLOOR)
+
+
+def _rounded(value: float | Fraction, digits: int, rounding: str) -> str:
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"{value:g}"
+    exact = Fraction(value)
+    near = Context(prec=digits, rounding=rounding).divide(Decimal(exact.numerator), Decimal(exact.denominator))
+    plain = -4 <= near.adjusted() < digits  # as float's g: 0.0001, 1e-05
+    return f"{near.normalize():f}" if plain or not near else f"{near.normalize():e}"

@@ -1,0 +1,50 @@
+"""A printed bound is a bound: rounded to the safe side, and to the nearest number there."""
+
+import math
+from fractions import Fraction
+
+import pytest
+import sympy as sp
+from hypothesis import given
+from hypothesis import strategies as st
+
+import hgogen as hg
+from hgogen.digits import down, up
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.fractions()
+
+
+@given(NUMBERS, st.integers(1, 9))
+def test_the_value_lies_between(value: float | Fraction, digits: int) -> None:
+    low, high = Fraction(down(value, digits)), Fraction(up(value, digits))
+    assert low <= Fraction(value) <= high
+    assert high - low <= 2 * abs(Fraction(value)) * Fraction(10) ** (1 - digits)
+
+
+@pytest.mark.parametrize(
+    ("value", "below", "above"),
+    [
+        (0.0, "0", "0"),
+        (40.0, "40", "40"),
+        (-0.22222, "-0.2223", "-0.2222"),
+        (Fraction(2, 3), "0.6666", "0.6667"),
+        (1.4400001e5, "1.44e+5", "1.441e+5"),
+        (Fraction(129, 10**7), "1.29e-5", "1.29e-5"),
+        (9999.5, "9999", "1e+4"),
+        (math.inf, "inf", "inf"),
+    ],
+)
+def test_known_numbers(value: float | Fraction, below: str, above: str) -> None:
+    assert (down(value), up(value)) == (below, above)
+
+
+def test_a_check_says_no_more_than_is_proved() -> None:
+    """The slope of exp(-x) on [0, 1.2] is at least 0.30119..: to three digits it is not at least 0.302."""
+    x, y = hg.Signal("x", low=0, high=1.2), hg.Signal("y")
+    z = hg.Signal("z", low=0, high=1)
+    plant = hg.System("slow", states=(x, z), outputs=(y,), flow=[sp.exp(-x) * z, -z], output=[x])
+    form = hg.forms.triangular(plant, measured=True)
+    reason = next(check.reason for check in form.checks if check.id == "triangular.a_2")
+    low, high = (Fraction(part) for part in reason.removeprefix("between ").partition(",")[0].split(" and "))
+    assert float(low) <= math.exp(-1.2) <= float(low) * (1 + 2e-2)
+    assert high >= 1
