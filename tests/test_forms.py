@@ -223,15 +223,15 @@ def test_no_offset_no_claim() -> None:
 
 
 def test_a_long_chain_is_quick() -> None:
-    """Followed, not searched: 0.2 s on an idle core, so that 2 s leave room for a busy one."""
+    """Followed, not searched: 0.7 s of processor time."""
     n = 40
     states = [Signal(f"s{i}", low=-1, high=1) for i in range(n)]
     rates = [(-1) ** i * states[i + 1] + sp.sin(states[i] * states[0]) for i in range(n - 1)]
     rates.append(sum(map(sp.sin, states)))
     chain = System("chain", states=states[::-1], outputs=[y], flow=rates[::-1], output=[states[0]])
-    start = time.perf_counter()
+    start = time.process_time()
     form = forms.triangular(chain)
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2
     assert [abs(z) for z in form.to_form] == [abs(s) for s in states]
     assert set(verdicts(form).values()) == {"proved"}
 
