@@ -1,86 +1,130 @@
 """Determinants of matrices of expressions, exactly, and the factors of their zero sets; which rows are independent."""
 
-import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import prod
+from random import Random
 from typing import TypeVar
 
-import mpmath
+import flint
 import sympy as sp
-from sympy.polys.matrices import DomainMatrix
 
+from hgogen.angles import degrees, even, factored
+from hgogen.echelon import SURE_BITS, Blurred, new_rows
+from hgogen.elimination import Elimination, Product, Work, cleared
+from hgogen.field import Field, field
 from hgogen.points import exact
+from hgogen.pointwise import values
+from hgogen.powers import Power, powers
+from hgogen.rewrite import TooLarge, Writer
+from hgogen.tape import tape
+from hgogen.zero_set import alive, zero_set
 
 _Row = TypeVar("_Row")
-# Rows are judged at random points with this many digits; a pivot below half of them, relative to its row, counts as 0.
-_DIGITS = 60
-_TRIGONOMETRIC = (sp.sin, sp.cos, sp.sinh, sp.cosh)
+LIMIT = 300_000  # products of terms
+_TERMS = 4000
+_POINTS, _TRIES = 2, 24
 
 
-def determinant(rows: Sequence[Sequence[sp.Expr]]) -> sp.Expr:
-    """The determinant (n x n), a quotient of polynomials in the symbols and functions that occur, factored."""
-    matrix = sp.Matrix([[exact(e) for e in row] for row in rows])
-    domain_matrix = DomainMatrix.from_Matrix(matrix).to_field()
-    value = domain_matrix.domain.to_sympy(domain_matrix.det())
-    if len({type(f) for f in value.atoms(*_TRIGONOMETRIC)}) > 1:  # sin^2 + cos^2 is no identity of polynomials
-        value = min(sp.trigsimp(value), value, key=sp.count_ops)
-    return sp.factor(value)
-
-
-def factors(value: sp.Expr) -> tuple[sp.Expr, ...]:
-    """The factors of a quotient's numerator that may be 0, each once; empty where it has no zero.
-
-    Numbers and powers of e are left out, and what SymPy knows not to be 0 for the symbols' assumptions.
+@dataclass(frozen=True)
+class Determinant:
+    """`value`: a quotient of products; `factors`: their zero sets together are that of the value, empty where it has
+    none, None where that is not known.
     """
-    numerator, _ = sp.fraction(sp.together(value))
-    _, found = sp.factor_list(numerator)
-    bases = (_base(factor) for factor, _ in found)
-    kept = (-f if f.could_extract_minus_sign() else f for f in bases if not f.is_number and f.is_zero is not False)
-    return tuple(sorted(set(kept), key=sp.default_sort_key))
+
+    value: sp.Expr
+    factors: tuple[sp.Expr, ...] | None
 
 
-def _base(factor: sp.Expr) -> sp.Expr:
-    """b of b**r with a rational r > 0; a real power of e as the number 1."""
-    if isinstance(factor, sp.exp):
-        return sp.S.One
-    if isinstance(factor, sp.Pow) and factor.exp.is_Rational and factor.exp.is_positive:
-        return factor.base
-    return factor
+def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determinant:
+    """The determinant of n x n expressions.
+
+    Raises: `TooLarge` beyond `limit` products of terms, or where a pivot may be 0 by a relation that is not known.
+    """
+    writer = Writer()
+    entries = [exact(sp.sympify(e)) for row in rows for e in row]
+    for e in entries:
+        writer.measure(e)
+    made, found = field(writer, [writer.write(e) for e in entries])
+    n = len(rows)
+    elimination = Elimination(made, Work([limit]))
+    product: Product = []
+    for k in range(n):
+        common, (row,) = cleared([found[k * n : (k + 1) * n]])
+        try:
+            _, scales = elimination.added(row)
+        except ZeroDivisionError:
+            return Determinant(sp.S.Zero, (sp.S.Zero,))
+        product += [(e, -power) for e, power in ((common, 1), *scales)]
+        product.append((elimination.pivot, 1))
+    if not alive(made, product):
+        raise TooLarge("what the functions of a matrix have to do with each other")
+    number, parts = powers(made, product)
+    if sum(len(one.polynomial) for one in parts) > _TERMS:
+        raise TooLarge("the determinant")
+    return Determinant((-number if elimination.odd else number) * _value(made, parts), zero_set(made, parts))
+
+
+def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
+    """prod P^e. With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a form over C^d: the forms of even degree
+    one by one, the others multiplied with what power of C is left, above and below.
+    """
+    if any(p.exponent.denominator > 1 and any(degrees(field, p.polynomial).values()) for p in parts):
+        return sp.Mul(*(field.expression(p.polynomial) ** sp.Rational(p.exponent) for p in parts))
+    every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
+    forms = [(p, d, e) for p, e, d in every if even(d)]
+    left = {g: -sum(int(e) * d[g] for _, e, d in every) for g in field.angles}
+    ends = []
+    for sign in (1, -1):
+        odd = [p ** int(e * sign) for p, e, d in every if not even(d) and e * sign > 0]
+        whole = prod(odd, start=field.ring.constant(1))
+        ends.append((whole, {g: k + max(sign * left[g], 0) for g, k in degrees(field, whole).items()}, sign))
+    shared = {g: ends[0][1][g] % 2 for g in field.angles}  # both are odd, or none is
+    forms += [(p, {g: k + shared[g] for g, k in d.items()}, Fraction(sign)) for p, d, sign in ends]
+    written = [(*factored(field, p, d), sp.Rational(e)) for p, d, e in forms]
+    return sp.Mul(*(n**e for n, _, e in written), *(b ** (k * e) for _, found, e in written for b, k in found))
+
+
+# ---------------------------------------------------------------- which rows
 
 
 def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, ...]:
     """The keys of the first n rows (n entries each) that are generically independent, in order; or fewer.
 
-    By elimination at two random points: a row that is dependent there may be independent elsewhere on a set without
-    volume only.
+    By elimination with balls at two random points: a row that is dependent there may be independent elsewhere on a set
+    without volume only.
     """
     symbols = sorted(set().union(*(e.free_symbols for row in rows.values() for e in row)), key=str)
-    matrix = [[exact(e) for e in row] for row in rows.values()]
-    function = sp.lambdify(symbols, matrix, "mpmath", cse=True)
-    draw = random.Random(1)
+    program = tape([exact(e) for row in rows.values() for e in row], symbols)
     best: tuple[_Row, ...] = ()
-    with mpmath.workdps(_DIGITS):
-        for _ in range(2):
-            point = [mpmath.mpf(draw.randint(200, 1800)) / 997 for _ in symbols]
-            found = _pivots(list(rows), function(*point), n)
-            best = max(best, found, key=len)
+    points = 0
+    for point in _points(len(symbols)):
+        for bits in (256, SURE_BITS):
+            found = values(program, point, bits)
+            if all(ball.is_finite() for ball in found):
+                points += bits == SURE_BITS
+                taken = _new([found[k * n : (k + 1) * n] for k in range(len(rows))], bits)
+                best = max(best, tuple(list(rows)[k] for k in taken[:n]), key=len)
+            if len(best) == n:
+                return best
+        if points == _POINTS:
+            break
     return best
 
 
-def _pivots(names: Sequence[_Row], rows: Sequence[Sequence[mpmath.mpf]], n: int) -> tuple[_Row, ...]:
-    """By Gauss: each row is reduced by those taken before it, and taken if something is left of it."""
-    small = mpmath.mpf(10) ** (-_DIGITS // 2)
-    taken: list[tuple[int, list[mpmath.mpf]]] = []
-    chosen: list[_Row] = []
-    for name, given in zip(names, rows, strict=True):
-        row = [mpmath.mpmathify(entry) for entry in given]
-        size = max(map(abs, row))
-        for column, pivot in taken:
-            share = row[column] / pivot[column]
-            row = [a - share * b for a, b in zip(row, pivot, strict=True)]
-        column = max(range(n), key=lambda k: abs(row[k]))
-        if abs(row[column]) > small * size:
-            taken.append((column, row))
-            chosen.append(name)
-        if len(chosen) == n:
-            break
-    return tuple(chosen)
+def _points(count: int) -> Iterator[list[Fraction]]:
+    draw = Random(1)
+    for _ in range(_TRIES):
+        yield [Fraction(draw.randint(200, 1800), 997) for _ in range(count)]
+
+
+def _new(rows: Sequence[Sequence[object]], bits: int) -> list[int]:
+    before = flint.ctx.prec
+    flint.ctx.prec = bits
+    try:
+        return new_rows(rows, 0)
+    except Blurred:
+        return []
+    finally:
+        flint.ctx.prec = before

@@ -106,7 +106,7 @@ class Dynamics:
 
     def determinant(self, z: Any, u: Any) -> Any:
         """det dPhi/dx."""
-        return self._convert([determinant(self._map.tolist())], z, u)[0]
+        return self._convert([determinant(self._map.tolist()).value], z, u)[0]
 
     def largest_determinant(self) -> float:
         """The largest |det dPhi/dx| in the middle, on corners and at random points of the box."""

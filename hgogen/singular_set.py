@@ -7,12 +7,13 @@ import sympy as sp
 
 from hgogen.codistribution import Row, product
 from hgogen.echelon import believe_zeros, new_rows
+from hgogen.powers import powers
 from hgogen.rank import NowhereDefined, matrix_rows, modulus, plant_of, somewhere
 from hgogen.rewrite import TooLarge
 from hgogen.series import Arithmetic, Point, first_gradients
 from hgogen.tape import NoTape
-from hgogen.tower import tower
-from hgogen.zero_set import zero_set
+from hgogen.tower import Tower, tower
+from hgogen.zero_set import alive, zero_set
 
 LIMIT = 300_000  # products of terms of the elimination
 _ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
@@ -41,13 +42,18 @@ def singular_set(
         choices = _choices(drift, h, states)
         if any(len(rows) < len(states) for rows in choices):
             return "all"
-        field = tower(drift, h, states)
-        found = [zero_set(field, product(field, rows, limit)) for rows in _different(choices)]
+        plant = tower(drift, h, states)
+        found = [_zero_set(plant, rows, limit) for rows in _different(choices)]
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
     if found[0] is None or any(one != found[0] for one in found):
         return None
     return found[0] or "none"
+
+
+def _zero_set(plant: Tower, rows: Sequence[Row], limit: int) -> tuple[sp.Expr, ...] | None:
+    found = product(plant, rows, limit)
+    return zero_set(plant.field, powers(plant.field, found)[1]) if alive(plant.field, found) else None
 
 
 def _different(choices: Sequence[tuple[Row, ...]]) -> list[tuple[Row, ...]]:

@@ -7,8 +7,8 @@ jet, which reads higher derivatives of the input. That rank n at a point suffice
 R. Hermann, A. Krener, "Nonlinear controllability and observability", IEEE TAC 22 (1977).
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -16,10 +16,11 @@ import sympy as sp
 
 from hgogen.box import box as box_of
 from hgogen.check import Check, Verdict
-from hgogen.determinant import determinant, factors, independent
+from hgogen.determinant import determinant, independent
 from hgogen.glance import Interval, contains_zero, enclose
-from hgogen.lie import derivatives, rates, size
+from hgogen.lie import along, rates, size
 from hgogen.points import exact
+from hgogen.rewrite import TooLarge
 from hgogen.singular import singular
 from hgogen.system import System
 
@@ -27,8 +28,10 @@ from hgogen.system import System
 LIMIT = 4000
 # Derivatives beyond y^(n-1) that a jet on a zero set may use, and how many zero sets one inside the other are followed.
 _FURTHER, _DEPTH = 2, 2
+_SHOWN = 8  # terms of a sum that are shown
 _ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
 Row = tuple[int, int]  # (output, order of the derivative), both from 0
+Where = tuple[tuple[sp.Symbol, sp.Expr], ...]
 _STATES, _NAME = "singularity.regular", "singularity.jet_{}"
 
 
@@ -36,12 +39,12 @@ _STATES, _NAME = "singularity.regular", "singularity.jet_{}"
 class Jet:
     """On the zero set `where` (symbol to value): the rows that are independent there, and their determinant's factors.
 
-    `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0; None where no choice
-    of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of the outputs and the
-    entries of the Jacobian, which must be smooth for the determinant to tell anything.
+    `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, itself where nothing is
+    known; None where no choice of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of
+    the outputs and the entries of the Jacobian, which must be smooth for the determinant to tell anything.
     """
 
-    where: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    where: Where
     rows: tuple[Row, ...]
     determinant: sp.Expr
     factors: tuple[sp.Expr, ...] | None
@@ -53,13 +56,13 @@ class Jet:
 class Singularity:
     """Where the plant is not observable by its first derivatives, and what the next ones show there.
 
-    `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix has
-    more than `LIMIT` nodes, `nodes` says how many it has.
+    `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix is
+    too large, as `reason` says.
     """
 
     plant: System
     jets: tuple[Jet, ...]
-    nodes: int
+    reason: str = ""
 
     @property
     def factors(self) -> tuple[sp.Expr, ...] | None:
@@ -80,8 +83,7 @@ class Singularity:
     def checks(self) -> tuple[Check, ...]:
         """One for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
         if not self.jets:
-            reason = f"the observability matrix has {self.nodes} nodes, more than {LIMIT}"
-            return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, reason),)
+            return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, self.reason),)
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
 
     @property
@@ -94,10 +96,11 @@ class Singularity:
         return "\n".join([self.head, *(f"  {check}" for check in self.checks)])
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """For JSON, where nothing is abbreviated; `determinants`: one a check."""
         known = None if self.factors is None else [str(e) for e in self.factors]
-        inputs = [str(e) for e in self.inputs]
-        return {"factors": known, "inputs": inputs, "checks": [check.as_dict() for check in self.checks]}
+        inputs, whole = ([str(e) for e in row] for row in (self.inputs, (jet.determinant for jet in self.jets)))
+        checks = [check.as_dict() for check in self.checks]
+        return {"factors": known, "inputs": inputs, "determinants": whole, "checks": checks}
 
     def latex(self) -> str:
         """The determinants as LaTeX, one line of an align environment a jet."""
@@ -119,24 +122,47 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     Parameters stay symbols. A zero set is followed where a factor is linear, with a constant slope, in one of the
     inputs, their derivatives or the states: that symbol is put to its root. `limit` counts nodes of expressions.
     """
-    n = len(plant.states)
-    last = n - 1 + _FURTHER
-    flow = rates(plant, last)
-    chains = []
-    for h in plant.output:
-        chain = derivatives(h, flow, 1)
-        while len(chain) <= last and size(chain) <= limit:
-            chain = (*chain, *derivatives(chain[-1], flow, 2)[1:])
-        chains.append(chain)
-    shortest = min(map(len, chains))
-    rows = [(j, k) for k in range(shortest) for j in range(len(chains))]
-    gradients = {(j, k): [*(chains[j][k].diff(x) for x in plant.states), chains[j][k]] for j, k in rows}
-    nodes = size(e for row in gradients.values() for e in row)
-    if shortest < n or nodes > limit:
-        return Singularity(plant, (), nodes)
-    known = {row: entries for row, entries in gradients.items() if row[1] < n}
-    generic = _jet((), known, n)
-    return Singularity(plant, (generic, *_followed(plant, generic, gradients, _DEPTH)), nodes)
+    derived = _Derived(plant, rates(plant, len(plant.states) - 1 + _FURTHER), limit)
+    try:
+        generic = _jet((), derived, len(plant.states) - 1)
+        return Singularity(plant, (generic, *_followed(generic, derived, _DEPTH)))
+    except TooLarge as error:
+        return Singularity(plant, (), str(error))
+
+
+@dataclass(frozen=True)
+class _Derived:
+    """The outputs' derivatives (`chains`, one an output) and their gradients with themselves behind (`rows`), made as
+    they are asked for, because each is longer than the one before.
+    """
+
+    plant: System
+    flow: Mapping[sp.Symbol, sp.Expr]
+    limit: int
+    chains: dict[int, tuple[sp.Expr, ...]] = field(default_factory=dict)
+    rows: dict[Row, list[sp.Expr]] = field(default_factory=dict)
+
+    def order(self, k: int) -> dict[Row, list[sp.Expr]]:
+        """All rows up to the k-th derivatives.
+
+        Raises: `TooLarge` beyond `limit` nodes.
+        """
+        for j, h in enumerate(self.plant.output):
+            chain = self.chains.get(j, (h,))
+            while len(chain) <= k:
+                chain = (*chain, along(chain[-1], self.flow))
+            self.chains[j] = chain
+            for i in range(k + 1):
+                if (j, i) not in self.rows:
+                    self._small(chain[: i + 1])
+                    self.rows[j, i] = [*(chain[i].diff(x) for x in self.plant.states), chain[i]]
+        self._small(e for row in self.rows.values() for e in row)
+        return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
+
+    def _small(self, expressions: Iterable[sp.Expr]) -> None:
+        nodes = size(expressions)
+        if nodes > self.limit:
+            raise TooLarge(f"the observability matrix, of {nodes} nodes, more than {self.limit},")
 
 
 def _box(plant: System) -> dict[sp.Symbol, Interval]:
@@ -153,25 +179,33 @@ def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
     return tuple(e for e in factors if contains_zero(enclose(exact(e), box)))
 
 
-def _jet(where: tuple[tuple[sp.Symbol, sp.Expr], ...], gradients: dict[Row, list[sp.Expr]], n: int) -> Jet:
+def _jet(where: Where, derived: _Derived, last: int) -> Jet:
     """The first n rows (gradient, then the derivative itself) that are independent on the zero set, by order."""
-    order = max(k for _, k in gradients)
-    there = {row: [e.subs(where) for e in entries[:n]] for row, entries in gradients.items()}
-    chosen = independent(there, n)
-    if len(chosen) < n:
-        return Jet(where, (), sp.S.Zero, None, order)
-    value = determinant([there[row] for row in chosen])
-    parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
-    return Jet(where, chosen, value, factors(value), order, parts)
+    n = len(derived.plant.states)
+    for order in range((n - 1) // len(derived.plant.outputs), last + 1):
+        gradients = derived.order(order)
+        there = {row: [e.subs(where) for e in entries[:n]] for row, entries in gradients.items()}
+        chosen = independent(there, n)
+        if len(chosen) == n:
+            found = determinant([there[row] for row in chosen])
+            parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
+            factors = (found.value,) if found.factors is None else found.factors
+            return Jet(where, chosen, found.value, factors, order, parts)
+    return Jet(where, (), sp.S.Zero, None, last)
 
 
-def _followed(plant: System, jet: Jet, gradients: dict[Row, list[sp.Expr]], depth: int) -> list[Jet]:
+def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
+    """The jets on the zero sets of a jet's factors; none where they would be too large."""
     found: list[Jet] = []
-    for factor in _open(plant, jet.factors or ()) if depth else ():
+    last = len(derived.plant.states) - 1 + _FURTHER
+    for factor in _open(derived.plant, jet.factors or ()) if depth else ():
         root = _root(factor)
         if root is not None and root[0] not in dict(jet.where):
-            deeper = _jet((*jet.where, root), gradients, len(plant.states))
-            found += [deeper, *_followed(plant, deeper, gradients, depth - 1)]
+            try:
+                deeper = _jet((*jet.where, root), derived, last)
+            except TooLarge:
+                continue
+            found += [deeper, *_followed(deeper, derived, depth - 1)]
     return found
 
 
@@ -185,6 +219,17 @@ def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
 
 
 # ---------------------------------------------------------------- words
+
+
+def _brief(e: sp.Expr) -> str:
+    """As text; a sum of many terms by its first ones and their number."""
+    sums = [a for a in e.atoms(sp.Add) if len(a.args) > _SHOWN]
+    stands = {a: sp.Symbol(f"({_first(a)} + .., {len(a.args)} terms)") for a in sums}
+    return str(e.xreplace(stands))
+
+
+def _first(e: sp.Add) -> str:
+    return str(sp.Add(*e.as_ordered_terms()[:2], evaluate=False))
 
 
 def _primes(k: int) -> str:
@@ -215,11 +260,11 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     if jet.factors is None:
         reason = f"derivatives up to order {jet.order} leave the generic rank below {len(plant.states)}"
         return Check(id, claim, Verdict.UNKNOWN, reason)
-    reason = f"the determinant of their Jacobian is {jet.determinant}"
+    reason = f"the determinant of their Jacobian is {_brief(jet.determinant)}"
     rough = sorted({str(node) for part in jet.parts for node in part.atoms(*_ROUGH)})
     if rough:
         return Check(id, claim, Verdict.UNKNOWN, f"{rough[0]} may not be smooth; {reason}")
-    conditions = [f"{e} != 0" for e in _open(plant, jet.factors)]
+    conditions = [f"{_brief(e)} != 0" for e in _open(plant, jet.factors)]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
     conditions += sorted(set(singular(map(exact, jet.parts), box).values()))
     if not conditions:

@@ -18,13 +18,15 @@ import sympy as sp
 from hgogen.bounds import Box, Sign, bound, box, nonzero
 from hgogen.check import Check, Verdict
 from hgogen.coordinates import coordinates, split
-from hgogen.determinant import determinant, factors
+from hgogen.determinant import determinant
+from hgogen.digits import down
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.inverse import inverse, tidy
 from hgogen.lie import derivatives, input_derivatives, rates, size
 from hgogen.lipschitz import JUMPS, KINKS, lipschitz
 from hgogen.points import kind, points
+from hgogen.rewrite import TooLarge
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -104,7 +106,11 @@ def _map(plant: System) -> _Map:
     known = input_derivatives(chain, plant, n)
     extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant
     jacobian = sp.ImmutableDenseMatrix(n, n, lambda i, j: chain[i].diff(plant.states[j]))
-    return _Map(extended, plant, chain[:n], chain[n], jacobian, determinant(jacobian.tolist()))
+    try:
+        value = determinant(jacobian.tolist()).value
+    except TooLarge as error:
+        raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
+    return _Map(extended, plant, chain[:n], chain[n], jacobian, value)
 
 
 def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...]) -> Form:
@@ -197,7 +203,7 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
         return Check(id, claim, Verdict.UNKNOWN, f"{undefined} was not shown to be finite on the box"), unknown
     if sign.verdict is Verdict.PROVED:
-        return Check(id, claim, Verdict.PROVED, f"|det| >= {sign.margin:.3g} on the box, {sign.reason}"), sign
+        return Check(id, claim, Verdict.PROVED, f"|det| >= {down(sign.margin)} on the box, {sign.reason}"), sign
     read = tuple(s for s in whole.plant.signals if s in whole.determinant.free_symbols)
     if any(kind(whole.determinant, point) in ("> 0", "< 0") for point in points(read)):
         reason = f"it is not 0 identically; zeros on the box are not excluded: {sign.reason}"
@@ -221,7 +227,7 @@ def _one_to_one(
     if _undefined((*whole.Phi, *others), whole.plant):
         return Check(id, claim, Verdict.UNKNOWN, f"{text} was not shown to be defined on all of the image")
     if doubts:
-        conditions = sorted({str(f) for e in doubts for f in factors(e)})
+        conditions = sorted({str(f) for e in doubts for f in determinant([[e]]).factors or (e,)})
         return Check(id, claim, Verdict.WHERE, f"holds where {' != 0 and '.join(conditions)} != 0: {text}")
     return Check(id, claim, Verdict.PROVED, f"{text}, by exact substitution")
 
