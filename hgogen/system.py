@@ -9,6 +9,7 @@ import sympy as sp
 
 from hgogen.check import Check
 from hgogen.errors import HgogenError
+from hgogen.reciprocal import without_reciprocals
 from hgogen.signal import Signal, check_name
 
 
@@ -125,7 +126,7 @@ def _expressions(system: str, what: str, values: Sequence[Any]) -> tuple[sp.Expr
             raise BadSystem(system, f"{what} {index} is {expression}, which is not a scalar expression")
         if expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I) or expression.is_real is False:
             raise BadSystem(system, f"{what} {index}, {expression}, is not finite and real; correct it")
-        result.append(expression)
+        result.append(without_reciprocals(expression))
     return tuple(result)
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import sympy as sp
 
 from hgogen.errors import HgogenError
+from hgogen.reciprocal import without_reciprocals
 
 _FUNCTIONS = {
     getattr(sp, name): name.lower()
@@ -78,7 +79,7 @@ def tape(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> Tape:
     """
     symbols = tuple(symbols)
     writer = _Writer(symbols)
-    outputs = tuple(writer.place(expression) for expression in expressions)
+    outputs = tuple(writer.place(without_reciprocals(expression)) for expression in expressions)
     return Tape(symbols, tuple(writer.places), outputs)
 
 

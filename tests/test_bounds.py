@@ -57,6 +57,8 @@ KNOWN: list[tuple[sp.Expr, dict[sp.Symbol, tuple[object, object]], float, float]
     (sp.sin(u) * sp.cos(v), {u: (0, 1), v: (0, 1)}, 0, math.sin(1)),
     (sp.exp(u) - sp.exp(v), {}, math.exp(-1) - math.e, math.e - math.exp(-1)),
     (sp.atan2(v, u), {u: (1, 2)}, -pi / 4, pi / 4),
+    (sp.tan(u + 2 * sp.pi / 3), {u: (0, 1)}, -math.sqrt(3), math.tan(1 + 2 * pi / 3)),  # SymPy: -cot(u + pi/6)
+    (sp.csch(u) * sp.sec(v), {u: (1, 2)}, 1 / math.sinh(2), 1 / (math.sinh(1) * math.cos(1))),
     (sp.sin(u + v) - sp.sin(u) * sp.cos(v) - sp.cos(u) * sp.sin(v) + u, {}, -1, 1),
     (sp.Min(u, v) + sp.Max(u, v), {}, -2, 2),
     (u * v - v * w + w * u, {}, -3, 1),
