@@ -11,6 +11,7 @@ import sympy as sp
 
 from hgogen.errors import HgogenError
 from hgogen.outward import Pair, number
+from hgogen.points import settled
 from hgogen.signal import Signal
 from hgogen.variants import STEEP, largest_exponent
 
@@ -97,23 +98,21 @@ class Sides:
 def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
     """The expression with every symbol that is a point at its value, and the sides of the others, sorted by name.
 
-    A symbol that the box does not name is unbounded; among powers too large for exact numbers points stay sides.
+    A symbol that the box does not name is unbounded. A point stays a side where it makes a part not a real number, and
+    among powers too large for exact numbers.
     Raises: `EmptyBox`.
     """
-    points: dict[sp.Symbol, sp.Rational] = {}
-    left, ends = [], []
     steep = largest_exponent(expression) > STEEP
+    ends = {}
     for symbol in sorted(expression.free_symbols, key=lambda s: (s.name, str(sp.srepr(s)))):
         low, high = box.get(symbol, EVERYTHING)
         if not low <= high or low == math.inf or high == -math.inf:
             raise EmptyBox(symbol.name, low, high)
-        if low == high and not steep:
-            value = Fraction(low)
-            points[symbol] = sp.Rational(value.numerator, value.denominator)
-        else:
-            left.append(symbol)
-            ends.append((low, high))
-    return expression.xreplace(points), Sides(tuple(left), tuple(ends))
+        ends[symbol] = low, high
+    points = {s: rational(Fraction(low)) for s, (low, high) in ends.items() if low == high and not steep}
+    fixed = settled(expression, points) if points else expression
+    left = tuple(s for s in ends if s not in points or s in fixed.free_symbols)
+    return fixed, Sides(left, tuple(ends[s] for s in left))
 
 
 def rational(value: Fraction) -> sp.Rational:

@@ -18,6 +18,7 @@ import sympy as sp
 
 from hgogen.box import box
 from hgogen.identity import Box, dependence, free_of, is_zero
+from hgogen.points import put
 from hgogen.system import System
 
 Answer = tuple[bool | None, str]
@@ -236,7 +237,7 @@ def _line(
     """gain, rest, and whether row = gain * state + rest with both free of the state; `clean` is the row without what
     it does not read. The gain is the slope, or the row's difference between 0 and 1, where the slope is not exact."""
     gain = free_of(slope, rows.states, rows.box)
-    start, end = (clean.subs(state, value) for value in (0, 1))
+    start, end = (_at(clean, state, value) for value in (0, 1))
     lines = [(gain, _rest(clean, state, gain)), (end - start, start)]
     for a, b in lines:
         if not (a.has(state, *_INFINITE) or b.has(state, *_INFINITE)) and is_zero(row - a * state - b, rows.box):
@@ -246,8 +247,14 @@ def _line(
 
 def _rest(row: sp.Expr, state: sp.Symbol, gain: sp.Expr) -> sp.Expr:
     """row - gain * state, which is free of the state: its value at 0, or where that is 0/0 at 1, 2, 3."""
-    values = (row.subs(state, value) - gain * value for value in range(4))
+    values = (_at(row, state, value) - gain * value for value in range(4))
     return next((rest for rest in values if not rest.has(*_INFINITE)), row - gain * state)
+
+
+def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
+    """The row at a value of the state, nan where it compares what is not real there."""
+    found = put(row, {state: sp.Integer(value)})
+    return sp.nan if found is None else found
 
 
 def _on_a_line(row: sp.Expr, state: sp.Symbol, box: Box) -> bool | None:

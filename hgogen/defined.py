@@ -4,7 +4,7 @@ import sympy as sp
 
 from hgogen.bounds import bound, box
 from hgogen.check import Check, Verdict
-from hgogen.points import exact, kind, points, witness
+from hgogen.points import exact, kind, points, settled, witness
 from hgogen.proof import Proof
 from hgogen.singular import singular
 from hgogen.system import System
@@ -19,9 +19,9 @@ def defined(id: str, name: str, c: sp.Expr, system: System) -> Check:
     proved: by outward-rounded intervals and bisection. refuted: with a point. unknown: neither, or a range is missing.
     """
     claim = f"{name} = {c} is a finite real number on the box"
-    c = exact(c.xreplace({p: value for p, value in system.nominal.items() if not p.bounded}))
+    c = exact(settled(c, {p: value for p, value in system.nominal.items() if not p.bounded}))
     signals = tuple(s for s in system.signals if s in c.free_symbols)
-    around = box(signals)
+    around = box(signals, system.nominal)
     try:
         found = bound(c, around, boxes=_BOXES)
     except NoTape as missing:

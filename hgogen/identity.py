@@ -14,7 +14,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra import vanishes
-from hgogen.points import exact
+from hgogen.points import exact, put, settled
 from hgogen.pointwise import values
 from hgogen.tape import NoTape, Tape, tape
 
@@ -106,8 +106,8 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
     """
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():
-        plain = expression.subs({s: numbers[i % len(numbers)] for i, s in enumerate(idle)})
-        if not plain.has(*_INFINITE) and is_zero(expression - plain, box):
+        plain = put(expression, {s: sp.sympify(numbers[i % len(numbers)]) for i, s in enumerate(idle)})
+        if plain is not None and not plain.has(*_INFINITE) and is_zero(expression - plain, box):
             return plain
     return expression
 
@@ -115,7 +115,7 @@ def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None =
 def _settled(expression: sp.Expr, box: Box | None) -> sp.Expr:
     """Exact numbers, and the value of each symbol that has one."""
     point = {s: _rational(low) for s, (low, high) in (box or {}).items() if low == high}
-    return exact(expression.xreplace(point) if point else sp.sympify(expression))
+    return exact(settled(expression, point) if point else sp.sympify(expression))
 
 
 def _rational(value: Any) -> sp.Rational:

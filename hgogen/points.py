@@ -4,6 +4,7 @@ import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, product
+from typing import Any
 
 import sympy as sp
 
@@ -15,6 +16,9 @@ _CORNERS = 64
 _RANDOM = 32
 # An imaginary part that is larger than this, evaluated to 15 digits, is not zero.
 _NOT_ZERO = 1e-9
+# What SymPy defines beyond the reals, and what it makes of it.
+_PARTIAL = (sp.Pow, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh)
+_STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
 def points(signals: Sequence[Signal]) -> Iterator[Point]:
@@ -36,9 +40,8 @@ def points(signals: Sequence[Signal]) -> Iterator[Point]:
 
 def kind(expression: sp.Expr, point: Point) -> str:
     """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
-    try:
-        value = expression.xreplace(dict(point))
-    except (ValueError, TypeError):  # a comparison of numbers that SymPy cannot make
+    value = put(expression, point)
+    if value is None:
         return "?"
     if value.is_zero:
         return "= 0"
@@ -50,6 +53,31 @@ def kind(expression: sp.Expr, point: Point) -> str:
         return "?" if value._prec == 1 else "> 0" if value > 0 else "< 0"
     imaginary = value.as_real_imag()[1]
     return "undefined" if imaginary.is_Float and abs(imaginary) > _NOT_ZERO else "?"
+
+
+def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:
+    """The expression with values for symbols; None where SymPy then has to compare what is not real."""
+    try:
+        return expression.xreplace(dict(values))
+    except (ValueError, TypeError):
+        return None
+
+
+def settled(expression: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr:
+    """The expression with symbols at their values; those stay at which a root, an inverse or a logarithm would not be
+    a finite real number: SymPy goes on with what it is then, and |log(-1)| would be pi."""
+    nodes = (node for node in expression.atoms(*_PARTIAL) if not values.keys().isdisjoint(node.free_symbols))
+    stay = {s for node in nodes if not _stays_real(node, values) for s in node.free_symbols}
+    return expression.xreplace({s: value for s, value in values.items() if s not in stay})
+
+
+def _stays_real(node: sp.Expr, values: Mapping[sp.Symbol, sp.Rational]) -> bool:
+    if node.is_Pow and node.exp.is_Integer and node.exp > 0:
+        return True
+    value = put(node, values)
+    if value is None:
+        return False
+    return bool(value.is_real) if value.is_number else not value.has(*_STRANGE)
 
 
 def witness(point: Point) -> dict[str, float]:

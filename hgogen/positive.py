@@ -7,7 +7,7 @@ import sympy as sp
 from hgogen.bounds import Range, Sign, bound, box, nonzero
 from hgogen.check import Check, Verdict
 from hgogen.digits import down, up
-from hgogen.points import exact, kind, points
+from hgogen.points import exact, kind, points, settled
 from hgogen.proof import Proof, ends
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -92,7 +92,7 @@ def _unknown(check: Check, reason: str, signals: tuple[Signal, ...]) -> Check:
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
     """a with constants at their values, all numbers exact, and the signals that it then varies with."""
-    a = exact(a.xreplace({p: value for p, value in system.nominal.items() if not p.bounded}))
+    a = exact(settled(a, {p: value for p, value in system.nominal.items() if not p.bounded}))
     return a, tuple(s for s in (*system.states, *system.inputs, *system.parameters) if s in a.free_symbols)
 
 

@@ -15,7 +15,7 @@ import sympy as sp
 
 from hgogen.box import Box, Point, Sides, rational, sides
 from hgogen.check import Verdict
-from hgogen.points import exact, kind
+from hgogen.points import exact, kind, put
 from hgogen.search import Tree, everywhere, search
 from hgogen.spectral import Field, Steep, steepest
 from hgogen.tape import tape
@@ -62,7 +62,7 @@ def lipschitz_bound(
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
     whole, around = sides(sp.Tuple(*(exact(sp.sympify(row)) for row in b)), box)
-    rows = [row for row in whole if row.free_symbols or row.has(*_STRANGE)]
+    rows = [row for row in whole if not (row.is_number and row.is_real)]
     read = [x for x in states if x in around.symbols]
     if not rows:
         return Lipschitz(Verdict.PROVED, 0.0, 0.0, "it is constant", 0, around.symbols)
@@ -168,8 +168,9 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
     exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
     for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits is dear
         moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
-        along = _settled(slope.xreplace({s: rational(value) + t * rational(moved[s]) for s, value in point.items()}), t)
-        if not along.has(t) or along.has(sp.Heaviside):
+        along = put(slope, {s: rational(value) + t * rational(moved[s]) for s, value in point.items()})
+        along = along and _settled(along, t)
+        if not along or not along.has(t) or along.has(sp.Heaviside):
             continue
         sizes = [_size(along, {t: sp.Rational(1, 2**digits)}) for digits in _NEAR]
         if None in sizes or not sizes[0] < sizes[1] < sizes[2]:  # type: ignore[operator]

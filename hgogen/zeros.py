@@ -15,7 +15,7 @@ import sympy as sp
 from hgogen.box import End, Point, Sides
 from hgogen.enclosure import enclose
 from hgogen.outward import Array, Pair, number
-from hgogen.points import kind
+from hgogen.points import kind, put
 from hgogen.tape import Tape
 from hgogen.variants import STEEP, largest_exponent
 
@@ -149,12 +149,14 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
         slope = expression.diff(symbol)
         if slope == 0 or slope.has(symbol):
             continue
-        rest = expression.xreplace({symbol: sp.S.Zero})
+        rest = put(expression, {symbol: sp.S.Zero})
+        if rest is None:
+            continue
         others = [side if i != k else [Fraction(0)] for i, side in enumerate(values)]
         for point in islice(_points(sides, others), 8):
             at = _rational(point)
-            steep, start = slope.xreplace(at), rest.xreplace(at)
-            if not (steep.is_Rational and start.is_Rational and steep != 0):
+            steep, start = put(slope, at), put(rest, at)
+            if not (steep and start is not None and steep.is_Rational and start.is_Rational):
                 continue
             root = -start / steep
             found = point | {symbol: Fraction(int(root.p), int(root.q))}
