@@ -68,8 +68,8 @@ def check(
     checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; of
     a model with an observer the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim,
     verdict or "left to you", reason, checks, reference; null without an observer), singular (factors: whose zeros are
-    the singular set, null where it is not known; inputs: those of them free of states; checks, which do not count for
-    the exit status), notes.
+    the singular set, null where it is not known; inputs: those of them free of states; determinants and checks, one
+    each for a zero set, which do not count for the exit status), notes.
 
     With --library: an object from each model's name to its answers, null where there is no answer; error: what is
     wrong with the model; partial: the time limit struck.
@@ -85,23 +85,30 @@ def check(
 def _one(
     loaded: Model, bounds: Iterable[str], deep: bool, certificate: Path | None, latex: bool, as_json: bool
 ) -> None:
-    ranges = {text: hg.bound(text, loaded.plant) for text in bounds}
-    seen, forms = hg.observability(loaded.plant), hg.survey(loaded.plant, deep=deep)
-    claims, singular = jobs.checked(loaded, forms.best), hg.singularity(loaded.plant)
+    plant = loaded.plant
+
+    def say(*parts: Any) -> None:
+        """Print at once what is known, so that a model whose next part takes long shows the others."""
+        show(False, {}, *(() if latex or as_json else parts))
+
+    ranges = {text: hg.bound(text, plant) for text in bounds}
+    say(tables.ranges(ranges))
+    seen = hg.observability(plant)
+    say(tables.observed(seen))
+    forms = hg.survey(plant, deep=deep)
+    claims = jobs.checked(loaded, forms.best)
+    say(tables.survey(forms, claims.checks))
+    if claims.shown:
+        say(tables.checks(claims.head, claims.checks, claims.accepted))
+    singular = hg.singularity(plant)
+    if seen.rank == seen.n:
+        say(tables.checks(singular.head, singular.checks, ()))
+    say(tables.theorem(claims.theorem, claims.hypotheses))
     if latex:
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex())
-    else:
-        shown = (
-            tables.ranges(ranges),
-            tables.observed(seen),
-            tables.survey(forms, claims.checks),
-            *([tables.checks(claims.head, claims.checks, claims.accepted)] if claims.shown else []),
-            *([tables.checks(singular.head, singular.checks, ())] if seen.rank == seen.n else []),
-            tables.theorem(claims.theorem, claims.hypotheses),
-        )
+    elif as_json:
         told = {"observability": seen.as_dict(), "forms": forms.as_dict(), "bounds": _ranges(ranges)}
-        value = {"model": loaded.path, **told, **claims.as_dict(), "singular": singular.as_dict()}
-        show(as_json, value, *shown)
+        show(True, {"model": loaded.path, **told, **claims.as_dict(), "singular": singular.as_dict()})
     for sentence in claims.notes:
         note(sentence)
     if certificate is not None:
