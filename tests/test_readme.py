@@ -1,14 +1,17 @@
 """What the README says is run: its Python lines, its piece of C, its commands, its links."""
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from hgogen import native
+from hgogen.cli import app
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text()
@@ -16,6 +19,11 @@ TEXT = (ROOT / "README.md").read_text()
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+
+
+def test_checks_are_shown() -> None:
+    """So that the test of what they print cannot pass on nothing."""
+    assert len(COMMANDS) >= 4
 
 
 def test_the_first_two_shell_blocks_are_one_line_each() -> None:
@@ -58,6 +66,19 @@ def test_the_cc_line_works(tmp_path: Path) -> None:
     command = line.replace("-o check", f"-o {tmp_path / 'check'}").replace("cc ", f"{native.compiler()} ", 1)
     subprocess.run(command, shell=True, cwd=ROOT, check=True)
     assert subprocess.run([tmp_path / "check"], capture_output=True, text=True, check=True).stdout.strip() == wanted
+
+
+COMMANDS = re.findall(r"^\$ (hgogen check models/.*)\n((?:[^$`\n].*\n)+)", TEXT, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("line", "wanted"), COMMANDS, ids=[line for line, _ in COMMANDS])
+def test_the_checks_print_what_is_shown(line: str, wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("COLUMNS", "200")
+    result = CliRunner().invoke(app, shlex.split(line)[1:])
+    assert result.exit_code == 0
+    printed = [row.rstrip() for row in result.stdout.splitlines()]
+    assert [row for row in wanted.splitlines() if row not in printed] == []
 
 
 def test_links_lead_somewhere() -> None:
