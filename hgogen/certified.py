@@ -18,20 +18,22 @@ Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
-from math import ceil, isqrt, log10
+from math import isqrt
 
 import numpy as np
 import sympy as sp
 
 from hgogen.bounds import Range, bound, box
 from hgogen.check import Check, Verdict
+from hgogen.digits import down, up
 from hgogen.form import Form
 from hgogen.lmi import Lyapunov, Matrix, common
 from hgogen.lmi import gains as designed
 from hgogen.points import exact, points
+from hgogen.proof import Proof
 from hgogen.tape import NoTape
 
 # Beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once.
@@ -43,12 +45,17 @@ _TRIALS = 400
 
 @dataclass(frozen=True)
 class ThetaBound:
-    """Every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges; `scale` (n): S, of parameters."""
+    """Every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges; `scale` (n): S, of parameters; `slope`:
+    how `lipschitz` >= |S db/dz S^-1| was found; `gains` (n): K, of parameters; `chosen`: the observer's theta, if there
+    is one."""
 
     theta: Fraction
     lyapunov: Lyapunov
     lipschitz: Fraction
     scale: tuple[sp.Expr, ...]
+    slope: Proof
+    gains: tuple[sp.Expr, ...]
+    chosen: Fraction = Fraction(0)
 
     def rate(self, theta: float) -> float:
         """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
@@ -74,17 +81,18 @@ class Nothing:
 
 @dataclass(frozen=True)
 class _Core:
-    """A - K C in the coordinates `scale` z, at every vertex."""
+    """A - K C in the coordinates `scale` z, at every vertex, with K = `gains` in the coordinates z."""
 
     scale: tuple[sp.Expr, ...]
     vertices: tuple[Matrix, ...]
+    gains: tuple[sp.Expr, ...]
 
     def scaled(self, d: Sequence[Fraction]) -> "_Core":
         """In the coordinates diag(d) scale z."""
         n = range(len(d))
         vertices = tuple(tuple(tuple(d[i] * N[i][j] / d[j] for j in n) for i in n) for N in self.vertices)
         rationals = (sp.Rational(value.numerator, value.denominator) for value in d)
-        return _Core(tuple(value * s for value, s in zip(rationals, self.scale, strict=True)), vertices)
+        return _Core(tuple(value * s for value, s in zip(rationals, self.scale, strict=True)), vertices, self.gains)
 
 
 def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
@@ -102,7 +110,9 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
     loose = [f"a_{i} = {x}" for i, x in enumerate(a, 1) if not _positive(x, form)]
     if loose:
         return Nothing(f"{loose[0]} is not shown to be positive")
-    core = _Core(tuple(sp.Mul(*a[1 : i + 1]) for i in range(form.n)), (_companion(p),))
+    exactly = [Fraction(x) for x in p]
+    gains = tuple(sp.Rational(x.numerator, x.denominator) / sp.Mul(*a[: i + 1]) for i, x in enumerate(exactly))
+    core = _Core(tuple(sp.Mul(*a[1 : i + 1]) for i in range(form.n)), (_companion(exactly),), gains)
     slopes = _slopes(form)
     given = [Fraction(f"{float(1 / s.subs(form.system.nominal)):.6g}") for s in core.scale]
     plain = _certified(form, slopes, core.scaled(given))
@@ -126,7 +136,8 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
         return Nothing(corners)
     n = range(form.n)
     vertices = tuple(tuple(tuple(A[i][j] - gain[i] * C[j] for j in n) for i in n) for A, C in corners)
-    return _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices))
+    gains = tuple(sp.Rational(k.numerator, k.denominator) for k in gain)
+    return _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
 
 
 def suggested(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
@@ -152,20 +163,13 @@ def checks(id: str, theta: float, found: ThetaBound | Nothing) -> tuple[Check, C
             Check(f"{id}.theta", above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
         )
     proof = f"above {found}; exact arithmetic and outward-rounded intervals"
-    convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof)
+    proofs = (replace(found, chosen=Fraction(theta)),)
+    convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof, proofs=proofs)
     if Fraction(theta) > found.theta:
-        rate = f"above {up(found.theta)}; the error decays at least like exp(-{found.rate(theta):.2g} t)"
+        rate = f"above {up(found.theta)}; the error decays at least like exp(-{down(found.rate(theta), 2)} t)"
         return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate)
     low = f"it is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
     return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix="Raise theta, or validate by trials.")
-
-
-def up(value: Fraction, digits: int = 4) -> str:
-    """A positive number with that many significant digits, rounded up."""
-    if value == 0:
-        return "0"
-    step = Fraction(10) ** (int(np.floor(log10(value))) + 1 - digits)
-    return f"{float(ceil(value / step) * step):.{digits}g}"
 
 
 def _obstacle(form: Form) -> str:
@@ -227,8 +231,8 @@ def _slopes(form: Form) -> sp.Matrix:
     return b.jacobian(sp.Matrix(form.states))
 
 
-def _companion(p: Iterable[float]) -> Matrix:
-    column = [-Fraction(x) for x in p]
+def _companion(p: Iterable[Fraction]) -> Matrix:
+    column = [-x for x in p]
     n = range(len(column))
     return tuple(tuple((column[i] if j == 0 else Fraction(0)) + int(j == i + 1) for j in n) for i in n)
 
@@ -264,17 +268,20 @@ def _certified(form: Form, slopes: sp.Matrix, core: _Core) -> ThetaBound | Nothi
     found = common(core.vertices)
     if found is None:
         return Nothing("no P with (A - K C)'P + P (A - K C) <= -I was found for the range of the a_i")
-    return ThetaBound(max(Fraction(1), 2 * found.peak * steep), found, steep, core.scale)
+    assert steep.high is not None
+    return ThetaBound(max(Fraction(1), 2 * found.peak * steep.high), found, steep.high, core.scale, steep, core.gains)
 
 
-def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Fraction | str:
+def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof | str:
     """L_b in the coordinates scale z, from above: sup of the Frobenius norm of S J S^-1 on the box; or why there is
     none."""
     square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(i + 1)))
     span = _span(square, form)
     if not (span and span.defined and span.finite):
         return "no bound L_b on the slope of b was found on the box"
-    return _root(Fraction(max(span.high, 0.0)))
+    around = box(_signals(form), form.system.nominal)
+    steep = _root(Fraction(max(span.high, 0.0)))
+    return Proof("slope", form.b, around, None, steep, span.variables, span.tree, form.states)
 
 
 def _root(value: Fraction) -> Fraction:

@@ -10,7 +10,6 @@ from enum import StrEnum
 from typing import Any
 
 from hgogen.errors import HgogenError
-from hgogen.proof import Proof
 
 
 class Verdict(StrEnum):
@@ -28,7 +27,8 @@ class Check:
     """One claim with its verdict.
 
     `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is
-    the point that refutes; `fix` says what a user can do about it; `proofs`: what was proved by bisection.
+    the point that refutes; `fix` says what a user can do about it; `proofs`: what was proved, for a certificate:
+    `Proof` by bisection, or what the check's own case proves with.
     """
 
     id: str
@@ -37,7 +37,7 @@ class Check:
     reason: str
     witness: Mapping[str, float] = field(default_factory=dict, hash=False)
     fix: str = ""
-    proofs: tuple[Proof, ...] = field(default=(), compare=False, repr=False)
+    proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
         at = ", ".join(f"{name} = {value:g}" for name, value in self.witness.items())

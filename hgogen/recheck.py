@@ -4,8 +4,8 @@ Exact identities are shown by rational functions over fractions, ranges by mpmat
 bisections. A claim holds for the model that stands in the same file; the digest tells whether the file was changed.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from hgogen.recheck_arithmetic import Undefined
 from hgogen.recheck_box import NotShown
 from hgogen.recheck_context import Context, Shown
 from hgogen.recheck_file import LARGEST, Certificate, Claim, NoCertificate, read
-from hgogen.recheck_rules import required, rule
+from hgogen.recheck_rules import required, rests, rule
 from hgogen.recheck_text import Unreadable
 
 OPEN = ("where", "generic", "unknown", "stated")  # verdicts that assert nothing to verify
@@ -109,15 +109,27 @@ def load(path: str | Path) -> str:
 def rows(certificate: Certificate) -> Iterator[Row]:
     """One row a claim, and one for each that is missing."""
     context = Context(certificate)
-    seen: set[str] = set()
+    found: dict[str, Row] = {}
     for claim in certificate.claims:
-        if claim.id in seen:
+        if claim.id in found:
             yield Row(claim.id, claim.verdict, "fails", "it stands twice")
-        seen.add(claim.id)
-        yield _row(context, claim)
+        found.setdefault(claim.id, _row(context, claim))
+    known = dict(found)
+    while loose := [row for row in known.values() if row.found == "verified" and _missing(certificate, row, known)]:
+        known |= {row.id: _resting(row, _missing(certificate, row, known)) for row in loose}
+    yield from known.values()
     for id in required(certificate):
-        if id not in seen:
+        if id not in found:
             yield Row(id, "", "fails", "the claim is missing")
+
+
+def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
+    """What a claim rests on and is not verified."""
+    return [id for id in rests(certificate, row.id) if id not in known or known[id].found != "verified"]
+
+
+def _resting(row: Row, missing: list[str]) -> Row:
+    return replace(row, found="fails", sentence=f"it rests on {missing[0]}, which is not verified", boxes=0)
 
 
 def _row(context: Context, claim: Claim) -> Row:

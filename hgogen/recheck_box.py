@@ -6,7 +6,7 @@ limit of boxes. The pieces of a bisection cover their box by construction.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -88,7 +88,7 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try]) -> int:
         answer = attempt(here)
         if answer.shown:
             continue
-        middle = _middle_of(here)
+        middle = centre_of(here)
         if not attempt(middle).shown:  # no bisection would help
             raise NotShown(f"it does not hold at {_text(middle)}")
         name = _widest(here, box, answer.slopes)
@@ -98,7 +98,8 @@ def covered(box: Box, tree: str, attempt: Callable[[Box], Try]) -> int:
     return tried
 
 
-def _middle_of(box: Box) -> Box:
+def centre_of(box: Box) -> Box:
+    """The box's middle, as a box."""
     return {name: (low, low) if low == high else (_middle(low, high),) * 2 for name, (low, high) in box.items()}
 
 
@@ -257,77 +258,6 @@ def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: in
     except (Undefined, ZeroDivisionError):
         return False
     return (_above if sign > 0 else _below)(value, limit)
-
-
-def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Try]:
-    """The statement that expressions and their derivatives in `names` are finite."""
-
-    def attempt(box: Box) -> Try:
-        try:
-            return Try(all(x.finite for row in _jacobian(expressions, names, box) for x in row))
-        except Undefined:
-            return Try(False)
-
-    return attempt
-
-
-def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:
-    """Enclosures of values and slopes: (n, 1 + m)."""
-    places = {name: k for k, name in enumerate(names)}
-    one, zero = point(Fraction(1)), point(Fraction(0))
-    values = {name: Dual(side, {places[name]: one} if name in places else {}) for name, side in sides(box).items()}
-    found = [evaluate(row, values, _duals) for row in rows]
-    return [[row.value, *(row.slopes.get(k, zero) for k in range(len(names)))] for row in found]
-
-
-def steep(rows: Sequence[Expression], names: Sequence[str], bound: Fraction) -> Callable[[Box], Try]:
-    """The statement |J| <= bound in the spectral norm, J the Jacobian of `rows` in `names`."""
-
-    def attempt(box: Box) -> Try:
-        try:
-            return Try(_norm([row[1:] for row in _jacobian(rows, names, box)], bound))
-        except Undefined:
-            return Try(False)
-
-    return attempt
-
-
-def _norm(J: list[list[Interval]], bound: Fraction) -> bool:
-    """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
-    n = len(J[0])
-    squares = [intervals.power(x, 2) for row in J for x in row]
-    total = point(Fraction(0))
-    for square in squares:
-        total = total + square
-    if total.at_most(bound**2):
-        return True
-    M = [[-_dot([row[i] for row in J], [row[j] for row in J]) for j in range(n)] for i in range(n)]
-    for i in range(n):
-        square = point(Fraction(0))
-        for row in J:
-            square = square + intervals.power(row[i], 2)
-        M[i][i] = point(bound**2) - square
-    return positive(M)
-
-
-def _dot(a: list[Interval], b: list[Interval]) -> Interval:
-    total = point(Fraction(0))
-    for x, y in zip(a, b, strict=True):
-        total = total + x * y
-    return total
-
-
-def positive(M: list[list[Interval]]) -> bool:
-    """Whether every symmetric matrix within M is positive definite."""
-    M = [list(row) for row in M]
-    n = len(M)
-    for k in range(n):
-        if M[k][k].sign <= 0:
-            return False
-        for i in range(k + 1, n):
-            for j in range(i, n):
-                M[i][j] = M[j][i] = M[i][j] - M[k][i] * M[k][j] / M[k][k]
-    return True
 
 
 def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:

@@ -8,6 +8,8 @@ Every rule first shows that the form is the plant:
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from decimal import Context as Digits
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -88,17 +90,23 @@ class Context:
         """That an expression of the file is what has to be shown."""
         self._same(self.value(text), wanted, complaint)
 
-    @cached_property
-    def first_gain(self) -> Quotient:
-        """a_1 = dy/dz_1. That y(z_1) - y(0) = z_1 dy/dz_1 for every z_1 makes it the same for every z_1.
+    def first_gain(self, chain: int) -> Quotient:
+        """a_1 = dy/dz of the first state z of a chain, 0, 1, ... That y(z) - y(0) = z dy/dz for every z makes it the
+        same for every z.
 
         Raises: `NotShown`.
         """
-        first, output = self.z[0], self.form.output[0]
+        first, output = self.heads[chain], self.form.output[chain]
         slope = self.slope(output, first)
         rest = value_of(output, {**self.letters, first: self.algebra.number(Fraction(0))}, self.algebra)
         self._same(self.value(output) - rest, slope * self.letters[first], f"the output is not linear in {first}")
         return slope
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """The first state of each chain."""
+        blocks = self.form.blocks
+        return tuple(self.z[sum(blocks[:i])] for i in range(len(blocks)))
 
     def slope(self, text: Expression, name: str) -> Quotient:
         """A partial derivative, in closed form."""
@@ -168,17 +176,21 @@ def enclosed(context: Context, claim: Claim, wanted: Quotient, source: Expressio
     boxes = covered(box, part(evidence, "tree", str), ranged(text, low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
         boxes += covered(narrowed(context.form.box, source.names), ".", ranged(source, -math.inf, math.inf))
-    return low, high, Shown(f"{short(low)} <= {_cut(text.text)} <= {short(high)}{on(box)}", boxes)
+    return low, high, Shown(f"{short(low, -1)} <= {_cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
 
 
 def _cut(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def short(value: Fraction) -> str:
-    """A number for a sentence."""
+def short(value: Fraction, way: int = 0) -> str:
+    """A number for a sentence: of 6 digits, and not below it for `way` 1, not above it for `way` -1."""
     text = str(value)
-    return text if len(text) <= 12 else f"{float(value):.6g}"
+    if len(text) <= 12:
+        return text
+    rounding = {1: ROUND_CEILING, 0: ROUND_HALF_EVEN, -1: ROUND_FLOOR}[way]
+    found = Digits(prec=6, rounding=rounding).divide(Decimal(value.numerator), Decimal(value.denominator))
+    return f"{found:f}" if -4 <= found.adjusted() < 6 else f"{found:e}"
 
 
 def on(box: Box) -> str:

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from hashlib import sha256
 from typing import Any
 
@@ -41,7 +42,8 @@ class Equations:
 
 @dataclass(frozen=True)
 class FormFile:
-    """The form: z = to_form(x), x = from_form(z), z' = A z + b, y = output."""
+    """The form: z = to_form(x), x = from_form(z), z' = A z + b, y = output; the sizes of its chains, in order, and how
+    they may read each other."""
 
     kind: str
     states: tuple[str, ...]
@@ -51,6 +53,16 @@ class FormFile:
     A: tuple[tuple[Expression, ...], ...]
     b: tuple[Expression, ...]
     output: tuple[Expression, ...]
+    blocks: tuple[int, ...]
+    alignment: str
+
+
+@dataclass(frozen=True)
+class Observer:
+    """z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z))."""
+
+    theta: Fraction
+    gains: tuple[Expression, ...]
 
 
 @dataclass(frozen=True)
@@ -69,6 +81,7 @@ class Certificate:
     name: str
     plant: Equations
     form: FormFile
+    observer: Observer | None
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     claims: tuple[Claim, ...]
@@ -136,7 +149,10 @@ def _read(content: Mapping[str, Any]) -> Certificate:
             ),
             b=_rows(form, "b", z_box, len(z)),
             output=_rows(form, "output", z_box, m),
+            blocks=_blocks(form, len(z)),
+            alignment=part(form, "alignment", str),
         ),
+        observer=_observer(content, z_box, len(z)),
         inputs=tuple(inputs),
         parameters=tuple(parameters),
         claims=_claims(content),
@@ -150,6 +166,20 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
     if not isinstance(value, kind):
         raise NoCertificate(f"its part {key!r} is missing or no {kind.__name__}")
     return value
+
+
+def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
+    sizes = [number(size) for size in part(form, "blocks", list)]
+    if any(size.denominator > 1 or size < 1 for size in sizes) or sum(sizes) != count:
+        raise NoCertificate("its blocks are not the sizes of chains of the form's states")
+    return tuple(map(int, sizes))
+
+
+def _observer(content: Mapping[str, Any], names: Mapping[str, Any], count: int) -> Observer | None:
+    if content.get("observer", 0) is None:
+        return None
+    found = part(content, "observer", dict)
+    return Observer(number(found.get("theta")), _rows(found, "gains", names, count))
 
 
 def _sized(rows: Any, count: int, each: Any = None) -> list[Any]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 
 from hgogen.recheck_algebra import Quotient
-from hgogen.recheck_box import Box, NotShown, covered, ranged, regular, steep, witnessed
+from hgogen.recheck_box import Box, NotShown, covered, ranged, witnessed
 from hgogen.recheck_context import (
     Context,
     Shown,
@@ -23,29 +23,75 @@ from hgogen.recheck_context import (
     short,
     value_of,
 )
-from hgogen.recheck_file import Certificate, Claim, part
+from hgogen.recheck_file import Certificate, Claim, FormFile, part
+from hgogen.recheck_slope import regular, steep
 from hgogen.recheck_text import Expression, expression, number
+from hgogen.recheck_theta import convergence, theta
+
+Row = tuple[int, ...]
 
 
-def _structure(context: Context, claim: Claim, index: int) -> Shown:
-    """A has a superdiagonal only, of no state but z_1; b_i reads z_1..z_i, y = a_1 z_1 + c, a_1 and c of no state."""
+def _structure(context: Context, claim: Claim, place: Row) -> Shown:
+    """A has a superdiagonal within each chain only, of no state (but z_1 where there is one chain); b reads what the
+    alignment lets it; y_i = a_1 z_1 + c of its chain, a_1 and c of no state."""
     form, z = context.form, context.z
-    reads = {name for row in form.A for entry in row for name in entry.names}
+    several = form.kind == "block_triangular"
+    if len(form.blocks) != len(form.output) or not (several or len(form.blocks) == 1):
+        raise NotShown("it has not one chain for each output")
+    if form.alignment not in (("top", "end", "cascade") if several else ("",)):
+        raise NotShown(f"{form.alignment!r} is no alignment of its chains")
     _ = context.equations
-    for i, row in enumerate(form.A):
-        for j, entry in enumerate(row):
-            if j == i + 1:
-                only(entry.names & set(z), z[:1], f"A[{i + 1},{j + 1}]")
+    places = tuple((k, level) for k, size in enumerate(form.blocks) for level in range(1, size + 1))
+    for i, entries in enumerate(form.A):
+        for j, entry in enumerate(entries):
+            if j == i + 1 and places[j][0] == places[i][0]:
+                only(entry.names & set(z), () if several else z[:1], f"A[{i + 1},{j + 1}]")
             elif not context.algebra.is_zero(context.value(entry)):
                 raise NotShown(f"A[{i + 1},{j + 1}] is not zero")
-        only(form.b[i].names & set(z), z[: i + 1], f"b_{i + 1}")
-    if len(form.output) != 1:
-        raise NotShown("the triangular form has one output")
-    only(form.output[0].names & set(z), z[:1], "the output")
-    _ = context.first_gain
+    for i, rest in enumerate(form.b):
+        allowed = [z[j] for j in range(len(z)) if _readable(form, places[i], places[j])]
+        only(rest.names & set(z), allowed, f"b_{i + 1}")
+    _in_order(context, places)
+    for chain, output in enumerate(form.output):
+        only(output.names & set(z), (context.heads[chain],), f"output {chain + 1}")
+        _ = context.first_gain(chain)
     _ranges(context)
+    reads = {name for entries in form.A for entry in entries for name in entry.names}
     varies = f", gains vary with the measured {z[0]}" if z[0] in reads else ""
-    return Shown(f"{' -> '.join(('y', *z))}{varies}, and the form's equations are the plant's")
+    told = "; ".join(
+        " -> ".join((f"y_{k + 1}" if several else "y", *(s for s, (at, _) in zip(z, places, strict=True) if at == k)))
+        for k in range(len(form.blocks))
+    )
+    return Shown(f"{told}{varies}{f' ({form.alignment})' if several else ''}, and the form's equations are the plant's")
+
+
+def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
+    """Whether the row at (chain, level) may read the state at (chain, level)."""
+    (i, level), (k, at) = reader, read
+    if i == k:
+        return at <= level
+    if form.alignment == "top":
+        return at <= level
+    if form.alignment == "end":
+        return at <= level + form.blocks[k] - form.blocks[i]
+    return form.alignment == "cascade"
+
+
+def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
+    """A cascade: the chains have an order in which each reads only those before."""
+    form = context.form
+    if form.alignment != "cascade":
+        return
+    chain = {name: k for name, (k, _) in zip(context.z, places, strict=True)}
+    reads: dict[int, set[int]] = {k: {k} for k in range(len(form.blocks))}
+    for rest, (k, _) in zip(form.b, places, strict=True):
+        reads[k] |= {chain[name] for name in rest.names if name in chain}
+    done: set[int] = set()
+    while len(done) < len(reads):
+        ready = {k for k, others in reads.items() if k not in done and others <= done | {k}}
+        if not ready:
+            raise NotShown("its chains read each other in a circle")
+        done |= ready
 
 
 def _ranges(context: Context) -> int:
@@ -59,35 +105,45 @@ def _ranges(context: Context) -> int:
     return boxes
 
 
-def _gain(context: Context, claim: Claim, index: int) -> Shown:
+def _gain(context: Context, claim: Claim, place: Row) -> Shown:
     """0 < a_m <= a_i <= a_M on the box."""
-    wanted, source = _wanted_gain(context, index)
+    wanted, source = _wanted_gain(context, place)
     low, _, shown = enclosed(context, claim, wanted, source)
     if low <= 0:
         raise NotShown("its lower bound is not above zero")
-    return Shown(f"a_{index}: {shown.sentence}", shown.boxes)
+    return Shown(f"{claim.id.partition('.')[2]}: {shown.sentence}", shown.boxes)
 
 
-def _wanted_gain(context: Context, index: int) -> tuple[Quotient, Expression]:
+def _wanted_gain(context: Context, place: Row) -> tuple[Quotient, Expression]:
+    """a_i of the one chain, or a_(k,i) of chain k."""
     _ = context.equations
-    if not 1 <= index <= len(context.z):
-        raise NotShown("the form has no such row")
+    chain, index = place if len(place) == 2 else (1, *place)
+    at = _place(context, chain, index)
     if index == 1:
-        return context.first_gain, context.form.output[0]
-    entry = context.form.A[index - 2][index - 1]
+        return context.first_gain(chain - 1), context.form.output[chain - 1]
+    entry = context.form.A[at - 1][at]
     return context.value(entry), entry
 
 
-def _offset(context: Context, claim: Claim, index: int) -> Shown:
+def _place(context: Context, chain: int, index: int) -> int:
+    blocks = context.form.blocks
+    if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
+        raise NotShown("the form has no such row")
+    return sum(blocks[: chain - 1]) + index - 1
+
+
+def _offset(context: Context, claim: Claim, place: Row) -> Shown:
     """c = y - a_1 z_1 is finite on the box."""
     _ = context.equations
-    rest = context.value(context.form.output[0]) - context.first_gain * context.letters[context.z[0]]
+    chain = place[0] if place else 1
+    head = context.z[_place(context, chain, 1)]
+    rest = context.value(context.form.output[chain - 1]) - context.first_gain(chain - 1) * context.letters[head]
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     only(text.names & set(context.z), (), "the offset")
     return enclosed(context, claim, rest, text)[2]
 
 
-def _lipschitz(context: Context, claim: Claim, index: int) -> Shown:
+def _lipschitz(context: Context, claim: Claim, place: Row) -> Shown:
     """|db/dz| <= bound in the spectral norm, on the box."""
     return _steep(context, claim, context.form.b, "db/dz")
 
@@ -100,10 +156,10 @@ def _steep(context: Context, claim: Claim, rows: Sequence[Expression], name: str
     if bound < 0:
         raise NotShown("its bound is negative")
     boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))
-    return Shown(f"|{name}| <= {short(bound)}{on(box)}", boxes)
+    return Shown(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)
 
 
-def _uniform_structure(context: Context, claim: Claim, index: int) -> Shown:
+def _uniform_structure(context: Context, claim: Claim, place: Row) -> Shown:
     """F_i reads z_1..z_(i+1), y reads z_1."""
     _ = context.equations
     z = context.z
@@ -116,24 +172,25 @@ def _uniform_structure(context: Context, claim: Claim, index: int) -> Shown:
     return Shown(f"{' -> '.join(('y', *z))}, and the form's equations are the plant's")
 
 
-def _uniform_slope(context: Context, claim: Claim, index: int) -> Shown:
+def _uniform_slope(context: Context, claim: Claim, place: Row) -> Shown:
     """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
     _ = context.equations
+    (index,) = place
     if not 1 <= index <= len(context.z):
         raise NotShown("the form has no such row")
-    row = context.form.output[0] if index == 1 else context.rates[index - 2]
-    low, high, shown = enclosed(context, claim, context.slope(row, context.z[index - 1]), row)
+    rate = context.form.output[0] if index == 1 else context.rates[index - 2]
+    low, high, shown = enclosed(context, claim, context.slope(rate, context.z[index - 1]), rate)
     if low <= 0 <= high:
         raise NotShown("its bounds do not keep clear of zero")
     return Shown(f"slope {index}: {shown.sentence}", shown.boxes)
 
 
-def _uniform_lipschitz(context: Context, claim: Claim, index: int) -> Shown:
+def _uniform_lipschitz(context: Context, claim: Claim, place: Row) -> Shown:
     """|d(F, h)/dz| <= bound in the spectral norm, on the box."""
     return _steep(context, claim, (*context.rates, *context.form.output), "d(F, h)/dz")
 
 
-def _inverse(context: Context, claim: Claim, index: int) -> Shown:
+def _inverse(context: Context, claim: Claim, place: Row) -> Shown:
     """z = Z(x) and x = X(z) undo each other and have finite derivatives on their boxes."""
     _ = context.equations
     form, plant = context.form, context.plant
@@ -152,7 +209,7 @@ def _regular(rows: Sequence[Expression], names: Sequence[str], box: Box) -> int:
     return covered(narrowed(box, read), ".", regular(rows, [name for name in names if name in read]))
 
 
-def _range_of_recast(context: Context, claim: Claim, index: int) -> Shown:
+def _range_of_recast(context: Context, claim: Claim, place: Row) -> Shown:
     """Each z_i keeps to its range while the plant's states do."""
     boxes = 0
     for name, row in zip(context.z, context.form.to_form, strict=True):
@@ -161,9 +218,9 @@ def _range_of_recast(context: Context, claim: Claim, index: int) -> Shown:
     return Shown("the form's states keep to their ranges while the plant's do", boxes)
 
 
-def _no_gain(context: Context, claim: Claim, index: int) -> Shown:
+def _no_gain(context: Context, claim: Claim, place: Row) -> Shown:
     """At a point of the box a_i is zero, negative or undefined."""
-    wanted, source = _wanted_gain(context, index)
+    wanted, source = _wanted_gain(context, place)
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     at = _witness(claim, context.form.box, text.names | source.names)
@@ -188,7 +245,7 @@ def _witness(claim: Claim, box: Box, names: Iterable[str]) -> dict[str, Fraction
     return at
 
 
-Rule = Callable[[Context, Claim, int], Shown]
+Rule = Callable[[Context, Claim, Row], Shown]
 # By kind of the form, "*" for any: the claim's id (with the row it counts) and verdict.
 RULES: tuple[tuple[str, str, str, Rule], ...] = (
     ("triangular", r"triangular\.structure", "proved", _structure),
@@ -196,31 +253,54 @@ RULES: tuple[tuple[str, str, str, Rule], ...] = (
     ("triangular", r"triangular\.a_(\d{1,4})", "refuted", _no_gain),
     ("triangular", r"triangular\.offset", "proved", _offset),
     ("triangular", r"triangular\.lipschitz", "proved", _lipschitz),
+    ("block_triangular", r"block_triangular\.structure", "proved", _structure),
+    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "proved", _gain),
+    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "refuted", _no_gain),
+    ("block_triangular", r"block_triangular\.offset_(\d{1,4})", "proved", _offset),
+    ("block_triangular", r"block_triangular\.lipschitz", "proved", _lipschitz),
     ("uniform", r"uniform\.structure", "proved", _uniform_structure),
     ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope),
     ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz),
+    ("triangular", r"high_gain\.convergence", "proved", convergence),
+    ("triangular", r"high_gain\.theta", "proved", theta),
     ("*", r"recast\.inverse", "proved", _inverse),
     ("*", r"recast\.range", "proved", _range_of_recast),
 )
+# What a claim rests on: it is verified only if these are.
+_RESTS: dict[str, tuple[str, ...]] = {
+    "high_gain.convergence": ("triangular.structure", "recast.inverse", "recast.range"),
+    "high_gain.theta": ("high_gain.convergence",),
+}
 
 
-def rule(kind: str, claim: Claim) -> tuple[Rule, int] | None:
-    """The rule of a claim, and the row that its id counts (0 without one)."""
+def rule(kind: str, claim: Claim) -> tuple[Rule, Row] | None:
+    """The rule of a claim, and the row that its id counts (empty without one)."""
     for of, pattern, verdict, found in RULES:
         match = re.fullmatch(pattern, claim.id, re.ASCII)
         if match and verdict == claim.verdict and of in ("*", kind):
-            return found, int(match.group(1)) if match.groups() else 0
+            return found, tuple(map(int, match.groups()))
     return None
+
+
+def rests(certificate: Certificate, id: str) -> tuple[str, ...]:
+    """The ids of the claims that this one rests on: the structure, and those of the coordinates where they are there;
+    of others only what must be there."""
+    there = {claim.id for claim in certificate.claims}
+    return tuple(other for other in _RESTS.get(id, ()) if other in there or not other.startswith("recast."))
 
 
 def required(certificate: Certificate) -> tuple[str, ...]:
     """The ids of the claims that a certificate of this form cannot leave out, whatever their verdicts: its structure,
     and what a form of proved structure needs beside."""
-    kind, count = certificate.form.kind, len(certificate.form.states)
-    row = {"triangular": "a", "uniform": "slope"}.get(kind)
-    if row is None:
+    form = certificate.form
+    kind, blocks = form.kind, form.blocks
+    if kind not in ("triangular", "uniform", "block_triangular"):
         return ()
     structure = f"{kind}.structure"
     if not any(claim.id == structure and claim.verdict == "proved" for claim in certificate.claims):
         return (structure,)
-    return (structure, *(f"{kind}.{row}_{i}" for i in range(1, count + 1)), f"{kind}.lipschitz")
+    if kind == "block_triangular":
+        rows = [f"a_{k}_{i}" for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
+    else:
+        rows = [f"{'a' if kind == 'triangular' else 'slope'}_{i}" for i in range(1, len(form.states) + 1)]
+    return (structure, *(f"{kind}.{row}" for row in rows), f"{kind}.lipschitz")

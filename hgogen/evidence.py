@@ -1,0 +1,235 @@
+"""The evidence of a claim in a certificate: what `hgogen.recheck` needs to verify it again, by the claim's id.
+
+What was found when a check was proved is used again: its bounds and its bisection, carried to the form's coordinates.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from typing import Any
+
+import sympy as sp
+from sympy.printing.str import StrPrinter
+
+from hgogen.bounds import Range, bound, box, nonzero
+from hgogen.certified import ThetaBound
+from hgogen.check import Check, Verdict
+from hgogen.form import Form
+from hgogen.points import exact
+from hgogen.proof import Proof
+
+Evidence = dict[str, Any]
+Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]
+_DIGITS = 12
+_LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so that a weaker arithmetic reaches it
+
+
+def evidence(form: Form, check: Check) -> Evidence | None:
+    """What shows a proved or refuted check; None where nothing here does."""
+    for verdict, pattern, make in _MAKERS:
+        match = re.fullmatch(pattern, check.id)
+        if match and check.verdict is verdict:
+            return make(form, check, tuple(map(int, match.groups())))
+    return None
+
+
+def text(form: Form, expression: sp.Expr) -> str:
+    """An expression in the certificate's grammar."""
+    names = {s.name for s in (*form.system.signals, *form.states)}
+    if form.system.origin is not None:
+        names |= {s.name for s in form.system.origin.plant.signals}
+    return str(_Printer(names).doprint(exact(sp.sympify(expression))))
+
+
+def end(value: Fraction | float) -> str | None:
+    """An end of a range: exact, None for an infinite one."""
+    return None if abs(value) == math.inf else str(Fraction(value))
+
+
+def outward(value: float | Fraction, way: int) -> Fraction:
+    """A number of 12 significant digits at or above the value (`way` 1), or at or below it (-1)."""
+    if not value:
+        return Fraction(0)
+    step = Fraction(10) ** int(math.floor(math.log10(abs(float(value)))) + 1 - _DIGITS)
+    steps = Fraction(value) / step
+    return step * (math.ceil(steps) if way > 0 else math.floor(steps))
+
+
+class _Printer(StrPrinter):  # type: ignore[misc]
+    """SymPy's text in the certificate's grammar: rationals for floats, exp(1) for e."""
+
+    def __init__(self, names: set[str]) -> None:
+        super().__init__()
+        self.names = names
+
+    def _print_Exp1(self, expression: sp.Expr) -> str:
+        return "exp(1)"
+
+    def _print_Pi(self, expression: sp.Expr) -> str:
+        return "4*atan(1)" if "pi" in self.names else "pi"
+
+
+# --- boxes and bisections
+
+
+def _box(form: Form, names: Iterable[sp.Symbol]) -> Sides:
+    system = form.system
+    every = box((*form.states, *system.inputs, *system.parameters), system.nominal)
+    return {s: every[s] for s in sorted(names, key=str)}
+
+
+def _sides(where: Sides) -> dict[str, list[str | None]]:
+    return {s.name: [end(low), end(high)] for s, (low, high) in where.items()}
+
+
+def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
+    """Each state of the plant as the name of the form's state that it is, and whether its sign is changed."""
+    found = {}
+    for x, image in zip(form.system.states, form.from_form, strict=True):
+        if image in form.states or -image in form.states:
+            found[x] = (str(abs(image.as_coeff_Mul()[0]) * image.as_coeff_Mul()[1]), image not in form.states)
+    return found
+
+
+def _tree(variables: Iterable[sp.Symbol], tree: Any, form: Form) -> str:
+    """The bisection in prefix order, in the form's coordinates."""
+    images = _mirrored(form)
+    names = [images.get(s, (s.name, False)) for s in variables]
+    tokens, left = [], [tree]
+    while left:
+        node = left.pop()
+        if isinstance(node, str):
+            tokens.append(".")
+            continue
+        _, index, first, second = node
+        name, mirrored = names[int(index)]
+        tokens.append(name)
+        left += [first, second] if mirrored else [second, first]
+    return " ".join(tokens)
+
+
+def _enclosure(form: Form, expression: sp.Expr, found: Range | Proof) -> Evidence | None:
+    low, high = found.low, found.high
+    if isinstance(found, Range) and not found.defined:
+        return None
+    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+        return None
+    number = Fraction(str(expression)) if expression.is_Rational else None
+    return {
+        "expression": text(form, expression),
+        "box": _sides(_box(form, expression.free_symbols)),
+        "low": str(outward(low, -1) if number is None else number),
+        "high": str(outward(high, 1) if number is None else number),
+        "tree": _tree(found.variables, found.tree, form),
+    }
+
+
+# --- the makers
+
+
+def _gain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    """0 < a_m <= a_i <= a_M."""
+    return _enclosure(form, _coefficient(form, *row), check.proofs[0]) if check.proofs else None
+
+
+def _coefficient(form: Form, *row: int) -> sp.Expr:
+    """a_i of the one chain, or a_(i,j) of chain i."""
+    chain, index = row if len(row) == 2 else (1, *row)
+    head = sum(form.blocks[: chain - 1])
+    at = head + index - 1
+    a = sp.diff(form.output[chain - 1], form.states[head]) if index == 1 else form.A[at - 1, at]
+    return exact(sp.sympify(a))
+
+
+def _no_gain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    """A point where a_i is zero, negative or undefined, exactly."""
+    a = _coefficient(form, *row)
+    where = _box(form, a.free_symbols)
+    found = nonzero(a, where)
+    least = found.range.least
+    if found.verdict is Verdict.REFUTED and found.reason != "changes sign":  # else it is next to the zero only
+        point = found.witness
+    elif least is not None and least.value < 0:
+        point = least.point
+    else:
+        return None
+    at = {s.name: str(point[s]) for s in where if s in point}
+    return {"expression": text(form, a), "witness": at}
+
+
+def _offset(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    chain = row[0] if row else 1
+    z = form.states[sum(form.blocks[: chain - 1])]
+    c = exact(sp.sympify(form.output[chain - 1])).subs(z, 0)
+    return _enclosure(form, c, bound(c, _box(form, c.free_symbols)))
+
+
+def _slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    """dh/dz_1 or dF_(i-1)/dz_i away from zero, on the box of states, inputs and parameters."""
+    (index,) = row
+    rate = form.output[0] if index == 1 else form.flow[index - 2]
+    slope = exact(sp.sympify(rate).diff(form.states[index - 1]))
+    where = _box(form, slope.free_symbols)
+    found = bound(slope, where)
+    return _enclosure(form, slope, found if found.low > 0 or found.high < 0 else nonzero(slope, where).range)
+
+
+def _lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    return _steep(form, form.b, check.proofs[0], _LOOSE) if check.proofs else None
+
+
+def _whole_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    return _steep(form, (*form.flow, *form.output), check.proofs[0], _LOOSE) if check.proofs else None
+
+
+def _steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
+    """A bound of the rows' Jacobian in the spectral norm, which an order and signs of the states do not change."""
+    if proof.high is None:
+        return None
+    names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
+    steep = outward(float(proof.high) * (1 + wider), 1)
+    tree = _tree(proof.variables, proof.tree, form)
+    return {"box": _sides(_box(form, names)), "bound": str(steep), "tree": tree}
+
+
+def _convergence(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    """P for A - K C in scaled coordinates, and the bound of db/dz in them."""
+    found = next((proof for proof in check.proofs if isinstance(proof, ThetaBound)), None)
+    if found is None or len(found.lyapunov.vertices) > 1:
+        return None
+    steep = _steep(form, (*form.b, *found.scale), found.slope)
+    return steep and {
+        "scale": [text(form, s) for s in found.scale],
+        "core": _numbers(found.lyapunov.vertices[0]),
+        "P": _numbers(found.lyapunov.P),
+        "peak": str(found.lyapunov.peak),
+        **steep,
+    }
+
+
+def _numbers(matrix: Iterable[Iterable[Fraction]]) -> list[list[str]]:
+    return [[str(value) for value in row] for row in matrix]
+
+
+def _nothing(form: Form, check: Check, row: tuple[int, ...]) -> Evidence:
+    """For claims that are verified from the form itself."""
+    return {}
+
+
+Maker = Callable[[Form, Check, tuple[int, ...]], Evidence | None]
+_MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
+    (Verdict.PROVED, r"(?:triangular|uniform|block_triangular)\.structure", _nothing),
+    (Verdict.PROVED, r"triangular\.a_(\d+)", _gain),
+    (Verdict.PROVED, r"block_triangular\.a_(\d+)_(\d+)", _gain),
+    (Verdict.REFUTED, r"triangular\.a_(\d+)", _no_gain),
+    (Verdict.REFUTED, r"block_triangular\.a_(\d+)_(\d+)", _no_gain),
+    (Verdict.PROVED, r"triangular\.offset", _offset),
+    (Verdict.PROVED, r"block_triangular\.offset_(\d+)", _offset),
+    (Verdict.PROVED, r"(?:triangular|block_triangular)\.lipschitz", _lipschitz),
+    (Verdict.PROVED, r"uniform\.slope_(\d+)", _slope),
+    (Verdict.PROVED, r"uniform\.lipschitz", _whole_lipschitz),
+    (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),
+    (Verdict.PROVED, r"high_gain\.convergence", _convergence),
+    (Verdict.PROVED, r"high_gain\.theta", _nothing),
+)
