@@ -72,6 +72,14 @@ def certificate(form: Form, checks: Iterable[Check]) -> dict[str, Any]:
     return _sealed({**found, "claims": [_demoted(claim, failed) for claim in claims]})
 
 
+def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """The ids and reasons of the claims that were proved or refuted, and that a certificate could not give evidence
+    of."""
+    return tuple(
+        (claim["id"], claim["evidence"]["reason"]) for claim in content["claims"] if claim["verdict"] == "stated"
+    )
+
+
 def _sealed(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**content, "digest": digest(content)}
 
@@ -79,7 +87,7 @@ def _sealed(content: Mapping[str, Any]) -> dict[str, Any]:
 def _demoted(claim: Mapping[str, Any], failed: Mapping[str, str]) -> dict[str, Any]:
     if claim["id"] not in failed:
         return dict(claim)
-    reason = f"{claim['verdict']}, without evidence that can be verified again: {failed[claim['id']]}"
+    reason = f"{claim['verdict']}, but a second arithmetic does not show it: {failed[claim['id']]}"
     return {"id": claim["id"], "verdict": "stated", "evidence": {"reason": reason}}
 
 

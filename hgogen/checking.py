@@ -122,11 +122,13 @@ def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:
 
 
 def _certify(claims: jobs.Checked, path: Path) -> None:
-    from hgogen.certificate import certificate
+    from hgogen.certificate import certificate, stated
 
-    text = json.dumps(certificate(claims.form, claims.checks), indent=1, ensure_ascii=True) + "\n"
-    hg.write({path.name: text}, path.parent)
+    found = certificate(claims.form, claims.checks)
+    hg.write({path.name: json.dumps(found, indent=1, ensure_ascii=True) + "\n"}, path.parent)
     note(f"wrote {path}; hgogen recheck {path} verifies it again")
+    for id, reason in stated(found):
+        note(f"{path} only states {id}, it cannot be verified again: {reason}")
 
 
 def _library(path: Path, limit: float, out: str | None) -> None:

@@ -725,6 +725,14 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert command("recheck", str(file)).exit_code == 2
 
 
+def test_what_is_only_stated_is_said(tmp_path: Path) -> None:
+    shown = command("check", str(ROOT / "models" / "sir.toml"), "--certificate", str(tmp_path / "sir.json"))
+    assert shown.exit_code == 0
+    assert "only states triangular.structure, it cannot be verified again: refuted: I' brings in S" in shown.stderr
+    shown = command("check", str(ROOT / "models" / "lorenz.toml"), "--certificate", str(tmp_path / "lorenz.json"))
+    assert "only states" not in shown.stderr
+
+
 # --- independence ---------------------------------------------------------------------------------------------------
 
 
