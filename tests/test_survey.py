@@ -1,0 +1,119 @@
+"""Which forms a plant is in: verdicts, orders, reasons, and the form that stands for a model without an observer."""
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen import forms
+from hgogen.check import Verdict
+from hgogen.model import load
+from hgogen.survey import CASES, DEAR, Survey
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+X = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 5))
+X1, X2, X3, X4 = X
+Y1, Y2 = hg.Signal("y1"), hg.Signal("y2")
+PROVED, REFUTED, GENERIC, UNKNOWN = Verdict.PROVED, Verdict.REFUTED, Verdict.GENERIC, Verdict.UNKNOWN
+
+
+def of(flow: list[sp.Expr], output: list[sp.Expr]) -> Survey:
+    n, p = len(flow), len(output)
+    return hg.survey(hg.System("plant", states=X[:n], outputs=(Y1, Y2)[:p], flow=flow, output=output))
+
+
+def verdicts(found: Survey) -> dict[str, Verdict | None]:
+    return {row.name: row.verdict for row in found.rows}
+
+
+def test_the_pendulum_is_in_every_form_for_one_output() -> None:
+    found = hg.survey(load(MODELS / "pendulum.py").plant)
+    assert verdicts(found) == {
+        "triangular": PROVED,
+        "triangular, measured=True": PROVED,
+        "uniform": PROVED,
+        "block_triangular": None,
+        "phase": None,
+        "original": None,
+        "Gauthier-Bornard": GENERIC,
+    }
+    assert found["triangular"].order == ("q", "w")
+    assert found["phase"].why == DEAR
+    assert found["block_triangular"].why == "for 2 outputs or more"
+    assert found.best.kind == "triangular"
+
+
+def test_the_neuron_is_in_none_because_of_the_input_zero() -> None:
+    """Without input x2 and eta are hidden: d(v, L_f v, ..) has the rank 1."""
+    found = hg.survey(load(MODELS / "fitzhugh_nagumo.py").plant)
+    assert {row.verdict for row in found.answered} == {REFUTED}
+    assert found["triangular"].order == ("x1", "x2", "-eta")
+    assert found["triangular"].witness == found["uniform"].witness == {"u": 0.0}
+    assert found["triangular"].why == "a_2 vanishes, at u = 0"
+    assert "u" in found["triangular"].fix
+    assert "rank 1 of 3" in found["Gauthier-Bornard"].why
+    assert found.best.structured  # shown for its one refuted gain
+
+
+def test_the_tanks_are_uniform_in_their_levels() -> None:
+    found = hg.survey(load(MODELS / "cascaded_tanks.py").plant)
+    assert (found["triangular"].verdict, found["uniform"].verdict) == (REFUTED, PROVED)
+    assert found["triangular"].order == ()
+    assert found["uniform"].order == ("x2", "x1")
+    assert found.best.kind == "uniform"
+
+
+def test_two_chains() -> None:
+    found = of([X2, -X1 - X3, X4, sp.sin(X1 + X2) - X3], [X1, X3])
+    assert found["block_triangular, align='top'"].verdict is PROVED
+    assert found["triangular"].verdict is None
+    assert found["Gauthier-Bornard"].verdict is None
+    assert found.best.kind == "block_triangular"
+
+
+def test_a_hidden_state() -> None:
+    found = of([X2, -X1, X1 - X3], [X1])
+    assert verdicts(found)["uniform"] is REFUTED
+    assert "never shows x3" in found["uniform"].why
+    assert not found.best.structured
+    assert found.best.head.startswith("plant not shown in triangular form")
+
+
+def test_the_proved_form_comes_before_the_one_with_a_refuted_gain() -> None:
+    """x2 enters x1' with the slope 3 x2^2 + 1: uniform; the slope of x2 alone is not triangular."""
+    assert of([X2**3 + X2, -X1], [X1]).best.kind == "uniform"
+    assert of([X1 * X2, -X1], [X1]).best.checks[0].verdict is PROVED
+
+
+@pytest.mark.parametrize("name", ["pendulum.py", "lorenz.toml"])
+def test_deep_asks_the_dear_forms_too(name: str) -> None:
+    found = hg.survey(load(MODELS / name).plant, deep=True)
+    dear = {name for name, case in CASES.items() if case.dear}
+    assert dear == {"phase", "original"}
+    assert {row.name for row in found.answered} >= dear
+    assert found["original"].verdict is not PROVED  # no theorem covers it
+
+
+def test_every_form_of_the_folder_is_asked_or_says_why_not() -> None:
+    found = of([X2, -X1], [X1])
+    assert {row.name.partition(",")[0] for row in found.rows} == {*forms.__all__, "Gauthier-Bornard"}
+    assert all(row.why for row in found.rows)
+    assert json.loads(json.dumps(found.as_dict())) == found.as_dict()
+    assert all(row.name in str(found) for row in found.rows)
+    with pytest.raises(KeyError):
+        found["no form"]
+
+
+def test_twenty_states_take_seconds() -> None:
+    """Limits count boxes; 1.2 s of processor time."""
+    n = 20
+    x = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(n))
+    flow = [x[i + 1] + sp.sin(x[i]) * x[0] for i in range(n - 1)] + [sum(map(sp.cos, x))]
+    begin = time.process_time()
+    found = hg.survey(hg.System("chain", states=x[::-1], outputs=(Y1,), flow=flow[::-1], output=[x[0]]))
+    assert time.process_time() - begin < 6
+    assert found["triangular"].verdict is PROVED
+    assert found["triangular"].order == tuple(s.name for s in x)
