@@ -178,16 +178,26 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
         try:
             limit = sp.limit(along, t, 0, "+")
         except (NotImplementedError, ValueError, TypeError, RecursionError, sp.PoleError):
-            continue
+            return False  # nor would it be found along other lines, and each try may be dear
         if limit in (sp.oo, -sp.oo):
             return True
     return False
 
 
 def _settled(along: sp.Expr, t: sp.Symbol) -> sp.Expr:
-    """Heaviside, from slopes of Min and Max, as the number that it is for small t > 0, where its argument tells."""
-    starts = {node: node.args[0].subs(t, 0) for node in along.atoms(sp.Heaviside)}
-    return along.xreplace({node: sp.Integer(bool(a.is_positive)) for node, a in starts.items() if a.is_nonzero})
+    """Heaviside, |..|, Min and Max as what they are for small t > 0, where their arguments at 0 tell."""
+    return along.replace(lambda node: isinstance(node, (sp.Heaviside, *KINKS)), lambda node: _branch(node, t))
+
+
+def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
+    if isinstance(node, (sp.Min, sp.Max)):
+        way = 1 if isinstance(node, sp.Max) else -1
+        ahead = (a for a in node.args if all((way * (a - b)).subs(t, 0).is_positive for b in node.args if b != a))
+        return next(ahead, node)
+    (argument, *_) = node.args
+    start = argument.subs(t, 0)
+    above, below = (argument, -argument) if isinstance(node, sp.Abs) else (sp.S.One, sp.S.Zero)
+    return above if start.is_positive else below if start.is_negative else node
 
 
 def _size(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr | None:

@@ -86,6 +86,9 @@ def test_kinks_and_jumps_of_inputs_do_no_harm(
         (sp.asin(x1), UNIT),
         (1 / (x1 - R(1, 3)), {x1: (0, 1)}),
         (sp.log(x1 + x2), {x1: (0, 1), x2: (0, 1)}),
+        (sp.asin(x1 * x2) * sp.Min(x1 + x2, sp.tanh(sp.sqrt(2))), {x1: (-2, 10), x2: (-2, R(1, 2))}),
+        (sp.sqrt(sp.Max(x1, 0) - sp.Abs(x1 - 2) + 2), UNIT),
+        (sp.atanh(sp.Min(sp.pi**-3, x1)), UNIT),
     ],
     ids=str,
 )
