@@ -2,7 +2,9 @@
 
 Every rule first shows that the form is the plant:
 
-    dX/dz (A z + b) = f(X(z), u),   h(X(z), u) = output,   Z(X(z)) = z       as rational functions, X = from_form
+    dX/dz (A z + b) = f(X(z), u),   h(X(z), u) = output,   Z(X(z)) = z,   X(Z(x)) = x
+
+as rational functions, X = from_form, Z = to_form, where every expression has a value on its whole box.
 """
 
 import math
@@ -47,9 +49,44 @@ class Context:
         """An expression of the form's names."""
         return value_of(text, self.letters, self.algebra)
 
-    @cached_property
+    @property
     def equations(self) -> Shown:
         """The form is the plant, by exact algebra. Raises: `NotShown`."""
+        if self._fault:
+            raise NotShown(self._fault)
+        return Shown("the form's equations are the plant's")
+
+    @cached_property
+    def _fault(self) -> str:
+        """Why the form is not shown to be the plant, or ""."""
+        try:
+            self._finite()
+            self._flow()
+            self._undone()
+        except NotShown as error:
+            return str(error)
+        return ""
+
+    def _finite(self) -> None:
+        """Every expression is a finite number on its whole box: an identity says nothing where a side has no value."""
+        form, plant = self.form, self.plant
+        if len(form.states) != len(plant.states):
+            raise NotShown("the form has not as many states as the plant")
+        rows = [*form.from_form, *form.b, *form.output, *(entry for row in form.A for entry in row)]
+        for where, box, texts in (
+            ("the plant", plant.box, (*plant.flow, *plant.output, *form.to_form)),
+            ("the form", form.box, rows),
+        ):
+            for text in texts:
+                try:
+                    finite(text, box)
+                except NotShown as error:
+                    raise NotShown(
+                        f"{_cut(text.text)} of {where} is not shown to be a finite number: {error}"
+                    ) from None
+
+    def _flow(self) -> None:
+        """dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z."""
         algebra, form, plant = self.algebra, self.form, self.plant
         z = self.letters
         for change in (*form.to_form, *form.from_form):
@@ -68,7 +105,16 @@ class Context:
             self._same(value_of(given, x, algebra), self.value(output), "the form's output is not the plant's")
         for name, forward in zip(form.states, form.to_form, strict=True):
             self._same(value_of(forward, x, algebra), z[name], f"{name} is not undone by the inverse")
-        return Shown("the form's equations are the plant's")
+
+    def _undone(self) -> None:
+        """X(Z(x)) = x on the plant's ranges: z tells all of x."""
+        form, plant = self.form, self.plant
+        algebra = algebra_of(plant.box)
+        x = letters_of(algebra, plant.box)
+        z = {**x, **{name: value_of(row, x, algebra) for name, row in zip(form.states, form.to_form, strict=True)}}
+        for name, row in zip(plant.states, form.from_form, strict=True):
+            if not algebra.is_zero(value_of(row, z, algebra) - x[name]):
+                raise NotShown(f"{name} is not undone by the change of coordinates")
 
     @cached_property
     def rates(self) -> tuple[Expression, ...]:
@@ -150,6 +196,11 @@ def narrowed(box: Box, names: Iterable[str]) -> Box:
     return {name: box[name] for name in sorted(names)}
 
 
+def finite(text: Expression, box: Box) -> int:
+    """That an expression is a finite number on its whole box; with how many boxes. Raises: `NotShown`."""
+    return covered(narrowed(box, text.names), ".", ranged(text, -math.inf, math.inf))
+
+
 def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
     """The model's box of these names; the claim's own must be the same."""
     wanted = narrowed(box, names)
@@ -175,7 +226,7 @@ def enclosed(context: Context, claim: Claim, wanted: Quotient, source: Expressio
     box = declared_box(evidence, context.form.box, text.names)
     boxes = covered(box, part(evidence, "tree", str), ranged(text, low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
-        boxes += covered(narrowed(context.form.box, source.names), ".", ranged(source, -math.inf, math.inf))
+        boxes += finite(source, context.form.box)
     return low, high, Shown(f"{short(low, -1)} <= {_cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
 
 

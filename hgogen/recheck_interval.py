@@ -57,7 +57,7 @@ class Interval:
     @property
     def finite(self) -> bool:
         """Whether both ends are numbers."""
-        return not any(end in _INFINITE for end in self.ends)
+        return not any(end in (*_INFINITE, libmp.fnan) for end in self.ends)
 
     def at_least(self, bound: Fraction) -> bool:
         """Whether no number of the interval is below the bound."""

@@ -9,12 +9,11 @@ clamping brings each component nearer to the plant's. Source of the observer: Ga
 (1992).
 """
 
-import math
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck_box import Box, NotShown, covered, ranged
-from hgogen.recheck_context import Context, Shown, declared_box, narrowed, only, short
+from hgogen.recheck_box import NotShown, covered
+from hgogen.recheck_context import Context, Shown, declared_box, finite, only, short
 from hgogen.recheck_file import Claim, Observer, part
 from hgogen.recheck_slope import steep
 from hgogen.recheck_text import expression, number
@@ -30,18 +29,18 @@ def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     scale = [expression(text, context.form.box) for text in _list(evidence, "scale", n)]
     for constant in (*scale, *observer.gains):
         only(constant.names, context.file.parameters, f"the constant {constant.text}")
-    boxes = sum(_finite(f"1/({s.text})", context.form.box) for s in scale)
-    boxes += sum(_finite(k.text, context.form.box) for k in observer.gains)
-    boxes += sum(_finite(row.text, context.plant.box) for row in (*context.plant.flow, *context.plant.output))
+    box = context.form.box
+    boxes = sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
+    boxes += sum(finite(k, box) for k in observer.gains)
     N, P = _matrix(evidence, "core", n), _matrix(evidence, "P", n)
     _core(context, [context.value(s) for s in scale], [context.value(k) for k in observer.gains], N)
     _lyapunov(N, P, number(evidence.get("peak")))
     names = {name for read in (*context.form.b, *scale) for name in read.names}
-    box = declared_box(evidence, context.form.box, names)
+    where = declared_box(evidence, context.form.box, names)
     bound = number(evidence.get("bound"))
     if bound < 0:
         raise NotShown("its bound is negative")
-    boxes += covered(box, part(evidence, "tree", str), steep(context.form.b, z, bound, scale))
+    boxes += covered(where, part(evidence, "tree", str), steep(context.form.b, z, bound, scale))
     return Shown(f"it converges exponentially for every theta above {short(threshold(claim), 1)}", boxes)
 
 
@@ -77,12 +76,6 @@ def _matrix(evidence: Any, key: str, n: int) -> Matrix:
     if any(not isinstance(row, list) or len(row) != n for row in rows):
         raise NotShown(f"its {key} is no square matrix")
     return [[number(value) for value in row] for row in rows]
-
-
-def _finite(text: str, box: Box) -> int:
-    """That an expression is a finite number on its whole box; with how many boxes. Raises: `NotShown`."""
-    found = expression(text, box)
-    return covered(narrowed(box, found.names), ".", ranged(found, -math.inf, math.inf))
 
 
 def _core(context: Context, S: list[Any], K: list[Any], N: Matrix) -> None:

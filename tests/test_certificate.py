@@ -614,6 +614,110 @@ def test_an_open_claim_asserts_nothing(bent: dict[str, Any]) -> None:
     assert next(row for row in result.rows if row.id == "triangular.a_2").found == "open"
 
 
+def plain(**changes: Any) -> dict[str, Any]:
+    """A certificate written by hand: x' = -x + u, y = x, on x, u in [-1, 1]; `changes` of its parts."""
+    x, z, u = ({"name": name, "low": "-1", "high": "1"} for name in ("x", "z", "u"))
+    plant = {"name": "plain", "states": [x], "inputs": [u], "parameters": [], "outputs": ["y"]}
+    plant |= {"flow": ["-x + u"], "output": ["x"]} | changes.get("plant", {})
+    form = {"kind": "triangular", "states": [z], "to_form": ["x"], "from_form": ["z"], "A": [["0"]], "b": ["-z + u"]}
+    form |= {"output": ["z"], "blocks": ["1"], "alignment": ""} | changes.get("form", {})
+    one = {"expression": "1", "box": {}, "low": "1", "high": "1", "tree": "."}
+    steep = {"box": {"u": ["-1", "1"], "z": ["-1", "1"]}, "bound": "1", "tree": "."} | changes.get("steep", {})
+    evidence = {"structure": {}, "a_1": one | changes.get("a_1", {}), "lipschitz": steep}
+    claims = [{"id": f"triangular.{id}", "verdict": "proved", "evidence": told} for id, told in evidence.items()]
+    claims += changes.get("claims", [])
+    head = {"format": "hgogen certificate", "version": "1", "hgogen": "0"}
+    return {**head, "plant": plant, "form": form, "observer": None, "claims": claims}
+
+
+def test_a_certificate_by_hand() -> None:
+    assert set(found(sealed(plain())).values()) == {"verified"}
+
+
+ALL = ("structure", "a_1", "lipschitz")
+SYMMETRIC = {"box": {"z": ["0", "1"]}, "bound": "100"}
+TRICKS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+    # z = x^2 is no coordinate where x has both signs: x' = 1 + x gives z' = 2 x + 2 x^2, not 2 sqrt(z) + 2 z
+    "coordinates that fold the plant": (
+        {
+            "plant": {"flow": ["1 + x"], "output": ["x**2"]},
+            "form": {
+                "states": [{"name": "z", "low": "0", "high": "1"}],
+                "to_form": ["x**2"],
+                "from_form": ["sqrt(z)"],
+                "b": ["2*sqrt(z) + 2*z"],
+            },
+            "steep": {"box": {"z": ["0", "1"]}},
+        },
+        ALL,
+    ),
+    # the form of a surface x2 = 0 of the plant only
+    "a form of fewer states": (
+        {
+            "plant": {
+                "states": [{"name": x, "low": "-1", "high": "1"} for x in ("x", "w")],
+                "flow": ["-x + u + w", "w"],
+            },
+            "form": {"from_form": ["z", "0"]},
+        },
+        ALL,
+    ),
+    "a plant that is nowhere defined": ({"plant": {"flow": ["-x + u + 1/(sin(x)**2 + cos(x)**2 - 1)"]}}, ALL),
+    "an identity that holds for want of a value": (
+        {"plant": {"flow": ["-x + u + 7*(sin(x)**2 + cos(x)**2 - 1)/(sin(x)**2 + cos(x)**2 - 1)"]}},
+        ALL,
+    ),
+    "narrower ranges behind an open claim": (
+        {
+            "form": {"states": [{"name": "z", "low": "0", "high": "1/10"}]},
+            "steep": {"box": {"u": ["-1", "1"], "z": ["0", "1/10"]}},
+            "claims": [{"id": "recast.range", "verdict": "unknown", "evidence": {"reason": ""}}],
+        },
+        ALL,
+    ),
+    "narrower ranges of half the state": (
+        {
+            "form": {
+                "states": [{"name": "z", "low": "0", "high": "1/10"}],
+                "to_form": ["2*x"],
+                "from_form": ["z/2"],
+                "output": ["z/2"],
+                "b": ["-z + 2*u"],
+            },
+            "a_1": {"expression": "1/2", "low": "1/2", "high": "1/2"},
+            "steep": {"box": {"u": ["-1", "1"], "z": ["0", "1/10"]}},
+            "claims": [{"id": "recast.range", "verdict": "unknown", "evidence": {"reason": ""}}],
+        },
+        ALL,
+    ),
+    "a root that is no root": ({"plant": {"flow": ["-sqrt(x)**2 + u"]}}, ALL),
+    "a change of coordinates without a value": (
+        {"form": {"from_form": ["z + 5*(sin(z)**2 + cos(z)**2 - 1)/(sin(z)**2 + cos(z)**2 - 1)"], "b": ["-z/2"]}},
+        ALL,
+    ),
+    "a pole that cancels": ({"form": {"b": ["(-z**2 + u*z)/z"]}}, ALL),
+}
+
+
+@pytest.mark.parametrize("trick", TRICKS)
+def test_a_trick_fails(trick: str) -> None:
+    changes, failing = TRICKS[trick]
+    result = found(sealed(plain(**changes)))
+    assert "fails" in result.values()
+    assert {id for id in failing if result[f"triangular.{id}"] == "verified"} == set()
+
+
+def test_a_gain_that_is_only_written_badly_is_not_refuted() -> None:
+    """u^2 + 1 is no zero and no pole at u = 0, however it is written."""
+    for text in ("(u**2 + 1)*u/u", "(u**2 + 1)/u**0*u/u"):
+        content = plain(form={"output": ["(u**2 + 1)*z"]}, plant={"output": ["(u**2 + 1)*x"]})
+        evidence = {"expression": text, "witness": {"u": "0", "z": "0"}}
+        claim_of(content, "triangular.a_1").update(verdict="refuted", evidence=evidence)
+        assert found(sealed(content))["triangular.a_1"] == "fails"
+        content["form"]["output"] = [f"{text}*z"]
+        assert found(sealed(content))["triangular.a_1"] == "fails"
+
+
 # --- the file -------------------------------------------------------------------------------------------------------
 
 HOSTILE = {
