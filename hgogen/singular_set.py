@@ -43,12 +43,11 @@ def singular_set(
         if any(len(rows) < len(states) for rows in choices):
             return "all"
         plant = tower(drift, h, states)
-        found = [_zero_set(plant, rows, limit) for rows in _different(choices)]
+        found = {_zero_set(plant, rows, limit) for rows in _different(choices)}
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
-    if found[0] is None or any(one != found[0] for one in found):
-        return None
-    return found[0] or "none"
+    factors = found.pop()
+    return None if found else "none" if factors == () else factors
 
 
 def _zero_set(plant: Tower, rows: Sequence[Row], limit: int) -> tuple[sp.Expr, ...] | None:

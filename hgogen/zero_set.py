@@ -1,12 +1,13 @@
 """The zero set of a product of polynomials over a field, as readable factors: without what never vanishes."""
 
-import random
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from math import inf
+from math import inf, prod
+from random import Random
 from typing import Any
 
 import sympy as sp
+from flint import arb
 
 from hgogen.angles import degrees, even, factored
 from hgogen.bounds import nonzero
@@ -21,14 +22,37 @@ from hgogen.tape import tape
 
 _TERMS = 1500  # of all factors: more cannot be read
 _FEW = 3  # symbols, and boxes, of a factor that bounds are asked whether it ever vanishes
-_BOXES = 40
-_SAMPLES, _GRID = 24, 9
+_BOXES, _BITS = 40, 256
+_SAMPLES, _GRID = 24, 9  # points, and of what fractions
 
 
 def alive(field: Field, product: Product) -> bool:
-    """Whether no polynomial of it is 0 identically, for certain: one without kernels is its own proof."""
-    kernels = (p for p, _ in product if field.kernels(p))
-    return all(is_zero(field.expression(p)) is False for p in kernels)
+    """Whether no polynomial of it is 0 identically, for certain: one without kernels is its own proof, others have a
+    value whose ball excludes 0, or are left to `is_zero`.
+    """
+    left = [p for p, _ in product if field.kernels(p)]
+    symbols = sorted({s for e in field.meaning for s in e.free_symbols}, key=str)
+    program = tape(field.meaning, symbols)
+    for point in _points(len(symbols), 1):
+        if left:
+            balls = values(program, point, _BITS)
+            left = [p for p in left if not _not_zero(p, balls)]
+    return all(is_zero(field.expression(p)) is False for p in left)
+
+
+def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
+    """Whether its value, where the generators have these, excludes 0."""
+    total = arb(0)
+    for exponents, c in polynomial.terms():
+        total += prod((ball**k for ball, k in zip(balls, exponents, strict=False) if k), start=arb(c))
+    return bool(total.is_finite() and not total.contains(0))
+
+
+def _points(count: int, least: int) -> Iterator[list[Fraction]]:
+    """Random points with coordinates of at least `least`/9, or of either sign."""
+    draw = Random(1)
+    for _ in range(_SAMPLES):
+        yield [Fraction(draw.randint(least or -_GRID, _GRID), draw.randint(1, _GRID)) for _ in range(count)]
 
 
 def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None:
@@ -102,19 +126,18 @@ def _definite(field: Field, polynomial: Any) -> bool:
 
 def _never(e: sp.Expr) -> bool:
     """Whether the factor is proved to be 0 for no real values of its symbols."""
-    if not e.free_symbols or e.is_zero is False:
+    if not e.free_symbols:
         return e.is_zero is False
-    if len(e.free_symbols) > _FEW or _vanishing(e):
+    if len(e.free_symbols) > _FEW or _may_vanish(e):
         return False
     return nonzero(e, dict.fromkeys(e.free_symbols, (-inf, inf)), boxes=_BOXES).verdict is Verdict.PROVED
 
 
-def _vanishing(e: sp.Expr) -> bool:
+def _may_vanish(e: sp.Expr) -> bool:
     """Whether sample points show both signs, or 0, or nothing: then bounds are not asked."""
     symbols = sorted(e.free_symbols, key=str)
-    program, draw = tape((e,), symbols), random.Random(1)
-    points = [[Fraction(draw.randint(-_GRID, _GRID), draw.randint(1, _GRID)) for _ in symbols] for _ in range(_SAMPLES)]
-    found = [ball for ball in (values(program, point)[0] for point in points) if ball.is_finite()]
+    program = tape((e,), symbols)
+    found = [ball for ball in (values(program, point)[0] for point in _points(len(symbols), 0)) if ball.is_finite()]
     return not found or not (all(ball > 0 for ball in found) or all(ball < 0 for ball in found))
 
 

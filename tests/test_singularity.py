@@ -10,6 +10,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.determinant import determinant, independent
 from hgogen.lie import along, derivatives, input_derivatives, rates
+from hgogen.model import load
 from hgogen.points import exact
 from hgogen.singular_set import singular_set
 from hgogen.singularity import singularity
@@ -89,6 +90,16 @@ def test_a_kink_is_not_proved() -> None:
     assert singularity(plant).checks[0].verdict is Verdict.UNKNOWN
 
 
+def test_long_sums_are_shown_short_and_kept_whole() -> None:
+    found = singularity(load("induction_motor").plant)
+    (check,) = found.checks
+    assert "K**3*np*(M*al**3*ib + M*al*ib*np**2*w**2 + .., 13 terms)" in check.reason
+    assert len(check.reason) < 250
+    (whole,) = found.as_dict()["determinants"]
+    assert whole.count(" + ") + whole.count(" - ") == 12
+    assert sp.sympify(whole, locals={s.name: s for s in found.plant.signals}) == found.jets[0].determinant
+
+
 def test_too_large_a_matrix_is_left_alone() -> None:
     (check,) = singularity(neuron(), limit=20).checks
     assert check.verdict is Verdict.UNKNOWN
@@ -119,6 +130,29 @@ def test_known_singular_sets(flow: list[sp.Expr], output: list[sp.Expr], zero_se
         quotient = sp.simplify(sp.prod(found) / zero_set)
         assert quotient.is_number
         assert quotient != 0
+
+
+PLANTS = [
+    (LORENZ, X + Z),
+    ([Y * Z, sp.sin(X) - Z, X**2 / (1 + Y**2)], X * Y),
+    ([sp.exp(Y) - Z, X * Z, sp.sqrt(X) - Y], X),
+    ([sp.tanh(Y) * Z, X - Z, RHO * X / (SIGMA + Y)], X + Y**2),
+    ([sp.cos(Y) + Z, Z * sp.sin(X), X - Z], X),
+]
+
+
+@pytest.mark.parametrize(("flow", "output"), PLANTS)
+def test_the_elimination_is_the_determinant(flow: list[sp.Expr], output: sp.Expr) -> None:
+    """Of the Lie derivatives written out: another way to the same factors."""
+    chain = derivatives(output, dict(zip((X, Y, Z), flow, strict=True)), 3)
+    found = singular_set(flow, [output], (X, Y, Z))
+    assert isinstance(found, tuple)
+    assert found == determinant([[e.diff(x) for x in (X, Y, Z)] for e in chain]).factors
+
+
+def test_no_more_than_a_limit_is_tried() -> None:
+    flow, output = PLANTS[1]
+    assert singular_set(flow, [output], (X, Y, Z), limit=20) is None
 
 
 def test_inputs_are_off() -> None:

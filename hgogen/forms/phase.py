@@ -25,9 +25,10 @@ from hgogen.form import Form
 from hgogen.inverse import inverse, tidy
 from hgogen.lie import derivatives, input_derivatives, rates, size
 from hgogen.lipschitz import JUMPS, KINKS, lipschitz
-from hgogen.points import kind, points
+from hgogen.points import exact, kind, points
 from hgogen.rewrite import TooLarge
 from hgogen.signal import Signal
+from hgogen.singular import singular
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)
@@ -274,7 +275,9 @@ def _undefined(expressions: Iterable[sp.Expr], plant: System) -> str:
 
 
 def _finite(e: sp.Expr, box_x: Box) -> bool:
-    return e.is_polynomial() or bound(e, box_x, boxes=_BOXES, relative=_LOOSE).defined
+    if e.is_polynomial() or not singular([exact(e)], box_x):
+        return True
+    return bound(e, box_x, boxes=_BOXES, relative=_LOOSE).defined
 
 
 def _delicate(e: sp.Expr) -> list[sp.Expr]:
