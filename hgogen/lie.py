@@ -44,6 +44,18 @@ def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int
     return tuple(signal for signal in known if signal in read)
 
 
+def length(expression: sp.Expr) -> int:
+    """Number of nodes of the expression as it is written out, each part as often as it stands there."""
+    known: dict[sp.Basic, int] = {}
+
+    def of(node: sp.Basic) -> int:
+        if node not in known:
+            known[node] = 1 + sum(map(of, node.args))
+        return known[node]
+
+    return of(expression)
+
+
 def size(expressions: Iterable[sp.Expr]) -> int:
     """Number of different nodes of the expressions' trees, a measure of the work they ask for."""
     seen: set[sp.Basic] = set()

@@ -18,7 +18,7 @@ from hgogen.box import box as box_of
 from hgogen.check import Check, Verdict
 from hgogen.determinant import determinant, independent
 from hgogen.glance import Interval, contains_zero, enclose
-from hgogen.lie import along, rates, size
+from hgogen.lie import along, length, rates, size
 from hgogen.points import exact
 from hgogen.rewrite import TooLarge
 from hgogen.singular import singular
@@ -26,6 +26,8 @@ from hgogen.system import System
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
 LIMIT = 4000
+# Of the derivatives of an output too, counted as they are written out: the next one has a term for each node.
+_WRITTEN = 30_000
 # Derivatives beyond y^(n-1) that a jet on a zero set may use, and how many zero sets one inside the other are followed.
 _FURTHER, _DEPTH = 2, 2
 _SHOWN = 8  # terms of a sum that are shown
@@ -150,6 +152,10 @@ class _Derived:
         for j, h in enumerate(self.plant.output):
             chain = self.chains.get(j, (h,))
             while len(chain) <= k:
+                if (written := length(chain[-1])) > _WRITTEN:
+                    raise TooLarge(
+                        f"a derivative of an output, written out with {written} nodes, more than {_WRITTEN},"
+                    )
                 chain = (*chain, along(chain[-1], self.flow))
             self.chains[j] = chain
             for i in range(k + 1):
