@@ -40,9 +40,13 @@ def points(signals: Sequence[Signal]) -> Iterator[Point]:
 
 def kind(expression: sp.Expr, point: Point) -> str:
     """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
-    value = put(expression, point)
-    if value is None:
+    try:
+        return _kind(expression.xreplace(dict(point)))
+    except (ValueError, TypeError, NotImplementedError):  # SymPy compares what is not real, or gives up
         return "?"
+
+
+def _kind(value: sp.Expr) -> str:
     if value.is_zero:
         return "= 0"
     if value.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds) or value.is_real is False:

@@ -8,7 +8,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.bounds import bound, lipschitz_bound, nonzero
 from hgogen.check import Verdict
-from hgogen.points import put, settled
+from hgogen.points import kind, put, settled
 
 x, y, z = sp.symbols("x y z", real=True)
 MINUS, ZERO = (Fraction(-1), Fraction(-1)), (Fraction(0), Fraction(0))
@@ -48,6 +48,7 @@ def test_points_at_which_all_parts_are_real_are_put_in() -> None:
         sp.Piecewise((y, sp.sqrt(x) < 1), (1, True)),
         sp.Min(x ** sp.Rational(5, 2), sp.Max(sp.pi, x)),
         y + sp.Heaviside(sp.sqrt(x)),
+        y * sp.cosh(sp.acos(10 * x + 2)),
     ],
 )
 def test_what_is_real_on_a_part_of_the_box_only_is_met(expression: sp.Expr) -> None:
@@ -55,6 +56,13 @@ def test_what_is_real_on_a_part_of_the_box_only_is_met(expression: sp.Expr) -> N
     assert not bound(expression, box, boxes=300).defined
     assert nonzero(expression, box, boxes=300).verdict is not Verdict.PROVED
     assert lipschitz_bound([expression], [x, y], box, boxes=300).verdict is not Verdict.PROVED
+
+
+def test_what_sympy_gives_up_is_not_known() -> None:
+    slope = sp.cosh(sp.acos(x)).diff(x)
+    assert kind(slope, {x: 1 + sp.Rational(1, 2**60)}) == "?"
+    found = lipschitz_bound([sp.cosh(sp.acos(x))], [x], {x: (Fraction(-1), Fraction(3))})
+    assert (found.verdict, found.witness[x]) == (Verdict.REFUTED, -1)
 
 
 def _plant(q: hg.Signal, w: hg.Signal, rate: sp.Expr, *parameters: hg.Signal) -> hg.System:
