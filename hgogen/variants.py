@@ -12,6 +12,11 @@ def largest_exponent(expression: sp.Expr) -> int:
     return max((abs(int(node.exp.p)) for node in expression.atoms(sp.Pow) if node.exp.is_Rational), default=0)
 
 
+def _steep(e: sp.exp) -> bool:
+    """Whether SymPy would take it as a high power: exp(-8750/T) as exp(1/T)^-8750."""
+    return any(abs(int(term.as_coeff_Mul(rational=True)[0].p)) > _REWRITTEN for term in sp.Add.make_args(e.args[0]))
+
+
 def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
     """The expression as it is, then its factors and its Horner forms where it is rational in its symbols.
 
@@ -25,7 +30,8 @@ def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
         return (expression,)
     found = [expression]
     try:
-        found.append(sp.factor(expression))
+        stands = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if _steep(e)}
+        found.append(sp.factor(expression.xreplace(stands)).xreplace({d: e for e, d in stands.items()}))
         if expression.is_polynomial(*symbols):
             whole = sp.expand(expression)
             found += [whole, *(sp.horner(whole, wrt=wrt) for wrt in (symbols, symbols[::-1]))]

@@ -17,6 +17,7 @@ from hgogen.inverse import inverse
 from hgogen.observer import BadGain
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate, t
+from hgogen.variants import variants
 
 Y = hg.Signal("y")
 
@@ -185,6 +186,12 @@ def test_nearby_is_not_one_to_one() -> None:
     form = hg.forms.phase(plant("turn", (x1, x2), [sp.sin(x1) * x2, -x2], x2 * sp.cos(x1)))
     assert checks(form)["inverse"].verdict is not Verdict.PROVED
     assert inverse({hg.Signal("z1"): sp.sin(x1)}, (x1,), ()) is None
+
+
+def test_a_steep_exponential_is_factored_at_once() -> None:
+    """exp(-8750/T), of a reaction, is no power of 8750 to algebra."""
+    x, T = sp.symbols("x T", positive=True)
+    assert x * (1 + sp.exp(-8750 / T)) in variants(x * sp.exp(-8750 / T) + x)
 
 
 def test_it_takes_one_output() -> None:
