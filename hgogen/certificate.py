@@ -14,10 +14,11 @@ z' = A z + b, y = output the form, with the number of states of each output's ch
 An observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to the box.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
-the spectral norm, "tree"; of a refutation: "expression", "witness"; of convergence: "scale" S, "core" N = S (A - gains
-C) S^-1, "P" with N'P + P N <= -I, "peak" >= lambda_max(P), and the Lipschitz bound of b in the coordinates S z. A tree
-is a bisection in prefix order: a name cuts its side of the box at the midpoint (an unbounded side at 0, beyond 0 at
-twice its end and one), a dot is a leaf.
+the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
+form: "chain" (y, y', ..) in the plant's states; of convergence: "scale" S, "core" N = S (A - gains C) S^-1, "P" with
+N'P + P N <= -I, "peak" >= lambda_max(P), and the Lipschitz bound of b in the coordinates S z. A tree is a bisection in
+prefix order: a name cuts its side of the box at the midpoint (an unbounded side at 0, beyond 0 at twice its end and
+one), a dot is a leaf.
 
 A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen.recheck`; what has no such evidence is
 "stated", with a reason, and so are open verdicts as they are: they assert nothing.

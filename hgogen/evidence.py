@@ -6,6 +6,7 @@ What was found when a check was proved is used again: its bounds and its bisecti
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -15,7 +16,9 @@ from sympy.printing.str import StrPrinter
 from hgogen.bounds import Range, bound, box, nonzero
 from hgogen.certified import ThetaBound
 from hgogen.check import Check, Verdict
+from hgogen.determinant import determinant
 from hgogen.form import Form
+from hgogen.lie import derivatives, rates
 from hgogen.points import exact
 from hgogen.proof import Proof
 
@@ -92,11 +95,12 @@ def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
     return found
 
 
-def _tree(variables: Iterable[sp.Symbol], tree: Any, form: Form) -> str:
-    """The bisection in prefix order, in the form's coordinates."""
-    images = _mirrored(form)
-    names = [images.get(s, (s.name, False)) for s in variables]
-    tokens, left = [], [tree]
+def _tree(found: Range | Proof, form: Form | None) -> str:
+    """The bisection in prefix order, in the form's coordinates; in the plant's without a form."""
+    images = _mirrored(form) if form else {}
+    names = [images.get(s, (s.name, False)) for s in found.variables]
+    tokens: list[str] = []
+    left: list[Any] = [found.tree]
     while left:
         node = left.pop()
         if isinstance(node, str):
@@ -109,7 +113,8 @@ def _tree(variables: Iterable[sp.Symbol], tree: Any, form: Form) -> str:
     return " ".join(tokens)
 
 
-def _enclosure(form: Form, expression: sp.Expr, found: Range | Proof) -> Evidence | None:
+def _enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Sides | None = None) -> Evidence | None:
+    """low <= expression <= high on the form's box, or on the box `where` of the plant."""
     low, high = found.low, found.high
     if isinstance(found, Range) and not found.defined:
         return None
@@ -118,10 +123,10 @@ def _enclosure(form: Form, expression: sp.Expr, found: Range | Proof) -> Evidenc
     number = Fraction(str(expression)) if expression.is_Rational else None
     return {
         "expression": text(form, expression),
-        "box": _sides(_box(form, expression.free_symbols)),
+        "box": _sides(_box(form, expression.free_symbols) if where is None else where),
         "low": str(outward(low, -1) if number is None else number),
         "high": str(outward(high, 1) if number is None else number),
-        "tree": _tree(found.variables, found.tree, form),
+        "tree": _tree(found, form if where is None else None),
     }
 
 
@@ -167,12 +172,30 @@ def _offset(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
 
 def _slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     """dh/dz_1 or dF_(i-1)/dz_i away from zero, on the box of states, inputs and parameters."""
-    (index,) = row
-    rate = form.output[0] if index == 1 else form.flow[index - 2]
-    slope = exact(sp.sympify(rate).diff(form.states[index - 1]))
+    slope = _rate_slope(form, *row)
     where = _box(form, slope.free_symbols)
     found = bound(slope, where)
     return _enclosure(form, slope, found if found.low > 0 or found.high < 0 else nonzero(slope, where).range)
+
+
+def _rate_slope(form: Form, index: int) -> sp.Expr:
+    rate = form.output[0] if index == 1 else form.flow[index - 2]
+    return exact(sp.sympify(rate).diff(form.states[index - 1]))
+
+
+def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    """A point where the slope is zero, or two where it has opposite signs."""
+    slope = _rate_slope(form, *row)
+    where = _box(form, slope.free_symbols)
+    found = nonzero(slope, where)
+    least, most = found.range.least, found.range.most
+    points: dict[str, Mapping[Any, Any]] = {}
+    if least is not None and most is not None and least.value < 0 < most.value:
+        points = {"witness": least.point, "other": most.point}
+    elif found.verdict is Verdict.REFUTED and found.reason == "vanishes":
+        points = {"witness": found.witness}
+    told = {key: {s.name: str(point[s]) for s in where if s in point} for key, point in points.items()}
+    return {"expression": text(form, slope), **told} if told else None
 
 
 def _lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
@@ -189,8 +212,7 @@ def _steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
     steep = outward(float(proof.high) * (1 + wider), 1)
-    tree = _tree(proof.variables, proof.tree, form)
-    return {"box": _sides(_box(form, names)), "bound": str(steep), "tree": tree}
+    return {"box": _sides(_box(form, names)), "bound": str(steep), "tree": _tree(proof, form)}
 
 
 def _convergence(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
@@ -212,6 +234,33 @@ def _numbers(matrix: Iterable[Iterable[Fraction]]) -> list[list[str]]:
     return [[str(value) for value in row] for row in matrix]
 
 
+def _chain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    """Phi = (y, y', ..), in the plant's states, its inputs and their derivatives."""
+    Phi = _phases(form)
+    return None if Phi is None else {"chain": [text(form, entry) for entry in Phi]}
+
+
+def _phases(form: Form) -> tuple[sp.Expr, ...] | None:
+    system = form.system
+    if system.origin is not None:
+        return None
+    derived = {u.derivative(k).name for u in system.inputs for k in range(1, form.n + 1)}
+    plant = replace(system, inputs=tuple(u for u in system.inputs if u.name not in derived))
+    return derivatives(exact(system.output[0]), rates(plant, form.n), form.n)
+
+
+def _rank(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    """det dPhi/dx away from zero."""
+    Phi, system = _phases(form), form.system
+    if Phi is None:
+        return None
+    det = exact(determinant([[entry.diff(x) for x in system.states] for entry in Phi]).value)
+    known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
+    every = box((*known, *system.signals), system.nominal)
+    where = {s: every[s] for s in sorted(det.free_symbols, key=str)}
+    return _enclosure(form, det, nonzero(det, where).range, where)
+
+
 def _nothing(form: Form, check: Check, row: tuple[int, ...]) -> Evidence:
     """For claims that are verified from the form itself."""
     return {}
@@ -228,8 +277,11 @@ _MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
     (Verdict.PROVED, r"block_triangular\.offset_(\d+)", _offset),
     (Verdict.PROVED, r"(?:triangular|block_triangular)\.lipschitz", _lipschitz),
     (Verdict.PROVED, r"uniform\.slope_(\d+)", _slope),
+    (Verdict.REFUTED, r"uniform\.slope_(\d+)", _no_slope),
     (Verdict.PROVED, r"uniform\.lipschitz", _whole_lipschitz),
     (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),
+    (Verdict.PROVED, r"phase\.chain", _chain),
+    (Verdict.PROVED, r"phase\.rank", _rank),
     (Verdict.PROVED, r"high_gain\.convergence", _convergence),
     (Verdict.PROVED, r"high_gain\.theta", _nothing),
 )

@@ -15,12 +15,14 @@ from hgogen.recheck_context import (
     Shown,
     declared_box,
     enclosed,
+    finite,
     narrowed,
     on,
     only,
     short,
 )
 from hgogen.recheck_file import Certificate, Claim, FormFile, part
+from hgogen.recheck_phase import phases, rank
 from hgogen.recheck_slope import regular, steep
 from hgogen.recheck_text import Expression, expression, number
 from hgogen.recheck_theta import convergence, theta
@@ -172,15 +174,35 @@ def _uniform_structure(context: Context, claim: Claim, place: Row) -> Shown:
 
 def _uniform_slope(context: Context, claim: Claim, place: Row) -> Shown:
     """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
+    wanted, rate = _wanted_slope(context, *place)
+    low, high, shown = enclosed(context, claim, wanted, rate)
+    if low <= 0 <= high:
+        raise NotShown("its bounds do not keep clear of zero")
+    return Shown(f"{claim.id.partition('.')[2]}: {shown.sentence}", shown.boxes)
+
+
+def _wanted_slope(context: Context, index: int) -> tuple[Quotient, Expression]:
     _ = context.equations
-    (index,) = place
     if not 1 <= index <= len(context.z):
         raise NotShown("the form has no such row")
     rate = context.form.output[0] if index == 1 else context.rates[index - 2]
-    low, high, shown = enclosed(context, claim, context.slope(rate, context.z[index - 1]), rate)
-    if low <= 0 <= high:
-        raise NotShown("its bounds do not keep clear of zero")
-    return Shown(f"slope {index}: {shown.sentence}", shown.boxes)
+    return context.slope(rate, context.z[index - 1]), rate
+
+
+def _no_slope(context: Context, claim: Claim, place: Row) -> Shown:
+    """A slope is zero at a point of the box; or is continuous, and has opposite signs at two."""
+    wanted, _ = _wanted_slope(context, *place)
+    text = expression(part(claim.evidence, "expression", str), context.form.box)
+    context.same(text, wanted, f"its expression {text.text} is not what the form has")
+    keys = [key for key in ("witness", "other") if key in claim.evidence]
+    signs = [witnessed(text, _witness(claim, context.form.box, text.names, key)) for key in keys]
+    if signs == ["zero"]:
+        return Shown(f"{text.text} is zero at its witness")
+    if sorted(signs) != ["negative", "positive"]:
+        raise NotShown(f"{text.text} is not shown to be zero, or to change its sign")
+    if any(step.op == "sign" for step in text.instructions):
+        raise NotShown(f"{text.text} is not shown to be continuous")
+    return Shown(f"{text.text} changes its sign", finite(text, context.form.box))
 
 
 def _uniform_lipschitz(context: Context, claim: Claim, place: Row) -> Shown:
@@ -222,8 +244,8 @@ def _no_gain(context: Context, claim: Claim, place: Row) -> Shown:
     return Shown(f"{text.text} is {what} at {', '.join(f'{name} = {value}' for name, value in at.items())}")
 
 
-def _witness(claim: Claim, box: Box, names: Iterable[str]) -> dict[str, Fraction]:
-    given = part(claim.evidence, "witness", dict)
+def _witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness") -> dict[str, Fraction]:
+    given = part(claim.evidence, key, dict)
     at = {name: number(value) for name, value in sorted(given.items())}
     for name, value in at.items():
         if name not in box or not box[name][0] <= value <= box[name][1]:
@@ -252,9 +274,12 @@ RULES: tuple[tuple[str, str, str, Rule], ...] = (
     ("block_triangular", r"block_triangular\.lipschitz", "proved", _lipschitz),
     ("uniform", r"uniform\.structure", "proved", _uniform_structure),
     ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope),
+    ("uniform", r"uniform\.slope_(\d{1,4})", "refuted", _no_slope),
     ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz),
     ("triangular", r"high_gain\.convergence", "proved", convergence),
     ("triangular", r"high_gain\.theta", "proved", theta),
+    ("*", r"phase\.chain", "proved", phases),
+    ("*", r"phase\.rank", "proved", rank),
     ("*", r"recast\.inverse", "proved", _inverse),
     ("*", r"recast\.range", "proved", _range_of_recast),
 )
@@ -262,6 +287,7 @@ RULES: tuple[tuple[str, str, str, Rule], ...] = (
 _RESTS: dict[str, tuple[str, ...]] = {
     "high_gain.convergence": ("triangular.structure",),
     "high_gain.theta": ("high_gain.convergence",),
+    "phase.rank": ("phase.chain",),
 }
 
 

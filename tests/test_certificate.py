@@ -158,6 +158,17 @@ def test_a_uniform_form() -> None:
     assert found(sealed(content))["uniform.lipschitz"] == "fails"
 
 
+def test_a_slope_that_changes_its_sign() -> None:
+    content = of_model(ROOT / "models" / "haldane.toml")
+    claim = claim_of(content, "uniform.slope_2")
+    assert (claim["verdict"], found(json.dumps(content))["uniform.slope_2"]) == ("refuted", "verified")
+    lies = ({"other": claim["evidence"]["witness"]}, {"expression": "1"}, {"witness": {"z2": "-100"}}, {"other": {}})
+    for lie in lies:
+        forged = copy.deepcopy(content)
+        claim_of(forged, "uniform.slope_2")["evidence"].update(lie)
+        assert found(sealed(forged))["uniform.slope_2"] == "fails", lie
+
+
 def measured_plant() -> hg.System:
     """x1' = (2 + sin x1) x2 - x1: the gain varies with what is measured."""
     x = [hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2)]
@@ -339,7 +350,43 @@ def test_a_refuted_structure_leaves_nothing_to_verify() -> None:
     assert len(result) == 4
 
 
-@pytest.mark.parametrize("form", ["phase", "block_triangular", "original"])
+def driven_plant() -> hg.System:
+    """y = x1, y' = x2 + u x1, y'' = (1 + x1^2) x3 + .. + u' x1: the determinant is that of the chain, 1 + x1^2."""
+    x = [hg.Signal(f"x{i}", low=-1, high=2) for i in (1, 2, 3)]
+    u, y = hg.Signal("u", low=-1, high=1, rates=((-3, 3),)), hg.Signal("y")
+    flow = [x[1] + u * x[0], (1 + x[0] ** 2) * x[2], -sp.sin(x[2])]
+    return hg.System("driven", states=x, inputs=(u,), outputs=(y,), flow=flow, output=[x[0]])
+
+
+@pytest.mark.parametrize("original", [True, False])
+def test_the_rank_of_a_phase_form(original: bool) -> None:
+    form = hg.forms.phase(driven_plant(), original=original)
+    content = certificate(form, form.checks)
+    result = found(json.dumps(content))
+    assert result["phase.chain"] == result["phase.rank"] == "verified", recheck(json.dumps(content)).rows
+    chain, rank = claim_of(content, "phase.chain")["evidence"], claim_of(content, "phase.rank")["evidence"]
+    assert "u_dot" in chain["chain"][2]
+    for holder, key, value, failing in (
+        (rank, "low", "1001/1000", ["phase.rank"]),
+        (rank, "high", "4999/1000", ["phase.rank"]),
+        (rank, "expression", "x1**2 + 2", ["phase.rank"]),
+        (rank, "box", {"x1": ["0", "2"]}, ["phase.rank"]),
+        (rank, "tree", "x1 .", ["phase.rank"]),
+        (chain, "chain", ["x2", *chain["chain"][1:]], ["phase.chain", "phase.rank"]),
+        (chain, "chain", chain["chain"][:2], ["phase.chain", "phase.rank"]),
+        (chain, "chain", [*chain["chain"][:2], chain["chain"][2].replace("u_dot", "u")], ["phase.chain"]),
+    ):
+        before, holder[key] = holder[key], value
+        result = found(sealed(content))
+        assert {result[id] for id in failing} == {"fails"}, (key, value)
+        holder[key] = before
+    content["plant"]["flow"][2] += " + x1"  # seen by the third derivative first
+    assert found(sealed(content))["phase.rank"] == "verified"
+    content["plant"]["flow"][1] += " + x1"
+    assert found(sealed(content))["phase.chain"] == "fails"
+
+
+@pytest.mark.parametrize("form", ["block_triangular", "original"])
 def test_a_form_without_rules_is_stated(form: str) -> None:
     made = getattr(hg.forms, form)(uniform_plant())
     rows = recheck(json.dumps(certificate(made, made.checks))).rows
