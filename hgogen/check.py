@@ -39,9 +39,14 @@ class Check:
     fix: str = ""
     proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
-    def __str__(self) -> str:
+    @property
+    def sentence(self) -> str:
+        """The claim and the reason, without the verdict."""
         at = ", ".join(f"{name} = {value:g}" for name, value in self.witness.items())
-        return f"{self.verdict:8} {self.id}: {self.claim} ({self.reason}{'; at ' + at if at else ''})"
+        return f"{self.id}: {self.claim} ({self.reason}{'; at ' + at if at else ''})"
+
+    def __str__(self) -> str:
+        return f"{self.verdict:8} {self.sentence}"
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; the proofs go into a certificate."""
@@ -63,7 +68,7 @@ class Refuted(HgogenError):
 
     def __str__(self) -> str:
         ids = tuple(check.id for check in self.checks)
-        lines = "; ".join(str(check) for check in self.checks)
+        lines = "; ".join(check.sentence for check in self.checks)
         fixes = " ".join(check.fix for check in self.checks if check.fix)
         return f"refuted: {lines}. {fixes + ' ' if fixes else ''}To build all the same, say accept={ids!r}"
 

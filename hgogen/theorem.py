@@ -85,7 +85,8 @@ def _row(hypothesis: Hypothesis, known: Mapping[str, Check]) -> Row | None:
     verdict, reason = hypothesis.verdict, hypothesis.reason
     if ids:
         worst = min((known[id] for id in ids), key=lambda check: _ORDER.index(check.verdict))
-        verdict, reason = worst.verdict, worst.id if len(ids) > 1 and worst.verdict is not Verdict.PROVED else ""
+        alone = len(ids) == 1 or worst.verdict is Verdict.PROVED
+        verdict, reason = worst.verdict, "" if alone else f"{worst.verdict}: {worst.id}"
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:

@@ -40,7 +40,7 @@ def test_a_hypothesis_is_as_good_as_its_worst_check(verdicts: tuple[str, ...], w
     assert row.standing == worst
     assert row.checks == tuple(c.id for c in listed)
     if worst != "proved":
-        assert row.reason == next(c.id for c in listed if c.verdict == worst)
+        assert row.reason == f"{worst}: " + next(c.id for c in listed if c.verdict == worst)
 
 
 def test_what_no_check_knows_is_unknown() -> None:
@@ -108,7 +108,7 @@ def test_a_refuted_check_refutes_its_hypothesis() -> None:
     """The paper's own example: a_2(u) = -u."""
     observer = fitzhugh_nagumo()
     (row,) = (row for claim, row in table(observer).items() if claim.startswith("0 < a_m"))
-    assert (row.standing, row.reason) == ("refuted", "triangular.a_2")
+    assert (row.standing, row.reason) == ("refuted", "refuted: triangular.a_2")
     assert row.checks == ("triangular.a_1", "triangular.a_2", "triangular.a_3")
 
 
