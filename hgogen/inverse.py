@@ -10,6 +10,7 @@ import sympy as sp
 from sympy.solvers.solveset import NonlinearError
 
 from hgogen.diffeomorphism import stand_ins
+from hgogen.identity import is_zero
 from hgogen.lie import size
 from hgogen.points import exact, kind, points
 from hgogen.signal import Signal
@@ -135,7 +136,15 @@ def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
 def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Expr]) -> bool:
     """Whether the candidate, an expression of z, is x where z = Phi(x)."""
     error = tidy(candidate.xreplace(dict(forward)) - x)
-    return bool(error == 0 or (size([error]) <= _LIMIT and sp.simplify(error) == 0))
+    if error == 0 or size([error]) > _LIMIT:
+        return bool(error == 0)
+    signs = {s: (0, sp.oo) if s.is_nonnegative else (-sp.oo, 0) for s in error.free_symbols if _signed(s)}
+    answer = is_zero(error, signs)
+    return bool(sp.simplify(error) == 0) if answer is None else answer
+
+
+def _signed(s: sp.Symbol) -> bool:
+    return bool(s.is_nonnegative or s.is_nonpositive)
 
 
 def _holds(found: Mapping[sp.Symbol, sp.Expr], images: Mapping[sp.Symbol, sp.Expr], signals: Sequence[Signal]) -> bool:

@@ -34,6 +34,7 @@ from hgogen.system import System
 LIMIT = 20_000  # nodes of y .. y^(n)
 _BOXES = 2000
 _LOOSE = 1e6  # of a range that is asked only whether it is there
+_RANGES = 300  # the ranges of z are where phi is clamped: a few percent wider is no harm
 _POLES = 200  # phi is large, and with poles in the box of z, as they often are, more boxes do not help
 _REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
 
@@ -141,7 +142,7 @@ def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], c
 
 
 def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box) -> Signal:
-    values = bound(image, box_x, boxes=_BOXES)
+    values = bound(image, box_x, boxes=_RANGES)
     low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
     source = y.derivative(order)
     meaning = f"derivative of {y.name} of order {order}" if order else y.meaning or y.name
