@@ -131,7 +131,9 @@ def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tup
         for point in _suspects(row, around):
             for x in states:
                 slope = row.diff(x)
-                if slope != 0 and slope.count_ops() < _OPERATIONS and _grows(slope, point, around):
+                if slope == 0 or slope.has(sp.re, sp.im) or slope.count_ops() >= _OPERATIONS:
+                    continue  # re and im stand in the slope of |e| where e is not real everywhere: limits are dear
+                if _grows(slope, point, around):
                     return slope.xreplace(plain), {plain[s]: value for s, value in point.items()}
     return None
 

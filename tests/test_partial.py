@@ -65,6 +65,11 @@ def test_what_sympy_gives_up_is_not_known() -> None:
     assert (found.verdict, found.witness[x]) == (Verdict.REFUTED, -1)
 
 
+def test_the_slope_of_the_size_of_what_is_not_real_everywhere_takes_no_limit() -> None:
+    found = lipschitz_bound([sp.Abs(sp.acosh(x)) / x**2], [x], {x: (Fraction(-1, 3), Fraction(10))}, boxes=600)
+    assert found.verdict is Verdict.UNKNOWN
+
+
 def _plant(q: hg.Signal, w: hg.Signal, rate: sp.Expr, *parameters: hg.Signal) -> hg.System:
     y = hg.Signal("y")
     return hg.System("p", states=(q, w), outputs=(y,), parameters=parameters, flow=[rate, -w], output=[q])
