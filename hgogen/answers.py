@@ -267,6 +267,7 @@ def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:
 _QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
     "observability": _ranks,
     "structure": _uniform_structure,
+    "singular set": _singular,
     "triangular form": _triangular,
     "uniform form": _uniform,
     "ranges of gains": _ranges,
@@ -274,5 +275,4 @@ _QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
     "uniform observability": _gauthier_bornard,
     "bounds": _bounds,
     "Lipschitz constant": _lipschitz,
-    "singular set": _singular,
 }
