@@ -5,6 +5,8 @@ import copy
 import json
 import random
 import re
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -226,6 +228,9 @@ CONVERGENCE_LIES = {
     "a smaller P": lambda o, e: e.update(P=scaled(e["P"], Fraction(9, 10))),
     "a negative P": lambda o, e: e.update(P=scaled(e["P"], Fraction(-1))),
     "a P that is not symmetric": lambda o, e: e["P"][0].__setitem__(1, "0"),
+    "a P that is nearly symmetric": lambda o, e: e["P"][0].__setitem__(
+        1, str(Fraction(e["P"][0][1]) + Fraction(1, 2**30))
+    ),
     "a P of another size": lambda o, e: e.update(P=e["P"][:1]),
     "a faster core": lambda o, e: e.update(core=scaled(e["core"], Fraction(2))),
     "another scale": lambda o, e: e["scale"].__setitem__(1, "1000 + a"[: 4 if "a" not in e["scale"][1] else 8]),
@@ -245,6 +250,16 @@ def test_a_lie_about_convergence_fails(name: str, lie: str) -> None:
     CONVERGENCE_LIES[lie](content["observer"], claim_of(content, "high_gain.convergence")["evidence"])
     result = found(sealed(content))
     assert result["high_gain.convergence"] == result["high_gain.theta"] == "fails"
+
+
+def test_an_unstable_core_has_no_proof() -> None:
+    """K = -2 makes N = 2: a negative P satisfies the inequality."""
+    shown = {"scale": ["1"], "peak": "1", "box": {"u": ["-1", "1"], "z": ["-1", "1"]}, "bound": "1", "tree": "."}
+    for K, N, P, holds in (("2", "-2", "1/2", True), ("-2", "2", "-1", False)):
+        evidence = {**shown, "core": [[N]], "P": [[P]]}
+        content = plain(claims=[{"id": "high_gain.convergence", "verdict": "proved", "evidence": evidence}])
+        content["observer"] = {"theta": "3", "gains": [K]}
+        assert (found(sealed(content))["high_gain.convergence"] == "verified") is holds
 
 
 def test_theta_counts() -> None:
@@ -369,7 +384,7 @@ def test_the_rank_of_a_phase_form(original: bool) -> None:
     for holder, key, value, failing in (
         (rank, "low", "1001/1000", ["phase.rank"]),
         (rank, "high", "4999/1000", ["phase.rank"]),
-        (rank, "expression", "x1**2 + 2", ["phase.rank"]),
+        (rank, "expression", "3*x1**2/4 + 1", ["phase.rank"]),
         (rank, "box", {"x1": ["0", "2"]}, ["phase.rank"]),
         (rank, "tree", "x1 .", ["phase.rank"]),
         (chain, "chain", ["x2", *chain["chain"][1:]], ["phase.chain", "phase.rank"]),
@@ -900,3 +915,26 @@ def test_the_verifier_shares_no_code() -> None:
                 assert name is not None
                 assert not name.startswith("hgogen") or name in own, (path.name, name)
                 assert name.split(".")[0] not in ("sympy", "flint", "numpy", "casadi"), (path.name, name)
+
+
+ALONE = """
+import sys, types
+package = types.ModuleType("hgogen")
+package.__path__ = [sys.argv[1]]
+sys.modules["hgogen"] = package
+sys.modules |= dict.fromkeys(("sympy", "flint", "numpy", "casadi", "scipy"))  # None: an import of them fails
+from hgogen.recheck import load, recheck
+print(len(recheck(load(sys.argv[2])).failed), sorted(name for name in sys.modules if name.startswith("hgogen.")))
+"""
+
+
+def test_the_verifier_runs_alone(tmp_path: Path) -> None:
+    """Without the package's other modules, and without the libraries that they compute with."""
+    file = tmp_path / "pendulum.json"
+    file.write_text(json.dumps(observed("pendulum")))
+    run = subprocess.run(
+        [sys.executable, "-c", ALONE, str(PACKAGE), str(file)], capture_output=True, text=True, check=True
+    )
+    failed, _, names = run.stdout.partition(" ")
+    assert failed == "0"
+    assert {name for name in ast.literal_eval(names) if "recheck" not in name} == {"hgogen.errors"}
