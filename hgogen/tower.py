@@ -5,7 +5,6 @@ x' = f(x, k),  y = h(x, k),  dk_j/dx_i = s_ji(x, k)         k: exp(m), tan(m/2),
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import sympy as sp
 
@@ -32,18 +31,13 @@ class Tower:
 
         Raises: `TooLarge`.
         """
-        zero = self.zero, self.field.ring.constant(1)
-        found = [zero] * len(self.states)
+        ring = self.field.ring
+        found = [(ring.constant(0), ring.constant(1))] * len(self.states)
         for (g, i), slope in self.slopes.items():
             part = partial(value, g)
             if not part[0].is_zero():
                 found[i] = add(found[i], multiply(part, slope))
         return found
-
-    @property
-    def zero(self) -> Any:
-        """The polynomial 0."""
-        return self.field.ring.constant(0)
 
 
 def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> Tower:
