@@ -388,6 +388,7 @@ def test_the_rank_of_a_phase_form(original: bool) -> None:
         (rank, "box", {"x1": ["0", "2"]}, ["phase.rank"]),
         (rank, "tree", "x1 .", ["phase.rank"]),
         (chain, "chain", ["x2", *chain["chain"][1:]], ["phase.chain", "phase.rank"]),
+        (chain, "chain", [f"2*({entry})" for entry in chain["chain"]], ["phase.chain"]),
         (chain, "chain", chain["chain"][:2], ["phase.chain", "phase.rank"]),
         (chain, "chain", [*chain["chain"][:2], chain["chain"][2].replace("u_dot", "u")], ["phase.chain"]),
     ):
