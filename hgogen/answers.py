@@ -38,6 +38,8 @@ FIELDS = (
     *("mimo_levelwise", "mimo_cascade", "mimo_uof"),
 )
 
+_MANY = 30  # states, from where on what is dear may take seconds
+_DEAR = ("observability", "singular set")
 Answer = tuple[str, Any]
 
 
@@ -48,11 +50,17 @@ def answers(entry: Entry) -> Iterator[Answer]:
     ("note", sentence), and the next one is asked.
     """
     forms = _Forms(entry)
-    for what, question in _QUESTIONS.items():
+    for what, question in _ordered(entry):
         try:
             yield from question(forms)
         except Exception as error:  # no failure of one question may cost the others
             yield "note", f"{what}: {error or type(error).__name__}"
+
+
+def _ordered(entry: Entry) -> list[tuple[str, Callable[["_Forms"], Iterator[Answer]]]]:
+    """The questions; of many states, those that may take all the time there is come last."""
+    many = len(entry.states) > _MANY
+    return sorted(_QUESTIONS.items(), key=lambda question: many and question[0] in _DEAR)
 
 
 @dataclass(frozen=True)

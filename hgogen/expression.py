@@ -344,7 +344,7 @@ class _Parser:
         factor = self.number_like(self.value(5), start)
         if operator.text == "/" and factor == 0:
             raise self.bad(operator, "divides by zero; remove the division")
-        return self.bounded(value * factor if operator.text == "*" else value / factor, operator)
+        return self.bounded(value * factor, operator) if operator.text == "*" else self.real(value / factor, operator)
 
     def power(self, left: sp.Basic, first: _Token) -> sp.Expr:
         """base ** exponent, never written out as a huge number."""
@@ -360,8 +360,7 @@ class _Parser:
                 raise self.bad(operator, f"the exponent is beyond {EXPONENT}; write a smaller one")
             if _number_bits(base) * abs(exponent.evalf(10)) > BITS:
                 raise self.bad(operator, f"makes a number of more than {BITS} bits; write smaller numbers")
-        power = base**exponent
-        return power if exponent.is_Integer else self.real(power, operator)
+        return self.real(base**exponent, operator)
 
     def relation(self, left: sp.Basic, first: _Token) -> sp.Basic:
         """One comparison of two values."""

@@ -183,7 +183,7 @@ def test_levels_with_nonlinear_slopes() -> None:
 
 def test_sixty_states_and_ten_outputs_are_quick() -> None:
     """2 s to 3 s on an idle core; a factorial would not end."""
-    start = time.perf_counter()
+    start = time.process_time()
     s = sp.symbols("s0:60")
     flow = [(2 + sp.sin(u)) * s[i + 1] + sp.sin(s[i] * s[0]) for i in range(59)] + [sum(map(sp.sin, s))]
     shuffled = random.Random(1).sample(range(60), 60)
@@ -201,7 +201,7 @@ def test_sixty_states_and_ten_outputs_are_quick() -> None:
     found = cascade(Rows(s, tuple(chain), names, heads[::-1], {}))
     assert found.answer(Shape.CONSTANT)[0] is True
     assert found.order[:6] == s[54:]
-    assert time.perf_counter() - start < 60
+    assert time.process_time() - start < 60
 
 
 def brute_force(plant: Rows) -> bool:

@@ -70,9 +70,9 @@ def test_every_model_reads_as_sympy_reads_it() -> None:
         kinds = ("states", "unknown_params", "known_params", "inputs")
         symbols = {name: sp.Symbol(name, real=True) for kind in kinds for name in model[kind]}
         texts = model["f"] + model["h"]
-        start = time.perf_counter()
+        start = time.process_time()
         read = [parse(text, symbols) for text in texts]
-        taken.append(time.perf_counter() - start)
+        taken.append(time.process_time() - start)
         assert read == [sp.sympify(text, locals=symbols) for text in texts]
     assert len(taken) > 300
     assert statistics.median(taken) < 5e-3
@@ -117,6 +117,8 @@ REFUSED = [
     ("1/0", 2, "divides by zero"),
     ("x/0.0", 2, "divides by zero"),
     ("1/(x - x)", 2, "divides by zero"),
+    ("2/Piecewise((pi, y < x), (0, True))", 2, "not a real number"),
+    ("Piecewise((pi, y < x), (0, True))**-2", 34, "not a real number"),
     ("0**-1", 2, "a negative power of 0"),
     ("tan(pi/2)", 1, "is infinite or undefined here"),
     ("log(0)", 1, "is infinite or undefined here"),
@@ -159,10 +161,10 @@ REFUSED = [
 
 @pytest.mark.parametrize(("text", "column", "words"), REFUSED, ids=[ascii(text[:30]) for text, *_ in REFUSED])
 def test_a_refusal_names_column_and_fix(text: str, column: int, words: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(BadExpression) as caught:
         parse(text, XY)
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
     assert caught.value.column == column
     assert words in str(caught.value)
     assert f"column {column}: " in str(caught.value)
@@ -238,13 +240,13 @@ PIECES = [
 
 
 def tame(text: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     read: sp.Expr | BadExpression
     try:
         read = parse(text, XY)
     except BadExpression as error:
         read = error
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
     if isinstance(read, BadExpression):
         assert 1 <= read.column <= len(text) + 1
         assert str(read)

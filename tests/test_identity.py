@@ -193,6 +193,6 @@ def test_ten_states_with_cancelling_terms_take_less_than_a_second() -> None:
     states = sp.symbols("q1:11")
     square = sum(states) ** 2 * (states[0] + states[1])
     row = square - sp.expand(square) + states[0]
-    start = time.perf_counter()
+    start = time.process_time()
     assert dependence(row, states) == ((states[0],), ())
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1

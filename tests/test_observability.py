@@ -108,13 +108,13 @@ def test_sixty_states(bend) -> None:
     draw = random.Random(5)
     x = sp.symbols("x0:60")
     flow = [x[i + 1] * (1 + x[draw.randrange(60)]) + bend(x[draw.randrange(60)]) for i in range(59)] + [x[0] * x[7]]
-    start = time.perf_counter()
+    start = time.process_time()
     part = ranks(flow, [x[0]], x, limit=4).known
     assert not part.final
     assert part.rank == 5
     whole = ranks(flow, [x[0], x[20], x[40]], x).known
     assert whole.rank == 60
-    assert time.perf_counter() - start < 60  # some 3 s; a busy machine has room
+    assert time.process_time() - start < 60  # some 3 s; a busy machine has room
 
 
 # --- the library --------------------------------------------------------------------------------------------

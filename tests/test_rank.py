@@ -215,9 +215,9 @@ def test_the_library_is_quick() -> None:
     for method in (observability, oracle.observability):
         times = []
         for _, model in models:
-            start = time.perf_counter()
+            start = time.process_time()
             method(*model)
-            times.append(time.perf_counter() - start)
+            times.append(time.process_time() - start)
         print(
             f"{method.__module__}: median {np.median(times):.4f} s, slowest {max(times):.2f} s, all {sum(times):.1f} s"
         )
