@@ -65,7 +65,7 @@ class ThetaBound:
     def __str__(self) -> str:
         return (
             f"{up(self.theta)} = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= {up(self.lyapunov.peak)}, "
-            f"L_b <= {up(self.lipschitz)}"
+            f"L_b <= {up(self.lipschitz)} in scaled states"
         )
 
 

@@ -21,7 +21,7 @@
  *     intervals on 1 box
  *   proved: high_gain.convergence: in continuous time, without noise, the error converges exponentially for
  *     every theta above a bound; above 44.36 = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= 2.829, L_b <=
- *     7.841; exact arithmetic and outward-rounded intervals
+ *     7.841 in scaled states; exact arithmetic and outward-rounded intervals
  *   unknown: high_gain.theta: theta = 20 is above that bound; it is below the certified 44.36; the bound is
  *     sufficient, not necessary
  */
