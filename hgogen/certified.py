@@ -26,7 +26,7 @@ from math import isqrt
 import numpy as np
 import sympy as sp
 
-from hgogen.bounds import Range, bound, box
+from hgogen.bounds import LIMIT, Range, bound, box
 from hgogen.check import Check, Verdict
 from hgogen.digits import down, up
 from hgogen.form import Form
@@ -39,6 +39,8 @@ from hgogen.tape import NoTape
 # Beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once.
 STATES = 12
 VARYING = 8
+# L_b need not be the least: more boxes would cost more than they bring.
+_BOXES = 500
 _STEPS = (Fraction(2), Fraction(5, 4))
 _TRIALS = 400
 
@@ -209,10 +211,10 @@ def _positive(a: sp.Expr, form: Form) -> bool:
     return bool(span and span.defined and span.low > 0)
 
 
-def _span(expression: sp.Expr, form: Form) -> Range | None:
+def _span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
     """Its range on the declared box; None where there is no rule for it."""
     try:
-        return bound(expression, box(_signals(form)), relative=0.005)
+        return bound(expression, box(_signals(form)), boxes=boxes, relative=0.005)
     except NoTape:
         return None
 
@@ -276,7 +278,7 @@ def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof
     """L_b in the coordinates scale z, from above: sup of the Frobenius norm of S J S^-1 on the box; or why there is
     none."""
     square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(i + 1)))
-    span = _span(square, form)
+    span = _span(square, form, _BOXES)
     if not (span and span.defined and span.finite):
         return "no bound L_b on the slope of b was found on the box"
     around = box(_signals(form), form.system.nominal)

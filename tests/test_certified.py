@@ -122,7 +122,7 @@ def test_the_search_finds_a_smaller_bound() -> None:
 # --- in simulation ------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=8)
+@settings(deadline=None, max_examples=5)
 @given(st.integers(1, 4), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_error_decays_as_proved(n: int, seed: int, driven: bool) -> None:
     """Random triangular systems of bounded slopes, from anywhere in the box: V(t) <= exp(-2 r t) V(0)."""
@@ -147,7 +147,7 @@ def test_the_error_decays_as_proved(n: int, seed: int, driven: bool) -> None:
 
     start = rng.uniform(-100, 100, size=2 * n)
     t = np.linspace(0, 5 / theta, 40)
-    run = solve_ivp(both, (0, t[-1]), start, t_eval=t, rtol=1e-11, atol=1e-11)
+    run = solve_ivp(both, (0, t[-1]), start, method="DOP853", t_eval=t, rtol=1e-10, atol=1e-10)
     assert np.abs(run.y[:n]).max() < 1e3
     S = np.array([float(s) for s in found.scale]) * theta ** -np.arange(n)
     P = np.array([[float(v) for v in r] for r in found.lyapunov.P])
