@@ -5,7 +5,7 @@ model's, A(u) + b*(sat(z), u), at the clamped point. Parameters with a range bec
 folded.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
@@ -14,11 +14,13 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
+from hgogen.box import box
 from hgogen.determinant import determinant
 from hgogen.form import Form
+from hgogen.glance import contains_zero, enclose
 from hgogen.graph import to_casadi
 from hgogen.program import INF, column, sym
-from hgogen.signal import resting
+from hgogen.signal import Signal, resting
 
 # A value beyond this is absurd in any unit; its square still is a float.
 HUGE = 1e15
@@ -78,11 +80,17 @@ class Dynamics:
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def estimate(self, z: Any, u: Any) -> Any:
-        """The plant's states, as first declared, from z (n) and u (m)."""
+        """The plant's states, as first declared, from z (n) and u (m).
+
+        The map back is shown to be one on the box only: beyond an end where it turns round it is evaluated at that
+        end, since the square of a root below 0 is no level.
+        """
         system = self.form.system
         if self._moved:
             return column(self._of_plant([expression for _, expression in system.reported], z, u))
-        return column(self._convert([expression for _, expression in self.form.estimates], z, u))
+        linear, rest = zip(*(_split(e, self.form.states) for _, e in self.form.estimates), strict=True)
+        kept = column(clamp(z[i], *_reach(rest, s, self.form.states)) for i, s in enumerate(self.form.states))
+        return column(self._convert(linear, z, u)) + column(self._convert(rest, kept, u))
 
     def recovered(self, z: Any, u: Any) -> tuple[Any, Any]:
         """(the states of the form's system from z, each in its range, whether the inverse is a number there).
@@ -196,3 +204,14 @@ def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, s
         _, factor = term.as_independent(*states, as_Add=False)
         (linear if factor in states else rest).append(term)
     return sp.Add(*linear), sp.Add(*rest)
+
+
+def _reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
+    """The state's range, without an end beyond which every row that reads the state goes on in one direction."""
+    slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
+    around, (low, high) = box(states), state.interval
+
+    def turns(beyond: tuple[float, float]) -> bool:
+        return any(contains_zero(enclose(slope, {**around, state: beyond})) for slope in slopes)
+
+    return (low if turns((-INF, low)) else -INF), (high if turns((high, INF)) else INF)

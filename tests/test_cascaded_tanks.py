@@ -33,7 +33,7 @@ def test_five_samples_ahead_the_adaptive_observer_beats_the_others() -> None:
     """.183: the record and the gains are fixed, so only the realisation can move it (oracle .1829)."""
     adaptive, plain = errors(), errors(**PLAIN)
     assert adaptive[5].model == pytest.approx(0.183, abs=0.0015)
-    assert plain[5].model == pytest.approx(0.1904, abs=0.0015)
+    assert plain[5].model == pytest.approx(0.1878, abs=0.0015)  # .1904 where a root below its range is squared
     assert adaptive[5].model <= plain[5].model
     assert adaptive[5].copying == pytest.approx(0.465, abs=0.001)
     assert adaptive[5].model < 0.465 / 2

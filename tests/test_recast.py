@@ -1,9 +1,11 @@
 """A change of coordinates is proved only where it is one: defined, smooth, inverse, into the declared ranges."""
 
+import casadi as ca
+import numpy as np
 import pytest
 import sympy as sp
 
-from hgogen import forms, recast
+from hgogen import forms, observers, recast
 from hgogen.check import Check, Refuted, demand
 from hgogen.signal import Signal
 from hgogen.system import BadSystem, System
@@ -145,3 +147,15 @@ def test_coordinates_are_of_states_and_parameters(forward: sp.Expr, inverse: sp.
     with pytest.raises(BadSystem) as error:
         recast(plant(X1), {Signal("w"): forward}, {X1: inverse})
     assert says in str(error.value)
+
+
+def test_beyond_the_range_the_map_back_does_not_turn_round() -> None:
+    """x = w**2 on w in [0.5, 3.1623]: w = -3 is no level of 9, w = 4 is one of 16, and a kept state passes as it is."""
+    v, x, w = ranged("v", -1, 1), ranged("x", 0.25, 10), ranged("w", 0.5, 3.1623)
+    other = System("two", states=(v, x), outputs=[y], flow=[sp.sqrt(x) - v, -sp.sqrt(x)], output=[v])
+    form = forms.triangular(recast(other, {w: sp.sqrt(x)}, {x: w**2}))
+    dynamics = observers.high_gain(form, theta=5, poles=(-1, -1)).dynamics
+    z = ca.SX.sym("z", 2)
+    estimate = ca.Function("estimate", [z], [dynamics.estimate(z, ca.SX(0, 1))])
+    for inside, reported in (((0.5, 2.0), (0.5, 4.0)), ((-7.0, -3.0), (-7.0, 0.25)), ((7.0, 4.0), (7.0, 16.0))):
+        assert np.allclose(np.array(estimate(inside)).ravel(), reported, rtol=1e-12)

@@ -502,8 +502,8 @@ void cascaded_tanks_estimate(const cascaded_tanks_state *s, const cascaded_tanks
     (void)p;
     /* the plant's state */
     {
-        const float z2 = s->z[1];
-        x->x1 = z2*z2;
+        const float t1 = cascaded_tanks_max(s->z[1], 0.52f);
+        x->x1 = t1*t1;
         x->x2 = s->z[0];
     }
 }
