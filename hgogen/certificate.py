@@ -4,14 +4,16 @@
      "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
                "output"},
      "form": {"kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"},
-     "observer": {"theta", "gains"} or null,
+     "observer": {"name"}, and "theta", "gains" where a bound on theta is proved of it; or null,
+     "model": SHA-256 of plant, form and observer,
      "claims": [{"id", "verdict", "evidence"}],
      "digest": SHA-256 of all the rest}
 
 Numbers are exact and texts, "7/2" or "0.05"; an infinite end of a range is null; a parameter without a range has its
 value as both ends. x' = flow(x, u), y = output(x, u) is the plant as first declared, z = to_form(x), x = from_form(z),
 z' = A z + b, y = output the form, with the number of states of each output's chain, and how chains may read each other.
-An observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to the box.
+A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
+the box. `model` stands in the banner of the C as well. The digests find accidents; they are no signature.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
 the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
@@ -39,7 +41,7 @@ from hgogen.errors import HgogenError
 from hgogen.evidence import end, evidence, text
 from hgogen.form import Form
 from hgogen.recheck import recheck
-from hgogen.recheck_file import FORMAT, VERSION, digest
+from hgogen.recheck_file import FORMAT, VERSION, digest, model_digest, read
 from hgogen.recheck_text import Unreadable
 from hgogen.signal import Signal
 
@@ -55,8 +57,8 @@ class NotCertifiable(HgogenError):
         return f"no certificate of {self.plant!r}: {self.reason}"
 
 
-def certificate(form: Form, checks: Iterable[Check]) -> dict[str, Any]:
-    """The certificate of a form's checks.
+def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
+    """The certificate of a form's checks, and of the observer of that name.
 
     What `hgogen.recheck` does not verify is "stated" in it, not "proved".
 
@@ -64,13 +66,30 @@ def certificate(form: Form, checks: Iterable[Check]) -> dict[str, Any]:
     """
     checks = tuple(checks)
     claims = [_claim(form, check) for check in checks]
-    found = _sealed({**_model(form), "observer": _observer(form, checks), "claims": claims})
+    found = _sealed({**_model(form, checks, observer), "claims": claims})
     try:
         rows = recheck(json.dumps(found)).rows
     except Unreadable as error:
         raise NotCertifiable(form.system.name, error.reason) from None
     failed = {row.id: row.sentence for row in rows if row.found == "fails"}
     return _sealed({**found, "claims": [_demoted(claim, failed) for claim in claims]})
+
+
+def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
+    """The certificate's `model`, found without its evidence.
+
+    Raises: `NotCertifiable`.
+    """
+    content = _sealed({**_model(form, checks, observer), "claims": []})
+    try:
+        return read(json.dumps(content)).model
+    except Unreadable as error:
+        raise NotCertifiable(form.system.name, error.reason) from None
+
+
+def asserted(content: Mapping[str, Any]) -> int:
+    """How many claims of a certificate say something that `hgogen.recheck` verifies."""
+    return sum(claim["verdict"] in ("proved", "refuted") for claim in content["claims"])
 
 
 def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -95,47 +114,53 @@ def _demoted(claim: Mapping[str, Any], failed: Mapping[str, str]) -> dict[str, A
 # --- the model
 
 
-def _model(form: Form) -> dict[str, Any]:
+def _model(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
+    """The head of a certificate, and what it is about."""
+    about = {"plant": _plant(form), "form": _form(form), "observer": _observer(form, checks, observer)}
+    return {"format": FORMAT, "version": VERSION, "hgogen": version("hgogen"), **about, "model": model_digest(about)}
+
+
+def _plant(form: Form) -> dict[str, Any]:
     system = form.system
     plant = system if system.origin is None else system.origin.plant
 
-    def written(rows: Iterable[sp.Expr]) -> list[str]:
-        return [text(form, row) for row in rows]
-
-    inverse = [expression for _, expression in form.estimates]
     return {
-        "format": FORMAT,
-        "version": VERSION,
-        "hgogen": version("hgogen"),
-        "plant": {
-            "name": plant.name,
-            "states": _ranges(plant.states),
-            "inputs": _ranges(system.inputs),
-            "parameters": _ranges(system.parameters, system.nominal),
-            "outputs": [y.name for y in plant.outputs],
-            "flow": written(plant.flow),
-            "output": written(plant.output),
-        },
-        "form": {
-            "kind": form.kind,
-            "states": _ranges(form.states),
-            "to_form": written(form.entry),
-            "from_form": written(inverse),
-            "A": [written(form.A.row(i)) for i in range(form.n)],
-            "b": written(form.b),
-            "output": written(form.output),
-            "blocks": list(map(str, form.blocks)),
-            "alignment": form.alignment,
-        },
+        "name": plant.name,
+        "states": _ranges(plant.states),
+        "inputs": _ranges(system.inputs),
+        "parameters": _ranges(system.parameters, system.nominal),
+        "outputs": [y.name for y in plant.outputs],
+        "flow": _written(form, plant.flow),
+        "output": _written(form, plant.output),
     }
 
 
-def _observer(form: Form, checks: Iterable[Check]) -> dict[str, Any] | None:
-    """The gains that a bound on theta was found for."""
+def _form(form: Form) -> dict[str, Any]:
+    return {
+        "kind": form.kind,
+        "states": _ranges(form.states),
+        "to_form": _written(form, form.entry),
+        "from_form": _written(form, (expression for _, expression in form.estimates)),
+        "A": [_written(form, form.A.row(i)) for i in range(form.n)],
+        "b": _written(form, form.b),
+        "output": _written(form, form.output),
+        "blocks": list(map(str, form.blocks)),
+        "alignment": form.alignment,
+    }
+
+
+def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
+    return [text(form, row) for row in rows]
+
+
+def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
+    """Its name, and the gains that a bound on theta was found for."""
+    if not name:
+        return None
     found = next((proof for check in checks for proof in check.proofs if isinstance(proof, ThetaBound)), None)
     if found is None:
-        return None
-    return {"theta": str(found.chosen), "gains": [text(form, gain) for gain in found.gains]}
+        return {"name": name}
+    return {"name": name, "theta": str(found.chosen), "gains": _written(form, found.gains)}
 
 
 def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:

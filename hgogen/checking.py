@@ -122,11 +122,12 @@ def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:
 
 
 def _certify(claims: jobs.Checked, path: Path) -> None:
-    from hgogen.certificate import certificate, stated
+    from hgogen.certificate import asserted, certificate, stated
 
-    found = certificate(claims.form, claims.checks)
+    found = certificate(claims.form, claims.checks, claims.observer)
     hg.write({path.name: json.dumps(found, indent=1, ensure_ascii=True) + "\n"}, path.parent)
-    note(f"wrote {path}; hgogen recheck {path} verifies it again")
+    again = f"hgogen recheck {path} verifies it again" if asserted(found) else "nothing in it can be verified again"
+    note(f"wrote {path}; {again}")
     for id, reason in stated(found):
         note(f"{path} only states {id}, it cannot be verified again: {reason}")
 

@@ -1,8 +1,8 @@
 """The command line: from a model file to an observer in C and in Python.
 
-Exit status 0: done; 1: a hypothesis refuted that nobody accepted, or C and Python (or C and its recorded
-vectors) disagree; 2: wrong usage or bad input. Results go to the standard output, as tables or, with
---json, as JSON alone; everything else goes to the standard error stream.
+Exit status 0: done; 1: a hypothesis refuted that nobody accepted, C and Python (or C and its recorded vectors)
+disagree, or a certificate is not verified; 2: wrong usage or bad input. Results go to the standard output, as tables
+or, with --json, as JSON alone; everything else goes to the standard error stream.
 """
 
 import json
@@ -143,17 +143,17 @@ def recheck_(
 ) -> None:
     """Verify a certificate again, by other code and another arithmetic than those that wrote it.
 
-    Exit status: 0 every claim of it is verified, 1 a claim is not, 2 the file is no certificate.
+    Exit status: 0 every claim that is said to be proved or refuted is verified, 1 one of them is not or there is none,
+    2 the file is no certificate. The model's digest is that in the banner of its C; the file's digest is no signature.
 
-    JSON keys: plant, form, verified, claims (id, verdict, found: "verified", "open" where nothing is asserted, or
-    "fails", sentence, boxes: how many intervals it took).
+    JSON keys: plant, form, observer (null without one), model (SHA-256 of these three), verified, claims (id, verdict,
+    found: "verified", "open" where nothing is asserted, or "fails", sentence, boxes: how many intervals it took).
     """
     from hgogen import recheck
 
     found = recheck.recheck(recheck.load(file))
     show(as_json, found.as_dict(), tables.rechecked(found))
-    if found.failed:
-        raise recheck.NotVerified(found.failed)
+    found.demand()
 
 
 @command()

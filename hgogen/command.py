@@ -16,14 +16,16 @@ from hgogen import native, tables
 from hgogen.check import Refuted
 from hgogen.compare import Disagree
 from hgogen.errors import HgogenError
-from hgogen.recheck import NotVerified
+from hgogen.recheck import NothingVerified, NotVerified
 
-FAILURES = (Refuted, Disagree, NotVerified, native.CompilerFailed)  # what exits with 1; other errors with 2
+# what exits with 1; other errors with 2
+FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed)
 UNREAD = 141  # the exit status where the reader of the output is gone, as the shell gives it: 128 + SIGPIPE
 
 app = typer.Typer(
     help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
-    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted or a failed comparison, 2 usage or bad input.",
+    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted, a failed comparison or a certificate that is "
+    "not verified, 2 usage or bad input.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",

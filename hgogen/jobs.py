@@ -31,14 +31,15 @@ Tick = Callable[[], None]
 class Checked:
     """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
 
-    `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`: whether there is an observer, which
-    needs what is refuted.
+    `observer`: its name, or ""; `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`: whether
+    there is an observer, which needs what is refuted.
     """
 
     plant: str
     form: Form
     checks: tuple[Check, ...]
     accepted: tuple[str, ...]
+    observer: str = ""
     theorem: Theorem | None = None
     notes: tuple[str, ...] = ()
     demanded: bool = True
@@ -111,7 +112,8 @@ def checked(model: Model, otherwise: Form | None = None) -> Checked:
             raise
         note = f"the observer of {model.path} refused this form: its own checks are missing"
         return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(note,))
-    return Checked(model.plant.name, observer.form, observer.checks, observer.accepted, observer.theorem)
+    told = (model.plant.name, observer.form, observer.checks, observer.accepted)
+    return Checked(*told, observer.name, observer.theorem)
 
 
 def _alone(model: Model, form: Form) -> str:

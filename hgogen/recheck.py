@@ -1,10 +1,11 @@
 """A certificate verified again, by code and arithmetic that share nothing with those that wrote it.
 
 Exact identities are shown by rational functions over fractions, ranges by mpmath's intervals on the certificate's
-bisections. A claim holds for the model that stands in the same file; the digest tells whether the file was changed.
+bisections. A claim holds for the model that stands in the same file, of which `Rechecked.model` is the digest; the
+file's own digest finds accidents, it is no signature.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,16 @@ class NotVerified(HgogenError):
         return f"not verified: {told}. Do not rely on this file; write it again with hgogen check --certificate"
 
 
+@dataclass(eq=False)
+class NothingVerified(HgogenError):
+    """A certificate of which nothing is verified, because no claim of it asserts anything."""
+
+    plant: str
+
+    def __str__(self) -> str:
+        return f"nothing of {self.plant} is verified: of no claim does this file say that it is proved or refuted"
+
+
 @dataclass(frozen=True)
 class Row:
     """One claim, what was found ("verified", "open" where nothing is asserted, "fails"), how, with how many boxes."""
@@ -70,17 +81,40 @@ class Rechecked:
 
     plant: str
     form: str
+    observer: str
+    model: str
     rows: tuple[Row, ...]
 
     @property
     def failed(self) -> tuple[Row, ...]:
         """The claims that were not verified."""
-        return tuple(row for row in self.rows if row.found == "fails")
+        return self._found("fails")
+
+    @property
+    def verified(self) -> tuple[Row, ...]:
+        """The claims that were verified."""
+        return self._found("verified")
+
+    def _found(self, what: str) -> tuple[Row, ...]:
+        return tuple(row for row in self.rows if row.found == what)
+
+    @property
+    def count(self) -> str:
+        """How many claims were verified, are open, failed."""
+        return f"{len(self.verified)} verified, {len(self._found('open'))} open, {len(self.failed)} failed"
+
+    def demand(self) -> None:
+        """Raises: `NotVerified` where a claim fails, `NothingVerified` where none is verified."""
+        if self.failed:
+            raise NotVerified(self.failed)
+        if not self.verified:
+            raise NothingVerified(self.plant)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         rows = [row.as_dict() for row in self.rows]
-        return {"plant": self.plant, "form": self.form, "verified": not self.failed, "claims": rows}
+        about = {"plant": self.plant, "form": self.form, "observer": self.observer or None, "model": self.model}
+        return {**about, "verified": bool(self.verified and not self.failed), "claims": rows}
 
 
 def recheck(text: str) -> Rechecked:
@@ -91,8 +125,17 @@ def recheck(text: str) -> Rechecked:
     Raises: `NoCertificate` and `Unreadable` for a text that is no certificate.
     """
     certificate = read(text)
-    changed = () if certificate.untouched else (Row("digest", "", "fails", "the file is not as it was written"),)
-    return Rechecked(certificate.name, certificate.form.kind, (*changed, *rows(certificate)))
+    observer = certificate.observer.name if certificate.observer else ""
+    about = (certificate.name, certificate.form.kind, observer, certificate.model)
+    return Rechecked(*about, (*_changed(certificate), *rows(certificate)))
+
+
+def _changed(certificate: Certificate) -> Iterator[Row]:
+    """A row for each digest in the file that is another than that of what the file holds."""
+    if not certificate.untouched:
+        yield Row("digest", "", "fails", "the file is not as it was written")
+    if not certificate.named:
+        yield Row("model", "", "fails", "the file names another model than it holds")
 
 
 def load(path: str | Path) -> str:
@@ -133,20 +176,41 @@ def _resting(row: Row, missing: list[str]) -> Row:
 
 
 def _row(context: Context, claim: Claim) -> Row:
-    if claim.verdict in OPEN:
-        return Row(claim.id, claim.verdict, "open", str(claim.evidence.get("reason", "")))
-    found = rule(context.form.kind, claim)
-    if found is None:
-        return Row(claim.id, claim.verdict, "fails", f"no rule verifies that it is {claim.verdict}")
     try:
-        shown: Shown = found[0](context, claim, found[1])
+        if claim.verdict in OPEN:
+            _read_only(claim, ("reason",))
+            return Row(claim.id, claim.verdict, "open", str(claim.evidence.get("reason", "")))
+        shown = _shown(context, claim)
     except NotShown as error:
         return Row(claim.id, claim.verdict, "fails", str(error))
     except Undefined as error:
         return Row(claim.id, claim.verdict, "fails", f"an expression has no value: {error}")
     except TooLarge:
         return Row(claim.id, claim.verdict, "fails", "its identity is too large to verify")
+    except NoCertificate as error:
+        return Row(claim.id, claim.verdict, "fails", error.reason)
+    except Unreadable as error:
+        return Row(claim.id, claim.verdict, "fails", error.fault)
     return Row(claim.id, claim.verdict, "verified", shown.sentence, shown.boxes)
 
 
-__all__ = ["CannotRead", "NoCertificate", "NotVerified", "Rechecked", "Row", "Unreadable", "load", "recheck"]
+def _shown(context: Context, claim: Claim) -> Shown:
+    found = rule(context.form.kind, claim)
+    if found is None:
+        raise NotShown(f"no rule verifies that it is {claim.verdict}")
+    verify, place, keys = found
+    _read_only(claim, keys)
+    return verify(context, claim, place)
+
+
+def _read_only(claim: Claim, keys: Iterable[str]) -> None:
+    """Evidence that nothing reads could say anything. Raises: `NotShown`."""
+    strange = sorted(claim.evidence.keys() - set(keys))
+    if strange:
+        raise NotShown(f"its evidence has a part {strange[0]!r}, which is unknown here")
+
+
+__all__ = [
+    *("CannotRead", "NoCertificate", "NotVerified", "NothingVerified", "Rechecked", "Row", "Unreadable"),
+    *("load", "recheck"),
+]

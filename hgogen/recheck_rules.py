@@ -260,28 +260,33 @@ def _witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness")
 
 
 Rule = Callable[[Context, Claim, Row], Shown]
-# By kind of the form, "*" for any: the claim's id (with the row it counts) and verdict.
-RULES: tuple[tuple[str, str, str, Rule], ...] = (
-    ("triangular", r"triangular\.structure", "proved", _structure),
-    ("triangular", r"triangular\.a_(\d{1,4})", "proved", _gain),
-    ("triangular", r"triangular\.a_(\d{1,4})", "refuted", _no_gain),
-    ("triangular", r"triangular\.offset", "proved", _offset),
-    ("triangular", r"triangular\.lipschitz", "proved", _lipschitz),
-    ("block_triangular", r"block_triangular\.structure", "proved", _structure),
-    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "proved", _gain),
-    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "refuted", _no_gain),
-    ("block_triangular", r"block_triangular\.offset_(\d{1,4})", "proved", _offset),
-    ("block_triangular", r"block_triangular\.lipschitz", "proved", _lipschitz),
-    ("uniform", r"uniform\.structure", "proved", _uniform_structure),
-    ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope),
-    ("uniform", r"uniform\.slope_(\d{1,4})", "refuted", _no_slope),
-    ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz),
-    ("triangular", r"high_gain\.convergence", "proved", convergence),
-    ("triangular", r"high_gain\.theta", "proved", theta),
-    ("*", r"phase\.chain", "proved", phases),
-    ("*", r"phase\.rank", "proved", rank),
-    ("*", r"recast\.inverse", "proved", _inverse),
-    ("*", r"recast\.range", "proved", _range_of_recast),
+Keys = tuple[str, ...]
+_NONE: Keys = ()  # the file's model shows it
+_RANGE: Keys = ("expression", "box", "low", "high", "tree")
+_STEEP: Keys = ("box", "bound", "tree")
+_POINT: Keys = ("expression", "witness")
+# By kind of the form, "*" for any: the claim's id (with the row it counts), its verdict, and what its evidence has.
+RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
+    ("triangular", r"triangular\.structure", "proved", _structure, _NONE),
+    ("triangular", r"triangular\.a_(\d{1,4})", "proved", _gain, _RANGE),
+    ("triangular", r"triangular\.a_(\d{1,4})", "refuted", _no_gain, _POINT),
+    ("triangular", r"triangular\.offset", "proved", _offset, _RANGE),
+    ("triangular", r"triangular\.lipschitz", "proved", _lipschitz, _STEEP),
+    ("block_triangular", r"block_triangular\.structure", "proved", _structure, _NONE),
+    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "proved", _gain, _RANGE),
+    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "refuted", _no_gain, _POINT),
+    ("block_triangular", r"block_triangular\.offset_(\d{1,4})", "proved", _offset, _RANGE),
+    ("block_triangular", r"block_triangular\.lipschitz", "proved", _lipschitz, _STEEP),
+    ("uniform", r"uniform\.structure", "proved", _uniform_structure, _NONE),
+    ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope, _RANGE),
+    ("uniform", r"uniform\.slope_(\d{1,4})", "refuted", _no_slope, (*_POINT, "other")),
+    ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz, _STEEP),
+    ("triangular", r"high_gain\.convergence", "proved", convergence, (*_STEEP, "scale", "core", "P", "peak")),
+    ("triangular", r"high_gain\.theta", "proved", theta, _NONE),
+    ("*", r"phase\.chain", "proved", phases, ("chain",)),
+    ("*", r"phase\.rank", "proved", rank, _RANGE),
+    ("*", r"recast\.inverse", "proved", _inverse, _NONE),
+    ("*", r"recast\.range", "proved", _range_of_recast, _NONE),
 )
 # What a claim rests on: it is verified only if these are.
 _RESTS: dict[str, tuple[str, ...]] = {
@@ -291,12 +296,12 @@ _RESTS: dict[str, tuple[str, ...]] = {
 }
 
 
-def rule(kind: str, claim: Claim) -> tuple[Rule, Row] | None:
-    """The rule of a claim, and the row that its id counts (empty without one)."""
-    for of, pattern, verdict, found in RULES:
+def rule(kind: str, claim: Claim) -> tuple[Rule, Row, Keys] | None:
+    """The rule of a claim, the row that its id counts (empty without one), and what its evidence may have."""
+    for of, pattern, verdict, found, keys in RULES:
         match = re.fullmatch(pattern, claim.id, re.ASCII)
         if match and verdict == claim.verdict and of in ("*", kind):
-            return found, tuple(map(int, match.groups()))
+            return found, tuple(map(int, match.groups())), keys
     return None
 
 

@@ -41,8 +41,13 @@ class Unreadable(HgogenError):
     reason: str
 
     def __str__(self) -> str:
+        return f"{self.fault}; write the certificate again with hgogen check --certificate"
+
+    @property
+    def fault(self) -> str:
+        """What is wrong, without the fix."""
         short = self.text if len(self.text) <= 80 else f"{self.text[:77]}..."
-        return f"cannot read {short!r}: {self.reason}; write the certificate again with hgogen check --certificate"
+        return f"cannot read {short!r}: {self.reason}"
 
 
 class Instruction(NamedTuple):

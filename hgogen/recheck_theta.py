@@ -13,10 +13,10 @@ from fractions import Fraction
 from typing import Any
 
 from hgogen.recheck_box import NotShown, covered
-from hgogen.recheck_context import Context, Shown, declared_box, finite, only, short
-from hgogen.recheck_file import Claim, Observer, part
+from hgogen.recheck_context import Context, Shown, declared_box, finite, on, only, short
+from hgogen.recheck_file import Claim, part
 from hgogen.recheck_slope import steep
-from hgogen.recheck_text import expression, number
+from hgogen.recheck_text import Expression, expression, number
 
 Matrix = list[list[Fraction]]
 
@@ -25,15 +25,15 @@ def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
     _ = context.equations
     evidence, z, n = claim.evidence, context.z, len(context.z)
-    observer = _observer(context)
+    _, gains = _tuned(context)
     scale = [expression(text, context.form.box) for text in _list(evidence, "scale", n)]
-    for constant in (*scale, *observer.gains):
+    for constant in (*scale, *gains):
         only(constant.names, context.file.parameters, f"the constant {constant.text}")
     box = context.form.box
     boxes = sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
-    boxes += sum(finite(k, box) for k in observer.gains)
+    boxes += sum(finite(k, box) for k in gains)
     N, P = _matrix(evidence, "core", n), _matrix(evidence, "P", n)
-    _core(context, [context.value(s) for s in scale], [context.value(k) for k in observer.gains], N)
+    _core(context, [context.value(s) for s in scale], [context.value(k) for k in gains], N)
     _lyapunov(N, P, number(evidence.get("peak")))
     names = {name for read in (*context.form.b, *scale) for name in read.names}
     where = declared_box(evidence, context.form.box, names)
@@ -41,16 +41,17 @@ def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     if bound < 0:
         raise NotShown("its bound is negative")
     boxes += covered(where, part(evidence, "tree", str), steep(context.form.b, z, bound, scale))
-    return Shown(f"it converges exponentially for every theta above {short(threshold(claim), 1)}", boxes)
+    above = f"the error converges exponentially for every theta above {short(threshold(claim), 1)}"
+    return Shown(f"in continuous time, without noise, {above}{on(box)}", boxes)
 
 
 def theta(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     """The observer's theta is above the bound; the bound is another claim."""
-    observer = _observer(context)
+    chosen, _ = _tuned(context)
     bound = next((threshold(other) for other in context.file.claims if other.id == "high_gain.convergence"), None)
-    if bound is None or not observer.theta > bound:
-        raise NotShown(f"theta = {short(observer.theta)} is not above the bound")
-    return Shown(f"theta = {short(observer.theta)} is above {short(bound, 1)}")
+    if bound is None or not chosen > bound:
+        raise NotShown(f"theta = {short(chosen)} is not above the bound")
+    return Shown(f"theta = {short(chosen)} is above {short(bound, 1)}")
 
 
 def threshold(claim: Claim) -> Fraction:
@@ -58,10 +59,12 @@ def threshold(claim: Claim) -> Fraction:
     return max(Fraction(1), 2 * number(claim.evidence.get("peak")) * number(claim.evidence.get("bound")))
 
 
-def _observer(context: Context) -> Observer:
-    if context.file.observer is None:
-        raise NotShown("the file has no observer")
-    return context.file.observer
+def _tuned(context: Context) -> tuple[Fraction, tuple[Expression, ...]]:
+    """theta and the gains of the file's observer."""
+    observer = context.file.observer
+    if observer is None or observer.name != "high_gain" or observer.theta is None:
+        raise NotShown("the file has no high_gain observer with its theta and gains")
+    return observer.theta, observer.gains
 
 
 def _list(evidence: Any, key: str, count: int) -> list[Any]:

@@ -19,6 +19,7 @@ from hgogen.observability import Answer, Observability
 from hgogen.prediction import Prediction
 from hgogen.program import Bit
 from hgogen.recheck import Rechecked
+from hgogen.recheck_file import SHOWN
 from hgogen.record import Report
 from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem
@@ -129,14 +130,15 @@ def _listed(names: Iterable[Any], most: int = 8) -> str:
 
 def rechecked(found: Rechecked) -> RenderableType:
     """The claims of a certificate, and what was verified of them."""
-    table = _table(f"{found.plant}, {found.form} form", "found", "claim", "what was shown", "boxes", numbers=1)
+    of = f", {found.observer} observer" if found.observer else ""
+    table = _table(f"{found.plant}, {found.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
     colours = {"verified": "green", "fails": "red"}
     for row in found.rows:
         word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
         word.stylize(colours.get(row.found, "yellow"))
         sentence = row.sentence if row.found != "open" else f"{row.verdict}: {row.sentence}"
         table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-    return Group(table, "")
+    return Group(table, "", Text(f"model {found.model[:SHOWN]}"), Text(found.count))
 
 
 def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:

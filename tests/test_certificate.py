@@ -27,7 +27,7 @@ from hgogen.check import Check, Verdict
 from hgogen.evidence import outward
 from hgogen.model import load
 from hgogen.recheck import NoCertificate, Unreadable, recheck
-from hgogen.recheck_file import digest, read
+from hgogen.recheck_file import digest, model_digest, read
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = sorted(p for p in ROOT.glob("models/*.*") if p.suffix in (".py", ".toml") and not p.name.startswith("_"))
@@ -37,7 +37,8 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 def sealed(content: dict[str, Any]) -> str:
-    """As a forger would write it: with the digest of the changed content."""
+    """As a forger would write it: with the digests of the changed content."""
+    content = {**content, "model": model_digest(content)}
     return json.dumps({**content, "digest": digest(content)})
 
 
@@ -78,7 +79,7 @@ def claimed(form: hg.Form) -> list[Check]:
 
 def of_model(path: Path) -> dict[str, Any]:
     claims = jobs.checked(load(path))
-    return certificate(claims.form, claims.checks)
+    return certificate(claims.form, claims.checks, claims.observer)
 
 
 # --- what is written is verified ------------------------------------------------------------------------------------
@@ -88,12 +89,12 @@ def of_model(path: Path) -> dict[str, Any]:
 def test_a_models_certificate_is_verified(path: Path) -> None:
     claims = jobs.checked(load(path))
     begin = time.perf_counter()
-    text = json.dumps(certificate(claims.form, claims.checks))
+    text = json.dumps(certificate(claims.form, claims.checks, claims.observer))
     result = recheck(text)
     assert time.perf_counter() - begin < 10
     assert not result.failed
     assert {row.id for row in result.rows} == {check.id for check in claims.checks}
-    assert text == json.dumps(certificate(claims.form, claims.checks))
+    assert text == json.dumps(certificate(claims.form, claims.checks, claims.observer))
 
 
 @pytest.mark.parametrize("name", ["cascaded_tanks", "fitzhugh_nagumo", "pendulum"])
@@ -204,7 +205,7 @@ OBSERVED = {"pendulum": lambda: load(ROOT / "models" / "pendulum.py").plant, "he
 
 def observed(name: str, theta: float = 1e4) -> dict[str, Any]:
     observer = hg.observers.high_gain(hg.forms.triangular(OBSERVED[name]()), theta=theta, poles=(-1, -2))
-    return certificate(observer.form, observer.checks)
+    return certificate(observer.form, observer.checks, observer.name)
 
 
 @pytest.mark.parametrize("name", OBSERVED)
@@ -258,7 +259,7 @@ def test_an_unstable_core_has_no_proof() -> None:
     for K, N, P, holds in (("2", "-2", "1/2", True), ("-2", "2", "-1", False)):
         evidence = {**shown, "core": [[N]], "P": [[P]]}
         content = plain(claims=[{"id": "high_gain.convergence", "verdict": "proved", "evidence": evidence}])
-        content["observer"] = {"theta": "3", "gains": [K]}
+        content["observer"] = {"name": "high_gain", "theta": "3", "gains": [K]}
         assert (found(sealed(content))["high_gain.convergence"] == "verified") is holds
 
 
@@ -853,7 +854,7 @@ def test_every_part_may_be_missing_or_of_another_type(bent: dict[str, Any]) -> N
             yield from holders(inner, (*path, key))
 
     count, passed = 0, set()
-    for path in holders({key: part for key, part in bent.items() if key != "digest"}):
+    for path in holders({key: part for key, part in bent.items() if key not in ("model", "digest")}):
         for junk in (None, 7, {}):
             content = copy.deepcopy(bent)
             holder: Any = content
