@@ -199,7 +199,7 @@ def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None
 
 
 def _lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return _steep(form, form.b, check.proofs[0], _LOOSE) if check.proofs else None
+    return _steep(form, form.nonlinear, check.proofs[0], _LOOSE) if check.proofs else None
 
 
 def _whole_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:

@@ -81,6 +81,16 @@ class Form:
         return tuple(row + rest for row, rest in zip(linear, self.b, strict=True))
 
     @property
+    def nonlinear(self) -> tuple[sp.Expr, ...]:
+        """b, with the terms of A z whose factor reads a state."""
+        known = {*self.states}
+        terms = (
+            (a * z if a.free_symbols & known else sp.S.Zero for a, z in zip(self.A.row(i), self.states, strict=True))
+            for i in range(self.n)
+        )
+        return tuple(sp.Add(rest, *row) for rest, row in zip(self.b, terms, strict=True))
+
+    @property
     def head(self) -> str:
         """Coordinates and equations, as text."""
         arrow = ", ".join(f"{z} = {expression}" for z, expression in zip(self.states, self.to_form, strict=True))

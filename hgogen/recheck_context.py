@@ -8,7 +8,7 @@ as rational functions, X = from_form, Z = to_form, where every expression has a 
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from decimal import Context as Digits
@@ -119,9 +119,17 @@ class Context:
     @cached_property
     def rates(self) -> tuple[Expression, ...]:
         """A z + b, row by row."""
+        return self._rows(lambda entry: entry.text != "0")
+
+    @cached_property
+    def nonlinear(self) -> tuple[Expression, ...]:
+        """b, with the terms of A z whose factor reads a state, row by row."""
+        return self._rows(lambda entry: not entry.names.isdisjoint(self.form.states))
+
+    def _rows(self, kept: Callable[[Expression], bool]) -> tuple[Expression, ...]:
         form = self.form
         terms = (
-            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if entry.text != "0"]
+            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if kept(entry)]
             for row in form.A
         )
         return tuple(

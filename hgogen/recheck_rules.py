@@ -144,8 +144,8 @@ def _offset(context: Context, claim: Claim, place: Row) -> Shown:
 
 
 def _lipschitz(context: Context, claim: Claim, place: Row) -> Shown:
-    """|db/dz| <= bound in the spectral norm, on the box."""
-    return _steep(context, claim, context.form.b, "db/dz")
+    """|db/dz| <= bound in the spectral norm, on the box; b with the terms of A z whose factor reads a state."""
+    return _steep(context, claim, context.nonlinear, "db/dz")
 
 
 def _steep(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Shown:

@@ -3,6 +3,7 @@
 import random
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -632,3 +633,20 @@ def test_a_file_without_its_case_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     finally:
         for name in [name for name in sys.modules if name.startswith("cases_for_a_test")]:
             del sys.modules[name]
+
+
+@pytest.mark.parametrize(
+    ("gain", "verdict"),
+    [
+        (lambda x: 2 + sp.sin(x), Verdict.PROVED),
+        (lambda x: 2 + sp.sign(x), Verdict.UNKNOWN),  # the field jumps at 0
+        (lambda x: 2 + sp.sqrt(sp.Abs(x - sp.Rational(3, 10))), Verdict.REFUTED),  # steep without bound at 3/10
+    ],
+)
+def test_a_gain_of_the_measured_state_counts_as_b_does(gain: Callable[[sp.Expr], sp.Expr], verdict: Verdict) -> None:
+    x1, x2 = Signal("x1", low=-1, high=1), Signal("x2", low=-1, high=1)
+    plant = System("screen", states=(x1, x2), outputs=(Signal("y"),), flow=[gain(x1) * x2, -x1], output=[x1])
+    found = {check.id: check for check in forms.triangular(plant, measured=True).checks}
+    assert found["triangular.a_2"].verdict is Verdict.PROVED
+    assert found["triangular.lipschitz"].verdict is verdict
+    assert found["triangular.lipschitz"].claim.startswith("b, with the a_i(z_1) z_i, is Lipschitz")

@@ -2,7 +2,8 @@
 
     z' = A(u) z + b(z, u),   y = C(u) z,
     A = superdiagonal a_2(u)..a_n(u),   C = (a_1(u), 0..0),   0 < a_m <= a_i(u) <= a_M,
-    b_i of z_1..z_i and u only, Lipschitz; where it is asked for, a_i(u, z_1) for i >= 2.
+    b_i of z_1..z_i and u only, Lipschitz; where it is asked for, a_i(u, z_1) for i >= 2, with a_i z_i Lipschitz,
+    so that (a_i(u, z_1) - a_i(u, x_1)) x_i counts as b does.
 
 z is the plant's state in another order, some with the other sign. The order follows the dependencies: the
 output brings in one state, that state's derivative the next, and so on. A known offset c(u), as in
@@ -52,7 +53,7 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
 
     Checks: `triangular.structure`; `triangular.a_1`..`triangular.a_n` (0 < a_m <= a_i <= a_M on the box of
     inputs, parameters and, where a_i varies with it, z_1); `triangular.offset` (c is defined there) where there is
-    one; `triangular.lipschitz`.
+    one; `triangular.lipschitz`, of b and the a_i(u, z_1) z_i.
 
     Raises: `OneOutput`.
     """
@@ -77,9 +78,11 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
         _structure(Verdict.PROVED if answer else Verdict.UNKNOWN, why, ""),
         *(positive(f"triangular.a_{i}", f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
         *_offset(links[0].rest, plant),
-        lipschitz("triangular.lipschitz", map(z.back, b), plant),
     )
-    return _form(z, sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,), checks)
+    form = _form(z, sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,), checks)
+    name = "b" if form.nonlinear == form.b else "b, with the a_i(z_1) z_i,"
+    steep = lipschitz("triangular.lipschitz", map(z.back, form.nonlinear), plant, name)
+    return replace(form, checks=(*form.checks, steep))
 
 
 def _settled(link: Link, shape: Shape, chains: Chains, plant: System) -> Link:
