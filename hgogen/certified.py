@@ -170,7 +170,7 @@ def checks(id: str, theta: float, found: ThetaBound | Nothing) -> tuple[Check, C
     if Fraction(theta) > found.theta:
         rate = f"above {up(found.theta)}; the error decays at least like exp(-{down(found.rate(theta), 2)} t)"
         return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate)
-    low = f"it is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
+    low = f"not shown: {theta:g} is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
     return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix="Raise theta, or validate by trials.")
 
 

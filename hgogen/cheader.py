@@ -1,11 +1,12 @@
 """NAME.h, the manual of emitted C: banner with the mathematics and its claims, structs, status bits, prototypes."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 from string import Template
 
 from hgogen.certificate import NotCertifiable, fingerprint
+from hgogen.check import Check, Verdict
 from hgogen.cprint import Real
 from hgogen.ctext import comment, harmless, indented, member, status_type, struct
 from hgogen.observer import Observer
@@ -13,6 +14,7 @@ from hgogen.program import Field, Program, places, scope
 from hgogen.recheck_file import SHOWN
 from hgogen.signal import Signal
 from hgogen.step import Step
+from hgogen.theorem import rows
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,27 @@ def _banner(step: Step, command: str) -> list[str]:
     lines += [f"Method: {step.method.name}, dt = {step.dt:g} s"]
     lines += ["Between samples the input " + ("is held" if step.between == "hold" else "is on a line")]
     lines += [f"Reference: {observer.reference}", "Claims"]
-    for check in observer.checks:
-        taken = " (accepted by the user)" if check.id in observer.accepted else ""
-        at = ", ".join(f"{k} = {v:g}" for k, v in check.witness.items())
-        lines.append(f"  {check.verdict}{taken}: {check.id}: {check.claim}; {check.reason}{'; at ' + at if at else ''}")
-    return _comment(lines)
+    lines += [f"  {_claimed(check, observer.accepted)}" for check in observer.checks]
+    return _comment([*lines, *_assumed(observer)])
+
+
+def _claimed(check: Check, accepted: Container[str]) -> str:
+    """A claim with its verdict; of a refuted one what follows."""
+    at = ", ".join(f"{k} = {v:g}" for k, v in check.witness.items())
+    told = f"{check.id}: {check.claim}; {check.reason}{'; at ' + at if at else ''}"
+    if check.id not in accepted or check.verdict is not Verdict.REFUTED:
+        return f"{check.verdict}: {told}"
+    consequence = check.consequence or "no convergence theorem is in force"
+    return f"{check.verdict} (accepted by the user): {told}; so {consequence}"
+
+
+def _assumed(observer: Observer) -> list[str]:
+    """What the theorem assumes beside the claims, by what is known of it; what holds by construction is left out."""
+    open_ = [row for row in rows(observer.theorem, observer.checks) if row.verdict is not Verdict.PROVED]
+    told: dict[str, list[str]] = {}
+    for row in (row for row in open_ if not row.checks):
+        told.setdefault(row.standing, []).append(f"  {row.claim}; {row.reason}")
+    return [line for standing, lines in told.items() for line in (f"Hypotheses of the theorem, {standing}", *lines)]
 
 
 def _model(observer: Observer) -> str:

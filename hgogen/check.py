@@ -27,7 +27,8 @@ class Check:
     """One claim with its verdict.
 
     `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is
-    the point that refutes; `fix` says what a user can do about it; `proofs`: what was proved, for a certificate:
+    the point that refutes; `fix` says what a user can do about it; `consequence` what follows for him who accepts a
+    refuted claim; `proofs`: what was proved, for a certificate:
     `Proof` by bisection, or what the check's own case proves with.
     """
 
@@ -37,6 +38,7 @@ class Check:
     reason: str
     witness: Mapping[str, float] = field(default_factory=dict, hash=False)
     fix: str = ""
+    consequence: str = ""
     proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
     @property

@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 
 from hgogen.box import box
+from hgogen.check import Verdict
 from hgogen.glance import enclose
 from hgogen.observer import HUGE, Clock, Observer
 from hgogen.program import INF, Block, Field, Program, When, column, sym, walk
@@ -46,8 +47,8 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "none if brief; if it stays, the inputs or the region of operation hide the state",
     ),
     "STATE_LIMITED": (
-        "the estimate was projected to its outer box; the convergence theorem is suspended",
-        "none if brief; if it stays, lower theta or widen the ranges",
+        "the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended",
+        "none if brief; if it stays, widen the ranges{or_lower}",
     ),
     "RESTARTED": (
         "a value was lost (not finite), and the whole state restarted",
@@ -58,6 +59,14 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "correct the parameter and tune again",
     ),
 }
+
+
+def or_lower(observer: Observer) -> str:
+    """The advice to lower the high gain, for less of a peak; "" where there is none, or a proof would be lost."""
+    if any(check.id.endswith(".theta") and check.verdict is Verdict.PROVED for check in observer.checks):
+        return ""
+    high = (gain.name for gain in observer.gains if gain.name in ("theta", "theta_1") and gain.initial[0] > 1)
+    return "".join(f" or lower {name}" for name in high)
 
 
 def outside(observer: Observer) -> Block:

@@ -51,8 +51,9 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     else:
         return _unknown(check, found.reason, signals)
     at = {s.name: float(value) for s, value in witness.items()}
-    fix = _fix(id, name, signals, system)
-    return replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at, fix=fix)
+    fix, consequence = _fix(id, name, signals, system)
+    refuted = replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at)
+    return replace(refuted, fix=fix, consequence=consequence)
 
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
@@ -96,15 +97,15 @@ def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
     return a, tuple(s for s in (*system.states, *system.inputs, *system.parameters) if s in a.free_symbols)
 
 
-def _fix(id: str, name: str, signals: tuple[Signal, ...], system: System) -> str:
+def _fix(id: str, name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
+    """What to do about it, and what follows for him who accepts it."""
     if not signals:
-        return f"{name} is a constant; correct the model or the parameter's value."
+        return f"{name} is a constant; correct the model or the parameter's value.", ""
     names = ", ".join(s.name for s in signals)
     inputs = ", ".join(s.name for s in signals if s in system.inputs)
     narrow = f"Restrict the range of {names} so that {name} keeps one sign"
     if not inputs:
-        return f"{narrow}."
-    return (
-        f"{narrow}, or build with accept=({id!r},) knowing that the observer coasts while {name} is near 0: "
-        f"the states behind it are then seen only through changes of {inputs}."
-    )
+        return f"{narrow}.", ""
+    coasts = f"the observer coasts while {name} is near 0"
+    consequence = f"{coasts}: the states behind it are then seen only through changes of {inputs}"
+    return f"{narrow}, or build with accept=({id!r},) knowing that {consequence}.", consequence

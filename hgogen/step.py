@@ -24,6 +24,7 @@ from hgogen.guards import (
     kept,
     limit_parameters,
     measure,
+    or_lower,
     outside,
     unrecovered,
 )
@@ -258,7 +259,9 @@ def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
             for kind in kinds:
                 meaning, action = SIGNAL_BITS[kind]
                 bits.append(Bit(f"{kind}_{signal.name}", meaning.format(signal.name), action))
-    bits += [Bit(name, *texts) for name, texts in STEP_BITS.items()] + list(extra)
+    lower = or_lower(step.observer)
+    bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
+    bits += extra
     kept = tuple(bit for bit in dict.fromkeys(bits) if bit.name in raised)
     if len(kept) > STATUS:
         raise BadStep(f"{step.name} with {len(kept)} status bits", f"has more than {STATUS}; drop inputs or outputs")

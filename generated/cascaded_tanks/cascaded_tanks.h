@@ -39,6 +39,22 @@
  *     intervals on 1 box
  *   unknown: riccati.convergence: the estimate converges exponentially from any initial state (theorem 5);
  *     the theorem's constants are existential: no number for theta, d, gamma can be proved from it
+ * Hypotheses of the theorem, unknown
+ *   b is smooth and of compact support; its argument is clamped to the ranges, which bounds b and bends it at
+ *     their edge
+ *   d, Delta T small, theta_1 large, lambda and gamma_1 small enough; the theorem's constants are
+ *     existential: no number is known to be large or small enough
+ *   the innovation is an integral over the last d seconds; M staggered predictors look back over d to d (1 +
+ *     1/M) seconds
+ * Hypotheses of the theorem, left to you
+ *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
+ *     (status OUTSIDE_BOX tells of the estimate only)
+ *   the input is measured and stays in its declared range; beyond it the observer takes the range's end
+ *     (status CLAMPED)
+ *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
+ *     starts again
+ *   y is measured without noise, at all times; samples and noise leave an error that trials measure
+ *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
  */
 #ifndef CASCADED_TANKS_H
 #define CASCADED_TANKS_H
@@ -93,8 +109,8 @@
 /* the estimate is outside the declared box, where the model is evaluated at the edge. To do: normal while the
  * estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow. */
 #define CASCADED_TANKS_OUTSIDE_BOX        0x0010u
-/* the estimate was projected to its outer box; the convergence theorem is suspended. To do: none if brief; if
- * it stays, lower theta or widen the ranges. */
+/* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
+ * do: none if brief; if it stays, widen the ranges or lower theta_1. */
 #define CASCADED_TANKS_STATE_LIMITED      0x0020u
 /* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
  * parameters (tune was called?) and ranges. */

@@ -31,12 +31,29 @@
  *   proved: triangular.structure: each row brings in one new state, linearly; y -> x1 -> x2 -> eta
  *   proved: triangular.a_1: 0 < a_m <= a_1 = 1 <= a_M on the box; it is 1
  *   refuted (accepted by the user): triangular.a_2: 0 < a_m <= a_2 = -u <= a_M on the box; a_2 vanishes; at u
- *     = 0
+ *     = 0; so the observer coasts while a_2 is near 0: the states behind it are then seen only through
+ *     changes of u
  *   proved: triangular.a_3: 0 < a_m <= a_3 = eps <= a_M on the box; it is 4/5
  *   proved: triangular.lipschitz: b is Lipschitz in the state on the box; L_b <= 11.54, by outward-rounded
  *     intervals on 1 box
  *   unknown: riccati.convergence: the estimate converges exponentially from any initial state (theorem 5);
  *     the theorem's constants are existential: no number for theta, d, gamma can be proved from it
+ * Hypotheses of the theorem, unknown
+ *   b is smooth and of compact support; its argument is clamped to the ranges, which bounds b and bends it at
+ *     their edge
+ *   d, Delta T small, theta_1 large, lambda and gamma_1 small enough; the theorem's constants are
+ *     existential: no number is known to be large or small enough
+ *   the innovation is an integral over the last d seconds; M staggered predictors look back over d to d (1 +
+ *     1/M) seconds
+ * Hypotheses of the theorem, left to you
+ *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
+ *     (status OUTSIDE_BOX tells of the estimate only)
+ *   the input is measured and stays in its declared range; beyond it the observer takes the range's end
+ *     (status CLAMPED)
+ *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
+ *     starts again
+ *   y is measured without noise, at all times; samples and noise leave an error that trials measure
+ *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
  */
 #ifndef FITZHUGH_NAGUMO_H
 #define FITZHUGH_NAGUMO_H
@@ -91,8 +108,8 @@
 /* the estimate is outside the declared box, where the model is evaluated at the edge. To do: normal while the
  * estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow. */
 #define FITZHUGH_NAGUMO_OUTSIDE_BOX        0x0010u
-/* the estimate was projected to its outer box; the convergence theorem is suspended. To do: none if brief; if
- * it stays, lower theta or widen the ranges. */
+/* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
+ * do: none if brief; if it stays, widen the ranges or lower theta_1. */
 #define FITZHUGH_NAGUMO_STATE_LIMITED      0x0020u
 /* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
  * parameters (tune was called?) and ranges. */

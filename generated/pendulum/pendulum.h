@@ -23,8 +23,17 @@
  *   proved: high_gain.convergence: in continuous time, without noise, the error converges exponentially for
  *     every theta above a bound; above 44.36 = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= 2.829, L_b <=
  *     7.841 in scaled states; exact arithmetic and outward-rounded intervals
- *   unknown: high_gain.theta: theta = 20 is above that bound; it is below the certified 44.36; the bound is
- *     sufficient, not necessary
+ *   unknown: high_gain.theta: theta = 20 is above that bound; not shown: 20 is below the certified 44.36; the
+ *     bound is sufficient, not necessary
+ * Hypotheses of the theorem, left to you
+ *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
+ *     (status OUTSIDE_BOX tells of the estimate only)
+ *   the input is measured and stays in its declared range; beyond it the observer takes the range's end
+ *     (status CLAMPED)
+ *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
+ *     starts again
+ *   y is measured without noise, at all times; samples and noise leave an error that trials measure
+ *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
  */
 #ifndef PENDULUM_H
 #define PENDULUM_H
@@ -75,8 +84,8 @@
 /* the estimate is outside the declared box, where the model is evaluated at the edge. To do: normal while the
  * estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow. */
 #define PENDULUM_OUTSIDE_BOX       0x0010u
-/* the estimate was projected to its outer box; the convergence theorem is suspended. To do: none if brief; if
- * it stays, lower theta or widen the ranges. */
+/* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
+ * do: none if brief; if it stays, widen the ranges or lower theta. */
 #define PENDULUM_STATE_LIMITED     0x0020u
 /* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
  * parameters (tune was called?) and ranges. */

@@ -1,0 +1,95 @@
+"""What a header says of claims, of the theorem behind its observer, and what to do when a status bit is raised."""
+
+from collections.abc import Callable
+
+import emitted
+import pytest
+from plants import fitzhugh_nagumo, kalman, pendulum, van_der_pol
+
+import hgogen as hg
+from hgogen.check import Verdict
+from hgogen.theorem import rows
+
+
+def words(observer: hg.Observer, dt: float = 1e-3) -> str:
+    """The header's comments as one line, without the marks of the fold."""
+    step = hg.sample(observer, dt=dt)
+    text = hg.targets.c99(step, check=False)[f"{step.name}.h"]
+    return " ".join(text.replace("\n *", "\n").split())
+
+
+def adaptive(**changes: object) -> hg.Observer:
+    gains = {"mu": (0.1, 0.2), "innovation": hg.innovation.staggered(1.0), **changes}
+    return kalman(van_der_pol(), theta=hg.theta.adaptive(2.0, **gains))
+
+
+def uncertain() -> hg.Observer:
+    """x1' = k x2, x2' = -x1, y = x1, k in [-1, 1]: no input that could show x2 where k = 0."""
+    x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
+    k, y = hg.Signal("k", "", "", 0.5, low=-1, high=1), hg.Signal("y")
+    plant = hg.System("uncertain", states=(x1, x2), outputs=(y,), parameters=(k,), flow=[k * x2, -x1], output=[x1])
+    return hg.observers.riccati(hg.forms.triangular(plant), Q=(1, 1), R=1, accept="triangular.a_2")
+
+
+# --- claims -------------------------------------------------------------------------------------------------
+
+
+def test_what_was_accepted_says_what_follows() -> None:
+    coasts = "the observer coasts while a_2 is near 0: the states behind it are then seen only through changes of u"
+    assert f"a_2 vanishes; at u = 0; so {coasts} proved: triangular.a_3" in words(fitzhugh_nagumo(), 0.01)
+    check = next(check for check in fitzhugh_nagumo().checks if check.id == "triangular.a_2")
+    assert check.consequence == coasts
+    assert f"knowing that {coasts}." in check.fix
+
+
+def test_what_was_accepted_without_another_consequence_leaves_no_theorem() -> None:
+    assert "a_2 vanishes; at k = 0; so no convergence theorem is in force proved: triangular.lip" in words(uncertain())
+
+
+def test_theta_below_the_bound_contradicts_nothing() -> None:
+    told = words(pendulum(theta=20))
+    assert "unknown: high_gain.theta: theta = 20 is above that bound; not shown: 20 is below the certified 44.3" in told
+
+
+# --- the theorem --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", emitted.STEPS)
+def test_what_no_claim_settles_is_listed(name: str) -> None:
+    """Each hypothesis that is left to the user, unknown or refuted, once; one that a check knows is a claim."""
+    step = emitted.step(name)
+    told = " ".join(emitted.files(name)[f"{step.name}.h"].split("#ifndef")[0].replace("\n *", "\n").split())
+    listed = rows(step.observer.theorem, step.observer.checks)
+    assert len(listed) >= 5
+    for row in listed:
+        wanted = not row.checks and row.verdict is not Verdict.PROVED
+        assert told.count(f"{row.claim}; {row.reason}") == wanted, row.claim
+        assert not wanted or f"Hypotheses of the theorem, {row.standing} " in told
+
+
+def test_a_hypothesis_that_the_gains_refute_is_told() -> None:
+    """mu = 0 up to gamma_0: not by a logistic."""
+    told = words(adaptive(mu=hg.theta.logistic(0.1, 100)), 0.01)
+    assert "Hypotheses of the theorem, refuted mu = 0 up to gamma_0" in told
+    assert "Hypotheses of the theorem, refuted" not in words(adaptive(), 0.01)
+
+
+# --- the estimate at its outer box --------------------------------------------------------------------------
+
+LIMITED: dict[str, tuple[Callable[[], hg.Observer], str]] = {
+    "high gain": (pendulum, "widen the ranges or lower theta."),
+    "proved theta": (lambda: pendulum(theta=50), "widen the ranges."),
+    "no high gain": (lambda: pendulum(theta=1), "widen the ranges."),
+    "Kalman filter": (lambda: kalman(van_der_pol()), "widen the ranges."),
+    "high-gain Kalman filter": (lambda: kalman(van_der_pol(), theta=3), "widen the ranges or lower theta."),
+    "adaptive": (adaptive, "widen the ranges or lower theta_1."),
+    "decaying": (lambda: kalman(van_der_pol(), theta=hg.theta.decaying(3, 1)), "widen the ranges."),
+}
+
+
+@pytest.mark.parametrize("name", LIMITED)
+def test_a_gain_is_to_be_lowered_only_where_there_is_one_to_lower(name: str) -> None:
+    make, advice = LIMITED[name]
+    told = words(make(), 0.01 if name == "adaptive" else 1e-3)
+    suspended = "the convergence theorem, where it applies, is suspended"
+    assert f"{suspended}. To do: none if brief; if it stays, {advice}" in told
