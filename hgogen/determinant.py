@@ -16,7 +16,7 @@ from hgogen.elimination import Elimination, Product, Work, cleared
 from hgogen.field import Field, field
 from hgogen.points import exact
 from hgogen.pointwise import values
-from hgogen.powers import Power, powers
+from hgogen.powers import Power, powers, split
 from hgogen.rewrite import TooLarge, Writer
 from hgogen.tape import tape
 from hgogen.zero_set import alive, zero_set
@@ -29,8 +29,8 @@ _POINTS, _TRIES = 2, 24
 
 @dataclass(frozen=True)
 class Determinant:
-    """`value`: a quotient of products; `factors`: their zero sets together are that of the value, empty where it has
-    none, None where that is not known.
+    """`value`: a quotient of products, equal to the determinant where its roots are real; `factors`: their zero sets
+    together are that of the value, empty where it has none, None where that is not known.
     """
 
     value: sp.Expr
@@ -63,15 +63,15 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     number, parts = powers(made, product)
     if sum(len(one.polynomial) for one in parts) > _TERMS:
         raise TooLarge("the determinant")
-    return Determinant((-number if elimination.odd else number) * _value(made, parts), zero_set(made, parts))
+    return Determinant(
+        (-number if elimination.odd else number) * _value(made, parts), zero_set(made, split(made, parts))
+    )
 
 
 def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
     """prod P^e. With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a form over C^d: the forms of even degree
     one by one, the others multiplied with what power of C is left, above and below.
     """
-    if any(p.exponent.denominator > 1 and any(degrees(field, p.polynomial).values()) for p in parts):
-        return sp.Mul(*(field.expression(p.polynomial) ** sp.Rational(p.exponent) for p in parts))
     every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
     forms = [(p, d, e) for p, e, d in every if even(d)]
     left = {g: -sum(int(e) * d[g] for _, e, d in every) for g in field.angles}

@@ -1,11 +1,13 @@
-"""A product of polynomials over a field as powers of irreducible ones.
+"""A product of polynomials over a field as powers of irreducible ones, with whole exponents, or fractions of them.
 
-    prod P^e = number * prod (irreducible, monic)^e;   a root's g^(k/q) counts for what it is a root of
+    prod P^e = number * prod (irreducible, monic)^e
 
-and of a square root g that replaces a symbol, P(g) and P(-g) make one, which has no root.
+A root's generator is a polynomial of its own: (p q)^(1/2) is p^(1/2) q^(1/2) only where p and q are not negative, and
+(p^2)^(1/2) is |p|. Only for the zero set it is what it is a root of to a fraction. Of a square root g that replaces a
+symbol, P(g) and P(-g) make one polynomial, which has no root.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -14,7 +16,7 @@ import sympy as sp
 
 from hgogen.algebra import reduced
 from hgogen.elimination import Product
-from hgogen.field import Field, number
+from hgogen.field import Field, Root, number
 
 
 @dataclass(frozen=True)
@@ -25,30 +27,74 @@ class Power:
     exponent: Fraction
 
 
+_Parts = list[tuple[Any, Fraction]]
+
+
 def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
-    """The number and the powers.
+    """The number and the powers, all whole: the product's value wherever the roots are real.
 
     Raises: `TooLarge`.
     """
     for root in reversed(field.relations):  # so that equal functions are equal polynomials
         plain = [(*reduced([p], root.index, root.degree, root.value), e) for p, e in product]
         product = [*((p, e) for (p,), _, e in plain), (root.value[1], -sum(k * e for _, k, e in plain))]
-    value = sp.Mul(*(number(p.leading_coefficient()) ** e for p, e in product))
-    whole = _merged((p / p.leading_coefficient(), Fraction(e)) for p, e in product)
-    parts = _merged((_monic(p), e * k) for polynomial, e in whole for p, k in polynomial.factor()[1])
+    value, whole = _monic([(p, Fraction(e)) for p, e in product])
+    parts = _irreducible(_merged(whole))
     for root in reversed(field.roots):
-        generator = field.ring.gens()[root.index]
-        share = sum((e for p, e in parts if p == generator), Fraction(0)) / root.degree
-        ends = ((root.value[0], share), (root.value[1], -share)) if share else ()
-        value *= sp.Mul(*(number(end.leading_coefficient()) ** sp.Rational(e) for end, e in ends))
-        more = [(_monic(p), e * k) for end, e in ends for p, k in end.factor()[1]]
-        parts = _merged([*((p, e) for p, e in parts if p != generator), *more])
+        factor, parts = _fewest(root, field.ring.gens()[root.index], parts)
+        value *= factor
         if root.rational and root.degree == 2:
             parts = _joined(parts, root.index)
     return value, [Power(p, e) for p, e in parts]
 
 
-def _joined(parts: list[tuple[Any, Fraction]], index: int) -> list[tuple[Any, Fraction]]:
+def split(field: Field, parts: Sequence[Power]) -> list[Power]:
+    """Powers with the zeros and poles of the given ones, not their value: each root as what it is a root of."""
+    found = [(one.polynomial, one.exponent) for one in parts]
+    for root in reversed(field.roots):
+        generator = field.ring.gens()[root.index]
+        _, ends = _ends(root, sum((e for p, e in found if p == generator), Fraction(0)) / root.degree)
+        found = _merged([*((p, e) for p, e in found if p != generator), *ends])
+        if root.rational and root.degree == 2:
+            found = _joined(found, root.index)
+    return [Power(p, e) for p, e in found]
+
+
+def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]:
+    """g^k = g^(k - t q) value^t with the t that leaves the fewest factors, and the number before them; none of g where
+    q divides k.
+    """
+    k = sum((e for p, e in parts if p == generator), Fraction(0))
+    if not k:
+        return sp.S.One, parts
+    rest, down = [(p, e) for p, e in parts if p != generator], k // root.degree
+    found = []
+    for t in dict.fromkeys([down] if k % root.degree == 0 else [0, down, down + 1]):
+        factor, ends = _ends(root, Fraction(t))
+        found.append((factor, _merged([*rest, (generator, k - t * root.degree), *ends])))
+    return min(found, key=lambda one: (len(one[1]), sum(abs(e) for _, e in one[1])))
+
+
+def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
+    """What the root is a root of, to an exponent: the number, of whole exponents alone, and irreducible factors."""
+    if not share:
+        return sp.S.One, []
+    factor, ends = _monic([(root.value[0], share), (root.value[1], -share)])
+    return factor, _irreducible(ends)
+
+
+def _monic(parts: _Parts) -> tuple[sp.Expr, _Parts]:
+    """The product of leading coefficients, each to its exponent, and the polynomials without them."""
+    leading = sp.Mul(*(number(p.leading_coefficient()) ** sp.Rational(e) for p, e in parts))
+    return leading, [(p / p.leading_coefficient(), e) for p, e in parts]
+
+
+def _irreducible(parts: _Parts) -> _Parts:
+    """The factors of monic polynomials, monic themselves, so that no number is lost."""
+    return _merged((p / p.leading_coefficient(), e * k) for polynomial, e in parts for p, k in polynomial.factor()[1])
+
+
+def _joined(parts: _Parts, index: int) -> _Parts:
     """P(g) P(-g) as one where both have the same exponent: with g^2 = x + 1, (g - 1) (g + 1) is x."""
     left = {str(p): (p, e) for p, e in parts}
     found = []
@@ -57,7 +103,8 @@ def _joined(parts: list[tuple[Any, Fraction]], index: int) -> list[tuple[Any, Fr
             continue
         generators = list(p.context().gens())
         generators[index] = -generators[index]
-        other = _monic(p.compose(*generators))
+        turned = p.compose(*generators)
+        other = turned / turned.leading_coefficient()
         if left.get(str(other), (None, None))[1] == e:
             del left[str(other)]
             p = p * other
@@ -65,11 +112,7 @@ def _joined(parts: list[tuple[Any, Fraction]], index: int) -> list[tuple[Any, Fr
     return found
 
 
-def _monic(polynomial: Any) -> Any:
-    return polynomial / polynomial.leading_coefficient()
-
-
-def _merged(parts: Iterable[tuple[Any, Fraction]]) -> list[tuple[Any, Fraction]]:
+def _merged(parts: Iterable[tuple[Any, Fraction]]) -> _Parts:
     """Equal polynomials once, those to the power 0 not at all."""
     found: dict[str, tuple[Any, Fraction]] = {}
     for polynomial, exponent in parts:

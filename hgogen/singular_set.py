@@ -7,7 +7,7 @@ import sympy as sp
 
 from hgogen.codistribution import Row, product
 from hgogen.echelon import believe_zeros, new_rows
-from hgogen.powers import powers
+from hgogen.powers import powers, split
 from hgogen.rank import NowhereDefined, matrix_rows, modulus, plant_of, somewhere
 from hgogen.rewrite import TooLarge
 from hgogen.series import Arithmetic, Point, first_gradients
@@ -52,7 +52,9 @@ def singular_set(
 
 def _zero_set(plant: Tower, rows: Sequence[Row], limit: int) -> tuple[sp.Expr, ...] | None:
     found = product(plant, rows, limit)
-    return zero_set(plant.field, powers(plant.field, found)[1]) if alive(plant.field, found) else None
+    if not alive(plant.field, found):
+        return None
+    return zero_set(plant.field, split(plant.field, powers(plant.field, found)[1]))
 
 
 def _different(choices: Sequence[tuple[Row, ...]]) -> list[tuple[Row, ...]]:
