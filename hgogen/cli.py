@@ -107,6 +107,8 @@ def build(
     claims = jobs.checked(loaded)
     if not as_json:
         tables.console().print(tables.checks(claims.head, claims.checks, claims.accepted))
+    for sentence in claims.notes:
+        note(sentence)
     files = c99(step, real=real.value, command=_made_by(loaded.name, real))
     paths = hg.write(files, folder)
     engine = _engine()
@@ -302,7 +304,7 @@ def noise_(
     """
     loaded = load(model)
     step = loaded.step()
-    d = d if d is not None else jobs.window(loaded)
+    d = d if d is not None else jobs.window(loaded, "--window")
     record = _record(step, data, time, period, map_, step.outputs)
     quiet = noise.quiet(record.t, begin, end)
     found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
@@ -328,7 +330,7 @@ def window(
     chosen = next((one for one in loaded.trials() if trial in (None, one.name)), None)
     if chosen is None:
         raise typer.BadParameter(f"{trial!r} is none of the model's trials", param_hint="--trial")
-    given = _lengths(lengths) if lengths else _about(jobs.window(loaded), chosen.duration)
+    given = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d"), chosen.duration)
     found = hg.gramian(loaded.plant, chosen, given)
     value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in found]}
     show(as_json, value, tables.windows(chosen.name, found))

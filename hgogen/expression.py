@@ -7,19 +7,22 @@
 
 The parser descends by binding power (V. R. Pratt, Top down operator precedence, 1973): `_Parser.value` takes one
 operand and then every operator that binds more tightly than the one on its left.
+
+A text means what SymPy makes of it: exp(log(x)) is x and x/x is 1, also where the text as written has no value.
+`read` tells such folding, which the grammar sees before SymPy does.
 """
 
-import re
-import unicodedata
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import sympy as sp
 
-from hgogen.errors import HgogenError
+from hgogen.folding import Demand, Fold, lost, of_call, of_power
+from hgogen.tokens import BadExpression, Token, tokens
+
+__all__ = ["BadExpression", "parse", "read"]
 
 CHARACTERS, TOKENS, DEPTH = 100_000, 20_000, 100  # of one expression
 DIGITS, DECADES = 400, 400  # of one number as written: double precision ends at 308
@@ -28,28 +31,6 @@ EXPONENT = 10**6  # of a power
 LARGEST_EXP = 700  # beyond it exp of a number is no double
 ARGUMENTS = 20  # of Min, Max and Piecewise
 
-_TOKEN = re.compile(
-    r"""\s*(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
-    |(?P<name>[A-Za-z_][A-Za-z0-9_]*)
-    |(?P<sign>\*\*|<=|>=|[-+*/(),<>&|])
-    |(?P<end>\Z)
-    |(?P<other>.))""",
-    re.VERBOSE | re.ASCII | re.DOTALL,
-)
-_FIXES = {
-    "^": "write ** for a power",
-    ".": "a dot belongs in a number only; write * for a product",
-    "=": "an expression has no =; inside Piecewise compare with < <= > >=",
-    "!": "conditions know < <= > >= & | only",
-    "~": "conditions know < <= > >= & | only",
-    "[": "write parentheses ( )",
-    "]": "write parentheses ( )",
-    "{": "write parentheses ( )",
-    "}": "write parentheses ( )",
-    "'": "text is no value; write numbers and declared names",
-    '"': "text is no value; write numbers and declared names",
-    "\x00": "remove the NUL character",
-}
 _BINDING = {"<": 1, "<=": 1, ">": 1, ">=": 1, "|": 2, "&": 3, "+": 4, "-": 4, "*": 5, "/": 5, "**": 7}
 _SIGN, _POWER = 6, 6  # a sign binds more tightly than *, less than **; the exponent may carry a sign
 _RELATIONS = {"<": sp.Lt, "<=": sp.Le, ">": sp.Gt, ">=": sp.Ge}
@@ -65,21 +46,6 @@ _CONSTANTS = {"pi": sp.pi, "E": sp.E}
 _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
 
 
-@dataclass(eq=False)
-class BadExpression(HgogenError):
-    """A text outside the grammar, or without a finite real value; `column` counts from 1."""
-
-    text: str
-    column: int
-    reason: str
-
-    def __str__(self) -> str:
-        start = max(0, min(self.column - 1, len(self.text)) - 30)
-        shown = repr(self.text[start : start + 60])
-        head, tail = "..." if start else "", "..." if start + 60 < len(self.text) else ""
-        return f"expression {head}{shown}{tail}, column {self.column}: {self.reason}"
-
-
 def parse(text: str, symbols: Mapping[str, sp.Symbol]) -> sp.Expr:
     """The SymPy expression of a text.
 
@@ -89,40 +55,21 @@ def parse(text: str, symbols: Mapping[str, sp.Symbol]) -> sp.Expr:
     Raises: `BadExpression` for a text outside the grammar, too long, too deep, or with numbers too large; for a
     division by zero and for what is not real.
     """
+    return read(text, symbols).reading
+
+
+def read(text: str, symbols: Mapping[str, sp.Symbol]) -> Fold:
+    """A text with its expression, and what SymPy folded away in between; arguments and errors as of `parse`."""
     if not isinstance(text, str):
         raise BadExpression(str(text), 1, f"is of type {type(text).__name__}; write the expression as text")
     if len(text) > CHARACTERS:
         raise BadExpression(text, CHARACTERS, f"is longer than {CHARACTERS} characters; name parts of it")
     try:
-        return _Parser(text, symbols).whole()
+        parser = _Parser(text, symbols)
+        reading = parser.whole()
+        return Fold(text, reading, lost(parser.demanded, reading))
     except RecursionError:  # in SymPy, where the caller has left little of the stack
         raise BadExpression(text, 1, "is nested too deep for the stack; flatten it") from None
-
-
-class _Token(NamedTuple):
-    """`kind`: number, name, sign, or end; `column` counts from 1."""
-
-    kind: str
-    text: str
-    column: int
-
-
-def _tokens(text: str) -> Iterator[_Token]:
-    for found in _TOKEN.finditer(text):
-        kind = str(found.lastgroup)
-        token = _Token(kind, found[kind], found.start(kind) + 1)
-        if kind == "other":
-            raise BadExpression(text, token.column, _strange(token.text))
-        yield token
-        if kind == "end":
-            return
-
-
-def _strange(character: str) -> str:
-    if character.isascii():
-        return f"{character!r} is not in the grammar; {_FIXES.get(character, 'remove it')}"
-    name = unicodedata.name(character, "without a name")
-    return f"{character!a} ({name}) is not in the grammar; write ASCII letters, digits and signs"
 
 
 class _Parser:
@@ -130,14 +77,15 @@ class _Parser:
 
     def __init__(self, text: str, symbols: Mapping[str, sp.Symbol]) -> None:
         self.text, self.symbols = text, symbols
-        self.tokens: list[_Token] = []
-        for token in _tokens(text):
+        self.tokens: list[Token] = []
+        for token in tokens(text):
             if len(self.tokens) == TOKENS:
                 raise self.bad(token, f"has more than {TOKENS} numbers, names and signs; name parts of it")
             self.tokens.append(token)
         self.at = self.depth = 0
+        self.demanded: list[Demand] = []  # of what is written, before it is folded
 
-    def bad(self, token: _Token, reason: str) -> BadExpression:
+    def bad(self, token: Token, reason: str) -> BadExpression:
         """The error at a token."""
         return BadExpression(self.text, token.column, reason)
 
@@ -149,11 +97,11 @@ class _Parser:
         return value
 
     @property
-    def next(self) -> _Token:
+    def next(self) -> Token:
         """The first token that is not read."""
         return self.tokens[self.at]
 
-    def take(self) -> _Token:
+    def take(self) -> Token:
         """Read one token; the end is never passed."""
         token = self.next
         self.at += token.kind != "end"
@@ -168,7 +116,7 @@ class _Parser:
         if not self.taken(sign):
             raise self.bad(self.next, f"{where} needs {sign!r} here, not {self.shown(self.next)}")
 
-    def shown(self, token: _Token) -> str:
+    def shown(self, token: Token) -> str:
         """A token in a sentence."""
         return "the end" if token.kind == "end" else repr(token.text[:40])
 
@@ -179,13 +127,13 @@ class _Parser:
             return f"{token.text!r} has no opening parenthesis or call before it; remove it"
         return f"{self.shown(token)} follows a value; write an operator, such as *, between them"
 
-    def number_like(self, value: sp.Basic, token: _Token) -> sp.Expr:
+    def number_like(self, value: sp.Basic, token: Token) -> sp.Expr:
         """The value itself, unless it is a condition."""
         if not isinstance(value, sp.Expr):
             raise self.bad(token, "a condition stands where a value belongs; conditions belong in Piecewise")
         return value
 
-    def condition_like(self, value: sp.Basic, token: _Token, fix: str) -> sp.Basic:
+    def condition_like(self, value: sp.Basic, token: Token, fix: str) -> sp.Basic:
         """The condition itself, unless it is a value."""
         if isinstance(value, sp.Expr):
             raise self.bad(token, f"{value if value.is_Atom else 'a value'} stands where a condition belongs; {fix}")
@@ -224,7 +172,7 @@ class _Parser:
             token, f"{self.shown(token)} stands where a number, a name or a parenthesis belongs; complete it"
         )
 
-    def literal(self, token: _Token) -> sp.Rational:
+    def literal(self, token: Token) -> sp.Rational:
         """The exact rational of a number as written."""
         mantissa, _, exponent = token.text.lower().partition("e")
         if len(mantissa) > DIGITS or len(exponent) > 5 or abs(int(exponent or 0)) > DECADES:
@@ -237,7 +185,7 @@ class _Parser:
         exact = Fraction(token.text)
         return sp.Rational(exact.numerator, exact.denominator)
 
-    def named(self, token: _Token) -> sp.Basic:
+    def named(self, token: Token) -> sp.Basic:
         """A declared symbol, or a constant."""
         name = token.text
         if name in self.symbols:
@@ -252,7 +200,7 @@ class _Parser:
         fix = f"did you mean {near[0]}?" if near else "declare it"
         raise self.bad(token, f"the name {name[:60]!r} is not declared; {fix}")
 
-    def call(self, token: _Token) -> sp.Expr:
+    def call(self, token: Token) -> sp.Expr:
         """A function of the table, applied."""
         name = token.text
         if name not in FUNCTIONS:
@@ -276,9 +224,10 @@ class _Parser:
             raise self.bad(token, f"{name} needs {least} arguments; it has {len(values)}")
         if name in ("exp", "sinh", "cosh"):
             self.not_huge(values[0], token)
+        self.demanded += of_call(function, values[0])
         return self.real(function(*values), token)
 
-    def not_huge(self, value: sp.Expr, token: _Token) -> None:
+    def not_huge(self, value: sp.Expr, token: Token) -> None:
         """Refuse exp of a large number, and exp(k log c), which SymPy would write out as the number c**k."""
         if value.is_number and not abs(value.evalf(10)) <= LARGEST_EXP:
             raise self.bad(token, f"exp of a number beyond {LARGEST_EXP} is out of range; write a smaller one")
@@ -287,10 +236,10 @@ class _Parser:
                 if abs(term.as_coeff_Mul()[0]) > LARGEST_EXP:
                     raise self.bad(token, f"exp of more than {LARGEST_EXP} logarithms; write a power")
 
-    def piecewise(self, token: _Token) -> sp.Expr:
+    def piecewise(self, token: Token) -> sp.Expr:
         """Pairs up to the first that is always true; SymPy is not asked to solve the conditions."""
         pairs: list[tuple[sp.Expr, sp.Basic]] = []
-        closed, count = False, 0
+        closed, count, before = False, 0, len(self.demanded)
         while not count or self.taken(","):
             if count and self.next.text == ")":
                 break
@@ -308,11 +257,12 @@ class _Parser:
                 pairs.append((value, condition))
             closed |= condition == sp.true
         self.expect(")", f"Piecewise of column {token.column}")
+        del self.demanded[before:]  # which branch is taken is not known here
         if not closed:
             raise self.bad(token, "Piecewise has no value where every condition fails; end it with (value, True)")
         return pairs[0][0] if len(pairs) == 1 else sp.Piecewise(*pairs, evaluate=False)
 
-    def real(self, value: sp.Expr, token: _Token) -> sp.Expr:
+    def real(self, value: sp.Expr, token: Token) -> sp.Expr:
         """The value, unless it is infinite or complex."""
         if value in _INFINITE:
             raise self.bad(token, "is infinite or undefined here; remove the division by zero or the pole")
@@ -320,13 +270,13 @@ class _Parser:
             raise self.bad(token, "is not a real number; keep roots, logarithms and asin, acos in their domain")
         return self.bounded(value, token)
 
-    def bounded(self, value: sp.Expr, token: _Token) -> sp.Expr:
+    def bounded(self, value: sp.Expr, token: Token) -> sp.Expr:
         """The value, unless its number is huge."""
         if _bits(value.as_coeff_Mul()[0]) > BITS:
             raise self.bad(token, f"makes a number of more than {BITS} bits; write smaller numbers")
         return value
 
-    def sum(self, left: sp.Basic, first: _Token) -> sp.Expr:
+    def sum(self, left: sp.Basic, first: Token) -> sp.Expr:
         """All terms at once: SymPy would sort a growing sum anew with every term."""
         terms, operator = [self.number_like(left, first)], self.next
         while self.next.text in ("+", "-"):
@@ -337,16 +287,19 @@ class _Parser:
             raise self.bad(operator, f"the numbers of the sum have more than {TOTAL_BITS} bits; write shorter ones")
         return self.bounded(sp.Add(*terms), operator)
 
-    def product(self, left: sp.Basic, first: _Token) -> sp.Expr:
+    def product(self, left: sp.Basic, first: Token) -> sp.Expr:
         """One factor or divisor, from left to right as in Python."""
         operator = self.take()
         value, start = self.number_like(left, first), self.next
         factor = self.number_like(self.value(5), start)
         if operator.text == "/" and factor == 0:
             raise self.bad(operator, "divides by zero; remove the division")
-        return self.bounded(value * factor, operator) if operator.text == "*" else self.real(value / factor, operator)
+        if operator.text == "*":
+            return self.bounded(value * factor, operator)
+        self.demanded += of_power(factor, sp.S.NegativeOne)
+        return self.real(value / factor, operator)
 
-    def power(self, left: sp.Basic, first: _Token) -> sp.Expr:
+    def power(self, left: sp.Basic, first: Token) -> sp.Expr:
         """base ** exponent, never written out as a huge number."""
         operator = self.take()
         base, start = self.number_like(left, first), self.next
@@ -360,9 +313,10 @@ class _Parser:
                 raise self.bad(operator, f"the exponent is beyond {EXPONENT}; write a smaller one")
             if _number_bits(base) * abs(exponent.evalf(10)) > BITS:
                 raise self.bad(operator, f"makes a number of more than {BITS} bits; write smaller numbers")
+        self.demanded += of_power(base, exponent)
         return self.real(base**exponent, operator)
 
-    def relation(self, left: sp.Basic, first: _Token) -> sp.Basic:
+    def relation(self, left: sp.Basic, first: Token) -> sp.Basic:
         """One comparison of two values."""
         operator = self.take()
         lhs, start = self.number_like(left, first), self.next
@@ -371,7 +325,7 @@ class _Parser:
             raise self.bad(self.next, "compares a comparison; write (a < b) & (b < c)")
         return _RELATIONS[operator.text](lhs, rhs)
 
-    def join(self, left: sp.Basic, first: _Token) -> sp.Basic:
+    def join(self, left: sp.Basic, first: Token) -> sp.Basic:
         """Two conditions joined by & or |."""
         operator = self.take()
         fix = f"put parentheses around the comparisons on both sides of {operator.text}"
@@ -380,7 +334,7 @@ class _Parser:
         return (sp.And if operator.text == "&" else sp.Or)(lhs, rhs)
 
 
-_RULES: dict[str, Callable[[_Parser, sp.Basic, _Token], sp.Basic]] = {
+_RULES: dict[str, Callable[[_Parser, sp.Basic, Token], sp.Basic]] = {
     **dict.fromkeys(_RELATIONS, _Parser.relation),
     **dict.fromkeys("&|", _Parser.join),
     **dict.fromkeys("+-", _Parser.sum),

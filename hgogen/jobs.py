@@ -104,16 +104,17 @@ def checked(model: Model, otherwise: Form | None = None) -> Checked:
     """
     if not model.has("step"):
         form = otherwise or hg.survey(model.plant).best
-        return Checked(model.plant.name, form, form.checks, (), notes=(_alone(model, form),), demanded=False)
+        notes = (*model.notes, _alone(model, form))
+        return Checked(model.plant.name, form, form.checks, (), notes=notes, demanded=False)
     try:
         observer = model.step().observer
     except Refuted as error:
         if error.form is None:
             raise
         note = f"the observer of {model.path} refused this form: its own checks are missing"
-        return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(note,))
+        return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(*model.notes, note))
     told = (model.plant.name, observer.form, observer.checks, observer.accepted)
-    return Checked(*told, observer.name, observer.theorem)
+    return Checked(*told, observer.name, observer.theorem, model.notes)
 
 
 def _alone(model: Model, form: Form) -> str:
@@ -200,11 +201,14 @@ def estimates(step: CallableStep, record: Record, run: Run) -> str:
     return stream.getvalue()
 
 
-def window(model: Model) -> float:
-    """The innovation's window d (s) in a model's `tuning`. Raises: `MissingPart` if no adaptive theta is there."""
+def window(model: Model, option: str) -> float:
+    """The innovation's window d (s) in a model's `tuning`; `option` is the command's that gives another.
+
+    Raises: `MissingPart` if no adaptive theta is there.
+    """
     for gains in getattr(model.module, "tuning", {}).values():
         innovation = getattr(gains.get("theta"), "innovation", None) if isinstance(gains, Mapping) else None
         if innovation is not None:
             return float(innovation.d)
-    reason = "its tuning has no adaptive theta, whose window would be the default; give --window SECONDS"
+    reason = f"its tuning has no adaptive theta, whose window would be the default; give {option} SECONDS"
     raise MissingPart(model.path, "tuning", reason)

@@ -12,9 +12,11 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
+from hgogen.box import box
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import HgogenError
+from hgogen.folding import Fold
 from hgogen.modelfile import READERS, BadModelFile, read
 from hgogen.recipe import step_of, trial_of
 from hgogen.system import System
@@ -80,13 +82,15 @@ class MissingPart(HgogenError):
 class Model:
     """A loaded model file.
 
-    `module` holds its parts; `fixes` says, for a part that is missing, what the file should define.
+    `module` holds its parts; `fixes` says, for a part that is missing, what the file should define; `folds`: the texts
+    of a plain-text model from which SymPy folded something away.
     """
 
     name: str
     path: str
     module: ModuleType | SimpleNamespace
     fixes: Mapping[str, str]
+    folds: tuple[Fold, ...] = ()
 
     @property
     def plant(self) -> System:
@@ -95,6 +99,12 @@ class Model:
         if not isinstance(plant, System):
             raise MissingPart(self.path, "plant", f"plant is of type {type(plant).__name__}; make it an hg.System")
         return plant
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is read otherwise than written, on the declared box. Raises: `MissingPart`."""
+        around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
+        return tuple(filter(None, (fold.on(around) for fold in self.folds)))
 
     def has(self, part: str) -> bool:
         """Whether the file defines `part`."""
@@ -160,7 +170,7 @@ def _plain(path: Path) -> Model:
         parts.step = lambda: step_of(told)
     if told.trial:
         parts.trial = lambda: trial_of(told)
-    return Model(path.stem, str(path), parts, _PLAIN)
+    return Model(path.stem, str(path), parts, _PLAIN, told.folds)
 
 
 def _python(path: Path) -> Model:

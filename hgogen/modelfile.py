@@ -28,6 +28,8 @@ import sympy as sp
 
 from hgogen.errors import HgogenError
 from hgogen.expression import BadExpression, parse
+from hgogen.expression import read as read_expression
+from hgogen.folding import Fold
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -81,7 +83,8 @@ class NoText(HgogenError):
 
 @dataclass(frozen=True)
 class PlainModel:
-    """What a plain-text model holds; `known`, `observer` and `trial` are its tables as they stand, empty if missing."""
+    """What a plain-text model holds; `known`, `observer` and `trial` are its tables as they stand, empty if missing;
+    `folds`: the expressions from which SymPy folded something away."""
 
     file: str
     plant: System
@@ -90,6 +93,7 @@ class PlainModel:
     known: Mapping[str, Any]
     observer: Mapping[str, Any]
     trial: Mapping[str, Any]
+    folds: tuple[Fold, ...] = ()
 
 
 # --- text to model ------------------------------------------------------------------------------------------
@@ -129,20 +133,20 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
         signals[kind] = [_signal(file, f"{kind}.{name}", name, entry) for name, entry in group.items()]
     symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
 
-    def expressions(kind: str, key: str) -> list[sp.Expr]:
+    def expressions(kind: str, key: str) -> list[Fold]:
         """Those under `key` in every table of a kind."""
         entries = groups[kind].items()
-        return [named(file, f"{kind}.{name}.{key}", parse, _text(entry[key]), symbols) for name, entry in entries]
+        return [
+            named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols) for name, entry in entries
+        ]
 
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
-    plant = named(file, "", System, table["name"], flow=flow, output=output, **signals)
-    return PlainModel(
-        file,
-        plant,
-        table.get("meaning", ""),
-        table.get("reference", ""),
-        *(MappingProxyType(table.get(key, {})) for key in ("known", "observer", "trial")),
-    )
+    readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
+    plant = named(file, "", System, table["name"], **readings, **signals)
+    known, observer, trial = (MappingProxyType(table.get(key, {})) for key in ("known", "observer", "trial"))
+    folds = tuple(one for one in (*flow, *output) if one.lost)
+    told = (table.get("meaning", ""), table.get("reference", ""))
+    return PlainModel(file, plant, *told, known, observer, trial, folds)
 
 
 def _toml(text: str) -> Any:

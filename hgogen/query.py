@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from numbers import Rational, Real
 from typing import Any
@@ -11,8 +11,11 @@ import sympy as sp
 
 from hgogen import bounds
 from hgogen.bounds import LIMIT, Box, End, Range, Sign, box
+from hgogen.check import Verdict
+from hgogen.door import limits, scalar
 from hgogen.errors import HgogenError
-from hgogen.expression import parse
+from hgogen.expression import read
+from hgogen.folding import Fold
 from hgogen.system import System
 
 
@@ -43,32 +46,46 @@ class BadRange(HgogenError):
 
 def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
     """The range of an expression, rigorous on the whole closed box, wider than the true one by at most `relative` of
-    its width, or its `note` says why.
+    its width, or its `note` says why; so it does of a text from which SymPy folded away places without a value.
 
     Args: `expression`: SymPy, or text in the names of the box, read by the grammar of plain-text models; `where`: a
     plant, for the box of its declared ranges, parameters without a range at their values, outputs standing for their
     equations, or a mapping from symbols or names to closed ranges (low, high), exact or float, infinite if unbounded.
 
-    Raises: `BadExpression` for text outside the grammar; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function
-    without a rule.
+    Raises: `BadExpression` for text outside the grammar; `Misfit` for what is no expression, and for limits out of
+    range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function without a rule.
     """
-    return bounds.bound(*_question(expression, where), boxes=boxes, relative=relative)
+    limits("bound", boxes, relative)
+    asked, box, folded = _question("bound", expression, where)
+    found = bounds.bound(asked, box, boxes=boxes, relative=relative)
+    return replace(found, defined=False, note="; ".join(filter(None, (folded, found.note)))) if folded else found
 
 
 def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign:
-    """Whether an expression is finite and has one sign on the whole closed box; arguments and errors as of `bound`."""
-    return bounds.nonzero(*_question(expression, where), boxes=boxes)
+    """Whether an expression is finite and has one sign on the whole closed box; arguments and errors as of `bound`.
+
+    Of a text from which SymPy folded away places of the box without a value it is not proved.
+    """
+    limits("nonzero", boxes)
+    asked, box, folded = _question("nonzero", expression, where)
+    found = bounds.nonzero(asked, box, boxes=boxes)
+    if folded and found.verdict is Verdict.PROVED:
+        return replace(found, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded)
+    return found
 
 
-def _question(given: Any, where: System | Box) -> tuple[sp.Expr, Box]:
+def _question(what: str, given: Any, where: System | Box) -> tuple[sp.Expr, Box, str]:
+    """The expression, the box, and what the text says otherwise than its expression, or ""."""
     plant = where if isinstance(where, System) else None
     around = _declared(plant) if plant else _given(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
     names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
-    expression = parse(given, names) if isinstance(given, str) else sp.sympify(given)
+    fold = read(given, names) if isinstance(given, str) else Fold("", scalar(given, what), ())
+    expression = fold.reading
     for symbol in sorted(expression.free_symbols - {*around, *equations}, key=str):
         raise NotInBox(str(symbol), tuple(names), symbol.name in names)
-    return expression.xreplace(equations), around
+    written = replace(fold, lost=tuple(one._replace(of=one.of.xreplace(equations)) for one in fold.lost))
+    return expression.xreplace(equations), around, written.on(around)
 
 
 def _declared(plant: System) -> Box:
