@@ -30,7 +30,7 @@ from hgogen.points import kind
 from hgogen.rank import observability
 from hgogen.several import cascade
 from hgogen.singular_set import singular_set
-from hgogen.slope import JUMPS, lipschitz_bound
+from hgogen.slope import lipschitz_bound
 
 FIELDS = (
     *("observable_params_known", "observable_joint", "rank_params_known", "rank_joint", "seconds", "triangular"),
@@ -184,12 +184,8 @@ def _bent(chains: Chains, entry: Entry) -> bool | None:
     links = [link for chain in chains.links for link in chain]
     kept = _signed(map(_slope, links), entry)
     if kept:
-        return None if any(map(_jumps, links)) else True
+        return None if any(link.jumps for link in links) else True
     return kept if entry.boxed else None
-
-
-def _jumps(link: Link) -> bool:
-    return not link.affine and any(node.has(link.state) for node in link.row.atoms(*JUMPS))
 
 
 def _slope(link: Link) -> sp.Expr:

@@ -19,6 +19,7 @@ import sympy as sp
 from hgogen.box import box
 from hgogen.identity import Box, dependence, free_of, is_zero
 from hgogen.points import put
+from hgogen.slope import JUMPS
 from hgogen.system import System
 
 Answer = tuple[bool | None, str]
@@ -90,6 +91,12 @@ class Link:
     slope: sp.Expr
     moves: bool | None
 
+    @property
+    def jumps(self) -> str:
+        """A part in which the row may jump in its state, which its slope does not see; "" without."""
+        rough = () if self.affine else (str(node) for node in self.row.atoms(*JUMPS) if node.has(self.state))
+        return min(rough, default="")
+
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
         """Whether the row has the shape, and what is wrong; `measured` is z_1 where a gain may vary with it."""
         if shape is Shape.UNIFORM:
@@ -98,7 +105,7 @@ class Link:
         varies = [x for x in self.varies if x not in allowed]
         doubtful = [x for x in self.may_vary if x not in allowed]
         where = f"{self.name} brings in {self.state}"
-        if varies:
+        if varies and (self.affine is not False or self.slope.has(*varies)):
             text = f" with a slope that varies with {listed(varies)}, {self.slope}; it may vary with {shape.value}"
             return False, where + text
         if self.affine is False:

@@ -650,3 +650,22 @@ def test_a_gain_of_the_measured_state_counts_as_b_does(gain: Callable[[sp.Expr],
     assert found["triangular.a_2"].verdict is Verdict.PROVED
     assert found["triangular.lipschitz"].verdict is verdict
     assert found["triangular.lipschitz"].claim.startswith("b, with the a_i(z_1) z_i, is Lipschitz")
+
+
+# --- steps ----------------------------------------------------------------------------------------------------
+
+
+def test_a_slope_does_not_see_a_jump() -> None:
+    """x2 - 1 and x2, one above the other: x2 = 1 and x2 = 0 give the same rate, though each branch has the slope 1."""
+    stepped = sp.Piecewise((X2 - 1, X2 > 0), (X2, True))
+    check = verdicts_of(forms.uniform(plant([stepped, -X1])))["uniform.slope_2"]
+    assert check.verdict is Verdict.UNKNOWN
+    assert check.reason.startswith("x1' may jump with x2, at a step of Piecewise")
+    why = verdicts_of(forms.triangular(plant([stepped, -X1])))["triangular.structure"].reason
+    assert why == "x1' brings in x2 in a way that is not linear"
+    kinked = verdicts_of(forms.uniform(plant([X2 + sp.Abs(X2) / 2, -X1])))["uniform.slope_2"]
+    assert kinked.verdict is Verdict.PROVED
+
+
+def verdicts_of(form: Form) -> dict[str, Check]:
+    return {check.id: check for check in form.checks}

@@ -17,7 +17,7 @@ H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable sys
 from dataclasses import dataclass
 
 from hgogen.apart import apart
-from hgogen.chain import Chains, Shape, levelwise, of_plant
+from hgogen.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.check import Check, Verdict
 from hgogen.coordinates import coordinates, split
 from hgogen.errors import HgogenError
@@ -78,8 +78,18 @@ def _structure(verdict: Verdict, why: str) -> Check:
 
 def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
     (links,) = chains.links
-    slopes = [apart(f"uniform.slope_{i}", _name(i), link.slope, plant) for i, link in enumerate(links, 1)]
+    slopes = [_slope(i, link, plant) for i, link in enumerate(links, 1)]
     return (*slopes, lipschitz("uniform.lipschitz", (*plant.flow, *plant.output), plant, "F with the output"))
+
+
+def _slope(i: int, link: Link, plant: System) -> Check:
+    """The slope keeps off zero; it is not known of a row that may jump, which is not one-to-one for its slope alone."""
+    check = apart(f"uniform.slope_{i}", _name(i), link.slope, plant)
+    if check.verdict is not Verdict.PROVED or not link.jumps:
+        return check
+    reason = f"{link.name} may jump with {link.state}, at a step of {link.jumps}, where it has no slope"
+    fix = f"Narrow the range of {link.state} to one branch, or smooth the step."
+    return Check(check.id, check.claim, Verdict.UNKNOWN, reason, fix=fix)
 
 
 def _name(i: int) -> str:
