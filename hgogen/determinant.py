@@ -11,12 +11,15 @@ import flint
 import sympy as sp
 
 from hgogen.angles import degrees, even, factored
+from hgogen.branches import branches
 from hgogen.echelon import SURE_BITS, Blurred, new_rows
 from hgogen.elimination import Elimination, Product, Work, cleared
 from hgogen.field import Field, field
+from hgogen.minors import expanded
 from hgogen.points import exact
 from hgogen.pointwise import values
 from hgogen.powers import Power, powers, split
+from hgogen.quotient import Quotient
 from hgogen.rewrite import TooLarge, Writer
 from hgogen.tape import tape
 from hgogen.zero_set import alive, zero_set
@@ -47,25 +50,37 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     for e in entries:
         writer.measure(e)
     made, found = field(writer, [writer.write(e) for e in entries])
-    n = len(rows)
-    elimination = Elimination(made, Work([limit]))
-    product: Product = []
-    for k in range(n):
-        common, (row,) = cleared([found[k * n : (k + 1) * n]])
-        try:
-            _, scales = elimination.added(row)
-        except ZeroDivisionError:
-            return Determinant(sp.S.Zero, (sp.S.Zero,))
-        product += [(e, -power) for e, power in ((common, 1), *scales)]
-        product.append((elimination.pivot, 1))
+    matrix = [found[k * len(rows) : (k + 1) * len(rows)] for k in range(len(rows))]
+    try:
+        product = (_expanded if branches(made) else _eliminated)(made, matrix, Work([limit]))
+    except ZeroDivisionError:
+        return Determinant(sp.S.Zero, (sp.S.Zero,))
     if not alive(made, product):
         raise TooLarge("what the functions of a matrix have to do with each other")
     number, parts = powers(made, product)
     if sum(len(one.polynomial) for one in parts) > _TERMS:
         raise TooLarge("the determinant")
-    return Determinant(
-        (-number if elimination.odd else number) * _value(made, parts), zero_set(made, split(made, parts))
-    )
+    return Determinant(number * _value(made, parts), zero_set(made, split(made, parts)))
+
+
+def _eliminated(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> Product:
+    """Raises: `ZeroDivisionError` where it is 0."""
+    elimination = Elimination(made, work)
+    product: Product = []
+    for entries in matrix:
+        common, (row,) = cleared([entries])
+        _, scales = elimination.added(row)
+        product += [(e, -power) for e, power in ((common, 1), *scales)]
+        product.append((elimination.pivot, 1))
+    return [*product, (made.ring.constant(-1 if elimination.odd else 1), 1)]
+
+
+def _expanded(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> Product:
+    """Raises: `ZeroDivisionError` where it is 0."""
+    top, bottom = expanded(made, matrix, work)
+    if top.is_zero():
+        raise ZeroDivisionError
+    return [(top, 1), (bottom, -1)]
 
 
 def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:

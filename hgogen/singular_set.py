@@ -5,6 +5,7 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.branches import ROUGH, branches
 from hgogen.codistribution import Row, product
 from hgogen.echelon import believe_zeros, new_rows
 from hgogen.powers import powers, split
@@ -16,7 +17,6 @@ from hgogen.tower import Tower, tower
 from hgogen.zero_set import alive, zero_set
 
 LIMIT = 300_000  # products of terms of the elimination
-_ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
 
 
 def singular_set(
@@ -32,17 +32,20 @@ def singular_set(
     rows are taken until they have rank n; whether all outputs come before the next derivative, or all derivatives
     before the next output, must make no difference. Parameters are symbols, and a factor of them is one.
 
-    None: no answer, because it does make one, for a function with kinks, or beyond `limit` products of terms.
+    None: no answer, because it does make one, for a function with kinks, roots that depend on each other, or beyond
+    `limit` products of terms.
     """
     off = dict.fromkeys(inputs, sp.S.Zero)
     drift, h = ([sp.sympify(e).subs(off) for e in rows] for rows in (flow, output))
-    if any(e.has(*_ROUGH) for e in (*drift, *h)):
+    if any(e.has(*ROUGH) for e in (*drift, *h)):
         return None
     try:
         choices = _choices(drift, h, states)
         if any(len(rows) < len(states) for rows in choices):
             return "all"
         plant = tower(drift, h, states)
+        if branches(plant.field):
+            return None
         found = {_zero_set(plant, rows, limit) for rows in _different(choices)}
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
