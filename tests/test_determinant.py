@@ -1,0 +1,84 @@
+"""The value of a determinant, against the expansion in numbers at real points, where roots are real branches."""
+
+import random
+from typing import Any
+
+import mpmath
+import pytest
+import sympy as sp
+
+from hgogen.bounds import nonzero
+from hgogen.check import Verdict
+from hgogen.determinant import determinant
+
+V, W = sp.symbols("v w", real=True)
+SQUARE, OTHER = sp.expand((W - 1) ** 2), sp.expand((V - W) ** 2)
+POLYNOMIALS = [sp.S.Zero, sp.S.One, V, W, V - W, 1 - W]
+ROOTS = [
+    *(sp.sqrt(1 - W), sp.sqrt((1 - W) * (2 - W)), sp.sqrt(V * W), 1 / sp.sqrt(3 - V), sp.cbrt(1 - W), sp.cbrt(V**2)),
+    *(sp.sqrt(SQUARE), OTHER ** sp.Rational(1, 4), sp.Abs(W), sp.Abs(1 - V), sp.sqrt(sp.Abs(W)), sp.sqrt(V**2 + W**2)),
+]
+HALVES = [W + sp.Abs(W), sp.Abs(V) - V, sp.sqrt(SQUARE) + W - 1, sp.sqrt(SQUARE) - W + 1, sp.sqrt(SQUARE), sp.Abs(W)]
+KINDS = {"roots": (POLYNOMIALS + ROOTS, (1, 2, 2, 3), 60), "kinks": (POLYNOMIALS + HALVES, (3, 4), 25)}
+
+
+def expansion(rows: list[list[Any]]) -> Any:
+    """By the first row."""
+    if not rows:
+        return mpmath.mpf(1)
+    return sum(
+        (-1) ** j * entry * expansion([[*row[:j], *row[j + 1 :]] for row in rows[1:]])
+        for j, entry in enumerate(rows[0])
+    )
+
+
+def numbers(e: Any, point: list[Any]) -> Any:
+    """None where something is not a finite real number."""
+    try:
+        found = sp.lambdify((V, W), e, "mpmath")(*point)
+    except ZeroDivisionError:
+        return None
+    flat = [x for row in found for x in row] if isinstance(found, list) else [found]
+    return None if any(mpmath.im(x) != 0 or not mpmath.isfinite(x) for x in map(mpmath.mpmathify, flat)) else found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_value_is_the_determinant_at_every_real_point(kind: str) -> None:
+    entries, sizes, count = KINDS[kind]
+    draw, met = random.Random(5), 0
+    with mpmath.workdps(40):
+        for _ in range(count):
+            n = draw.choice(sizes)
+            rows = [[draw.choice(entries) for _ in range(n)] for _ in range(n)]
+            value = determinant(rows).value
+            for _ in range(6):
+                point = [mpmath.mpf(draw.randint(-300, 300)) / 101 for _ in range(2)]
+                there = numbers(rows, point)
+                if there is not None:
+                    known, found = expansion(there), numbers(value, point)
+                    assert found is not None, (rows, value, point)
+                    assert abs(found - known) <= 1e-25 * (1 + abs(known)), (rows, value, point)
+                    met += 1
+    assert met > 3 * count
+
+
+@pytest.mark.parametrize(
+    ("e", "value"),
+    [
+        *((e, e) for e in ROOTS),
+        (V * W / sp.sqrt(V * W), sp.sqrt(V * W)),
+        ((1 - W) / sp.sqrt(1 - W), sp.sqrt(1 - W)),
+        (sp.sqrt(1 + sp.cos(W)), sp.sqrt(1 + sp.cos(W))),
+        (sp.Abs(sp.sin(W)), sp.Abs(sp.sin(W))),
+        (sp.sqrt(1 - W) ** 3, sp.sqrt(1 - W) ** 3),
+    ],
+)
+def test_a_root_stays_whole(e: sp.Expr, value: sp.Expr) -> None:
+    assert sp.simplify(determinant([[e]]).value - sp.expand(value)) == 0
+
+
+@pytest.mark.parametrize("e", [sp.sqrt(1 - W), sp.sqrt(1 - W**2), SQUARE ** sp.Rational(1, 4), 2 + sp.sqrt(sp.Abs(W))])
+def test_what_has_no_zero_is_not_refuted(e: sp.Expr) -> None:
+    """On [-0.9, 0.5]; a row before it brings in a pole that cancels."""
+    value = determinant([[1, 0], [V * e.diff(W), e]]).value
+    assert nonzero(value, {V: (-2, 2), W: (-0.9, 0.5)}).verdict is Verdict.PROVED
