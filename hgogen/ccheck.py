@@ -14,12 +14,14 @@ CMSIS = 160
 
 _TEXT = Template("""
 /*
- * Self-check of $name.c: $count recorded samples, a missing, an absurd, a lost and an excessive one among them.
+ * Self-check of $name.c: $count recorded samples,
+ * a missing, an absurd, a lost and an excessive one among them.
  * ${name}_check() returns 0, or the number of the first sample that differs. Define
- *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off; without it other roundings, as of
- *   ${blank}          libm or of contraction, are allowed for
+ *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off;
+ *   ${blank}          without it other roundings, of libm or of contraction, are allowed for
  *   ${upper}_NO_MAIN  to call it from firmware
  */
+#include <math.h>
 #include <stdbool.h>
 #ifndef ${upper}_NO_MAIN
 #include <stdio.h>
@@ -62,8 +64,7 @@ static bool ${name}_near($real have, unsigned k, unsigned i)
 unsigned ${name}_check(void)
 {
     unsigned bad = 0u;
-    volatile $real zero = $zero;
-    const $real none = zero/zero;
+    const $real none = ($real)NAN;
 $locals
     ${name}_init(&s, &p);
 $start
@@ -113,7 +114,6 @@ def check(step: Step, real: Real) -> list[str]:
         expected=_block([f"{value}u" for value in vectors.status]),
         tolerance=", ".join(literal(float(value), real) for value in vectors.tolerance),
         cmsis=literal(CMSIS, real),
-        zero=literal(0, real),
         locals="\n".join(indented(_locals(step))),
         start="\n".join(indented(_start(step, real))),
         fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),

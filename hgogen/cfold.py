@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Iterable
 
 COLUMNS = 110
+_GLUE = "\0"  # a blank at which no line is broken
 _BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\|) )")
 
 
@@ -30,7 +31,9 @@ def _fold(line: str) -> list[str]:
 
 
 def _filled(text: str, indent: str, hanging: str) -> list[str]:
-    return textwrap.wrap(text, COLUMNS, initial_indent=indent, subsequent_indent=indent + hanging)
+    text = re.sub(r" \*/$", f"{_GLUE}*/", text)  # the end of a comment stays with its last word
+    lines = textwrap.wrap(text, COLUMNS, initial_indent=indent, subsequent_indent=indent + hanging)
+    return [line.replace(_GLUE, " ") for line in lines]
 
 
 def _broken(line: str, indent: int) -> list[str]:

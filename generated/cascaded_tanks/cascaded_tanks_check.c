@@ -1,12 +1,12 @@
 /*
- * Self-check of cascaded_tanks.c: 64 recorded samples, a missing, an absurd, a lost and an excessive one
- * among them.
+ * Self-check of cascaded_tanks.c: 64 recorded samples,
+ * a missing, an absurd, a lost and an excessive one among them.
  * cascaded_tanks_check() returns 0, or the number of the first sample that differs. Define
- *   CASCADED_TANKS_EXACT    to ask for every bit: bundled functions, -ffp-contract=off; without it other
- *     roundings, as of
- *                           libm or of contraction, are allowed for
+ *   CASCADED_TANKS_EXACT    to ask for every bit: bundled functions, -ffp-contract=off;
+ *                           without it other roundings, of libm or of contraction, are allowed for
  *   CASCADED_TANKS_NO_MAIN  to call it from firmware
  */
+#include <math.h>
 #include <stdbool.h>
 #ifndef CASCADED_TANKS_NO_MAIN
 #include <stdio.h>
@@ -178,8 +178,7 @@ static bool cascaded_tanks_near(float have, unsigned k, unsigned i)
 unsigned cascaded_tanks_check(void)
 {
     unsigned bad = 0u;
-    volatile float zero = 0.0f;
-    const float none = zero/zero;
+    const float none = (float)NAN;
     cascaded_tanks_state s;
     cascaded_tanks_params p;
     cascaded_tanks_input in;

@@ -100,8 +100,8 @@
 /* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
  * and the declared range. */
 #define FITZHUGH_NAGUMO_REJECTED_y         0x0002u
-/* u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the input.
- * */
+/* u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
+ * input. */
 #define FITZHUGH_NAGUMO_REUSED_u           0x0004u
 /* u was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
 #define FITZHUGH_NAGUMO_CLAMPED_u          0x0008u

@@ -1,12 +1,12 @@
 /*
- * Self-check of fitzhugh_nagumo.c: 64 recorded samples, a missing, an absurd, a lost and an excessive one
- * among them.
+ * Self-check of fitzhugh_nagumo.c: 64 recorded samples,
+ * a missing, an absurd, a lost and an excessive one among them.
  * fitzhugh_nagumo_check() returns 0, or the number of the first sample that differs. Define
- *   FITZHUGH_NAGUMO_EXACT    to ask for every bit: bundled functions, -ffp-contract=off; without it other
- *     roundings, as of
- *                            libm or of contraction, are allowed for
+ *   FITZHUGH_NAGUMO_EXACT    to ask for every bit: bundled functions, -ffp-contract=off;
+ *                            without it other roundings, of libm or of contraction, are allowed for
  *   FITZHUGH_NAGUMO_NO_MAIN  to call it from firmware
  */
+#include <math.h>
 #include <stdbool.h>
 #ifndef FITZHUGH_NAGUMO_NO_MAIN
 #include <stdio.h>
@@ -179,8 +179,7 @@ static bool fitzhugh_nagumo_near(float have, unsigned k, unsigned i)
 unsigned fitzhugh_nagumo_check(void)
 {
     unsigned bad = 0u;
-    volatile float zero = 0.0f;
-    const float none = zero/zero;
+    const float none = (float)NAN;
     fitzhugh_nagumo_state s;
     fitzhugh_nagumo_params p;
     fitzhugh_nagumo_input in;

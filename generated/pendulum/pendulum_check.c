@@ -1,12 +1,12 @@
 /*
- * Self-check of pendulum.c: 64 recorded samples, a missing, an absurd, a lost and an excessive one among
- * them.
+ * Self-check of pendulum.c: 64 recorded samples,
+ * a missing, an absurd, a lost and an excessive one among them.
  * pendulum_check() returns 0, or the number of the first sample that differs. Define
- *   PENDULUM_EXACT    to ask for every bit: bundled functions, -ffp-contract=off; without it other roundings,
- *     as of
- *                     libm or of contraction, are allowed for
+ *   PENDULUM_EXACT    to ask for every bit: bundled functions, -ffp-contract=off;
+ *                     without it other roundings, of libm or of contraction, are allowed for
  *   PENDULUM_NO_MAIN  to call it from firmware
  */
+#include <math.h>
 #include <stdbool.h>
 #ifndef PENDULUM_NO_MAIN
 #include <stdio.h>
@@ -178,8 +178,7 @@ static bool pendulum_near(float have, unsigned k, unsigned i)
 unsigned pendulum_check(void)
 {
     unsigned bad = 0u;
-    volatile float zero = 0.0f;
-    const float none = zero/zero;
+    const float none = (float)NAN;
     pendulum_state s;
     pendulum_params p;
     pendulum_input in;
