@@ -169,6 +169,7 @@ def checks(id: str, theta: float, found: ThetaBound | Nothing) -> tuple[Check, C
     convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof, proofs=proofs)
     if Fraction(theta) > found.theta:
         rate = f"above {up(found.theta)}; the error decays at least like exp(-{down(found.rate(theta), 2)} t)"
+        rate += " while the estimate keeps to its outer box"
         return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate)
     low = f"not shown: {theta:g} is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
     return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix="Raise theta, or validate by trials.")

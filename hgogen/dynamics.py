@@ -16,6 +16,7 @@ import sympy as sp
 
 from hgogen.box import box
 from hgogen.determinant import determinant
+from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.glance import contains_zero, enclose
 from hgogen.graph import to_casadi
@@ -24,6 +25,21 @@ from hgogen.signal import Signal, resting
 
 # A value beyond this is absurd in any unit; its square still is a float.
 HUGE = 1e15
+
+
+@dataclass(eq=False)
+class Singular(HgogenError):
+    """A model whose Jacobian is not finite at a point of the declared box, where an observer may evaluate it."""
+
+    system: str
+    point: dict[str, float]
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{name} = {value:g}" for name, value in self.point.items())
+        return (
+            f"the Jacobian of {self.system} has numbers that are not finite at {at}, a point of the declared box; "
+            "narrow the ranges so that they stay away from there"
+        )
 
 
 def clamp(value: Any, low: float, high: float) -> Any:
@@ -126,10 +142,18 @@ class Dynamics:
         inputs.
 
         Parameters are nominal; where a signal has no range the sample is its nominal value, or 0.
+
+        Raises: `Singular` where one of them is not finite.
         """
         points = self._points(samples, seed)
         F = self._numbers(self.jacobian(self._z, self._u), points)
-        return F, self._numbers(self.output_jacobian(self._z, self._u), points)
+        H = self._numbers(self.output_jacobian(self._z, self._u), points)
+        finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
+        if not finite.all():
+            names = [s.name for s in (*self.form.states, *self.form.system.inputs)]
+            point = points[int(np.argmin(finite))]
+            raise Singular(self.form.system.name, dict(zip(names, point.tolist(), strict=True)))
+        return F, H
 
     def _points(self, samples: int, seed: int = 1) -> np.ndarray:
         """Middle of the box, corners and random points, (1 + 2 samples, n + m)."""

@@ -9,7 +9,8 @@ nonlinear systems", IEEE Trans. Automatic Control 26 (1981), theorem 4.
 
 The gradients come from power series at a random point, their slope along g from the same series at the point moved
 along g, in numbers modulo the square of a prime (or with balls): no Lie derivative is written out. A span that is
-left at one point is left almost everywhere; one that is kept is tried at several points.
+left at one point is left almost everywhere; one that is kept, or a rank below n, is tried at several points: that is
+no proof. The theorem is of every real input: it does not know of declared ranges.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,6 +27,8 @@ from hgogen.series import Arithmetic, Plant, Point, evaluate, first_gradients
 from hgogen.system import System
 
 POINTS = 3
+RANGES_APART = "for every real input, ranges apart"
+_INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
 
 
 @dataclass(frozen=True)
@@ -33,11 +36,20 @@ class UniformObservability:
     """`answer`: True or False where the test applies; None where it does not, or cannot be decided; why, in `reason`.
 
     `applies`: whether the plant has one output, an input, a flow affine in the inputs, an output free of them.
+    `shown`: whether a False is more than what ranks at random points say.
     """
 
     answer: bool | None
     applies: bool
     reason: str
+    shown: bool = True
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the claim that the plant is observable, for every real input, ranges apart."""
+        if self.answer is None or not (self.answer or self.shown):
+            return Verdict.UNKNOWN
+        return Verdict.GENERIC if self.answer else Verdict.REFUTED
 
 
 def gauthier_bornard(
@@ -47,15 +59,19 @@ def gauthier_bornard(
 
     Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
     """
-    flow, output, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, inputs))
+    flow, output, states, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, states, inputs))
     plant, _ = plant_of(flow, output, states, inputs)
     outside = _outside(flow, output, inputs)
     if outside is not None:
         return outside
+    ranks = []
     for k in range(POINTS):
-        left = somewhere(plant, lambda numbers, point: _left(plant, inputs, numbers, point), first=k, power=2)
+        rank, left = somewhere(plant, lambda numbers, point: _left(plant, inputs, numbers, point), first=k, power=2)
         if left:
             return UniformObservability(False, True, left)
+        ranks.append(rank)
+    if max(ranks) < plant.n:
+        return _deficient(max(ranks), flow, output[0], states, inputs)
     if branches(plant):
         return UniformObservability(None, True, f"it holds at {POINTS} points, but on one branch of {branches(plant)}")
     kind = "modulo primes" if exact_numbers(plant) else "with balls"
@@ -72,8 +88,8 @@ def of_plant(plant: System) -> UniformObservability:
 def uniformly_observable(plant: System) -> Check:
     """The test as a `Check`; unknown where it does not apply."""
     found = of_plant(plant)
-    verdict = {True: Verdict.GENERIC, False: Verdict.REFUTED, None: Verdict.UNKNOWN}[found.answer]
-    return Check("gauthier_bornard", "observable whatever the input, on an open dense set", verdict, found.reason)
+    claim = f"observable on an open dense set, {RANGES_APART}"
+    return Check("gauthier_bornard", claim, found.verdict, found.reason)
 
 
 def _outside(
@@ -106,8 +122,26 @@ def _zero(e: sp.Expr) -> bool | None:
     return verdict
 
 
-def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> str:
-    """Which condition fails at this point; "" if none does."""
+def _deficient(
+    rank: int, flow: Sequence[sp.Expr], output: sp.Expr, states: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]
+) -> UniformObservability:
+    """A rank below n: shown by states that, without input, no derivative of the output reads; else by random points
+    alone."""
+    n = len(states)
+    reason = f"without input, d(h, .., L_f^{n - 1} h) has rank {rank} of {n}"
+    drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
+    seen = [x for x in states if x in output.free_symbols]
+    for x in seen:  # the list grows while it is read
+        seen += [other for other in states if other in drift[x].free_symbols and other not in seen]
+    hidden = [x for x in states if x not in seen]
+    if not hidden or any(rate.has(*_INFINITE) for rate in drift.values()):
+        return UniformObservability(False, True, f"{reason} at {POINTS} random points, which is no proof", shown=False)
+    zero, names = " = ".join((*map(str, inputs), "0")), ", ".join(map(str, hidden))
+    return UniformObservability(False, True, f"{reason}: {zero} hides {names}")
+
+
+def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, str]:
+    """The rank at this point, at most n, and which span is left there where it is n; "" if none is."""
     n, prime = plant.n, modulus(numbers)
     point = replace(point, inputs=lambda j, order: [0] * order)
     rows = first_gradients(plant, numbers, point, n)
@@ -115,7 +149,7 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
     rank = len(new_rows(flat, prime))
     if rank < n:
         believe_zeros(prime)
-        return f"without input, d(h, .., L_f^{n - 1} h) has rank {rank} of {n}"
+        return rank, ""
     drift, bend = _field(plant, numbers, point, None)
     for j, u in enumerate(inputs):
         driven, tilt = _field(plant, numbers, point, j)
@@ -127,9 +161,9 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
             tilted = (row * slope).entries()
             new = [numbers.reduced(a + numbers.reduced(b)) for a, b in zip(turn, tilted, strict=True)]
             if i + 1 in new_rows([*flat[: i + 1], new], prime):
-                return f"d(L_g L_f^{i} h), g of {u}, leaves the span of dh, .., d L_f^{i} h"
+                return rank, f"d(L_g L_f^{i} h), g of {u}, leaves the span of dh, .., d L_f^{i} h"
     believe_zeros(prime)
-    return ""
+    return rank, ""
 
 
 def _field(plant: Plant, numbers: Arithmetic, point: Point, j: int | None) -> tuple[list[Any], Any]:

@@ -2,10 +2,10 @@
 
     W(t, d) = integral_t^(t+d) Phi' C' C Phi ds,   Phi' = (df/dx) Phi,  Phi(t) = I,  C = dh/dx
 
-along x(t), u(t). Its smallest eigenvalue is what the window's innovation, the integral of |y - yhat|^2, is at least for
-a small initial error of length 1; the eigenvector is the direction that shows least. It carries the units of the
-states: it compares windows, and directions of states of like size. Source: N. Boizot, E. Busvelle, J.-P. Gauthier,
-Automatica 46 (2010), the innovation and its lemma on observability over a window.
+along x(t), u(t). The window's innovation, the integral of |y - yhat|^2, of an initial error e is e' W e + o(|e|^2): to
+first order at least the smallest eigenvalue times |e|^2; the eigenvector is the direction that shows least. It carries
+the units of the states: it compares windows, and directions of states of like size. Source: N. Boizot, E. Busvelle,
+J.-P. Gauthier, Automatica 46 (2010), the innovation and its lemma on observability over a window.
 """
 
 from collections.abc import Iterable

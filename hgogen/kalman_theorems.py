@@ -34,6 +34,15 @@ _EXISTENTIAL = "the theorem's constants are existential: no number is known to b
 _ANYWHERE = "the estimate converges exponentially from any initial state"
 
 
+_OPERATION = (
+    *OPERATION,
+    Hypothesis(
+        "the covariance does not touch its cap",
+        reason="watch the status COVARIANCE_LIMITED: the cap is no part of the Riccati equation",
+    ),
+)
+
+
 def _large(claim: str, reference: str) -> Hypothesis:
     return Hypothesis(claim, verdict=Verdict.UNKNOWN, reason=_EXISTENTIAL, reference=reference)
 
@@ -48,13 +57,13 @@ KALMAN = Theorem(
             reason="how small is not known: " + _EXISTENTIAL,
             reference="(18)",
         ),
-        *OPERATION,
+        *_OPERATION,
     ),
     "Boizot, Busvelle, Gauthier, Automatica 46 (2010), local inequality (17)",
 )
 HIGH_GAIN = Theorem(
     f"{_ANYWHERE}, for theta large enough",
-    (*FORM, *_BUILT, _large("theta is large enough", "(16)"), *OPERATION),
+    (*FORM, *_BUILT, _large("theta is large enough", "(16)"), *_OPERATION),
     "Boizot, Busvelle, Gauthier, Automatica 46 (2010), global inequality (16); Gauthier, Kupka 2001, chapter 6",
 )
 DECAYING = Theorem(
@@ -62,8 +71,15 @@ DECAYING = Theorem(
     (
         *FORM,
         *_BUILT,
+        Hypothesis(
+            "R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1",
+            verdict=Verdict.UNKNOWN,
+            reason="here R/theta and theta Delta^-1 Q Delta^-1: with S/theta for the theorem's S the same observer at "
+            "constant theta; while theta decays, S' here has the term rate (theta - 1)/theta S more",
+            reference="the modified extended Kalman filter",
+        ),
         _large("0 < rate <= lambda_0, and theta_0 large enough for that rate", "theorem"),
-        *OPERATION,
+        *_OPERATION,
     ),
     "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides), theorem",
 )
@@ -78,8 +94,8 @@ ADAPTIVE = Theorem(
             reason="by the exact flow of its law",
             reference="(4), (5)",
         ),
-        _large("d, Delta T small, theta_1 large, lambda and gamma_1 small enough", "theorem 5, (18), (21)"),
-        *OPERATION,
+        _large("d, Delta T small, theta_1 large, lambda > 0 and gamma_1 small enough", "theorem 5, (18), (21)"),
+        *_OPERATION,
     ),
     "Boizot, Busvelle, Gauthier, Automatica 46 (2010), theorem 5",
 )
@@ -98,13 +114,19 @@ LOGISTIC = Hypothesis(
 )
 WINDOW = Hypothesis(
     "the innovation is an integral over the last d seconds",
-    verdict=Verdict.PROVED,
-    reason="as a sum over the samples",
+    verdict=Verdict.UNKNOWN,
+    reason="it is a sum over the samples, of a model run by a method with the step dt",
     reference="(4)",
 )
 STAGGERED = Hypothesis(
     "the innovation is an integral over the last d seconds",
     verdict=Verdict.UNKNOWN,
-    reason="M staggered predictors look back over d to d (1 + 1/M) seconds",
+    reason="it is a sum over the samples, and M staggered predictors look back over d to d (1 + 1/M) seconds",
     reference="(4)",
+)
+OTHER_COORDINATES = Hypothesis(
+    "the filter works in the coordinates z = Phi(x)",
+    verdict=Verdict.REFUTED,
+    reason="it stays in the plant's, where z_i' = a_(i+1) z_(i+1) + b_i is not shown",
+    reference="(3)",
 )

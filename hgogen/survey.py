@@ -1,7 +1,7 @@
 """Which observability forms a plant is in, on its declared box, in which order of states, and why not in the others.
 
-Every form of the folder `forms` is asked, each in its variants, and the test of Gauthier and Bornard. What one says of
-the plant as a whole is the worst of what its checks say.
+Every form of the folder `forms` is asked, each in its variants, and the test of Gauthier and Bornard, which is of every
+real input and does not know of the box. What one says of the plant as a whole is the worst of what its checks say.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,7 +15,7 @@ from hgogen import forms
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.gauthier_bornard import of_plant
+from hgogen.gauthier_bornard import RANGES_APART, of_plant
 from hgogen.system import System
 
 DEAR = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
@@ -151,7 +151,8 @@ def _order(form: Form) -> tuple[str, ...]:
 
 def _gauthier_bornard(plant: System) -> Row:
     found = of_plant(plant)
-    verdict = {True: Verdict.GENERIC, False: Verdict.REFUTED, None: Verdict.UNKNOWN}[found.answer]
-    why = {True: "uniformly observable: ", False: "some input hides a state: ", None: ""}[found.answer]
-    why = f"{why}{found.reason}" if found.applies else f"does not apply: {found.reason}"
-    return Row("Gauthier-Bornard", verdict if found.applies else None, (), why)
+    if not found.applies:
+        return Row("Gauthier-Bornard", None, (), f"does not apply: {found.reason}")
+    told = {Verdict.GENERIC: "uniformly observable: ", Verdict.REFUTED: "some input hides a state: "}
+    said = told.get(found.verdict, "")
+    return Row("Gauthier-Bornard", found.verdict, (), f"{RANGES_APART}, {said}{found.reason}")

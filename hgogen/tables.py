@@ -280,8 +280,9 @@ def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
         (low, high), (name, share) = one.range, one.weakest
         table.add_row(f"{one.d:g}", f"{low:.2g} .. {high:.2g}", f"{one.median:.2g}", name, f"{share:.0%}")
     advice = (
-        "The innovation of an initial error of length 1 is at least the smallest eigenvalue: take a window at which an "
-        "error that matters stands out of sigma^2 d, the innovation of the noise."
+        "The innovation of a small initial error, per its squared length, is at least the smallest eigenvalue, to "
+        "first order: take a window at which an error that matters stands out of sigma^2 d, the innovation of the "
+        "noise."
     )
     return Group(table, Text(advice), "")
 

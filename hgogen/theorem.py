@@ -22,7 +22,8 @@ class Hypothesis:
 
     `claim`: a sentence; `checks`: patterns of the ids of checks that know it, such as "*.lipschitz"; `verdict`: what is
     known without a check, by construction, None where only the user can know; `reason`: how, or what the user should
-    see to; `reference`: where the theorem says so. With `optional`, it is dropped where no check has such an id.
+    see to, or what the checks do not say; `reference`: where the theorem says so. With `optional`, it is dropped where
+    no check has such an id.
     """
 
     claim: str
@@ -86,7 +87,8 @@ def _row(hypothesis: Hypothesis, known: Mapping[str, Check]) -> Row | None:
     if ids:
         worst = min((known[id] for id in ids), key=lambda check: _ORDER.index(check.verdict))
         alone = len(ids) == 1 or worst.verdict is Verdict.PROVED
-        verdict, reason = worst.verdict, "" if alone else f"{worst.verdict}: {worst.id}"
+        which = "" if alone else f"{worst.verdict}: {worst.id}"
+        verdict, reason = worst.verdict, "; ".join(said for said in (which, reason) if said)
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:
@@ -129,8 +131,17 @@ OPERATION = (
         reason="after a jump the theorem starts again",
     ),
     Hypothesis(
-        "y is measured without noise, at all times",
-        reason="samples and noise leave an error that trials measure",
+        "y is measured without noise",
+        reason="noise leaves an error that trials measure",
+    ),
+    Hypothesis(
+        "y and the input are known at all times",
+        verdict=Verdict.UNKNOWN,
+        reason="a step takes samples of them: the theorem is of continuous time, and trials measure the difference",
+    ),
+    Hypothesis(
+        "the gains have their declared values",
+        reason="each can be tuned within its range, and what is known here is known of the declared value",
     ),
     Hypothesis(
         "the estimate does not touch its outer box",

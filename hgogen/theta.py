@@ -135,8 +135,8 @@ class Decaying:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The rate; theta_0 is the initial value of the state."""
-        return (gain("rate", self.rate, 0.0, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
+        """The rate, which stays above 0; theta_0 is the initial value of the state."""
+        return (gain("rate", self.rate, 1e-3 * self.rate, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
         """The exact decay."""

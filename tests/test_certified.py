@@ -166,6 +166,7 @@ def test_theta_above_the_bound_is_proved_and_below_it_unknown() -> None:
     assert f"not shown: {top * 0.999:g} is below the certified 44.3" in low.reason
     assert "sufficient, not necessary" in low.reason
     assert "decays at least like exp(-" in high.reason
+    assert high.reason.endswith("while the estimate keeps to its outer box")
     assert {c.id: c.verdict for c in pendulum().checks}["high_gain.convergence"] is Verdict.PROVED
 
 

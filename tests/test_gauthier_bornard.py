@@ -80,6 +80,37 @@ def test_without_input_the_neuron_is_lost() -> None:
     assert "rank 1 of 3" in check.reason
 
 
+def test_a_rank_at_random_points_is_no_proof() -> None:
+    """x2 + x3 alone is seen: rank 2 of 3, though every state is read."""
+    found = gauthier_bornard([x2 + x3 + u * x1, x3, x2], [x1], X, [u])
+    assert (found.answer, found.shown, found.verdict) == (False, False, Verdict.UNKNOWN)
+    assert "rank 2 of 3 at 3 random points, which is no proof" in found.reason
+    hidden = gauthier_bornard([x2 + u * x3, x1, u * x1], [x1], X, [u])
+    assert (hidden.answer, hidden.shown, hidden.verdict) == (False, True, Verdict.REFUTED)
+    assert "rank 2 of 3: u = 0 hides x3" in hidden.reason
+
+
+def test_two_inputs_hide_a_state_together() -> None:
+    """Neither alone."""
+    found = gauthier_bornard([(u + v) * x2, x1], [x1], X[:2], [u, v])
+    assert found.reason.endswith("u = v = 0 hides x2")
+
+
+def test_it_is_of_every_real_input_whatever_the_ranges() -> None:
+    """u is declared from 1/2 on; it is u = 0, beyond, that hides x2."""
+    a, b = hg.Signal("a", low=-1, high=1), hg.Signal("b", low=-1, high=1)
+    drive = hg.Signal("drive", low=0.5, high=2)
+    data = {"states": (a, b), "inputs": (drive,), "outputs": (hg.Signal("y"),)}
+    plant = hg.System("driven", **data, flow=[drive * b, -b], output=[a])
+    assert {c.verdict for c in hg.forms.triangular(plant).checks} == {Verdict.PROVED}
+    check, row = uniformly_observable(plant), hg.survey(plant)["Gauthier-Bornard"]
+    assert check.verdict is row.verdict is Verdict.REFUTED
+    assert "for every real input, ranges apart" in check.claim
+    assert row.why.startswith("for every real input, ranges apart, some input hides a state: ")
+    assert check.reason.endswith("drive = 0 hides b")
+    assert row.why.endswith("drive = 0 hides b")
+
+
 def test_parameters_stand_at_their_values() -> None:
     """The coupling that breaks the triangle has the nominal value 0, or a range."""
     a, b = hg.Signal("a", "m", ""), hg.Signal("b", "m", "")

@@ -1,16 +1,19 @@
 """The window's Gramian, against the paper's neuron and an integration of its own."""
 
 import math
+from io import StringIO
 
 import numpy as np
 import pytest
 import sympy as sp
 from plants import MODELS, van_der_pol
+from rich.console import Console
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.gramian import BadWindows, gramian
 from hgogen.model import load
+from hgogen.tables import windows
 from hgogen.trial import Jump, Trial, t
 
 
@@ -78,3 +81,25 @@ def test_what_is_never_shown_has_no_eigenvalue() -> None:
 def test_bad_windows_are_a_sentence(d: float | tuple[float, ...]) -> None:
     with pytest.raises(BadWindows, match=r"above 0 and at most the trial's 10"):
         gramian(van_der_pol(), Trial("free", 10.0, start={"x1": 1, "x2": 0}), d)
+
+
+def test_the_innovation_of_a_small_error_is_its_quadratic_form() -> None:
+    """As the command says: to first order, per the error's squared length, at least the smallest eigenvalue. Not of an
+    error of length 1: after x' = -x^3 little is left of one, and y = x shows less than W."""
+    x = hg.Signal("x")
+    plant = hg.System("cubic", states=(x,), outputs=(hg.Signal("y"),), flow=[-(x**3)], output=[x])
+    (found,) = gramian(plant, Trial("rest", 2.0, start={"x": 0}), 1.0)
+    assert found.smallest[0] == pytest.approx(1)
+
+    def innovation(e: float) -> float:
+        """Of y = e/sqrt(1 + 2 e^2 t), t = 0..1."""
+        return math.log(1 + 2 * e**2) / 2
+
+    assert innovation(1e-3) / 1e-6 == pytest.approx(1, rel=1e-5)
+    assert innovation(1) < 0.6 * found.smallest[0]
+    console = Console(width=200, record=True, file=StringIO())
+    console.print(windows("rest", [found]))
+    said = " ".join(console.export_text().split())
+    assert (
+        "of a small initial error, per its squared length, is at least the smallest eigenvalue, to first order" in said
+    )

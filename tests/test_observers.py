@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.check import Refuted, UnknownCheck
+from hgogen.dynamics import Singular
 from hgogen.gains import BadPoles, coefficients
 from hgogen.innovation import BadWindow, BadWindowSize
 from hgogen.observer import BadGain, Clock
@@ -395,6 +396,16 @@ UNIT = np.eye(3)
 def test_bad_gains_of_riccati(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(BadGain, match=f"^{said}"):
         fitzhugh_nagumo(**changes)
+
+
+def test_a_jacobian_that_is_not_finite_is_met_at_the_door() -> None:
+    """1 + sqrt x1 on x1 >= 0: its slope has no bound at the edge, to which an estimate is clamped."""
+    x1, x2 = hg.Signal("x1", low=0, high=1), hg.Signal("x2", low=-1, high=1)
+    flow = [(1 + sp.sqrt(x1)) * x2, -x1]
+    plant = hg.System("rooted", states=(x1, x2), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    form = hg.forms.triangular(plant, measured=True)
+    with pytest.raises(Singular, match=r"^the Jacobian of rooted has numbers that are not finite at z1 = 0, z2 = "):
+        hg.observers.riccati(form, Q=(1, 1), R=1, accept=("triangular.lipschitz",))
 
 
 @pytest.mark.parametrize("number", [np.float32(2), np.int64(2), np.array(2.0), sp.Rational(2), 2])

@@ -1,6 +1,7 @@
 """The hypotheses of an observer's theorem, and what is known of each."""
 
 import pytest
+import sympy as sp
 from plants import MODELS, fitzhugh_nagumo, kalman, model, pendulum, van_der_pol
 
 import hgogen as hg
@@ -41,6 +42,13 @@ def test_a_hypothesis_is_as_good_as_its_worst_check(verdicts: tuple[str, ...], w
     assert row.checks == tuple(c.id for c in listed)
     if worst != "proved":
         assert row.reason == f"{worst}: " + next(c.id for c in listed if c.verdict == worst)
+
+
+def test_what_the_checks_do_not_say_stands_beside_them() -> None:
+    hypothesis = Hypothesis("0 < a_i", ("form.a_*",), reason="of the declared value")
+    (alone,) = one(hypothesis, check("form.a_1", Verdict.UNKNOWN))
+    (worst,) = one(hypothesis, check("form.a_1", Verdict.UNKNOWN), check("form.a_2", Verdict.PROVED))
+    assert (alone.reason, worst.reason) == ("of the declared value", "unknown: form.a_1; of the declared value")
 
 
 def test_what_no_check_knows_is_unknown() -> None:
@@ -120,7 +128,8 @@ def test_the_theorem_asks_mu_and_the_innovation() -> None:
     found = table(adaptive())
     assert (found[mu].standing, found[integral].standing) == ("proved", "unknown")
     other = table(adaptive(mu=hg.theta.logistic(0.1, 100), innovation=hg.innovation.window(1.0)))
-    assert (other[mu].standing, other[integral].standing) == ("refuted", "proved")
+    assert (other[mu].standing, other[integral].standing) == ("refuted", "unknown")
+    assert "a sum over the samples" in other[integral].reason
 
 
 def test_a_form_that_is_not_triangular_proves_nothing_of_the_theorem() -> None:
@@ -128,6 +137,78 @@ def test_a_form_that_is_not_triangular_proves_nothing_of_the_theorem() -> None:
     observer = hg.observers.riccati(hg.forms.original(plant), Q=(1, 1), R=1)
     (row,) = (row for claim, row in table(observer).items() if claim.startswith("z_i' ="))
     assert (row.standing, row.reason) == ("unknown", "the form makes no such check")
+
+
+def test_no_sampled_step_has_the_measurement_at_all_times() -> None:
+    for build in OBSERVERS.values():
+        found = table(build())
+        assert found["y and the input are known at all times"].standing == "unknown"
+        assert found["the gains have their declared values"].standing == YOURS
+
+
+@pytest.mark.parametrize("name", [name for name in OBSERVERS if name != "high_gain"])
+def test_the_cap_is_no_part_of_the_riccati_equation(name: str) -> None:
+    row = table(OBSERVERS[name]())["the covariance does not touch its cap"]
+    assert row.standing == YOURS
+    assert "COVARIANCE_LIMITED" in row.reason
+
+
+def test_theta_is_large_enough_at_its_declared_value() -> None:
+    """The gain's range goes down to 1, below the bound."""
+    observer = pendulum(theta=50)
+    row, (theta,) = table(observer)["theta is large enough"], observer.gains
+    assert (row.standing, theta.low) == ("proved", (1.0,))
+    assert row.reason == "of its declared value; it can be tuned down to 1"
+
+
+def test_a_decaying_theta_is_another_observer_than_its_theorems() -> None:
+    """And its rate cannot be tuned to 0, which the theorem excludes."""
+    observer = OBSERVERS["decaying"]()
+    found = table(observer)
+    scaled = found["R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"]
+    assert scaled.standing == "unknown"
+    assert "rate (theta - 1)/theta S" in scaled.reason
+    assert any(claim.startswith("0 < rate") for claim in found)
+    (rate,) = (gain for gain in observer.gains if gain.name == "rate")
+    assert rate.low[0] > 0
+
+
+# --- other coordinates --------------------------------------------------------------------------------------
+
+
+def contois(low: float, high: float) -> hg.System:
+    """Contois growth on a range, y = m; substrate is lost by a cubic law as well."""
+    m, s = hg.Signal("m", low=low, high=high), hg.Signal("s", low=low, high=high)
+    growth = m * s / (m + s)
+    flow = [growth, -growth - sp.Rational(3, 10) * s**3]
+    return hg.System("contois", states=(m, s), outputs=(hg.Signal("y"),), flow=flow, output=[m])
+
+
+@pytest.mark.parametrize("observer", ["high_gain", "riccati"])
+def test_b_is_lipschitz_where_it_is_evaluated_or_not_proved(observer: str) -> None:
+    """On the image of a wide box phi is Lipschitz, but in the box of z it has a pole; on a narrow one it has none."""
+    gains = {"high_gain": {"theta": 5, "poles": (-1, -1)}, "riccati": {"Q": (1, 1), "R": 1}}[observer]
+    build, claim = getattr(hg.observers, observer), "b is Lipschitz in the state, uniformly in the input"
+    wide = hg.forms.phase(contois(0.1, 2))
+    narrow = hg.forms.phase(contois(0.9, 1))
+    assert {c.verdict for c in (*wide.checks, *narrow.checks) if c.id == "phase.lipschitz"} == {Verdict.PROVED}
+    assert wide.behind is not None
+    open_, proved = (table(build(form, **gains))[claim] for form in (wide, narrow))
+    assert open_.checks == proved.checks == ("phase.lipschitz", f"{observer}.lipschitz")
+    assert (open_.standing, proved.standing) == ("unknown", "proved")
+    (reason,) = (c.reason for c in build(wide, **gains).checks if c.id == f"{observer}.lipschitz")
+    assert "may have poles in the box of z" in reason
+
+
+def test_an_observer_in_the_plants_coordinates() -> None:
+    """The high gain acts through dPhi/dx, at an estimate within the ranges; the filter has no such map."""
+    form = hg.forms.phase(contois(0.9, 1), original=True)
+    inside = table(hg.observers.high_gain(form, theta=5, poles=(-1, -1)))["the estimate keeps to the declared ranges"]
+    assert inside.standing == YOURS
+    filtered = table(hg.observers.riccati(form, Q=(1, 1), R=1))["the filter works in the coordinates z = Phi(x)"]
+    assert filtered.standing == "refuted"
+    assert "the estimate keeps to the declared ranges" not in table(pendulum())
+    assert "the filter works in the coordinates z = Phi(x)" not in table(OBSERVERS["kalman"]())
 
 
 def test_recast_coordinates_are_a_hypothesis() -> None:

@@ -41,10 +41,12 @@
  * Hypotheses of the theorem, unknown
  *   b is smooth and of compact support; its argument is clamped to the ranges, which bounds b and bends it at
  *     their edge
- *   d, Delta T small, theta_1 large, lambda and gamma_1 small enough; the theorem's constants are
+ *   d, Delta T small, theta_1 large, lambda > 0 and gamma_1 small enough; the theorem's constants are
  *     existential: no number is known to be large or small enough
- *   the innovation is an integral over the last d seconds; M staggered predictors look back over d to d (1 +
- *     1/M) seconds
+ *   y and the input are known at all times; a step takes samples of them: the theorem is of continuous time,
+ *     and trials measure the difference
+ *   the innovation is an integral over the last d seconds; it is a sum over the samples, and M staggered
+ *     predictors look back over d to d (1 + 1/M) seconds
  * Hypotheses of the theorem, left to you
  *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
  *     (status OUTSIDE_BOX tells of the estimate only)
@@ -52,8 +54,12 @@
  *     (status CLAMPED)
  *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
  *     starts again
- *   y is measured without noise, at all times; samples and noise leave an error that trials measure
+ *   y is measured without noise; noise leaves an error that trials measure
+ *   the gains have their declared values; each can be tuned within its range, and what is known here is known
+ *     of the declared value
  *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
+ *   the covariance does not touch its cap; watch the status COVARIANCE_LIMITED: the cap is no part of the
+ *     Riccati equation
  */
 #ifndef FITZHUGH_NAGUMO_H
 #define FITZHUGH_NAGUMO_H

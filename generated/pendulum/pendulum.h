@@ -32,8 +32,13 @@
  *     (status CLAMPED)
  *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
  *     starts again
- *   y is measured without noise, at all times; samples and noise leave an error that trials measure
+ *   y is measured without noise; noise leaves an error that trials measure
+ *   the gains have their declared values; each can be tuned within its range, and what is known here is known
+ *     of the declared value
  *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
+ * Hypotheses of the theorem, unknown
+ *   y and the input are known at all times; a step takes samples of them: the theorem is of continuous time,
+ *     and trials measure the difference
  */
 #ifndef PENDULUM_H
 #define PENDULUM_H

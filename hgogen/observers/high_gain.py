@@ -20,6 +20,7 @@ import sympy as sp
 
 from hgogen.certified import checks, of_poles
 from hgogen.check import Verdict
+from hgogen.clamped import clamped
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.gains import coefficients
@@ -36,10 +37,16 @@ THEOREM = Theorem(
     (
         *FORM,
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="by its poles; others are refused"),
-        Hypothesis("theta is large enough", ("high_gain.theta",)),
+        Hypothesis(
+            "theta is large enough", ("high_gain.theta",), reason="of its declared value; it can be tuned down to 1"
+        ),
         *OPERATION,
     ),
     REFERENCE,
+)
+INSIDE = Hypothesis(
+    "the estimate keeps to the declared ranges",
+    reason="watch the status OUTSIDE_BOX: beyond them dPhi/dx is taken at their edge, not at the estimate",
 )
 
 
@@ -55,7 +62,8 @@ def high_gain(
     """The standard high-gain observer on a form z_i' = a_i z_(i+1) + b_i whose A does not depend on the input, or in
     the plant's coordinates on a form that carries dPhi/dx.
 
-    Checks: `high_gain.convergence` (a bound on theta is proved), `high_gain.theta` (theta is above it).
+    Checks: `high_gain.convergence` (a bound on theta is proved), `high_gain.theta` (theta is above it);
+    `high_gain.lipschitz` in coordinates other than the plant's states (b on the whole box of z).
 
     Args: `theta` >= 1; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta;
     `initial` the plant's state; `singular` (0..1) switches the correction off near a zero of det dPhi/dx, where that
@@ -103,9 +111,9 @@ def high_gain(
         gains=(gain("theta", float(theta), 1.0, float(theta), "high-gain parameter"),),
         z=sym("state.z", n),
         dynamics=dynamics,
-        checks=(*form.checks, *checks("high_gain", theta, of_poles(form, p))),
+        checks=(*form.checks, *clamped("high_gain", form), *checks("high_gain", theta, of_poles(form, p))),
         accepted=accept,
-        theorem=THEOREM,
+        theorem=THEOREM if form.jacobian is None else THEOREM.under(INSIDE),
         equations=(_ORIGINAL if form.jacobian is not None else _STANDARD,),
         reference=REFERENCE,
         notices=_notices(dynamics, least) if least > 0 else (),

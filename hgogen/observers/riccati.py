@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from hgogen.check import Check, Verdict
+from hgogen.clamped import clamped
 from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
+from hgogen.kalman_theorems import OTHER_COORDINATES
 from hgogen.observer import HUGE, BadGain, Observer, Riccati, founded, gain, reals, state_field
 from hgogen.program import Field, sym
 from hgogen.stability import steady_covariance
@@ -49,7 +51,11 @@ def riccati(
     `covariance` P(0) = S(0)^-1, diagonal (n) or (n, n), default the unit matrix; `accept` ids of refuted checks to
     build on all the same.
 
-    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`.
+    Checks: `riccati.convergence` (unknown); `riccati.lipschitz` in coordinates other than the plant's states (b on the
+    whole box of z).
+
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `Singular` for a model whose Jacobian is
+    not finite somewhere on the box.
     """
     accept = founded("riccati", form, accept)
     theta = theta if isinstance(theta, Theta) else constant(theta)
@@ -104,9 +110,9 @@ def riccati(
         gains=gains,
         z=sym("state.z", n),
         dynamics=dynamics,
-        checks=(*form.checks, _theorem(theta)),
+        checks=(*form.checks, *clamped("riccati", form), _theorem(theta)),
         accepted=accept,
-        theorem=theta.theorem,
+        theorem=theta.theorem if form.jacobian is None else theta.theorem.under(OTHER_COORDINATES),
         equations=(*EQUATIONS, theta.equation),
         reference=REFERENCE,
         traces=theta.traces,
