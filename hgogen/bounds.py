@@ -14,6 +14,7 @@ import sympy as sp
 
 from hgogen.box import Box, End, Point, Sides, box, sides
 from hgogen.check import Verdict
+from hgogen.digits import down, up
 from hgogen.outward import Array
 from hgogen.points import exact
 from hgogen.search import Found, Goal, Tree, one_sign, regular, search, tight
@@ -62,6 +63,16 @@ class Range:
         """Whether both ends are finite."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
+    def __str__(self) -> str:
+        said = [f"from {down(self.low, 9)} to {up(self.high, 9)}, by {_boxes(self.boxes)}"]
+        ends = (("least", "at most", up, self.least), ("most", "at least", down, self.most))
+        said += [
+            f"the {end} is {side} {rounded(one.value, 9)}{_at(one.point)}"
+            for end, side, rounded, one in ends
+            if one is not None
+        ]
+        return "; ".join([*said, *filter(None, [self.note])])
+
     def as_dict(self) -> dict[str, Any]:
         """For JSON, which has no infinity: None for an end that is not bounded."""
         low, high = (end if math.isfinite(end) else None for end in (self.low, self.high))
@@ -83,6 +94,12 @@ class Sign:
     witness: Mapping[sp.Symbol, Fraction] = field(hash=False)
     reason: str
     range: Range
+
+    def __str__(self) -> str:
+        if self.verdict is Verdict.PROVED:
+            told = f"at least {down(self.margin, 9)}" if self.sign > 0 else f"at most -{down(self.margin, 9)}"
+            return f"{self.verdict}: {told}, by {self.reason}"
+        return f"{self.verdict}: {self.reason}{_at(self.witness)}"
 
 
 def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
@@ -124,7 +141,7 @@ def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT) -> Sign:
             return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, _range(problem, found, 0.0))
         if found.boxes + 2 <= limit:  # more boxes would change nothing
             break
-    reason = f"{found.boxes} boxes do not decide it"
+    reason = f"{_boxes(found.boxes)} {'does' if found.boxes == 1 else 'do'} not decide it"
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, _range(problem, found, 0.0))
 
 
@@ -173,16 +190,16 @@ def _attained(problem: _Problem, value: float, at: Array | None) -> Attained | N
 
 def _note(found: Found, relative: float) -> str:
     if not found.defined:
-        return f"it was not shown to be finite and real everywhere, with {found.boxes} boxes"
+        return f"it was not shown to be finite and real everywhere, with {_boxes(found.boxes)}"
     if found.finished:
         return ""
-    return f"{found.boxes} boxes do not bring it within {relative:.0%} of values that are attained"
+    return f"it is not within {relative:.0%} of values that are attained, with {_boxes(found.boxes)}"
 
 
 def _proved(problem: _Problem, found: Found) -> Sign:
     positive = found.low > 0
     margin = found.low if positive else -found.high
-    reason = f"{found.boxes} box{'' if found.boxes == 1 else 'es'}"
+    reason = _boxes(found.boxes)
     return Sign(Verdict.PROVED, 1 if positive else -1, margin, {}, reason, _range(problem, found, 0.0))
 
 
@@ -239,8 +256,17 @@ def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
             yield factor, "vanishes with its factor {}, or is not finite there"
 
 
-def _text(point: Point) -> str:
+def _boxes(count: int) -> str:
+    return f"{count} box{'' if count == 1 else 'es'}"
+
+
+def _text(point: Mapping[sp.Symbol, Fraction]) -> str:
     return ", ".join(f"{s} = {value}" for s, value in point.items())
+
+
+def _at(point: Mapping[sp.Symbol, Fraction]) -> str:
+    """Where, in few digits."""
+    return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""
 
 
 def _as_box(sides: Sides) -> dict[sp.Symbol, tuple[End, End]]:

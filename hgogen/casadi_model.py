@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import sympy as sp
 
 from hgogen.errors import HgogenError
 from hgogen.graph import to_sympy
@@ -42,8 +43,8 @@ def from_casadi(
 
     A float in a graph becomes the rational of its shortest decimal.
 
-    Raises: `BadGraph` for symbols that are none, are given twice or are missing, and for MX that does not expand to SX;
-    `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
+    Raises: `BadGraph` for symbols that are none, are given twice or are missing, for MX that does not expand to SX,
+    and for rounding; `hgogen.graph.NoSymbols` for an operation without an expression; `BadSystem`.
     """
     groups = {"states": states, "inputs": inputs, "parameters": parameters}
     declared = {kind: [_pair(name, kind, pair) for pair in pairs] for kind, pairs in groups.items()}
@@ -63,6 +64,9 @@ def from_casadi(
         last = str(error).strip().splitlines()[-1]
         raise BadGraph(name, f"does not become one SX function ({last}); declare it in SX, each symbol once") from None
     found = to_sympy(function, signals)
+    steps = sorted(str(node) for row in (*found[0], *found[1]) for node in row.atoms(sp.floor, sp.ceiling, sp.Mod))
+    if steps:
+        raise BadGraph(name, f"uses {steps[0]}, which has no slope; hold a rounded value as an input or a parameter")
     told: dict[str, Any] = {kind: [s for _, entries in pairs for s in entries] for kind, pairs in declared.items()}
     return System(name, **told, outputs=outputs, flow=found[0], output=found[1])
 

@@ -29,6 +29,7 @@ import sympy as sp
 from hgogen.bounds import LIMIT, Range, bound, box
 from hgogen.check import Check, Verdict
 from hgogen.digits import down, up
+from hgogen.door import Misfit
 from hgogen.form import Form
 from hgogen.lmi import Lyapunov, Matrix, common
 from hgogen.lmi import gains as designed
@@ -101,6 +102,8 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
     """The bound for K_i = p_i/(a_1..a_i), a_i of parameters only; p (n) the coefficients of s^n + p_1 s^(n-1) + ..
 
     The scale is searched: first as z is at the nominal parameters, then whatever makes lambda_max(P) L_b smaller.
+
+    Raises: `Misfit` for another number of coefficients.
     """
     reason = _obstacle(form)
     if reason:
@@ -112,7 +115,7 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
     loose = [f"a_{i} = {x}" for i, x in enumerate(a, 1) if not _positive(x, form)]
     if loose:
         return Nothing(f"{loose[0]} is not shown to be positive")
-    exactly = [Fraction(x) for x in p]
+    exactly = _exactly("of_poles, p=", p, form)
     gains = tuple(sp.Rational(x.numerator, x.denominator) / sp.Mul(*a[: i + 1]) for i, x in enumerate(exactly))
     core = _Core(tuple(sp.Mul(*a[1 : i + 1]) for i in range(form.n)), (_companion(exactly),), gains)
     slopes = _slopes(form)
@@ -127,12 +130,12 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
 def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
     """The bound for a constant K (n), a_i of inputs and parameters: one P for the vertices of their ranges.
 
-    Raises: `lmi.NoSolver` where the a_i have ranges and no solver is installed.
+    Raises: `lmi.NoSolver` where the a_i have ranges and no solver is installed; `Misfit` for another number of gains.
     """
     reason = _obstacle(form)
     if reason:
         return Nothing(reason)
-    gain = [Fraction(k) for k in K]
+    gain = _exactly("of_gains, K=", K, form)
     corners = _corners(form)
     if isinstance(corners, str):
         return Nothing(corners)
@@ -140,6 +143,16 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
     vertices = tuple(tuple(tuple(A[i][j] - gain[i] * C[j] for j in n) for i in n) for A, C in corners)
     gains = tuple(sp.Rational(k.numerator, k.denominator) for k in gain)
     return _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
+
+
+def _exactly(what: str, given: Iterable[float], form: Form) -> list[Fraction]:
+    try:
+        found = [Fraction(value) for value in given]
+    except (TypeError, ValueError, OverflowError):
+        found = []
+    if len(found) != form.n:
+        raise Misfit(what, given, f"{form.n} finite numbers, one for each state")
+    return found
 
 
 def suggested(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:

@@ -19,6 +19,12 @@ Flags = NDArray[np.bool_]
 
 _PRECISION = 90  # bits, enough for the ends to be within an ulp
 _LARGEST = math.nextafter(math.inf, 0.0)
+_STEEP = 1e4  # beyond it e^x and e^-x are out of the range of doubles, and of the balls in the end
+_STEEPER = {  # the values below -_STEEP, and above it
+    "exp": ((0.0, 5e-324), (_LARGEST, math.inf)),
+    "sinh": ((-math.inf, -_LARGEST), (_LARGEST, math.inf)),
+    "cosh": ((_LARGEST, math.inf), (_LARGEST, math.inf)),
+}
 PI = (3.141592653589793, 3.1415926535897936)  # neighbouring floats
 E = (2.718281828459045, 2.7182818284590455)
 _HALF_PI = (PI[0] / 2, PI[1] / 2)
@@ -148,6 +154,8 @@ def _value(name: str, x: float) -> tuple[float, float]:
         return 0.0, 0.0
     if math.isinf(x):  # cosh and the powers
         return _LARGEST, math.inf
+    if abs(x) > _STEEP and name in _STEEPER:
+        return _STEEPER[name][x > 0]
     with ctx.workprec(_PRECISION):
         if "/" in name:
             p, q = name.split("/")

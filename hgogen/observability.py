@@ -1,8 +1,9 @@
 """What a plant's outputs tell of its states and unknown parameters, what hides the rest, and what would show it.
 
-The answers are generic: they hold at almost every state, parameter value and input. Full rank at one point proves
-full rank almost everywhere. A deficiency is proved by a symmetry, a vector field that no output sees; without one it
-is known but for the chance that a random point lies on a thin set.
+Observable is said locally: a state nearby gives another output, a far one may not, as -x where y = x**2. Answers are
+generic: they hold at almost every state, parameter value and input. Full rank at one point proves full rank almost
+everywhere. A deficiency is proved by a symmetry, a vector field that no output sees; without one it is known but for
+the chance that a random point lies on a thin set.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ import flint
 import sympy as sp
 
 from hgogen.check import Check, Verdict
+from hgogen.door import asks_a_plant
 from hgogen.echelon import kernel, new_rows
 from hgogen.rank import Rank, matrix_rows, modulus, plant_of, somewhere
 from hgogen.rank import observability as ranks
@@ -107,9 +109,11 @@ class Observability:
     @property
     def checks(self) -> tuple[Check, ...]:
         """`observability.states`, and `observability.joint` where a parameter has a range."""
-        found = [_check("observability.states", "the states are observable, parameters known", self.known, self)]
+        found = [
+            _check("observability.states", "the states are locally observable, parameters known", self.known, self)
+        ]
         if self.joint is not None:
-            claim = "states and ranged parameters are observable together"
+            claim = "states and ranged parameters are locally observable together"
             found.append(_check("observability.joint", claim, self.joint, self))
         return tuple(found)
 
@@ -128,6 +132,7 @@ class Observability:
         return "\n".join(lines + ([f"  on an open set only, because of {self.local}"] if self.local else []))
 
 
+@asks_a_plant
 def observability(plant: System) -> Observability:
     """Generic observability of a plant: parameters without a range stand at their nominal values.
 
@@ -228,10 +233,12 @@ def _check(id: str, claim: str, answer: Answer, whole: Observability) -> Check:
         return Check(id, claim, Verdict.GENERIC, reason)
     names = ", ".join(s.name for s in rank.unobservable)
     proof = next((symmetry for symmetry in answer.symmetries if symmetry.proved), None)
-    verdict = Verdict.REFUTED if proof else Verdict.UNKNOWN
+    blind = not any(e.free_symbols & {*whole.system.states} for e in whole.system.output)
+    verdict = Verdict.REFUTED if proof or blind else Verdict.UNKNOWN
     shown = " or ".join(s.name for s in answer.repairs)
     fix = f"Measure {shown} as well." if shown else "Measure more: no single state or parameter would do."
     why = f"no output sees {proof}" if proof else f"{names} not seen, but for the chance of a special point"
+    why = "no output reads a state" if blind else why
     return Check(id, claim, verdict, f"{reason}; {why}", fix=fix)
 
 

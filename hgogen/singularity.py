@@ -17,12 +17,14 @@ import sympy as sp
 from hgogen.box import box as box_of
 from hgogen.check import Check, Verdict
 from hgogen.determinant import determinant, independent
+from hgogen.door import asks_a_plant
 from hgogen.glance import Interval, contains_zero, enclose
-from hgogen.lie import along, length, rates, size
+from hgogen.lie import along, length, rates, size, without_derivative
 from hgogen.points import exact
 from hgogen.rewrite import TooLarge
 from hgogen.singular import singular
 from hgogen.system import System
+from hgogen.tape import NoTape
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
 LIMIT = 4000
@@ -59,7 +61,7 @@ class Singularity:
     """Where the plant is not observable by its first derivatives, and what the next ones show there.
 
     `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix is
-    too large, as `reason` says.
+    too large, or the plant jumps, as `reason` says.
     """
 
     plant: System
@@ -118,6 +120,7 @@ class Singularity:
         return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
 
 
+@asks_a_plant
 def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     """The plant's singular set with the derivatives of its inputs, and the next jets on it.
 
@@ -128,8 +131,10 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     try:
         generic = _jet((), derived, len(plant.states) - 1)
         return Singularity(plant, (generic, *_followed(generic, derived, _DEPTH)))
-    except TooLarge as error:
-        return Singularity(plant, (), str(error))
+    except (TooLarge, NoTape) as error:
+        rough = without_derivative((*plant.flow, *plant.output)) if isinstance(error, NoTape) else ""
+        reason = f"not known: {rough}, and the derivatives of the outputs ask for it" if rough else str(error)
+        return Singularity(plant, (), reason)
 
 
 @dataclass(frozen=True)
@@ -209,7 +214,7 @@ def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
         if root is not None and root[0] not in dict(jet.where):
             try:
                 deeper = _jet((*jet.where, root), derived, last)
-            except TooLarge:
+            except (TooLarge, NoTape):
                 continue
             found += [deeper, *_followed(deeper, derived, depth - 1)]
     return found

@@ -13,6 +13,7 @@ import sympy as sp
 
 from hgogen import forms
 from hgogen.check import Check, Verdict
+from hgogen.door import asks_a_plant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.gauthier_bornard import RANGES_APART, of_plant
@@ -108,6 +109,7 @@ class Survey:
         return "\n".join([f"{self.plant.name}: which form, on the declared box", *(f"  {line}" for line in lines)])
 
 
+@asks_a_plant
 def survey(plant: System, *, deep: bool = False) -> Survey:
     """Every form of the plant on its declared box; those that take seconds only if `deep`."""
     names = (*CASES, *(name for name in forms.__all__ if name not in CASES))

@@ -75,19 +75,20 @@ def observed(found: Observability) -> RenderableType:
     table.show_header = False
     for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
-        table.add_row(verdict, Text(_told(answer, what)) if answer else "")
+        table.add_row(verdict, Text(_told(answer, what, check.verdict)) if answer else "")
     local = [Text(f"on an open set of states only, because of {found.local}")] if found.local else []
     return Group(Text(title, style="bold"), table, *local, "")
 
 
-def _told(answer: Answer, what: str) -> str:
+def _told(answer: Answer, what: str, verdict: Verdict) -> str:
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:
-        return f"{what} are observable: {count}"
+        return f"{what} are locally observable: {count}"
     shown = " or ".join(s.name for s in answer.repairs)
     are = "is" if len(rank.unobservable) == 1 else "are"
-    said = [f"of {what}, {_listed(rank.unobservable)} {are} not observable: {count}"]
+    unseen = "not observable" if verdict is Verdict.REFUTED else "not seen at a random point"
+    said = [f"of {what}, {_listed(rank.unobservable)} {are} {unseen}: {count}"]
     said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
     return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
 

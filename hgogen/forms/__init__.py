@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+from hgogen.door import asks_a_plant
 from hgogen.registry import load
 
 if TYPE_CHECKING:
@@ -9,6 +10,10 @@ if TYPE_CHECKING:
     def __getattr__(name: str) -> Any: ...
 
 
-_cases = load(__name__)
+_cases = {name: asks_a_plant(case) for name, case in load(__name__).items()}
 globals().update(_cases)
 __all__ = list(_cases)
+
+
+def __dir__() -> list[str]:
+    return __all__

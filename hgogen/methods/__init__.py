@@ -12,3 +12,7 @@ if TYPE_CHECKING:
 _cases = load(__name__)
 globals().update(_cases)
 __all__ = list(_cases)
+
+
+def __dir__() -> list[str]:
+    return __all__

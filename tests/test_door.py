@@ -1,0 +1,89 @@
+"""Bad input to what is asked in Python is a sentence, not a traceback."""
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen import certified
+from hgogen.check import Verdict
+from hgogen.door import Misfit
+from hgogen.errors import HgogenError
+
+x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
+PLANT = hg.System("plant", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[x1])
+BOX = {"x1": (-1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        (lambda: hg.bound(x1 > 0, BOX), "bound was given x1 > 0"),
+        (lambda: hg.bound(None, BOX), "bound was given None"),
+        (lambda: hg.nonzero(sp.Matrix([1]), BOX), "give one expression"),
+        (lambda: hg.nonzero([1], BOX), "give one expression"),
+        (lambda: hg.bound("x1", BOX, boxes=0), "boxes= was given 0"),
+        (lambda: hg.nonzero("x1", BOX, boxes=2.5), "boxes= was given 2.5"),
+        (lambda: hg.bound("x1", BOX, relative=-1), "relative= was given -1"),
+        (lambda: hg.bound("x1", BOX, relative=float("nan")), "relative= was given nan"),
+        (lambda: hg.survey(None), "survey was given None"),
+        (lambda: hg.observability(3), "observability was given 3"),
+        (lambda: hg.singularity("x"), "singularity was given 'x'"),
+        *((lambda f=f: getattr(hg.forms, f)(None), f"{f} was given None") for f in hg.forms.__all__),
+        (lambda: certified.of_gains(hg.forms.triangular(PLANT), (2,)), "give 2 finite numbers"),
+        (lambda: certified.of_gains(hg.forms.triangular(PLANT), None), "give 2 finite numbers"),
+        (lambda: certified.of_poles(hg.forms.triangular(PLANT), (1, float("inf"))), "give 2 finite numbers"),
+    ],
+)
+def test_a_misfit_is_a_sentence(question: Callable[[], Any], said: str) -> None:
+    with pytest.raises(Misfit) as caught:
+        question()
+    assert said in str(caught.value)
+
+
+def test_a_plant_may_be_named() -> None:
+    assert hg.forms.triangular(plant=PLANT) == hg.forms.triangular(PLANT)
+
+
+def test_rounding_in_casadi_is_refused() -> None:
+    s = ca.SX.sym("s", 2)
+    with pytest.raises(HgogenError, match=r"floor\(x1\), which has no slope"):
+        hg.from_casadi("p", states=[(s, (x1, x2))], outputs=(y,), flow=ca.vertcat(s[1], ca.floor(s[0])), output=s[0])
+
+
+@pytest.mark.parametrize("folder", [hg.forms, hg.methods, hg.observers, hg.targets])
+def test_a_folder_shows_its_cases_alone(folder: Any) -> None:
+    assert dir(folder) == sorted(folder.__all__)
+
+
+def test_an_output_without_states_is_a_proof() -> None:
+    blind = hg.System("blind", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[1])
+    (check,) = hg.observability(blind).checks
+    assert (check.verdict, check.reason.rpartition("; ")[2]) == (Verdict.REFUTED, "no output reads a state")
+    assert "locally observable" in hg.observability(PLANT).checks[0].claim
+
+
+# --- answers are sentences --------------------------------------------------------------------------------------
+
+
+def test_answers_are_printed_as_sentences() -> None:
+    told = str(hg.bound("x1**2 - x1 + 1", {"x1": (-3, 3)}))
+    assert told.startswith("from 0.687499999 to 13, by 9 boxes; the least is")
+    ends = "the least is at most -2, at x1 = -1, x2 = -1; the most is at least 2, at x1 = 1, x2 = 1"
+    assert str(hg.bound("x1 + x2", PLANT)) == f"from -2 to 2, by 1 box; {ends}"
+    assert str(hg.bound("1/x1", BOX)).endswith("it is not a finite real number at x1 = 0")
+    assert str(hg.nonzero("x1 - 2", BOX)) == "proved: at most -1, by 1 box"
+    assert str(hg.nonzero("x1 + 2", BOX)) == "proved: at least 1, by 1 box"
+    assert str(hg.nonzero("x1", BOX)) == "refuted: vanishes, at x1 = 0"
+    hard = hg.nonzero("x1*sin(x1) + 1.01 - x1**2 + cos(x1)**9", BOX, boxes=1)
+    assert str(hard) == "unknown: 1 box does not decide it"
+
+
+def test_what_overflows_keeps_its_lower_end() -> None:
+    """e^e^e^e^0 = 3.8e6: neither many boxes nor a tower of exponentials lose it."""
+    assert hg.bound("exp(exp(exp(exp(10*x))))", {"x": (0, 2)}).low > 3.8e6
+    assert hg.bound("exp(-exp(exp(exp(10*x))))", {"x": (0, 2)}).low == 0
+    assert hg.bound("sinh(exp(exp(exp(10*x))))", {"x": (0, 2)}).low > 1e6
