@@ -52,7 +52,7 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     made, found = field(writer, [writer.write(e) for e in entries])
     matrix = [found[k * len(rows) : (k + 1) * len(rows)] for k in range(len(rows))]
     try:
-        product = (_expanded if branches(made) else _eliminated)(made, matrix, Work([limit]))
+        product = _product(made, matrix, limit)
     except ZeroDivisionError:
         return Determinant(sp.S.Zero, (sp.S.Zero,))
     if not alive(made, product):
@@ -61,6 +61,22 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     if sum(len(one.polynomial) for one in parts) > _TERMS:
         raise TooLarge("the determinant")
     return Determinant(number * _value(made, parts), zero_set(made, split(made, parts)))
+
+
+def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
+    """By elimination; with roots without a division, which might leave a pole that the determinant has not, if that is
+    short enough, or in any case where a division would be wrong.
+
+    Raises: `TooLarge`; `ZeroDivisionError` where it is 0.
+    """
+    doubtful = branches(made)
+    if doubtful or made.relations:
+        try:
+            return _expanded(made, matrix, Work([limit]))
+        except TooLarge:
+            if doubtful:
+                raise
+    return _eliminated(made, matrix, Work([limit]))
 
 
 def _eliminated(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> Product:

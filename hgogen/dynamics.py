@@ -48,6 +48,19 @@ def clamp(value: Any, low: float, high: float) -> Any:
     return value if high == INF else ca.fmin(value, high)
 
 
+@dataclass(eq=False)
+class NoDeterminant(HgogenError):
+    """A form whose det dPhi/dx is undefined wherever it was asked."""
+
+    system: str
+
+    def __str__(self) -> str:
+        return (
+            f"det dPhi/dx of {self.system} is a finite real number at no sample point of the box: an observer would "
+            "never correct; narrow the ranges to where the plant's equations are defined"
+        )
+
+
 @dataclass(frozen=True)
 class Dynamics:
     """Graphs of `form`; z is an SX column (n), u an SX column (m)."""
@@ -133,9 +146,15 @@ class Dynamics:
         return self._convert([determinant(self._map.tolist()).value], z, u)[0]
 
     def largest_determinant(self) -> float:
-        """The largest |det dPhi/dx| in the middle, on corners and at random points of the box."""
+        """The largest |det dPhi/dx| in the middle, on corners and at random points of the box.
+
+        Raises: `NoDeterminant` where it is finite at none of them.
+        """
         values = self._numbers(self.determinant(self._z, self._u), self._points(64))
-        return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+        finite = values[np.isfinite(values)]
+        if not finite.size:
+            raise NoDeterminant(self.form.system.name)
+        return float(np.abs(finite).max())
 
     def linearised(self, samples: int = 64, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 import sympy as sp
 
 from hgogen.signal import Signal
+from hgogen.slope import JUMPS, KINKS
 from hgogen.system import System
 
 
@@ -42,6 +43,12 @@ def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int
     read = set().union(*(e.free_symbols for e in expressions))
     known = (u.derivative(k) for u in plant.inputs for k in range(1, orders + 1))
     return tuple(signal for signal in known if signal in read)
+
+
+def without_derivative(expressions: Iterable[sp.Expr]) -> str:
+    """The first function with jumps or kinks, in the alphabet, as a sentence; empty if there is none."""
+    node = min((str(node) for e in expressions for node in e.atoms(*JUMPS, *KINKS)), default="")
+    return node and f"{node} has no derivative somewhere"
 
 
 def length(expression: sp.Expr) -> int:

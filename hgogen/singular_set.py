@@ -41,11 +41,14 @@ def singular_set(
         return None
     try:
         choices = _choices(drift, h, states)
-        if any(len(rows) < len(states) for rows in choices):
+        full = all(len(rows) == len(states) for rows in choices)
+        if not full and not any(_rooted(e) for e in (*drift, *h)):
             return "all"
         plant = tower(drift, h, states)
         if branches(plant.field):
             return None
+        if not full:
+            return "all"
         found = {_zero_set(plant, rows, limit) for rows in _different(choices)}
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
@@ -84,3 +87,7 @@ def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequenc
 
 def _independent(every: Sequence[Sequence[Sequence[Any]]], order: Sequence[Row], prime: int) -> tuple[Row, ...]:
     return tuple(order[i] for i in new_rows([every[k][j] for j, k in order], prime))
+
+
+def _rooted(e: sp.Expr) -> bool:
+    return any(not power.exp.is_Integer for power in e.atoms(sp.Pow))

@@ -82,3 +82,10 @@ def test_what_has_no_zero_is_not_refuted(e: sp.Expr) -> None:
     """On [-0.9, 0.5]; a row before it brings in a pole that cancels."""
     value = determinant([[1, 0], [V * e.diff(W), e]]).value
     assert nonzero(value, {V: (-2, 2), W: (-0.9, 0.5)}).verdict is Verdict.PROVED
+
+
+def test_a_division_leaves_no_pole() -> None:
+    """Entries without one: G = |(v, w)| was divided by, and 0/0 at 0 is not finite."""
+    G = sp.sqrt(V**2 + W**2)
+    value = determinant([[G, 1, W], [V, G, V - W], [G - V, G - W, 0]]).value
+    assert sp.denom(sp.together(value)) == 1

@@ -1,5 +1,6 @@
 """The phase form on plants whose maps and inverses are known, and observers on it that converge, in C as in Python."""
 
+import importlib
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -12,6 +13,8 @@ from plants import model, van_der_pol
 
 import hgogen as hg
 from hgogen.check import Check, Refuted, Verdict
+from hgogen.determinant import Determinant
+from hgogen.dynamics import Dynamics, NoDeterminant
 from hgogen.forms.phase import NoPhase
 from hgogen.inverse import inverse
 from hgogen.observer import BadGain
@@ -180,6 +183,48 @@ def test_the_negative_branch_is_taken_on_a_negative_range() -> None:
     assert verdicts(form) == ALL_PROVED
 
 
+HALF = sp.Rational(1, 2)
+SLOPES = [
+    (lambda x: sp.sqrt(1 - x), "proved"),
+    (lambda x: sp.sqrt((1 - x) * (2 - x)), "proved"),
+    (lambda x: sp.sqrt(2 - x**2), "proved"),
+    (lambda x: (x**2 - 2 * x + 1) ** (HALF / 2), "proved"),
+    (lambda x: 2 + sp.sqrt(sp.Abs(x - sp.Rational(3, 10))), "unknown"),
+    (lambda x: sp.sqrt(HALF - x), "refuted"),
+]
+
+
+@pytest.mark.parametrize(("slope", "verdict"), SLOPES)
+def test_the_rank_is_that_of_whole_roots(slope: Any, verdict: str) -> None:
+    """x1' = g(x1) x2: the determinant is g, real and not 0 on the box, or 0 at its end x1 = 1/2."""
+    x1, x2 = x = states((-1, 0.5), (-2, 2))
+    form = hg.forms.phase(plant("root", x, [x2 * slope(x1), -x1], x1))
+    rank = checks(form)["rank"]
+    assert f"= {slope(x1).expand()} has" in rank.claim
+    assert str(rank.verdict) == verdict
+
+
+def test_a_pole_of_the_writing_alone_refutes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1 written as x1/x1."""
+    x1, x2 = x = states((-1, 1), (-1, 1))
+    quotient = sp.Mul(x1 + x2, sp.Pow(x1 + x2, -1, evaluate=False), evaluate=False)
+    module = importlib.import_module("hgogen.forms.phase")
+    monkeypatch.setattr(module, "determinant", lambda rows: Determinant(quotient, ()))
+    rank = checks(hg.forms.phase(plant("chain", x, [x2, -x1], x1)))["rank"]
+    assert rank.verdict is Verdict.UNKNOWN
+    assert "as it is written it is 0/0 there" in rank.reason
+
+
+JUMPS = (sp.sign, sp.floor, sp.ceiling, sp.Heaviside)
+
+
+@pytest.mark.parametrize("jump", JUMPS)
+def test_what_jumps_has_no_phase_form(jump: Any) -> None:
+    x1, x2 = x = states((-1, 1), (-1, 1))
+    with pytest.raises(NoPhase, match=r"no derivatives to order 2 here: \w+\(x1\) has no derivative somewhere"):
+        hg.forms.phase(plant("jump", x, [(2 + jump(x1)) * x2, -x1], x1))
+
+
 def test_nearby_is_not_one_to_one() -> None:
     """A full turn: (cos, sin) has full rank everywhere and meets each value twice."""
     x1, x2 = states((0.1, 7), (0.1, 7))
@@ -284,6 +329,24 @@ def test_an_inverse_at_zero_over_zero_rests() -> None:
         x, _, rate = (np.array(v)[:, 0] for v in graph(place, [0.08, 0.0]))
         assert np.isfinite(x).all()
         assert np.isfinite(rate).all()
+
+
+def test_a_root_of_a_product_of_negative_factors_corrects() -> None:
+    """x1' = x2 sqrt((1 - x1) (2 - x1)): the estimate moves to what is measured."""
+    x1, x2 = x = states((-1, 0.5), (-2, 2))
+    root = plant("root", x, [x2 * sp.sqrt((1 - x1) * (2 - x1)), -x1], x1)
+    step = stepped(hg.forms.phase(root, original=True), 5, initial={"x1": 0, "x2": 0})
+    run = step.run(y=np.full(50, 0.3), engine="python")
+    assert run.x[-1, 0] > 0.1
+
+
+def test_a_determinant_that_is_nowhere_a_number_is_refused() -> None:
+    x1, x2 = x = states((-1, 0.5), (-2, 2))
+    form = hg.forms.phase(plant("nowhere", x, [x2 * sp.sqrt(x1 - 1), -x1], x1), original=True)
+    with pytest.raises(NoDeterminant, match="det dPhi/dx of nowhere is a finite real number at no sample point"):
+        Dynamics(form).largest_determinant()
+    with pytest.raises(NoDeterminant):
+        stepped(form, 5)
 
 
 def test_the_share_of_the_determinant_is_a_share() -> None:

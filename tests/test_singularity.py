@@ -91,6 +91,33 @@ def test_a_kink_is_not_proved() -> None:
     assert singularity(plant).checks[0].verdict is Verdict.UNKNOWN
 
 
+ROUGH = [
+    *(sp.sign(X), sp.Heaviside(X), sp.floor(X), sp.ceiling(X), sp.Abs(X), sp.Min(X, Y), sp.Max(X, Y)),
+    sp.Piecewise((1, X > 0), (2, True)),
+]
+
+
+@pytest.mark.parametrize("rough", ROUGH)
+@pytest.mark.parametrize("n", [2, 3])
+def test_what_jumps_or_bends_is_not_known(rough: sp.Expr, n: int) -> None:
+    """Its derivatives may be no functions; the question then has a sentence for an answer."""
+    x = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, n + 1))
+    slope = 2 + rough.subs({X: x[0], Y: x[1]})
+    plant = hg.System("rough", states=x, outputs=(hg.Signal("y"),), flow=[slope * x[1], *x[2:], -x[0]], output=[x[0]])
+    found = singularity(plant)
+    (check,) = found.checks[:1]
+    assert check.verdict is Verdict.UNKNOWN
+    assert "has no derivative somewhere" in check.reason or "may not be smooth" in check.reason
+    assert found.as_dict()["checks"][0]["verdict"] == "unknown"
+
+
+def test_roots_that_depend_on_each_other_have_no_answer() -> None:
+    """sqrt((x - 1)^2) is x - 1 on one side alone."""
+    root = sp.sqrt(sp.expand((X - 1) ** 2))
+    assert singular_set([Y * (root + X - 1), -X], [X], (X, Y)) is None
+    assert singular_set([Y * sp.sqrt(2 - X), -X], [X], (X, Y)) == (X - 2,)
+
+
 def test_long_sums_are_shown_short_and_kept_whole() -> None:
     found = singularity(load("induction_motor").plant)
     (check,) = found.checks

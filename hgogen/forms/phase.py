@@ -10,8 +10,9 @@ J.-P. Gauthier, H. Hammouri, S. Othman, "A simple observer for nonlinear systems
 TAC 37 (1992); E. Bullinger, A. Ilchmann, F. Allgoewer, NOLCOS 1998, form (1).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import sympy as sp
 
@@ -23,8 +24,8 @@ from hgogen.digits import down
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.inverse import inverse, tidy
-from hgogen.lie import derivatives, input_derivatives, rates, size
-from hgogen.lipschitz import JUMPS, KINKS, lipschitz
+from hgogen.lie import derivatives, input_derivatives, rates, size, without_derivative
+from hgogen.lipschitz import lipschitz
 from hgogen.points import exact, kind, points
 from hgogen.rewrite import TooLarge
 from hgogen.signal import Signal
@@ -108,6 +109,9 @@ def _map(plant: System) -> _Map:
     known = input_derivatives(chain, plant, n)
     extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant
     jacobian = sp.ImmutableDenseMatrix(n, n, lambda i, j: chain[i].diff(plant.states[j]))
+    if any(e.has(sp.DiracDelta, sp.Derivative, sp.Subs) for e in (*chain, *jacobian)):
+        rough = without_derivative((*plant.flow, *plant.output)) or "something"
+        raise NoPhase(plant.name, f"has no derivatives to order {n} here: {rough}")
     try:
         value = determinant(jacobian.tolist()).value
     except TooLarge as error:
@@ -195,11 +199,14 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
     witness = {s.name: float(value) for s, value in sign.witness.items()}
     fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
     if sign.verdict is Verdict.REFUTED:
+        if _written(whole, sign.witness):
+            unknown = replace(sign, verdict=Verdict.UNKNOWN)
+            return Check(id, claim, Verdict.UNKNOWN, "as it is written it is 0/0 there", witness, fix), unknown
         return Check(id, claim, Verdict.REFUTED, sign.reason, witness, fix), sign
-    rough = _rough((*whole.Phi, *whole.jacobian))
+    rough = without_derivative((*whole.Phi, *whole.jacobian))
     if rough:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
-        return Check(id, claim, Verdict.UNKNOWN, f"{rough} has no derivative somewhere"), unknown
+        return Check(id, claim, Verdict.UNKNOWN, rough), unknown
     undefined = _undefined((*whole.Phi, *whole.jacobian), whole.plant)
     if sign.verdict is Verdict.PROVED and undefined:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
@@ -211,6 +218,14 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
         reason = f"it is not 0 identically; zeros on the box are not excluded: {sign.reason}"
         return Check(id, claim, Verdict.GENERIC, reason, fix=fix), sign
     return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix), sign
+
+
+def _written(whole: _Map, point: Mapping[sp.Symbol, Fraction]) -> bool:
+    """Whether the determinant is undefined there by the way it is written alone: dPhi/dx is not."""
+    at = {s: sp.Rational(value.numerator, value.denominator) for s, value in point.items()}
+    return kind(whole.determinant, at) == "undefined" and all(
+        kind(entry, at) != "undefined" for entry in whole.jacobian
+    )
 
 
 def _one_to_one(
@@ -261,11 +276,6 @@ def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
         return check
     reason = "phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box"
     return replace(check, reason=reason)
-
-
-def _rough(expressions: Iterable[sp.Expr]) -> str:
-    """A node without a derivative somewhere, as text; the first in the alphabet."""
-    return min((str(node) for e in expressions for node in e.atoms(*JUMPS, *KINKS)), default="")
 
 
 def _undefined(expressions: Iterable[sp.Expr], plant: System) -> str:
