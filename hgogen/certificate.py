@@ -54,7 +54,10 @@ class NotCertifiable(HgogenError):
     reason: str
 
     def __str__(self) -> str:
-        return f"no certificate of {self.plant!r}: {self.reason}"
+        return (
+            f"no certificate of {self.plant!r}: {self.reason}; a certificate holds + - * / **, the elementary functions, "
+            "Abs, sign, Min and Max: write the model by them"
+        )
 
 
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
@@ -70,7 +73,7 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
     try:
         rows = recheck(json.dumps(found)).rows
     except Unreadable as error:
-        raise NotCertifiable(form.system.name, error.reason) from None
+        raise NotCertifiable(form.system.name, error.fault) from None
     failed = {row.id: row.sentence for row in rows if row.found == "fails"}
     return _sealed({**found, "claims": [_demoted(claim, failed) for claim in claims]})
 
@@ -84,7 +87,7 @@ def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
     try:
         return read(json.dumps(content)).model
     except Unreadable as error:
-        raise NotCertifiable(form.system.name, error.reason) from None
+        raise NotCertifiable(form.system.name, error.fault) from None
 
 
 def asserted(content: Mapping[str, Any]) -> int:
