@@ -25,9 +25,9 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") ->
     """The check that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters,
     `name` is what the report calls it.
 
-    proved: with L_b. refuted: with a point towards which a slope tends to infinity. where: it may have singular points
-    on the box, and is Lipschitz on every compact part without them. unknown: a range is missing, or there may be a
-    jump, or the boxes tried give no bound.
+    proved: with L_b. refuted: with a point towards which a slope tends to infinity. where: for some inputs or
+    parameters alone it may be singular; closed parts of the box without them have a bound each. unknown: a range is
+    missing, there may be a jump or a singular state, near which no bound is known, or the boxes tried give no bound.
     """
 
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
@@ -58,9 +58,18 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") ->
     if poles:
         conditions = set(poles.values())
         conditions -= {positive.replace(" > 0", " != 0") for positive in conditions if " > 0" in positive}
+        fix = "Narrow the ranges so that it stays away from there."
+        if any(node.has(*system.states) for node in poles):
+            there = " or ".join(_where_not(condition) for condition in sorted(conditions))
+            return answer(Verdict.UNKNOWN, f"no uniform bound is shown; it may be singular {there}", fix)
         holds = " and ".join(sorted(conditions))
-        return answer(Verdict.WHERE, f"holds where {holds}", "Narrow the ranges so that it holds everywhere.")
+        return answer(Verdict.WHERE, f"holds on every closed part of the box where {holds}", fix)
     return answer(Verdict.UNKNOWN, found.reason)
+
+
+def _where_not(condition: str) -> str:
+    """Where a condition of `singular` fails."""
+    return f"at {condition.replace(' != 0', ' = 0')}" if " != 0" in condition else f"unless {condition}"
 
 
 def _loose(system: System) -> set[sp.Symbol]:
