@@ -169,7 +169,7 @@ class Dynamics:
         H = self._numbers(self.output_jacobian(self._z, self._u), points)
         finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
         if not finite.all():
-            names = [s.name for s in (*self.form.states, *self.form.system.inputs)]
+            names = map(str, (*self.form.to_form, *self.form.system.inputs))
             point = points[int(np.argmin(finite))]
             raise Singular(self.form.system.name, dict(zip(names, point.tolist(), strict=True)))
         return F, H

@@ -85,6 +85,9 @@ def test_a_rank_at_random_points_is_no_proof() -> None:
     found = gauthier_bornard([x2 + x3 + u * x1, x3, x2], [x1], X, [u])
     assert (found.answer, found.shown, found.verdict) == (False, False, Verdict.UNKNOWN)
     assert "rank 2 of 3 at 3 random points, which is no proof" in found.reason
+    x4 = sp.Symbol("x4")
+    longer = gauthier_bornard([x2 + u * x1, x3 + x4, x4, x3], [x1], [*X, x4], [u])
+    assert (longer.answer, longer.shown) == (False, False)
     hidden = gauthier_bornard([x2 + u * x3, x1, u * x1], [x1], X, [u])
     assert (hidden.answer, hidden.shown, hidden.verdict) == (False, True, Verdict.REFUTED)
     assert "rank 2 of 3: u = 0 hides x3" in hidden.reason

@@ -404,7 +404,7 @@ def test_a_jacobian_that_is_not_finite_is_met_at_the_door() -> None:
     flow = [(1 + sp.sqrt(x1)) * x2, -x1]
     plant = hg.System("rooted", states=(x1, x2), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
     form = hg.forms.triangular(plant, measured=True)
-    with pytest.raises(Singular, match=r"^the Jacobian of rooted has numbers that are not finite at z1 = 0, z2 = "):
+    with pytest.raises(Singular, match=r"^the Jacobian of rooted has numbers that are not finite at x1 = 0, x2 = "):
         hg.observers.riccati(form, Q=(1, 1), R=1, accept=("triangular.lipschitz",))
 
 
