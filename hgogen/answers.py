@@ -240,7 +240,7 @@ def _bounds(forms: _Forms) -> Iterator[Answer]:
         try:
             one = bound(parse(text, e.symbols), e.outer)
         except HgogenError as error:
-            faults.append(str(error))
+            faults.append(f"bound_queries, {text!r}: {error}")
             continue
         found[k] = [one.low, one.high] if one.finite else None
         yield "bounds", list(found)

@@ -15,11 +15,15 @@ from hgogen.answers import FIELDS
 from hgogen.bounds import Range
 from hgogen.check import demand
 from hgogen.command import Bar, note, show
+from hgogen.headline import headline
 from hgogen.latex import fragment
 from hgogen.model import Model, load
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
+]
+JsonFile = Annotated[
+    str | None, typer.Option("--json", metavar="[FILE]", help="Print JSON alone; --json=FILE writes it into FILE.")
 ]
 _PRINTED = "-"  # the standard output, in the place of a file
 
@@ -52,51 +56,76 @@ def check(
         Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
     ] = None,
     limit: Annotated[
-        float, typer.Option(min=0.1, help="Seconds for each model of a library; what was found is kept.")
-    ] = library.LIMIT,
-    as_json: Annotated[
-        str | None, typer.Option("--json", metavar="[FILE]", help="Print JSON alone; of a library into FILE.")
+        float | None,
+        typer.Option(min=0.1, help=f"Seconds for each model of a library, by default {library.LIMIT:g}."),
     ] = None,
+    as_json: JsonFile = None,
 ) -> None:
     """Print what is observable, which forms the plant is in and why not in the others, and what is claimed of the
     model's form and observer, each claim with its verdict.
 
-    JSON keys: model, observability (known, joint: rank, dimension, order of derivatives, observable, unobservable,
-    symmetries, repairs; joint is null where no parameter has a range; method, checks), forms (name, verdict: null where
-    the form was not asked or does not take the plant, why, fix, order, witness), bounds (expression, low, high: null
-    where unbounded, defined, boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y),
-    checks (id, claim, verdict, reason, witness, fix, accepted), refuted (ids of refuted checks that nobody accepted; of
-    a model with an observer the exit status is 1 if there are any), theorem (conclusion, reference, hypotheses: claim,
-    verdict or "left to you", reason, checks, reference; null without an observer), singular (factors: whose zeros are
-    the singular set, null where it is not known; inputs: those of them free of states; determinants and checks, one
-    each for a zero set, which do not count for the exit status), notes.
+    JSON keys: model, headline (the whole in one line), observability (known, joint: rank, dimension, order of
+    derivatives, observable, unobservable, symmetries, repairs; joint is null where no parameter has a range; method,
+    checks), forms (name, verdict: null where the form was not asked or does not take the plant, why, fix, order,
+    witness), bounds (expression, low, high: null where unbounded, defined, boxes, note), plant, form, coordinates,
+    flow, outputs (expressions by name: z, z', y), checks (id, claim, verdict, reason, witness, fix, accepted), refuted
+    (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
+    theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks, reference; null without
+    an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs: those of them
+    free of states; determinants and checks, one each for a zero set, which do not count for the exit status), notes.
 
-    With --library: an object from each model's name to its answers, null where there is no answer; error: what is
-    wrong with the model; partial: the time limit struck.
+    With --library FILE, which holds {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries":
+    [expression, ..] beside its tables, or lists of names and expressions,
+    {"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"],
+    "known_params": ["a"], "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u": [-1, 1]},
+    "param_ranges": {"a": [1, 2]}, "bound_queries": ["x1**2"]}; all but name, states, f, h may be missing.
+    The answer: an object from each model's name to its answers, null where there is none; error: what is wrong with the
+    model; partial: the time limit struck.
     """
     if (model is None) == (many is None):
         raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
+    for option, file in (("--certificate", certificate), ("--json", _file(as_json))):
+        if file is not None and file.is_dir():
+            raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
+    options = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
+    unused = [name for name, given in ({"--limit": limit} if many is None else options).items() if given]
+    if unused:
+        reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
+        raise typer.BadParameter(reason, param_hint=unused[0])
     if many is not None:
-        _library(many, limit, as_json)
+        _library(many, limit or library.LIMIT, as_json)
         return
-    _one(load(str(model)), bounds or (), deep, certificate, latex, as_json is not None)
+    _one(load(str(model)), bounds or (), deep, certificate, latex, as_json)
+
+
+def _file(as_json: str | None) -> Path | None:
+    """The file that --json names."""
+    return None if as_json in (None, _PRINTED) else Path(str(as_json))
+
+
+def _written(value: Any, path: Path) -> None:
+    new = "" if path.parent.is_dir() else ", in a new folder"
+    hg.write({path.name: json.dumps(value, indent=1, allow_nan=False) + "\n"}, path.parent)
+    note(f"wrote {path}{new}")
 
 
 def _one(
-    loaded: Model, bounds: Iterable[str], deep: bool, certificate: Path | None, latex: bool, as_json: bool
+    loaded: Model, bounds: Iterable[str], deep: bool, certificate: Path | None, latex: bool, as_json: str | None
 ) -> None:
     plant = loaded.plant
 
     def say(*parts: Any) -> None:
-        """Print at once what is known, so that a model whose next part takes long shows the others."""
+        """Print at once what is known, so that a model whose next part takes long, or fails, shows the others."""
         show(False, {}, *(() if latex or as_json else parts))
 
     ranges = {text: hg.bound(text, plant) for text in bounds}
-    say(tables.ranges(ranges))
     seen = hg.observability(plant)
-    say(tables.observed(seen))
-    forms = hg.survey(plant, deep=deep)
-    claims = jobs.checked(loaded, forms.best)
+    try:
+        forms = hg.survey(plant, deep=deep)
+        claims = jobs.checked(loaded, forms.best)
+        say(headline(seen, claims), "")
+    finally:
+        say(tables.ranges(ranges), tables.observed(seen))
     say(tables.survey(forms, claims.checks))
     if claims.shown:
         say(tables.checks(claims.head, claims.checks, claims.accepted))
@@ -108,7 +137,10 @@ def _one(
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex())
     elif as_json:
         told = {"observability": seen.as_dict(), "forms": forms.as_dict(), "bounds": _ranges(ranges)}
-        show(True, {"model": loaded.path, **told, **claims.as_dict(), "singular": singular.as_dict()})
+        whole = {"model": loaded.path, "headline": headline(seen, claims), **told, **claims.as_dict()}
+        whole["singular"] = singular.as_dict()
+        file = _file(as_json)
+        _written(whole, file) if file else show(True, whole)
     for sentence in claims.notes:
         note(sentence)
     if certificate is not None:
@@ -136,12 +168,11 @@ def _library(path: Path, limit: float, out: str | None) -> None:
     models = library.read(path)
     with Bar("models", len(models)) as bar:
         found = library.check(models, limit=limit, tick=bar.tick)
-    if out not in (None, _PRINTED):
-        target = Path(str(out))
-        hg.write({target.name: json.dumps(found, indent=1, allow_nan=False) + "\n"}, target.parent)
-        note(f"wrote {target}")
-        return
-    show(out is not None, found, _summary(found))
+    file = _file(out)
+    _written(found, file) if file else show(out is not None, found, _summary(found))
+    bad = sum("error" in answer for answer in found.values())
+    if bad:
+        note(f"{bad} of {len(found)} models {'has an error' if bad == 1 else 'have errors'}")
 
 
 def _summary(found: dict[str, dict[str, Any]]) -> Table:

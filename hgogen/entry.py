@@ -1,10 +1,13 @@
 """One model of a library file: names, expressions and boxes as SymPy, each fault met with a sentence.
 
-    {"name", "states", "inputs", "outputs", "known_params", "unknown_params", "f", "h",
-     "x_box": {state: [low, high]}, "u_box", "param_ranges", "bound_queries": [expression]}
+    {"name", "states", "inputs", "outputs", "known_params", "unknown_params": [name, ..], "f", "h": [expression, ..],
+     "x_box", "u_box", "param_ranges": {name: [low, high], ..}, "bound_queries": [expression, ..]}
 
-Every listed name is a symbol, whatever it means elsewhere. Ends are numbers or texts without names, such as "pi/3";
-"oo" and "-oo" are infinite.
+or a plain-text model as `hgogen.modelfile` reads it, with "bound_queries" beside its tables. There a parameter with a
+range is unknown, one without is known and has its value.
+
+An expression means what SymPy makes of it: x/x is 1. Every listed name is a symbol, whatever it means elsewhere. Ends
+are numbers or texts without names, such as "pi/3"; "oo" and "-oo" are infinite.
 """
 
 import math
@@ -16,12 +19,18 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.box import Box, End
+from hgogen.box import EVERYTHING, Box, End, box
 from hgogen.errors import HgogenError
 from hgogen.expression import parse
+from hgogen.modelfile import from_table
 from hgogen.pointwise import values
 from hgogen.tape import tape
 
+FORMAT = (
+    '{"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"], '
+    '"known_params": ["a"], "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u": [-1, 1]}, '
+    '"param_ranges": {"a": [1, 2]}, "bound_queries": ["x1**2"]}'
+)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z", re.ASCII)
 _LISTS = ("states", "inputs", "known_params", "unknown_params", "outputs")
 _BOXES = {"x_box": ("states",), "u_box": ("inputs",), "param_ranges": ("known_params", "unknown_params")}
@@ -78,11 +87,14 @@ class Entry:
 def entry(model: Any) -> Entry:
     """Read one model, a dictionary as in the file.
 
-    Raises: `BadEntry`; `BadExpression` for a text that is no expression of the listed names.
+    Raises: `BadEntry`; `BadModelFile` for a fault in a plain-text model; `BadExpression` for a text that is no
+    expression of the listed names.
     """
     if not isinstance(model, Mapping):
-        raise BadEntry(_shown(model), 'is no object; write {"name": .., "states": [..], ..}')
+        raise BadEntry(_shown(model).strip("'"), f"is no object; write it as {FORMAT}")
     name = str(model.get("name", "without a name"))
+    if isinstance(model.get("states"), Mapping):
+        return _of_table(name, model)
     lists = {key: _names(name, key, model.get(key)) for key in _LISTS}
     lists["outputs"] = lists["outputs"] or tuple(f"y{k + 1}" for k in range(len(_texts(name, "h", model.get("h")))))
     listed = [s for key in _LISTS[:4] for s in lists[key]]
@@ -104,6 +116,18 @@ def entry(model: Any) -> Entry:
     states, inputs, known, unknown = (tuple(symbols[s] for s in lists[key]) for key in _LISTS[:4])
     queries = _texts(name, "bound_queries", model.get("bound_queries"))
     return Entry(name, states, inputs, known, unknown, lists["outputs"], rows["f"], rows["h"], outer, inner, queries)
+
+
+def _of_table(name: str, model: Mapping[str, Any]) -> Entry:
+    """A plain-text model."""
+    queries = _texts(name, "bound_queries", model.get("bound_queries"))
+    plant = from_table({key: value for key, value in model.items() if key != "bound_queries"}, f"model {name!r}").plant
+    ends = {s: pair for s, pair in box(plant.signals, plant.nominal).items() if pair != EVERYTHING}
+    known, unknown = (tuple(p for p in plant.parameters if p.bounded is loose) for loose in (False, True))
+    names = tuple(y.name for y in plant.outputs)
+    return Entry(
+        plant.name, plant.states, plant.inputs, known, unknown, names, plant.flow, plant.output, ends, ends, queries
+    )
 
 
 def _shown(value: Any) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hgogen.answers import FIELDS, answers
-from hgogen.entry import entry
+from hgogen.entry import FORMAT, entry
 from hgogen.errors import HgogenError
 from hgogen.workers import End, run
 
@@ -27,7 +27,7 @@ class BadLibrary(HgogenError):
     reason: str
 
     def __str__(self) -> str:
-        return f'{self.path}: {self.reason}; a library is JSON, {{"models": [{{"name": .., "states": [..], ..}}]}}'
+        return f'{self.path}: {self.reason}; a library is JSON, {{"models": [MODEL, ..]}}, a MODEL such as {FORMAT}'
 
 
 def read(path: Path) -> list[tuple[str, Any]]:
@@ -66,7 +66,7 @@ def check(
         if names.count(name) > 1:
             found[name]["error"] = f"{names.count(name)} models are named {name!r}; rename all but one"
             tick()
-        elif not isinstance(model, Mapping) or not isinstance(model.get("name"), str):
+        elif isinstance(model, Mapping) and not isinstance(model.get("name"), str):
             found[name]["error"] = "has no name; give it one, a text"
             tick()
         else:

@@ -1,6 +1,10 @@
 """What the commands print: checks, metrics, comparisons, predictions and reports as tables."""
 
+import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
 from typing import Any
 
 from rich.console import Console, Group, RenderableType
@@ -25,7 +29,8 @@ from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
-WIDTH = 110  # of what is not a terminal
+WIDTH = 110  # of what is not a terminal, unless COLUMNS says otherwise
+_ALIKE = 4  # rows that say the same, before they are one
 _SHORT = 20  # a reason that may be repeated
 
 
@@ -38,12 +43,14 @@ class _Output(Console):
 def console() -> Console:
     """For the standard output."""
     out = _Output(highlight=False)
-    return out if out.is_terminal else _Output(highlight=False, width=WIDTH)
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdigit() else _Output(highlight=False, width=WIDTH)
 
 
 def _table(title: str, *columns: str, numbers: int = 0) -> Table:
     """A table whose last `numbers` columns are flushed right."""
-    table = Table(title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=len(title))
+    table = Table(
+        title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
+    )
     table.title_justify, table.title_style = "left", "bold"
     for index, name in enumerate(columns):
         table.add_column(name, justify="right" if index >= len(columns) - numbers else "left", overflow="fold")
@@ -55,7 +62,7 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
     listed = tuple(listed)
     title, *equations = head.split("\n")
     table = _table("", "verdict", "check", "claim and reason")
-    for check in listed:
+    for check in _gathered(listed, accepted):
         at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
         said = f"{check.claim}\n{check.reason}{'; at ' + at if at else ''}"
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
@@ -64,6 +71,31 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
         table.add_row(verdict, Text(check.id), Text(said))
     fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
     return Group(Text(title, style="bold"), *map(Text, equations), table, *fixes, "")
+
+
+def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[Check]:
+    """The checks, those of one kind that say the same of a_1, a_2, .. as one."""
+
+    def kind(check: Check) -> tuple[bool, Check]:
+        return check.id in accepted, replace(_anyone(check), id=check.id.rstrip("0123456789"))
+
+    for (taken, _), group in groupby(listed, key=kind):
+        alike = list(group)
+        if taken or len(alike) < _ALIKE:
+            yield from alike
+        else:
+            first, last = alike[0].id, alike[-1].id.partition(".")[2]
+            yield replace(_anyone(alike[0]), id=f"{first}..{last}")
+
+
+def _anyone(check: Check) -> Check:
+    """The check with i for its number."""
+    number = re.search(r"_(\d+)$", check.id)
+    if number is None:
+        return check
+    at = {int(number[1]): "i", int(number[1]) - 1: "(i-1)"}
+    put = [re.sub(r"_(\d+)\b", lambda m: f"_{at.get(int(m[1]), m[1])}", text) for text in (check.claim, check.reason)]
+    return replace(check, claim=put[0], reason=put[1])
 
 
 def observed(found: Observability) -> RenderableType:

@@ -286,6 +286,43 @@ def test_check_tells_the_singular_set(here: Path):
     assert "holds where u_dot != 0" in shown
 
 
+def test_check_begins_with_its_answer(here: Path):
+    first = hgogen("check", "neuron")[0].split("\n")[0]
+    assert first == "fitzhugh_nagumo: locally observable; triangular but for a_2 (accepted); convergence unknown"
+    assert as_json("check", "neuron")["headline"] == first
+    assert hgogen("check", str(MODELS / "sir.toml"))[0].startswith(
+        "sir: R not observable; in none of the forms asked; no observer\n"
+    )
+    told = hgogen("check", str(MODELS / "pendulum.py"))[0].split("\n")[0]
+    assert told.endswith("triangular, proved; convergence proved in continuous time, for a larger theta only")
+
+
+def test_check_says_alike_once(here: Path):
+    rows = "".join(f'states.x{k} = {{low = -1, high = 1, flow = "x{k + 1}"}}\n' for k in range(1, 8))
+    (here / "chain.toml").write_text(
+        f'name = "chain"\n{rows}states.x8 = {{low = -1, high = 1, flow = "-x1"}}\noutputs.y = {{equation = "2*x1"}}\n'
+    )
+    shown = hgogen("check", "chain.toml")[0]
+    assert shown.count("triangular.a_") == 2
+    assert "triangular.a_1  " in shown
+    assert "triangular.a_2..a_8 " in shown
+    assert "a_i = 1" in shown
+    assert len([check for check in as_json("check", "chain.toml")["checks"] if ".a_" in check["id"]]) == 8
+
+
+@pytest.mark.parametrize("columns", ["80", "120"])
+def test_what_is_piped_is_as_wide_as_columns(columns: str, here: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", columns)
+    widths = [len(line) for line in hgogen("check", str(MODELS / "induction_motor.toml"))[0].splitlines()]
+    assert int(columns) - 10 < max(widths) <= int(columns)
+
+
+def test_json_of_a_model_into_a_file(here: Path):
+    out, err = hgogen("check", "neuron", "--json=new/neuron.json")
+    assert (out, err) == ("", "hgogen: wrote new/neuron.json, in a new folder\n")
+    assert json.loads((here / "new" / "neuron.json").read_text()) == as_json("check", "neuron")
+
+
 def test_window(here: Path):
     found = as_json("window", "neuron")["windows"]
     assert [one["d"] for one in found] == [0.5, 1.0, 2.0]
@@ -317,6 +354,10 @@ def test_noise(here: Path):
         (("check", "none"), "there is no such model file; the models here are models/neuron.py"),
         (("check", "models"), "is a folder"),
         (("check", "log.csv"), "is no model file"),
+        (("check", "neuron", "--certificate", "models"), "models is a folder"),
+        (("check", "neuron", "--json=models"), "models is a folder"),
+        (("check", "neuron", "--limit", "3"), "is for --library"),
+        (("window", "windowless.py"), "has no adaptive theta, whose window would be the default; give --d SECONDS"),
         (("check", "broken.py"), "broken.py, line 1: ModuleNotFoundError"),
         (("check", "empty.py"), "defines no plant"),
         (("build", "plantless.py"), "defines no step"),

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from hgogen.answers import FIELDS, answers
-from hgogen.entry import entry
+from hgogen.entry import FORMAT, entry
 from hgogen.errors import HgogenError
 from hgogen.library import BadLibrary, check, read
 from hgogen.workers import End, Event, run
@@ -127,6 +127,38 @@ def test_boxes_decide_where_they_must(change: dict[str, Any], expected: dict[str
     assert {field: found.get(field) for field in expected} == expected
 
 
+TABLE: dict[str, Any] = {
+    "name": "table",
+    "states": {"x1": {"flow": "x2", "low": -1, "high": 1}, "x2": {"flow": "-k*x1 - mu*x2", "low": -2, "high": 2}},
+    "parameters": {"mu": {"value": 1.0, "low": 0.5, "high": 2}, "k": {"value": 1.5}},
+    "outputs": {"y": {"equation": "x1"}},
+    "bound_queries": ["k*x1"],
+}
+
+
+def test_a_plain_text_model_is_a_model() -> None:
+    """The same as lists: mu, which has a range, is unknown, and k is known."""
+    found = asked(TABLE)
+    assert (found["triangular"], found["bounds"]) == (True, [[-1.5, 1.5]])
+    assert found["observable_joint"] == ["x1", "x2", "mu"]
+    lists = {"states": ["x1", "x2"], "f": ["x2", "-k*x1 - mu*x2"], "h": ["x1"], "outputs": ["y"], "known_params": ["k"]}
+    boxes = {"x_box": {"x1": [-1, 1], "x2": [-2, 2]}, "param_ranges": {"mu": [0.5, 2], "k": [1.5, 1.5]}}
+    same = asked({"name": "lists", "unknown_params": ["mu"], "bound_queries": ["k*x1"], **lists, **boxes})
+    assert {**found, "seconds": 0} == {**same, "seconds": 0}
+    with pytest.raises(HgogenError, match=r"model 'table', states.x1.flw: there is no key 'flw' here"):
+        entry(TABLE | {"states": {"x1": {"flw": "0"}}})
+
+
+def test_the_format_that_errors_show_is_read() -> None:
+    assert asked(json.loads(FORMAT))["uof"] is True
+    with pytest.raises(HgogenError, match=r"model 'hello': is no object; write it as"):
+        entry("hello")
+
+
+def test_a_querys_error_names_it() -> None:
+    assert asked(GOOD | {"bound_queries": ["u", "x9"]})["error"].startswith("bound_queries, 'x9': ")
+
+
 def test_files_that_are_no_library(tmp_path: Path) -> None:
     for text in ("", "{", "[]", '{"models": 3}', "[" * 100_000):
         (tmp_path / "in.json").write_text(text)
@@ -182,6 +214,13 @@ def test_the_command(tmp_path: Path) -> None:
     assert found["good"]["triangular"] is True
     assert found["sixty"]["uof_structure"] is True  # found first, since the ranks of sixty states may take all the time
     assert found["sixty"]["triangular"] is False
+    bad = GOOD | {"name": "bad", "f": ["1"]}
+    (tmp_path / "in.json").write_text(json.dumps({"models": [bad, GOOD]}))
+    told = hgogen("check", "--library", "in.json", "--json=new/out.json", cwd=tmp_path).stderr
+    assert told == "hgogen: wrote new/out.json, in a new folder\nhgogen: 1 of 2 models has an error\n"
+    for option in (("--deep",), ("--certificate", "c.json"), ("--bound", "x1"), ("--latex",)):
+        refused = hgogen("check", "--library", "in.json", *option, cwd=tmp_path)
+        assert (refused.returncode, "does nothing beside --library" in refused.stderr) == (2, True)
     (tmp_path / "in.json").write_text("no")
     refused = hgogen("check", "--library", "in.json", "--json", cwd=tmp_path)
     assert refused.returncode == 2
