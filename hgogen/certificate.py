@@ -55,8 +55,8 @@ class NotCertifiable(HgogenError):
 
     def __str__(self) -> str:
         return (
-            f"no certificate of {self.plant!r}: {self.reason}; a certificate holds + - * / **, the elementary functions, "
-            "Abs, sign, Min and Max: write the model by them"
+            f"no certificate of {self.plant!r}: {self.reason}; a certificate holds + - * / **, the elementary "
+            "functions, Abs, sign, Min and Max: write the model by them"
         )
 
 
