@@ -1,5 +1,6 @@
 """What the README says is run: its Python lines, its piece of C, its commands, its links."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -11,7 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from hgogen import native
+from hgogen.answers import answers
 from hgogen.cli import app
+from hgogen.entry import entry
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text()
@@ -79,6 +82,19 @@ def test_the_checks_print_what_is_shown(line: str, wanted: str, monkeypatch: pyt
     assert result.exit_code == 0
     printed = [row.rstrip() for row in result.stdout.splitlines()]
     assert [row for row in wanted.splitlines() if row not in printed] == []
+
+
+def test_the_json_is_a_model_of_a_library() -> None:
+    found = dict(answers(entry(json.loads(blocks("json")[0]))))
+    assert (found["triangular"], found["bounds"]) == (True, [[0, 1]])
+
+
+def test_the_plain_text_model_is_generated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "oscillator.toml").write_text(blocks("toml")[0])
+    assert CliRunner().invoke(app, ["generate", "oscillator.toml"]).exit_code == 0
+    assert (tmp_path / "generated" / "oscillator" / "oscillator.c").is_file()
+    assert "defines no trial" in CliRunner().invoke(app, ["build", "oscillator.toml"]).stderr
 
 
 def test_links_lead_somewhere() -> None:
