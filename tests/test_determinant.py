@@ -8,8 +8,11 @@ import pytest
 import sympy as sp
 
 from hgogen.bounds import nonzero
+from hgogen.branches import branches
 from hgogen.check import Verdict
 from hgogen.determinant import determinant
+from hgogen.field import field
+from hgogen.rewrite import Writer
 
 V, W = sp.symbols("v w", real=True)
 SQUARE, OTHER = sp.expand((W - 1) ** 2), sp.expand((V - W) ** 2)
@@ -82,6 +85,33 @@ def test_what_has_no_zero_is_not_refuted(e: sp.Expr) -> None:
     """On [-0.9, 0.5]; a row before it brings in a pole that cancels."""
     value = determinant([[1, 0], [V * e.diff(W), e]]).value
     assert nonzero(value, {V: (-2, 2), W: (-0.9, 0.5)}).verdict is Verdict.PROVED
+
+
+BRANCHES = [
+    (sp.sqrt(V), False),
+    (sp.sqrt(1 - V) * sp.sqrt(V * W), False),
+    (sp.sqrt(SQUARE), True),
+    (sp.sqrt(V**2 + W**2) * sp.sqrt(sp.expand((V**2 + W**2) * (V - 1) ** 2)), True),
+    (sp.sqrt(V) + sp.sqrt(W) + sp.sqrt(V * W), False),  # the product of two roots, which is never negative
+    (sp.sqrt(V * W) + sp.sqrt(V * (V + W)) + sp.sqrt(W * (V + W)), True),
+    (sp.cbrt(V**2 + W**2), False),
+    (sp.sqrt(1 + sp.sqrt(V**2 + 1)), True),
+    (sp.sqrt(1 + sp.cos(V)), False),
+    (sp.sqrt(1 - sp.cos(V)) + sp.sin(V / 2), True),
+    (sp.sqrt(2) + sp.sqrt(3) * V + sp.sqrt(6), False),
+    (sp.atan(V), False),
+    (sp.atan(V) + sp.atan(1 / V), True),
+    (sp.Abs(V), True),
+    ((1 / V) ** sp.Rational(1, 10) + sp.sqrt(V), False),
+]
+
+
+@pytest.mark.parametrize(("e", "known"), BRANCHES)
+def test_where_a_polynomial_in_generators_may_be_zero_on_a_part(e: sp.Expr, known: bool) -> None:
+    writer = Writer()
+    writer.measure(e)
+    made, _ = field(writer, [writer.write(e)])
+    assert branches(made) is known
 
 
 def test_a_division_leaves_no_pole() -> None:
