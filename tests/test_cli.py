@@ -286,6 +286,26 @@ def test_check_tells_the_singular_set(here: Path):
     assert "holds where u_dot != 0" in shown
 
 
+JUMPING = """
+import sympy as sp
+import hgogen as hg
+
+x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
+y = hg.Signal("y")
+plant = hg.System("jumping", states=(x1, x2), outputs=(y,), flow=[(2 + sp.sign(x1)) * x2, -x1], output=[x1])
+"""
+
+
+def test_a_question_without_an_answer_leaves_the_others(here: Path):
+    (here / "models" / "jumping.py").write_text(JUMPING)
+    shown, _ = hgogen("check", "jumping", "--deep")
+    assert "proved   triangular.a_2" in shown
+    assert "not known: sign(x1) has no derivative somewhere" in shown
+    found = as_json("check", "jumping")
+    assert found["singular"]["factors"] is None
+    assert found["observability"]["known"]["rank"] == 2
+
+
 def test_check_begins_with_its_answer(here: Path):
     first = hgogen("check", "neuron")[0].split("\n")[0]
     assert first == "fitzhugh_nagumo: locally observable; triangular but for a_2 (accepted); convergence unknown"
