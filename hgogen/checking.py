@@ -112,7 +112,9 @@ def _written(value: Any, path: Path) -> None:
 def _one(
     loaded: Model, bounds: Iterable[str], deep: bool, certificate: Path | None, latex: bool, as_json: str | None
 ) -> None:
-    plant = loaded.plant
+    plant, folded = loaded.plant, loaded.notes
+    for sentence in folded:  # before anything is called proved
+        note(sentence)
 
     def say(*parts: Any) -> None:
         """Print at once what is known, so that a model whose next part takes long, or fails, shows the others."""
@@ -142,7 +144,8 @@ def _one(
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)
     for sentence in claims.notes:
-        note(sentence)
+        if sentence not in folded:
+            note(sentence)
     if certificate is not None:
         _certify(claims, certificate)
     if claims.demanded:

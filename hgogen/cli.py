@@ -172,6 +172,8 @@ def generate(
     written = []
     for given in models:
         loaded = load(given)
+        for sentence in loaded.notes:
+            note(sentence)
         step = loaded.step()
         files = c99(step, real=real.value, command=_made_by(loaded.name, real))
         drawn = {}

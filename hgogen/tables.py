@@ -68,9 +68,14 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
         if check.id in accepted:
             verdict.append("\naccepted", style="yellow")
-        table.add_row(verdict, Text(check.id), Text(said))
+        table.add_row(verdict, Text(check.id), _text(said))
     fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
-    return Group(Text(title, style="bold"), *map(Text, equations), table, *fixes, "")
+    return Group(Text(title, style="bold"), *map(_text, equations), table, *fixes, "")
+
+
+def _text(said: str) -> Text:
+    """Text in which a whole number with many zeros at its end has a power of ten in their place."""
+    return Text(re.sub(r"(?<![\d.])(\d{1,15}?)(0{20,})(?!\d)", lambda m: f"{m[1]}e{len(m[2])}", said))
 
 
 def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[Check]:
@@ -132,7 +137,7 @@ def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
     for row in found.answered:
         verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
         why = "as above" if row.why == before and len(row.why) > _SHORT else row.why
-        table.add_row(verdict, Text(row.name), Text(_listed(row.order)), Text(why))
+        table.add_row(verdict, Text(row.name), Text(_listed(row.order)), _text(why))
         before = row.why
     reasons: dict[str, list[str]] = {}
     for row in found.rows:

@@ -330,6 +330,20 @@ def test_check_says_alike_once(here: Path):
     assert len([check for check in as_json("check", "chain.toml")["checks"] if ".a_" in check["id"]]) == 8
 
 
+def test_what_is_folded_away_is_said_first(here: Path):
+    """Before anything is called proved of x1 in the place of exp(log(x1)), and once."""
+    (here / "el.toml").write_text(
+        'name = "el"\nstates.x1 = {low = -3, high = 3, flow = "x2"}\noutputs.y = {equation = "x1"}\n'
+        'states.x2 = {low = -1, high = 1, flow = "1e-30*x2 - exp(log(x1))"}\n'
+        'observer = {kind = "high_gain", theta = 5, poles = [-1, -1], method = "rk4", dt = 1e-3}\n'
+    )
+    for command in ("check", "generate"):
+        _, said = hgogen(command, "el.toml")
+        assert said.startswith("hgogen: SymPy reads 1e-30*x2 - exp(log(x1)) as ")
+        assert said.count("also where x1 <= 0; ") == 1
+    assert "z2' = -z1 + z2/1e30\n" in hgogen("check", "el.toml")[0]
+
+
 @pytest.mark.parametrize("columns", ["80", "120"])
 def test_what_is_piped_is_as_wide_as_columns(columns: str, here: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", columns)
