@@ -50,7 +50,9 @@ def of_call(function: object, argument: sp.Expr) -> Iterator[Demand]:
 
 
 def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
-    """What base**exponent demands."""
+    """What base**exponent demands; a**0 is 1, also where a = 0."""
+    if exponent == 0:
+        return
     if not exponent.is_integer:
         yield from _plain(Demand("<", base))
     if exponent.is_positive is not True:
@@ -74,19 +76,30 @@ def _all(expression: sp.Expr) -> Iterator[Demand]:
 
 def _plain(demand: Demand) -> Iterator[Demand]:
     """The same demand of factors that may fail it, without their positive numbers; a divisor demands for itself."""
-    left = []
     if not demand.of.free_symbols:  # the parser has judged the numbers
         return
-    for factor in sp.Mul.make_args(demand.of.primitive()[1]):
-        base, exponent = factor.as_base_exp()
-        if factor.is_positive or (demand.relation == "<" and factor.is_nonnegative):
-            continue
-        if demand.relation == "<":
-            left.append(factor)
-        elif not factor.is_number and factor.is_zero is not False and exponent.is_negative is not True:
-            yield Demand("=", -base if base.could_extract_minus_sign() else base)
+    yield from (_signs if demand.relation == "<" else _zeros)(demand.of)
+
+
+def _signs(value: sp.Expr) -> Iterator[Demand]:
+    """A root is not negative where it is real."""
+    pairs = [(factor.primitive()[1], factor.as_base_exp()[1]) for factor in sp.Mul.make_args(value)]
+    left = [factor for factor, exponent in pairs if exponent.is_integer and not factor.is_nonnegative]
     if left:
         yield Demand("<", sp.Mul(*left))
+
+
+def _zeros(value: sp.Expr) -> Iterator[Demand]:
+    for factor in sp.Mul.make_args(value.primitive()[1]):
+        base, exponent = factor.as_base_exp()
+        if factor.is_number or factor.is_zero is False or exponent.is_negative:
+            continue
+        if base != value and isinstance(base, sp.Mul | sp.Pow | sp.Add):
+            yield from _zeros(base)
+        elif isinstance(base, sp.Abs):
+            yield from _zeros(base.args[0])
+        else:
+            yield Demand("=", -base if base.could_extract_minus_sign() else base)
 
 
 @dataclass(frozen=True)
