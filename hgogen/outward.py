@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Pair = tuple[Array, Array]
 
 _SPLIT = 134217729.0  # 2^27 + 1
@@ -68,21 +69,30 @@ def multiply(a: Pair, b: Pair) -> Pair:
     x = np.stack([np.broadcast_to(end, shape) for end in (a[0], a[0], a[1], a[1])])
     y = np.stack([np.broadcast_to(end, shape) for end in (b[0], b[1], b[0], b[1])])
     low, high = _product(x, y)
-    same = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
-    other = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
     least, most = low.min(axis=0), high.max(axis=0)
-    return np.where(same, np.maximum(least, 0.0), least), np.where(other, np.minimum(most, 0.0), most)
+    return np.where(_same(a, b), np.maximum(least, 0.0), least), np.where(_other(a, b), np.minimum(most, 0.0), most)
 
 
 def scale(a: Pair, b: Pair) -> Pair:
-    """a b without a look for exact products: cheaper, and one float wider."""
+    """a b without a look for exact products: cheaper, and one float wider; not negative where the signs say so."""
     products = [_zero_wins(x, y) for x in a for y in b]
     low, high = products[0], products[0]
     for product in products[1:]:
         low, high = np.minimum(low, product), np.maximum(high, product)
     # a true 0 (both ends of one factor 0) stays
     none = ((a[0] == 0) & (a[1] == 0)) | ((b[0] == 0) & (b[1] == 0))
-    return np.where(none, 0.0, down(low)), np.where(none, 0.0, up(high))
+    least, most = np.where(none, 0.0, down(low)), np.where(none, 0.0, up(high))
+    return np.where((low == 0) & _same(a, b), 0.0, least), np.where((high == 0) & _other(a, b), 0.0, most)
+
+
+def _same(a: Pair, b: Pair) -> Flags:
+    """No product is negative."""
+    return np.asarray(((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0)))
+
+
+def _other(a: Pair, b: Pair) -> Flags:
+    """No product is positive."""
+    return np.asarray(((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0)))
 
 
 def reciprocal(a: Pair) -> Pair:

@@ -87,3 +87,9 @@ def test_what_overflows_keeps_its_lower_end() -> None:
     assert hg.bound("exp(exp(exp(exp(10*x))))", {"x": (0, 2)}).low > 3.8e6
     assert hg.bound("exp(-exp(exp(exp(10*x))))", {"x": (0, 2)}).low == 0
     assert hg.bound("sinh(exp(exp(exp(10*x))))", {"x": (0, 2)}).low > 1e6
+
+
+@pytest.mark.parametrize("text", ["x1 + 2*abs(x1)", "x1 - 2*min(x1, 0)", "max(x1, -2*x1)"])
+def test_a_least_value_of_zero_is_zero(text: str) -> None:
+    """Not the float below it."""
+    assert hg.bound(text, BOX).low == 0
