@@ -3,11 +3,17 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, count
+from typing import Any, TypeAlias
 
 import sympy as sp
 
+from hgogen.check import Check
+from hgogen.form import Form
 from hgogen.signal import Signal
 from hgogen.system import System
+
+# A, b and the output of a form.
+Parts: TypeAlias = tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,35 @@ def coordinates(
     stem = _stem({signal.name for signal in system.signals}, len(order))
     states = tuple(_signal(f"{stem}{i}", x, sign) for i, (x, sign) in enumerate(zip(order, signs, strict=True), 1))
     return Coordinates(system, order, signs, states)
+
+
+def form_in(
+    z: Coordinates,
+    kind: str,
+    checks: Iterable[Check],
+    reference: str,
+    *,
+    parts: Parts | None = None,
+    **more: Any,
+) -> Form:
+    """The plant in z, with the checks of its own coordinates before the form's.
+
+    Args: `parts`: A, b and the output; by default A is what `split` finds. `more`: further fields of the form.
+    """
+    A, b, output = parts or (*split(z.flow, z.states), z.output)
+    return Form(
+        system=z.system,
+        kind=kind,
+        states=z.states,
+        to_form=z.to_form,
+        from_form=z.from_form,
+        A=A,
+        b=b,
+        output=output,
+        checks=(*z.system.checks, *checks),
+        reference=reference,
+        **more,
+    )
 
 
 def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:

@@ -23,7 +23,7 @@ import sympy as sp
 from hgogen.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.check import Check, Verdict
 from hgogen.chord import chord
-from hgogen.coordinates import Coordinates, coordinates, split
+from hgogen.coordinates import Coordinates, Parts, coordinates, form_in
 from hgogen.defined import defined
 from hgogen.errors import HgogenError
 from hgogen.form import Form
@@ -32,6 +32,7 @@ from hgogen.positive import positive, sign
 from hgogen.several import cascade, end_aligned
 from hgogen.system import System
 
+_REFERENCE = "Boizot, thesis (2010), chapter 5"
 # Alignment to the search for its chains and what a row may read.
 _ALIGNMENTS: Mapping[str, tuple[Callable[[Rows], Chains], str]] = {
     "top": (levelwise, "states of its level and before, of every chain"),
@@ -89,14 +90,13 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
     structure = _structure(name, verdict, why)
     if chains.broken or answer is False:
-        z = coordinates(plant)
-        A, b = split(z.flow, z.states)
-        return _form(z, A, b, z.output, (structure,))
+        return form_in(coordinates(plant), "block_triangular", (structure,), _REFERENCE)
     found = [_signed(links, plant) for links in chains.links]
     z = coordinates(plant, chains.order, [t for chain in found for t in chain.signs])
-    A, b, output = _parts(z, found)
+    parts = _, b, _ = _parts(z, found)
     checks = (structure, *_claims(found, plant), lipschitz("block_triangular.lipschitz", map(z.back, b), plant))
-    return _form(z, A, b, output, checks, blocks=chains.blocks, alignment=name)
+    blocks = chains.blocks
+    return form_in(z, "block_triangular", checks, _REFERENCE, parts=parts, blocks=blocks, alignment=name)
 
 
 def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
@@ -124,9 +124,7 @@ def _signed(links: tuple[Link, ...], plant: System) -> _Chain:
     return _Chain(tuple(settled), tuple(signs[1:]))
 
 
-def _parts(
-    z: Coordinates, chains: list[_Chain]
-) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+def _parts(z: Coordinates, chains: list[_Chain]) -> Parts:
     """A, b and the output, in z."""
     n = len(z.states)
     A, b, output, head = sp.zeros(n, n), list(z.flow), [], 0
@@ -147,28 +145,3 @@ def _claims(chains: list[_Chain], plant: System) -> Iterator[Check]:
         offset = chain.rests[0]
         if offset != 0 and offset.free_symbols.isdisjoint(plant.states):
             yield defined(f"block_triangular.offset_{i}", f"c_{i}", offset, plant)
-
-
-def _form(
-    z: Coordinates,
-    A: sp.ImmutableDenseMatrix,
-    b: tuple[sp.Expr, ...],
-    output: tuple[sp.Expr, ...],
-    checks: tuple[Check, ...],
-    blocks: tuple[int, ...] = (),
-    alignment: str = "",
-) -> Form:
-    return Form(
-        system=z.system,
-        kind="block_triangular",
-        states=z.states,
-        to_form=z.to_form,
-        from_form=z.from_form,
-        A=A,
-        b=b,
-        output=output,
-        checks=(*z.system.checks, *checks),
-        reference="Boizot, thesis (2010), chapter 5",
-        blocks=blocks,
-        alignment=alignment,
-    )

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hgogen.check import Check, Verdict
-from hgogen.coordinates import Coordinates, coordinates, split
+from hgogen.coordinates import Coordinates, coordinates, form_in, split
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.identity import reads
@@ -68,18 +68,7 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
             "no theorem here covers the plant in its own coordinates",
         ),
     )
-    return Form(
-        system=plant,
-        kind="original",
-        states=z.states,
-        to_form=z.to_form,
-        from_form=z.from_form,
-        A=A,
-        b=b,
-        output=z.output,
-        checks=(*z.system.checks, *checks),
-        reference="the plant's own coordinates",
-    )
+    return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output))
 
 
 def _outwards(seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]) -> list[Signal]:

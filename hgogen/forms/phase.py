@@ -18,7 +18,7 @@ import sympy as sp
 
 from hgogen.bounds import Box, Sign, bound, box, nonzero
 from hgogen.check import Check, Verdict
-from hgogen.coordinates import coordinates, split
+from hgogen.coordinates import coordinates, form_in
 from hgogen.determinant import determinant
 from hgogen.digits import down
 from hgogen.errors import HgogenError
@@ -83,7 +83,6 @@ def phase(plant: System, *, original: bool = False) -> Form:
     back = inverse(images, whole.plant.states, (*whole.plant.inputs, *whole.plant.parameters))
     one_to_one = _one_to_one(whole, images, back, rank)
     checks = (
-        *whole.plant.checks,
         Check("phase.chain", "y = z_1, z_i' = z_(i+1)", Verdict.PROVED, "by construction"),
         _inputs(whole),
         rank,
@@ -139,7 +138,7 @@ def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], c
         A=sp.ImmutableDenseMatrix(n, n, lambda i, j: int(j == i + 1)),
         b=(*zeros, phi),
         output=(states[0],),
-        checks=checks,
+        checks=(*plant.checks, *checks),
         reference=_REFERENCE,
         behind=None if everywhere else (*zeros, whole.phi),
     )
@@ -158,20 +157,8 @@ def _kept(whole: _Map, checks: tuple[Check, ...]) -> Form:
     plant = whole.before
     read = tuple(u for u in whole.plant.inputs if u in plant.inputs or u in whole.jacobian.free_symbols)
     z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
-    A, b = split(z.flow, z.states)
-    return Form(
-        system=z.system,
-        kind="phase, original coordinates",
-        states=z.states,
-        to_form=z.to_form,
-        from_form=z.from_form,
-        A=A,
-        b=b,
-        output=z.output,
-        checks=checks,
-        reference=_REFERENCE,
-        jacobian=sp.ImmutableDenseMatrix(whole.jacobian.applyfunc(z.carry)),
-    )
+    J = sp.ImmutableDenseMatrix(whole.jacobian.applyfunc(z.carry))
+    return form_in(z, "phase, original coordinates", checks, _REFERENCE, jacobian=J)
 
 
 # ---------------------------------------------------------------- checks

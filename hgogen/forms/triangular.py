@@ -20,13 +20,15 @@ import sympy as sp
 from hgogen.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.check import Check, Verdict
 from hgogen.chord import chord
-from hgogen.coordinates import Coordinates, coordinates, split
+from hgogen.coordinates import coordinates, form_in
 from hgogen.defined import defined
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.lipschitz import lipschitz
 from hgogen.positive import positive, sign
 from hgogen.system import System
+
+_REFERENCE = "Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)"
 
 
 @dataclass(eq=False)
@@ -79,7 +81,8 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
         *(positive(f"triangular.a_{i}", f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
         *_offset(links[0].rest, plant),
     )
-    form = _form(z, sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,), checks)
+    parts = sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,)
+    form = form_in(z, "triangular", checks, _REFERENCE, parts=parts)
     name = "b" if form.nonlinear == form.b else "b, with the a_i(z_1) z_i,"
     steep = lipschitz("triangular.lipschitz", map(z.back, form.nonlinear), plant, name)
     return replace(form, checks=(*form.checks, steep))
@@ -108,8 +111,7 @@ def _offset(c: sp.Expr, plant: System) -> tuple[Check, ...]:
 
 
 def _unordered(plant: System, structure: Check) -> Form:
-    z = coordinates(plant)
-    return _form(z, *split(z.flow, z.states), z.output, (structure,))
+    return form_in(coordinates(plant), "triangular", (structure,), _REFERENCE)
 
 
 def _structure(verdict: Verdict, reason: str, fix: str) -> Check:
@@ -124,24 +126,3 @@ def _fix(chains: Chains, shape: Shape) -> str:
     if chains.answer(Shape.UNIFORM)[0]:
         return "Use forms.uniform, for any slopes that do not vanish, or forms.original, which takes any plant."
     return "Measure another output, or use forms.original, which takes any plant."
-
-
-def _form(
-    z: Coordinates,
-    A: sp.ImmutableDenseMatrix,
-    b: tuple[sp.Expr, ...],
-    output: tuple[sp.Expr, ...],
-    checks: tuple[Check, ...],
-) -> Form:
-    return Form(
-        system=z.system,
-        kind="triangular",
-        states=z.states,
-        to_form=z.to_form,
-        from_form=z.from_form,
-        A=A,
-        b=b,
-        output=output,
-        checks=(*z.system.checks, *checks),
-        reference="Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)",
-    )

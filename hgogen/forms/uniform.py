@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from hgogen.apart import apart
 from hgogen.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.check import Check, Verdict
-from hgogen.coordinates import coordinates, split
+from hgogen.coordinates import coordinates, form_in
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.lipschitz import lipschitz
@@ -56,19 +56,8 @@ def uniform(plant: System) -> Form:
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
     found = not chains.broken and answer is not False
     z = coordinates(plant, chains.order if found else None)
-    A, b = split(z.flow, z.states)
-    return Form(
-        system=plant,
-        kind="uniform",
-        states=z.states,
-        to_form=z.to_form,
-        from_form=z.from_form,
-        A=A,
-        b=b,
-        output=z.output,
-        checks=(*z.system.checks, _structure(verdict, why), *(_claims(chains, plant) if found else ())),
-        reference="Hammouri, Farza, ESAIM: COCV 9 (2003)",
-    )
+    checks = (_structure(verdict, why), *(_claims(chains, plant) if found else ()))
+    return form_in(z, "uniform", checks, "Hammouri, Farza, ESAIM: COCV 9 (2003)")
 
 
 def _structure(verdict: Verdict, why: str) -> Check:
