@@ -91,6 +91,14 @@ class Dynamics:
         linear, nonlinear = self._graphs(self.saturated(z), u)
         return linear @ z + nonlinear
 
+    def linear(self, u: Any) -> Any:
+        """A(u), sparse (n, n), of a form whose A is free of states."""
+        return self._graphs(self._z, u)[0]
+
+    def nonlinear(self, z: Any, u: Any) -> Any:
+        """b (n), with its argument clamped."""
+        return self._graphs(self.saturated(z), u)[1]
+
     def jacobian(self, z: Any, u: Any) -> Any:
         """d(A z + b)/dz at (sat(z), u), n x n: A(u) + b* where A is free of states."""
         linear, rest = self._graphs(self._z, self._u)

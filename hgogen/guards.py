@@ -200,7 +200,7 @@ def _kept(field: Field) -> Block:
     box = [(max(low, -limit), min(high, limit)) for low, high in field.box]
     clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
     writes = {f"state.{field.name}": column(clamped)}
-    if field.name == "z":
+    if field.outer:
         writes["status.STATE_LIMITED"] = _any(
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(box)
         )

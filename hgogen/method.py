@@ -5,6 +5,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from hgogen.core import core, numbers
 from hgogen.covariance import covariance_ode, information_ode
 from hgogen.observer import Clock, Ode, Pieces, Riccati
 from hgogen.program import INF, Block, sym
@@ -62,7 +63,7 @@ class Explicit:
             tune=part.tune,
             predict=(block,),
             uses_output=True,
-            limit=INF if part.core is None else core_limit(part.core, self.tableau.polynomial),
+            limit=paced(part, clock, self.tableau),
             why=f"beyond it the linear error core leaves the stability region of {self.tableau.name}",
         )
 
@@ -79,6 +80,13 @@ class Explicit:
             caution=limits[0].dt,
             why=f"nowhere in the declared box is the covariance equation stable beyond it ({limits[-1].why})",
         )
+
+
+def paced(part: Ode, clock: Clock, tableau: Tableau) -> float:
+    """The largest step length at which the tableau keeps the linear error core stable."""
+    line = core(part, clock.outputs)
+    matrix = part.core if line is None else numbers(line.M, clock.nominal)
+    return INF if matrix is None else core_limit(matrix, tableau.polynomial)
 
 
 def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["information", "covariance"]) -> list[Limit]:

@@ -6,7 +6,7 @@ now, `work.e` the innovation y_j - h_j(z, u) of the output under update.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import casadi as ca
@@ -58,12 +58,14 @@ def real(name: str, value: Any) -> float:
 
 @dataclass(frozen=True)
 class Clock:
-    """Sampling as a part sees it: the step length, and what the input does between samples."""
+    """Sampling as a part sees it: the step length, what the input does between samples, and the numbers of all places
+    of parameters and gains as declared."""
 
     dt: float
     between: str
     inputs: int
     outputs: int
+    nominal: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def u(self, c: float) -> Any:
         """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
@@ -123,17 +125,31 @@ class Part(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Ode:
-    """Any continuous estimator: field' = rhs(values by field name, u (m), y (p), valid (p)).
+    """Any continuous estimator: field' = linear(values, y - offset(u), valid) + rest(values, u, y, valid), by field
+    name, of u (m), y (p), valid (p).
 
-    An invalid output must leave no trace in the right-hand side. `core` is the constant linear error core, if there
-    is one, for the check of dt.
+    `linear`: the terms linear in the fields and the measurement with coefficients free of states and inputs, the error
+    core; None where there is none. `frozen`: fields that those coefficients may hold, such as a gain that adapts, each
+    with the values at which the core is the fastest. `core`: the error core as numbers, of an estimator that has one in
+    other coordinates only. An invalid output must leave no trace in the right-hand side.
     """
 
     fields: tuple[Field, ...]
-    rhs: Callable[[Mapping[str, Any], Any, Any, Any], Mapping[str, Any]]
+    rest: Callable[[Mapping[str, Any], Any, Any, Any], Mapping[str, Any]]
+    linear: Callable[[Mapping[str, Any], Any, Any], Mapping[str, Any]] | None = None
+    offset: Callable[[Any], Any] | None = None
+    frozen: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     derived: tuple[Field, ...] = ()
     tune: Program = ()
     core: np.ndarray | None = None
+
+    def rhs(self, values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        """The whole right-hand side."""
+        rest = dict(self.rest(values, u, y, valid))
+        if self.linear is None:
+            return rest
+        lines = self.linear(values, y if self.offset is None else y - self.offset(u), valid)
+        return {name: lines[name] + rest[name] if name in lines else rest[name] for name in rest}
 
     def pieces(self, method: "Method", clock: Clock) -> Pieces:
         """By the method's rule for differential equations."""
@@ -281,6 +297,7 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
         tuple(values),
         low=tuple(low),
         high=tuple(high),
+        outer=True,
         labels=labels,
         meaning="estimate in the form's coordinates",
     )
@@ -325,6 +342,17 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
             raise BadGain(f"{name} = {element:g}", f"must be a finite number in [{low:g}, {high:g}]: {meaning}")
     size = len(values)
     return Field(name, values, low=(low,) * size, high=(high,) * size, unit=unit, meaning=meaning)
+
+
+def high_gain_parameter(theta: Any) -> Field:
+    """The gain `theta`, tunable from 1 to its declared value: the step length is admitted for its largest.
+
+    Raises: `BadGain` for theta < 1 or not finite.
+    """
+    value = real("theta", theta)
+    if not 1 <= value < np.inf:
+        raise BadGain(f"theta = {value!r}", "must be a finite number, at least 1")
+    return gain("theta", value, 1.0, value, "high-gain parameter")
 
 
 def tunable(system_signals: Iterable[Signal]) -> tuple[Field, ...]:

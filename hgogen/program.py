@@ -52,7 +52,8 @@ class Field:
     """One named array of a step's memory; of one element, a scalar in C.
 
     `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
-    step keeps it in; `labels`: what its elements are called in reports and C.
+    step keeps it in; `outer`: whether that is the outer box of the estimate, whose touching suspends the theorem;
+    `labels`: what its elements are called in reports and C.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Field:
     kind: Literal["real", "index"] = "real"
     low: tuple[float, ...] = ()
     high: tuple[float, ...] = ()
+    outer: bool = False
     labels: tuple[str, ...] = ()
     unit: str = ""
     meaning: str = ""

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import casadi as ca
 
+from hgogen.core import nominal
 from hgogen.errors import HgogenError
 from hgogen.guards import (
     SIGNAL_BITS,
@@ -144,7 +145,7 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
     if between not in ("line", "hold"):
         raise BadStep(f"between = {between!r}", 'must be "line" or "hold"')
     system = observer.form.system
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs))
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer))
     pieces = tuple(part.pieces(method, clock) for part in observer.parts)
     tightest = min(pieces, key=lambda piece: piece.limit)
     if dt > tightest.limit:

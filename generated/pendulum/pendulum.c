@@ -124,11 +124,11 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             const float K1 = p->derived.K[0];
             const float t1 = valid*(y_last - z1);
             const float k1_z1 = z2 + K1*t1;
+            const float K2 = p->derived.K[1];
             const float u_before = s->u;
             const float t2 = u_before - 0.1f*pendulum_clamp(z2, -20.0f, 20.0f)
                 - 19.6f*pendulum_sin(pendulum_clamp(z1, -4.0f, 4.0f));
-            const float K2 = p->derived.K[1];
-            const float k1_z2 = t2 + K2*t1;
+            const float k1_z2 = K2*t1 + t2;
             const float t3 = z2 + 0.0005f*k1_z2;
             const float t4 = y_last + 0.5f*(y - y_last);
             const float t5 = z1 + 0.0005f*k1_z1;
@@ -137,21 +137,21 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             const float t7 = u_before + 0.5f*(u - u_before);
             const float t8 = t7 - 0.1f*pendulum_clamp(t3, -20.0f, 20.0f)
                 - 19.6f*pendulum_sin(pendulum_clamp(t5, -4.0f, 4.0f));
-            const float k2_z2 = t8 + K2*t6;
+            const float k2_z2 = K2*t6 + t8;
             const float t9 = z2 + 0.0005f*k2_z2;
             const float t10 = z1 + 0.0005f*k2_z1;
             const float t11 = valid*(t4 - t10);
             const float k3_z1 = t9 + K1*t11;
             const float t12 = t7 - 0.1f*pendulum_clamp(t9, -20.0f, 20.0f)
                 - 19.6f*pendulum_sin(pendulum_clamp(t10, -4.0f, 4.0f));
-            const float k3_z2 = t12 + K2*t11;
+            const float k3_z2 = K2*t11 + t12;
             const float t13 = z2 + 0.001f*k3_z2;
             const float t14 = z1 + 0.001f*k3_z1;
             const float t15 = valid*(y - t14);
             const float k4_z1 = t13 + K1*t15;
             const float t16 = u - 0.1f*pendulum_clamp(t13, -20.0f, 20.0f)
                 - 19.6f*pendulum_sin(pendulum_clamp(t14, -4.0f, 4.0f));
-            const float k4_z2 = t16 + K2*t15;
+            const float k4_z2 = K2*t15 + t16;
             s->z[0] = z1 + 0.00016666666f*(k1_z1 + 2.0f*k2_z1 + 2.0f*k3_z1 + k4_z1);
             s->z[1] = z2 + 0.00016666666f*(k1_z2 + 2.0f*k2_z2 + 2.0f*k3_z2 + k4_z2);
         }

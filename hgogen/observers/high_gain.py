@@ -12,6 +12,7 @@ Hammouri, Othman 1992; in the form of Astolfi, Jungers, Zaccarian 2018, (3).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -25,7 +26,7 @@ from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.gains import coefficients
 from hgogen.graph import to_casadi
-from hgogen.observer import BadGain, Observer, Ode, founded, gain, real, state_field
+from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, real, state_field
 from hgogen.program import Block, Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -73,9 +74,8 @@ def high_gain(
     """
     accept = founded("high_gain", form, accept)
     n, dynamics = form.n, Dynamics(form)
-    theta = real("theta", theta)
-    if not 1 <= theta < np.inf:
-        raise BadGain(f"theta = {theta!r}", "must be a finite number, at least 1")
+    high = high_gain_parameter(theta)
+    theta = high.initial[0]
     chain = _chain(form)
     p = coefficients(poles, n)
     products = [sp.prod(chain[: i + 1]) for i in range(n)]
@@ -85,30 +85,19 @@ def high_gain(
     parameters = {s: sym(f"plant.{s.name}") for s in form.system.parameters if s.bounded}
     fixed = {s: v for s, v in form.system.nominal.items() if not s.bounded}
     scaled = _graphs([g.subs(fixed) for g in tuned], parameters, place)
-    nominal = [float(a.subs(form.system.nominal)) for a in chain]
-    K = p / np.cumprod(nominal)
     least = _least(dynamics, singular)
-    core = theta * (np.diag(nominal[1:], 1) - np.outer(K, np.eye(n)[0] * nominal[0]))
-
-    def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
-        error, push = valid * (y - dynamics.output(values["z"], u)), sym("derived.K", n)
-        if form.jacobian is not None:
-            push, _ = dynamics.pulled(push, values["z"], u, least)
-        return {"z": dynamics.flow(values["z"], u) + push * error}
-
     labels = tuple(f"theta^{i + 1} K_{i + 1}" if i else "theta K_1" for i in range(n))
-    part = Ode(
+    part = replace(
+        _in_chain(form, dynamics) if form.jacobian is None else _in_original(dynamics, least, theta, p),
         fields=(z,),
-        rhs=rate,
         derived=(Field("K", (0.0,) * n, labels=labels, meaning="observer gain"),),
         tune=(Block("observer gain", {"derived.K": scaled}),),
-        core=core,
     )
     return Observer(
         form=form,
         name="high_gain",
         parts=(part,),
-        gains=(gain("theta", float(theta), 1.0, float(theta), "high-gain parameter"),),
+        gains=(high,),
         z=sym("state.z", n),
         dynamics=dynamics,
         checks=(*form.checks, *clamped("high_gain", form), *checks("high_gain", theta, of_poles(form, p))),
@@ -118,6 +107,31 @@ def high_gain(
         reference=REFERENCE,
         notices=_notices(dynamics, least) if least > 0 else (),
     )
+
+
+def _in_chain(form: Form, dynamics: Dynamics) -> Ode:
+    """z' = A z + K (y - C z - offset), and b."""
+    n, still = dynamics.n, ca.SX.zeros(len(form.system.inputs))
+    A, C, K = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still), sym("derived.K", n)
+
+    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+        return {"z": A @ values["z"] + K * (valid * (y - C @ values["z"]))}
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        return {"z": dynamics.nonlinear(values["z"], u)}
+
+    return Ode((), rest, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))
+
+
+def _in_original(dynamics: Dynamics, least: float, theta: float, p: np.ndarray) -> Ode:
+    """z' = f(sat z, u) + (dPhi/dx)^-1 K (y - h); the core is that of the phase coordinates."""
+    n = dynamics.n
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        push, _ = dynamics.pulled(sym("derived.K", n), values["z"], u, least)
+        return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
+
+    return Ode((), rest, core=theta * (np.diag(np.ones(n - 1), 1) - np.outer(p, np.eye(n)[0])))
 
 
 def _least(dynamics: Dynamics, share: float) -> float:

@@ -1,0 +1,73 @@
+"""The linear error core of an estimator: x' = M x + B y + what is nonlinear, x its fields in a column.
+
+By differentiation of `Ode.linear`, which is linear in the fields and the measurement. The error of the estimate obeys
+the same M where the model's nonlinear terms agree, so the eigenvalues of M are the observer's poles, and (M, B) is what
+measurement noise goes through.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.observer import Observer, Ode, tunable
+from hgogen.program import Block, address, sym
+
+
+@dataclass(frozen=True, eq=False)
+class Core:
+    """x' = M x + B y with every output valid (SX (N, N), (N, p)), x' = `blind` x without samples.
+
+    `x`: the symbols of the fields that are not frozen, in their order.
+    """
+
+    x: Any
+    M: Any
+    B: Any
+    blind: Any
+
+
+def core(part: Ode, outputs: int) -> Core | None:
+    """The core as graphs of parameters and gains, frozen fields at their values; None where there is none."""
+    if part.linear is None:
+        return None
+    moving = [field for field in part.fields if field.name not in part.frozen]
+    values: dict[str, Any] = {field.name: sym(f"state.{field.name}", field.size) for field in moving}
+    x, y = ca.vertcat(*values.values()), sym("work.y", outputs)
+    values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
+
+    def slopes(valid: Any) -> tuple[Any, Any]:
+        lines = part.linear(values, y, valid) if part.linear else {}
+        rate = ca.vertcat(*(lines.get(field.name, ca.SX(field.size, 1)) for field in moving))
+        return ca.jacobian(rate, x), ca.jacobian(rate, y)
+
+    (M, B), (blind, _) = slopes(ca.SX.ones(outputs)), slopes(ca.SX(outputs, 1))
+    return Core(x, M, B, blind)
+
+
+def core_numbers(part: Ode, outputs: int, nominal: Mapping[str, np.ndarray]) -> np.ndarray:
+    """M (N, N) of a part that has a core, at the numbers of the places it reads."""
+    found = core(part, outputs)
+    assert found is not None
+    return numbers(found.M, nominal)
+
+
+def numbers(graph: Any, nominal: Mapping[str, np.ndarray]) -> np.ndarray:
+    """An SX of places of parameters and gains at their numbers."""
+    symbols = ca.symvar(ca.SX(graph))
+    values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]
+    return np.array(ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))])(*values)).reshape(ca.SX(graph).shape)
+
+
+def nominal(observer: Observer) -> dict[str, np.ndarray]:
+    """The numbers of the places of parameters, gains and what is derived of them, all as declared."""
+    fields = [("plant", field) for field in tunable(observer.form.system.parameters)]
+    fields += [("gain", field) for field in observer.gains]
+    values = {f"{kind}.{field.name}": np.array(field.initial) for kind, field in fields}
+    for part in observer.parts:
+        for block in part.tune if isinstance(part, Ode) else ():
+            assert isinstance(block, Block)
+            values |= {place: numbers(value, values) for place, value in block.writes.items()}
+    return values

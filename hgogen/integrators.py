@@ -1,0 +1,193 @@
+"""A form with constant a_i as chains of integrators, the coordinates in which the papers write their observers.
+
+    z_(i,j)' = a_(i,j+1) z_(i,j+1) + b_(i,j)(z, u),   y_i = a_(i,1) z_(i,1) + o_i(u)
+    w_(i,j) = a_(i,1) .. a_(i,j) z_(i,j):   w_(i,j)' = w_(i,j+1) + c_(i,j)(w, u),   y_i = w_(i,1) + o_i(u)
+
+c_(i,j) = a_(i,1) .. a_(i,j) b_(i,j) takes the argument of b saturated to the declared box: phi_s of the papers. The a_i
+are free of inputs and states; they may hold parameters.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.check import Check
+from hgogen.clamped import clamped
+from hgogen.dynamics import Dynamics
+from hgogen.form import Form
+from hgogen.graph import to_casadi
+from hgogen.observer import BadGain, Observer, Part, state_field
+from hgogen.program import INF, Field, sym
+from hgogen.theorem import Theorem
+
+T = TypeVar("T")
+
+
+def chain_gains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
+    """a_(i,1), .., a_(i,n_i) of each output's chain, whatever they depend on."""
+    found, head = [], 0
+    for output, size in zip(form.output, form.blocks, strict=True):
+        first = sp.diff(output, form.states[head])
+        found.append((first, *(form.A[i, i + 1] for i in range(head, head + size - 1))))
+        head += size
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Integrators:
+    """`form` in the coordinates w; each w is an SX column (n), chain after chain."""
+
+    form: Form
+    gains: tuple[tuple[sp.Expr, ...], ...]
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The form's graphs."""
+        return Dynamics(self.form)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.form.n
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Length of each chain."""
+        return tuple(map(len, self.gains))
+
+    @cached_property
+    def products(self) -> tuple[sp.Expr, ...]:
+        """a_(i,1) .. a_(i,j) (n), the scale from z to w."""
+        return tuple(sp.prod(chain[: j + 1]) for chain in self.gains for j in range(len(chain)))
+
+    @cached_property
+    def scale(self) -> Any:
+        """The products as SX (n) of parameters; those without a range are folded."""
+        system = self.form.system
+        places = {s: sym(f"plant.{s.name}") for s in system.parameters if s.bounded}
+        fixed = {s: value for s, value in system.nominal.items() if not s.bounded}
+        return ca.vertcat(*to_casadi([sp.sympify(p).subs(fixed) for p in self.products], places))
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """The products (n) at the nominal parameters."""
+        return np.array([float(p.subs(self.form.system.nominal)) for p in self.products])
+
+    def z(self, w: Any) -> Any:
+        """The form's state (n)."""
+        return ca.vertcat(*(w[i] if self.products[i] == 1 else w[i] / self.scale[i] for i in range(self.n)))
+
+    def nonlinear(self, w: Any, u: Any) -> Any:
+        """c(w, u) (n), its argument saturated to the declared box."""
+        b = self.dynamics.nonlinear(self.z(w), u)
+        return ca.vertcat(*(b[i] if self.products[i] == 1 else self.scale[i] * b[i] for i in range(self.n)))
+
+    def offset(self, u: Any) -> Any:
+        """o(u) (p)."""
+        return self.dynamics.output(ca.SX.zeros(self.n), u)
+
+    def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
+        """The field `w` (n), with the outer box of `state_field` and `peak`.
+
+        Raises: `BadGain` for a bad initial state.
+        """
+        z, scale = state_field(self.form, initial, peak), self.nominal
+        ends = np.array([scale * z.low, scale * z.high])
+        names = (label if p == 1 else f"({p})*({label})" for p, label in zip(self.products, z.labels, strict=True))
+        return replace(
+            z,
+            name="w",
+            initial=tuple(map(float, scale * z.initial)),
+            low=tuple(map(float, np.nan_to_num(ends.min(axis=0), nan=-INF, neginf=-INF))),
+            high=tuple(map(float, np.nan_to_num(ends.max(axis=0), nan=INF, posinf=INF))),
+            labels=tuple(names),
+            meaning="estimate, in chains of integrators",
+        )
+
+
+def observer_on(
+    chain: Integrators,
+    name: str,
+    *,
+    parts: tuple[Part, ...],
+    gains: tuple[Field, ...],
+    w: Any,
+    theorem: Theorem,
+    equations: tuple[str, ...],
+    reference: str,
+    checks: tuple[Check, ...] = (),
+    accepted: tuple[str, ...] = (),
+    traces: tuple[str, ...] = (),
+) -> Observer:
+    """The observer whose estimate is `w` (n), an SX of places of its state; `checks` beside the form's."""
+    form = chain.form
+    return Observer(
+        form=form,
+        name=name,
+        parts=parts,
+        gains=gains,
+        z=chain.z(w),
+        dynamics=chain.dynamics,
+        checks=(*form.checks, *clamped(name, form), *checks),
+        accepted=accepted,
+        theorem=theorem,
+        equations=equations,
+        reference=reference,
+        traces=traces,
+    )
+
+
+def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
+    """The elements `wanted` of a field as a field of its own."""
+    wanted = tuple(wanted)
+
+    def cut(values: tuple[T, ...]) -> tuple[T, ...]:
+        return tuple(values[i] for i in wanted)
+
+    return replace(
+        field,
+        name=name,
+        meaning=meaning,
+        initial=cut(field.initial),
+        low=cut(field.low),
+        high=cut(field.high),
+        labels=cut(field.labels),
+    )
+
+
+def integrators(observer: str, form: Form, *, several: bool = False) -> Integrators:
+    """The form as chains of integrators, for the observer of that name.
+
+    Raises: `BadGain` for a form that is none, or has `several` outputs where the observer takes one.
+    """
+    if len(form.output) > 1 and not several:
+        raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
+    if form.kind == "uniform":
+        raise BadGain(
+            observer, "wants constant slopes, those of a uniform form vary with the state; use riccati or forms.phase"
+        )
+    if form.jacobian is not None:
+        reason = "works in chains of integrators, this form keeps the plant's coordinates; use high_gain or riccati"
+        raise BadGain(observer, reason)
+    gains = chain_gains(form)
+    chain = {(h + j, h + j + 1) for h, c in zip(_heads(form), gains, strict=True) for j in range(len(c) - 1)}
+    if any(form.A[i, j] != 0 and (i, j) not in chain for i in range(form.n) for j in range(form.n)):
+        raise BadGain(observer, f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati")
+    for i, each in enumerate(gains, 1):
+        for j, a in enumerate(each, 1):
+            name = f"a_{j}" if len(gains) == 1 else f"a_({i},{j})"
+            if a == 0:
+                raise BadGain(observer, f"takes a triangular form, here {name} = 0; use forms.triangular or riccati")
+            if a.free_symbols - {*form.system.parameters}:
+                what = "input" if a.free_symbols & {*form.system.inputs} else "state"
+                raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
+    return Integrators(form, gains)
+
+
+def _heads(form: Form) -> tuple[int, ...]:
+    return tuple(sum(form.blocks[:i]) for i in range(len(form.blocks)))

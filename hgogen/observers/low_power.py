@@ -1,0 +1,100 @@
+"""Low-power high-gain observer: 2n - 2 states in place of n, and powers of the gain up to l^2 in place of l^n.
+
+    p_i' = q_i + c_i(xhat, u) + l k_i1 e_i                     i = 1, .., n-1
+    q_i' = q_(i+1) + c_(i+1)(xhat, u) + l^2 k_i2 e_i           i = 1, .., n-2
+    q_(n-1)' = c_n(xhat, u) + l^2 k_(n-1)2 e_(n-1)
+    e_1 = y - p_1,   e_i = q_(i-1) - p_i,   xhat = (p_1, q_1, .., q_(n-1)),   l = theta
+
+in the coordinates of `integrators`, the argument of c saturated to the declared box. k_i = (2, (n - i)/i) puts all
+2n - 2 poles of the linear error core at -l. Source: Astolfi, Marconi, "A high-gain nonlinear observer with limited gain
+power", IEEE TAC 60 (2015), with c_n alone; the rows c_1..c_(n-1) of a triangular form are an extension.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.check import Verdict
+from hgogen.core import core_numbers
+from hgogen.form import Form
+from hgogen.hurwitz import demand_hurwitz
+from hgogen.integrators import integrators, observer_on, rows
+from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, reals
+from hgogen.program import sym
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Astolfi, Marconi, A high-gain nonlinear observer with limited gain power, IEEE TAC 60 (2015)"
+EQUATIONS = (
+    "p_i' = q_i + c_i + theta k_i1 e_i, q_i' = q_(i+1) + c_(i+1) + theta^2 k_i2 e_i, q_n = 0",
+    "e_1 = y - p_1, e_i = q_(i-1) - p_i, xhat = (p_1, q_1, .., q_(n-1))",
+)
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state, for theta large enough",
+    (
+        *FORM,
+        Hypothesis("the linear error core is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
+        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+def low_power(
+    form: Form,
+    *,
+    theta: float,
+    gains: Sequence[Sequence[float]] | np.ndarray | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The low-power observer on a form of one output with constant a_i, at least two states.
+
+    Args: `theta` >= 1; `gains` k (n - 1, 2), by default (2, (n - i)/i): all poles at -theta; `initial` the plant's
+    state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `BadGain` for theta < 1, gains of another shape or whose core does not decay, or a form that is
+    no chain of integrators.
+    """
+    accept = founded("low_power", form, accept)
+    high, chain = high_gain_parameter(theta), integrators("low_power", form)
+    n, pairs = chain.n, chain.n - 1
+    if n < 2:
+        raise BadGain("low_power", f"wants at least two states, {form.system.name} has {n}; use high_gain")
+    given = [(2.0, (n - i) / i) for i in range(1, n)] if gains is None else gains
+    k = reals("gains", given)
+    if k.shape != (pairs, 2):
+        raise BadGain(
+            f"gains of shape {k.shape}", f"must be {pairs} pairs (k_i1, k_i2), one for each state but the last"
+        )
+    w, level = chain.field(initial, high.initial[0]), sym("gain.theta")
+    fields = (
+        rows(w, "p", range(pairs), "estimate of the states but the last, corrected first"),
+        rows(w, "q", range(1, n), "estimate of the states but the first"),
+    )
+
+    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+        p, q = values["p"], values["q"]
+        e = ca.vertcat(valid * (y - p[0]), *(q[i - 1] - p[i] for i in range(1, pairs)))
+        above = ca.vertcat(*(q[i] for i in range(1, pairs)), 0)
+        return {"p": q + level * (ca.DM(k[:, 0]) * e), "q": above + level * level * (ca.DM(k[:, 1]) * e)}
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        c = chain.nonlinear(ca.vertcat(values["p"][0], values["q"]), u)
+        return {"p": c[:pairs], "q": c[1:]}
+
+    part = Ode(fields, rest, linear, chain.offset)
+    demand_hurwitz("gains", core_numbers(part, 1, {"gain.theta": np.ones(1)}), "leave them out: (2, (n - i)/i)")
+    return observer_on(
+        chain,
+        "low_power",
+        parts=(part,),
+        gains=(high,),
+        w=ca.vertcat(sym("state.p", pairs)[0], sym("state.q", pairs)),
+        theorem=THEOREM,
+        equations=EQUATIONS,
+        reference=REFERENCE,
+        accepted=accept,
+    )
