@@ -10,7 +10,6 @@ paper is continuous; the default method realises it as continuous-discrete (the 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -19,10 +18,10 @@ from hgogen.clamped import clamped
 from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
+from hgogen.kalman import cap, positive, spd
 from hgogen.kalman_theorems import OTHER_COORDINATES
-from hgogen.observer import HUGE, BadGain, Observer, Riccati, founded, gain, reals, state_field
-from hgogen.program import Field, sym
-from hgogen.stability import steady_covariance
+from hgogen.observer import BadGain, Observer, Riccati, founded, gain, state_field
+from hgogen.program import sym
 from hgogen.theta import Theta, constant
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
@@ -63,13 +62,8 @@ def riccati(
     if outputs > 1 and theta.peak != 1:
         raise BadGain(f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}")
     noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
-    given = reals("R", R)
-    variances = tuple(map(float, given if given.ndim else [given] * outputs))
-    if given.ndim > 1 or len(variances) != outputs:
-        raise BadGain(f"R of shape {given.shape}", f"must have one number for each of {outputs} outputs")
+    variances = positive("R", R, outputs)
     shape, weights = factor(noise)
-    if any(not HUGE**-2 <= value <= HUGE**2 for value in variances):
-        raise BadGain(f"R = {R}", f"must be positive, from {HUGE**-2:g} to {HUGE**2:g}")
     top, bottom = 1e6, 1e-6
     gains = (
         gain(
@@ -100,7 +94,7 @@ def riccati(
         factor=shape,
         R=sym("gain.R", outputs),
         covariance=start,
-        cap=_cap(dynamics, z, noise, variances, start, theta.peak),
+        cap=cap(dynamics, z, noise, variances, start, theta.peak),
         nominal=(noise, np.array(variances)),
     )
     return Observer(
@@ -117,39 +111,6 @@ def riccati(
         reference=REFERENCE,
         traces=theta.traces,
     )
-
-
-def _cap(
-    dynamics: Dynamics, z: Field, noise: np.ndarray, variances: Sequence[float], start: np.ndarray, peak: float
-) -> np.ndarray:
-    """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
-    variance at the largest theta anywhere in the box, and four times P(0); without a range, 1e12 P(0).
-    """
-    half = np.array([(high - low) / 2 for low, high in z.box])
-    cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
-    F, C = dynamics.linearised(12)
-    steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak), axis1=1, axis2=2)
-    largest = np.nanmax(np.where(np.isfinite(steady), steady, 0.0), axis=0)
-    return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
-
-
-def spd(name: str, value: Any, n: int) -> np.ndarray:
-    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix.
-
-    Raises: `BadGain`.
-    """
-    matrix = reals(name, value)
-    if matrix.ndim == 1:
-        matrix = np.diag(matrix)
-    if matrix.shape != (n, n):
-        raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
-    if not (np.abs(matrix) <= HUGE**2).all():
-        raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE**2:g}")
-    if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
-        raise BadGain(name, "must be symmetric")
-    if np.linalg.eigvalsh(matrix).min() <= 0:
-        raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
-    return matrix
 
 
 def _theorem(theta: Theta) -> Check:

@@ -1,0 +1,59 @@
+"""What observers with a covariance have in common: matrices that must be positive definite, and when a variance is
+absurd."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hgogen.dynamics import Dynamics
+from hgogen.observer import HUGE, BadGain, reals
+from hgogen.program import Field
+from hgogen.stability import steady_covariance
+
+
+def cap(
+    dynamics: Dynamics, z: Field, noise: np.ndarray, variances: Sequence[float], start: np.ndarray, peak: float
+) -> np.ndarray:
+    """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
+    variance at the largest theta anywhere in the box, and four times P(0); without a range, 1e12 P(0).
+    """
+    half = np.array([(high - low) / 2 for low, high in z.box])
+    cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
+    F, C = dynamics.linearised(12)
+    steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak), axis1=1, axis2=2)
+    largest = np.nanmax(np.where(np.isfinite(steady), steady, 0.0), axis=0)
+    return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
+
+
+def spd(name: str, value: Any, n: int) -> np.ndarray:
+    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix.
+
+    Raises: `BadGain`.
+    """
+    matrix = reals(name, value)
+    if matrix.ndim == 1:
+        matrix = np.diag(matrix)
+    if matrix.shape != (n, n):
+        raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
+    if not (np.abs(matrix) <= HUGE**2).all():
+        raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE**2:g}")
+    if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
+        raise BadGain(name, "must be symmetric")
+    if np.linalg.eigvalsh(matrix).min() <= 0:
+        raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
+    return matrix
+
+
+def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
+    """A number, or one for each of `outputs` outputs, all positive, as one for each.
+
+    Raises: `BadGain`.
+    """
+    given = reals(name, value)
+    numbers = tuple(map(float, given if given.ndim else [given] * outputs))
+    if given.ndim > 1 or len(numbers) != outputs:
+        raise BadGain(f"{name} of shape {given.shape}", f"must have one number for each of {outputs} outputs")
+    if any(not HUGE**-2 <= number <= HUGE**2 for number in numbers):
+        raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {HUGE**2:g}")
+    return numbers
