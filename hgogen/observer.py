@@ -56,6 +56,14 @@ def real(name: str, value: Any) -> float:
     return float(array)
 
 
+def positive(name: str, value: Any) -> float:
+    """A number above 0 as a float. Raises: `BadGain` for anything else."""
+    number = real(name, value)
+    if not 0 < number < np.inf:
+        raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
+    return number
+
+
 @dataclass(frozen=True)
 class Clock:
     """Sampling as a part sees it: the step length, what the input does between samples, and the numbers of all places
