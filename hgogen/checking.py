@@ -14,7 +14,7 @@ from hgogen import jobs, library, tables
 from hgogen.answers import FIELDS
 from hgogen.bounds import Range
 from hgogen.check import demand
-from hgogen.command import Bar, note, show
+from hgogen.command import Bar, Tuned, note, show
 from hgogen.headline import headline
 from hgogen.latex import fragment
 from hgogen.model import Model, load
@@ -51,6 +51,7 @@ def check(
         list[str] | None,
         typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared box; repeat it."),
     ] = None,
+    observer: Tuned = None,
     deep: Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")] = False,
     many: Annotated[
         Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
@@ -87,7 +88,13 @@ def check(
     for option, file in (("--certificate", certificate), ("--json", _file(as_json))):
         if file is not None and file.is_dir():
             raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
-    options = {"--certificate": certificate, "--latex": latex, "--bound": bounds, "--deep": deep}
+    options = {
+        "--certificate": certificate,
+        "--latex": latex,
+        "--bound": bounds,
+        "--deep": deep,
+        "--observer": observer,
+    }
     unused = [name for name, given in ({"--limit": limit} if many is None else options).items() if given]
     if unused:
         reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
@@ -95,7 +102,7 @@ def check(
     if many is not None:
         _library(many, limit or library.LIMIT, as_json)
         return
-    _one(load(str(model)), bounds or (), deep, certificate, latex, as_json)
+    _one(load(str(model)), observer, bounds or (), deep, certificate, latex, as_json)
 
 
 def _file(as_json: str | None) -> Path | None:
@@ -110,7 +117,13 @@ def _written(value: Any, path: Path) -> None:
 
 
 def _one(
-    loaded: Model, bounds: Iterable[str], deep: bool, certificate: Path | None, latex: bool, as_json: str | None
+    loaded: Model,
+    observer: str | None,
+    bounds: Iterable[str],
+    deep: bool,
+    certificate: Path | None,
+    latex: bool,
+    as_json: str | None,
 ) -> None:
     plant, folded = loaded.plant, loaded.notes
     for sentence in folded:  # before anything is called proved
@@ -124,7 +137,7 @@ def _one(
     seen = hg.observability(plant)
     try:
         forms = hg.survey(plant, deep=deep)
-        claims = jobs.checked(loaded, forms.best)
+        claims = jobs.checked(loaded, forms.best, observer)
         say(headline(seen, claims), "")
     finally:
         say(tables.ranges(ranges), tables.observed(seen))

@@ -16,9 +16,9 @@ import hgogen as hg
 from hgogen import jobs, native, noise, tables
 from hgogen.call import CallableStep, Engine
 from hgogen.checking import OptionalFile, check
-from hgogen.command import Bar, Json, ModelArgument, app, command, note, show
+from hgogen.command import Bar, Json, ModelArgument, Tuned, app, command, note, show
 from hgogen.compare import Disagree
-from hgogen.model import listed, load
+from hgogen.model import Model, listed, load
 from hgogen.prediction import predictions
 from hgogen.record import Record, mapping, read
 from hgogen.signal import Signal
@@ -82,14 +82,25 @@ def _save(drawn: dict[str, Any], folder: Path) -> list[Path]:
     return paths
 
 
-def _made_by(name: str, real: Precision) -> str:
+def _folder(model: Model, observer: str | None) -> str:
+    """The name of the folder of results: that of the model, and of the tuning where one is asked for."""
+    return f"{model.name}_{observer}" if observer else model.name
+
+
+def _made_by(name: str, observer: str | None, real: Precision) -> str:
     """The command that makes the same C, for its banner."""
-    return f"hgogen generate {name}" + (" --real double" if real is Precision.DOUBLE else "")
+    words = ["hgogen generate", name, *(["--observer", observer] if observer else [])]
+    return " ".join([*words, *(["--real double"] if real is Precision.DOUBLE else [])])
 
 
 @command()
 def build(
-    model: ModelArgument, out: Out = None, real: Real = Precision.FLOAT, seeds: Seeds = None, as_json: Json = False
+    model: ModelArgument,
+    observer: Tuned = None,
+    out: Out = None,
+    real: Real = Precision.FLOAT,
+    seeds: Seeds = None,
+    as_json: Json = False,
 ) -> None:
     """Check a model, generate and compile its C, try it in C and in Python, compare them, draw the figures.
 
@@ -102,14 +113,14 @@ def build(
     agreed), files.
     """
     loaded = load(model)
-    folder = out or Path("build") / loaded.name
-    step, trials = loaded.step(), loaded.trials()
-    claims = jobs.checked(loaded)
+    folder = out or Path("build") / _folder(loaded, observer)
+    step, trials = loaded.step(observer), loaded.trials()
+    claims = jobs.checked(loaded, name=observer)
     if not as_json:
         tables.console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     for sentence in claims.notes:
         note(sentence)
-    files = c99(step, real=real.value, command=_made_by(loaded.name, real))
+    files = c99(step, real=real.value, command=_made_by(loaded.name, observer, real))
     paths = hg.write(files, folder)
     engine = _engine()
     self_check = native.run_check(files).strip() if engine == "c" else None
@@ -161,6 +172,7 @@ def recheck_(
 @command()
 def generate(
     models: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Model files, or names in models/.")],
+    observer: Tuned = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
     real: Real = Precision.FLOAT,
     as_json: Json = False,
@@ -174,14 +186,15 @@ def generate(
         loaded = load(given)
         for sentence in loaded.notes:
             note(sentence)
-        step = loaded.step()
-        files = c99(step, real=real.value, command=_made_by(loaded.name, real))
+        step = loaded.step(observer)
+        files = c99(step, real=real.value, command=_made_by(loaded.name, observer, real))
         drawn = {}
         if loaded.has("trial"):
             drawn = jobs.figures(step, _tried(step, loaded.trials(), "c", 1))
         else:
             note(f"{loaded.path} defines no trial(), so there are no figures of it")
-        paths = hg.write(files, out / loaded.name) + _save(drawn, out / loaded.name)
+        folder = out / _folder(loaded, observer)
+        paths = hg.write(files, folder) + _save(drawn, folder)
         written.append({"model": loaded.path, "files": [str(path) for path in paths]})
     show(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
 
@@ -189,6 +202,7 @@ def generate(
 @command()
 def simulate(
     model: ModelArgument,
+    observer: Tuned = None,
     seeds: Seeds = None,
     engine: Annotated[Reader | None, typer.Option(help="c or python; C where there is a compiler.")] = None,
     trial: Annotated[str | None, typer.Option(help="The trial of this name; by default all.")] = None,
@@ -203,7 +217,7 @@ def simulate(
     5%, each: the same by seed).
     """
     loaded = load(model)
-    step, trials = loaded.step(), loaded.trials()
+    step, trials = loaded.step(observer), loaded.trials()
     chosen = tuple(one for one in trials if trial in (None, one.name))
     if not chosen:
         raise typer.BadParameter(f"{trial!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
@@ -219,6 +233,7 @@ def simulate(
 def run(
     model: ModelArgument,
     data: Data,
+    observer: Tuned = None,
     time: Time = None,
     period: Period = None,
     map_: Map = None,
@@ -236,14 +251,14 @@ def run(
     """
     ahead = _horizons(horizon)
     loaded = load(model)
-    step = loaded.step()
+    step = loaded.step(observer)
     record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs))
     u, y = record.of(step.inputs), record.of(step.outputs)
     engine = _engine()
     done = step.run(u=u, y=y, engine=engine)
     errors = predictions(step, done.x, u, y, ahead)
     status = jobs.flagged(step, done.status)
-    folder, name = out or Path("build") / loaded.name, data.stem
+    folder, name = out or Path("build") / _folder(loaded, observer), data.stem
     paths = hg.write({f"{name}_estimates.csv": jobs.estimates(step, record, done)}, folder)
     paths += _save(jobs.record_figures(step, name, record, done), folder)
     report = {

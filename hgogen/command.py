@@ -35,6 +35,9 @@ app = typer.Typer(
 
 
 ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model file, or the name of one in models/.")]
+Tuned = Annotated[
+    str | None, typer.Option("--observer", metavar="NAME", help="A tuning of the model; by default its own step.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 
 

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -97,17 +97,18 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
     return {s.name: str(expression) for s, expression in zip(signals, expressions, strict=True)}
 
 
-def checked(model: Model, otherwise: Form | None = None) -> Checked:
-    """The model's claims; of a model without an observer those of the form `otherwise`, by default `Survey.best`.
+def checked(model: Model, otherwise: Form | None = None, name: str | None = None) -> Checked:
+    """The claims of a model's tuning `name`, by default of its step; of a model without an observer those of the form
+    `otherwise`, by default `Survey.best`.
 
     Raises: `MissingPart`, `ModelFails`.
     """
-    if not model.has("step"):
+    if name is None and not model.has("step"):
         form = otherwise or hg.survey(model.plant).best
         notes = (*model.notes, _alone(model, form))
         return Checked(model.plant.name, form, form.checks, (), notes=notes, demanded=False)
     try:
-        observer = model.step().observer
+        observer = model.step(name).observer
     except Refuted as error:
         if error.form is None:
             raise
@@ -206,8 +207,9 @@ def window(model: Model, option: str) -> float:
 
     Raises: `MissingPart` if no adaptive theta is there.
     """
-    for gains in getattr(model.module, "tuning", {}).values():
-        innovation = getattr(gains.get("theta"), "innovation", None) if isinstance(gains, Mapping) else None
+    tuning = model.tuning
+    for name in tuning.tables:
+        innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
         if innovation is not None:
             return float(innovation.d)
     reason = f"its tuning has no adaptive theta, whose window would be the default; give {option} SECONDS"

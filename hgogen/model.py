@@ -7,20 +7,23 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass
+from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
+from hgogen import observers
 from hgogen.box import box
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import HgogenError
 from hgogen.folding import Fold
-from hgogen.modelfile import READERS, BadModelFile, read
-from hgogen.recipe import step_of, trial_of
+from hgogen.modelfile import READERS, BadModelFile, PlainModel, read
+from hgogen.recipe import trial_of
 from hgogen.system import System
 from hgogen.trial import Trial
+from hgogen.tuning import Tuning, arguments
 
 FOLDER = Path("models")
 _NO_MODELS = f"give the path of a model file: a bare name is sought in ./{FOLDER}, and there is none here"
@@ -31,12 +34,14 @@ _PYTHON = MappingProxyType(
         "plant": "plant = hg.System(...)",
         "step": "def step(): return hg.sample(...)",
         "trial": "def trial(): return hgogen.trial.Trial(...)",
+        "tuning": "'{observer}': {{...}} to tuning, with {arguments}",
     }
 )
 _PLAIN = MappingProxyType(
     {
         "step": "an observer table, such as kind = 'high_gain', theta = 20, poles = [-1, -1], dt = 1e-3",
         "trial": "a trial table, such as duration = 10, start = {x1 = 1}",
+        "tuning": "a table [tuning.{observer}] with {arguments}",
     }
 )
 
@@ -82,14 +87,16 @@ class MissingPart(HgogenError):
 class Model:
     """A loaded model file.
 
-    `module` holds its parts; `fixes` says, for a part that is missing, what the file should define; `folds`: the texts
-    of a plain-text model from which SymPy folded something away.
+    `module` holds its parts; `fixes` says, for a part that is missing, what the file should define; `default`: the
+    tuning that stands in the table `observer` of a plain-text model; `folds`: the texts of a plain-text model from
+    which SymPy folded something away.
     """
 
     name: str
     path: str
     module: ModuleType | SimpleNamespace
     fixes: Mapping[str, str]
+    default: str = ""
     folds: tuple[Fold, ...] = ()
 
     @property
@@ -107,11 +114,62 @@ class Model:
         return tuple(filter(None, (fold.on(around) for fold in self.folds)))
 
     def has(self, part: str) -> bool:
-        """Whether the file defines `part`."""
-        return hasattr(self.module, part)
+        """Whether the file defines `part`; a tuning with a period makes a step."""
+        return hasattr(self.module, part) or (part == "step" and bool(self._first))
 
-    def step(self) -> CallableStep:
-        """What its `step()` returns. Raises: `MissingPart`, `ModelFails`, `Refuted`."""
+    @property
+    def tuning(self) -> Tuning:
+        """Its observers by name, empty where it defines no `tuning`. Raises: `MissingPart`."""
+        return Tuning(self.path, self.plant, self._tables, self.default)
+
+    @property
+    def _tables(self) -> Mapping[str, Any]:
+        tables = getattr(self.module, "tuning", {})
+        if not isinstance(tables, Mapping):
+            reason = f"tuning is of type {type(tables).__name__}; make it a mapping from observers to their arguments"
+            raise MissingPart(self.path, "tuning", reason)
+        return tables
+
+    def step(self, observer: str | None = None) -> CallableStep:
+        """The step of a tuning by name; by default what its `step()` returns, else the step of the first tuning that
+        has a period.
+
+        Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
+        """
+        if observer is None and (hasattr(self.module, "step") or not self.has("step")):
+            return self._own_step()
+        tuning = self.tuning
+        name = self._first if observer is None else observer
+        if name not in tuning.tables:
+            raise MissingPart(self.path, "tuning", self._untuned(name))
+        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, self._period))
+        return step
+
+    @property
+    def _first(self) -> str:
+        """The tuning that is the model's own step, empty if none is."""
+        timed = (name for name, table in self._tables.items() if isinstance(table, Mapping) and "dt" in table)
+        return self.default or next(timed, "")
+
+    def _period(self) -> float:
+        """The sampling period (s) of tunings that have none."""
+        if hasattr(self.module, "step"):
+            return self._own_step().dt
+        return self.tuning.period(self._first or next(iter(self.tuning.tables)))
+
+    def _untuned(self, name: str) -> str:
+        """Why there is no observer of that name, and what to add."""
+        there = ", ".join(self.tuning.tables)
+        known = f"it has tunings for {there}" if there else "it has no tuning"
+        if name not in observers.__all__:
+            near = get_close_matches(name[:60], [*self.tuning.tables, *observers.__all__], n=1)
+            fix = f"did you mean {near[0]}?" if near else f"the observers are {', '.join(observers.__all__)}"
+            return f"there is no observer {name[:60]!r}, {known}; {fix}"
+        needed = ", ".join(arguments(getattr(observers, name))[1]) or "its arguments"
+        fix = self.fixes["tuning"].format(observer=name, arguments=needed)
+        return f"{known}, none for {name}; add {fix}"
+
+    def _own_step(self) -> CallableStep:
         step = self._called("step")
         if not isinstance(step, CallableStep):
             raise MissingPart(
@@ -166,11 +224,18 @@ def _plain(path: Path) -> Model:
     parts = SimpleNamespace(
         plant=told.plant, known=told.known, reference=told.reference, __doc__=told.meaning, __name__=path.stem
     )
-    if told.observer:
-        parts.step = lambda: step_of(told)
+    default = _default(told) if told.observer else ""
+    if told.observer or told.tuning:
+        parts.tuning = {default: told.observer} | dict(told.tuning) if default else dict(told.tuning)
     if told.trial:
         parts.trial = lambda: trial_of(told)
-    return Model(path.stem, str(path), parts, _PLAIN, told.folds)
+    return Model(path.stem, str(path), parts, _PLAIN, default, told.folds)
+
+
+def _default(told: PlainModel) -> str:
+    """The name of the table `observer` among the tunings: its observer's, if that is free."""
+    kind = told.observer.get("kind")
+    return kind if isinstance(kind, str) and kind not in told.tuning else "observer"
 
 
 def _python(path: Path) -> Model:

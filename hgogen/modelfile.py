@@ -10,8 +10,8 @@
     [outputs.y]
     equation = "x1"
 
-Beside these: meaning and reference (text), known (known answers, a free table), and `observer` and `trial`, which
-`hgogen.recipe` reads. Expressions are those of `hgogen.expression`.
+Beside these: meaning and reference (text), known (known answers, a free table), `observer` and `tuning`, which
+`hgogen.tuning` reads, and `trial`, which `hgogen.recipe` reads. Expressions are those of `hgogen.expression`.
 """
 
 import json
@@ -47,7 +47,7 @@ _TOP = {
     "meaning": TEXT,
     "reference": TEXT,
     **dict.fromkeys(_KINDS, TABLE),
-    **dict.fromkeys(("known", "observer", "trial"), TABLE),
+    **dict.fromkeys(("known", "observer", "tuning", "trial"), TABLE),
 }
 _EXAMPLES = {
     TEXT: '"..."',
@@ -60,7 +60,8 @@ _EXAMPLES = {
 
 @dataclass(eq=False)
 class BadModelFile(HgogenError):
-    """A plain-text model that is none; `key` is the path of tables to the fault, empty for the file as a whole."""
+    """A model file with a table that is none; `key` is the path of tables to the fault, empty for the file as a
+    whole."""
 
     file: str
     key: str
@@ -83,8 +84,8 @@ class NoText(HgogenError):
 
 @dataclass(frozen=True)
 class PlainModel:
-    """What a plain-text model holds; `known`, `observer` and `trial` are its tables as they stand, empty if missing;
-    `folds`: the expressions from which SymPy folded something away."""
+    """What a plain-text model holds; `known`, `observer`, `tuning` and `trial` are its tables as they stand, empty if
+    missing; `folds`: the expressions from which SymPy folded something away."""
 
     file: str
     plant: System
@@ -92,6 +93,7 @@ class PlainModel:
     reference: str
     known: Mapping[str, Any]
     observer: Mapping[str, Any]
+    tuning: Mapping[str, Any]
     trial: Mapping[str, Any]
     folds: tuple[Fold, ...] = ()
 
@@ -143,10 +145,12 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
     plant = named(file, "", System, table["name"], **readings, **signals)
-    known, observer, trial = (MappingProxyType(table.get(key, {})) for key in ("known", "observer", "trial"))
+    known, observer, tuning, trial = (
+        MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial")
+    )
     folds = tuple(one for one in (*flow, *output) if one.lost)
     told = (table.get("meaning", ""), table.get("reference", ""))
-    return PlainModel(file, plant, *told, known, observer, trial, folds)
+    return PlainModel(file, plant, *told, known, observer, tuning, trial, folds)
 
 
 def _toml(text: str) -> Any:

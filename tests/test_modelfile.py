@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -259,6 +260,87 @@ def test_its_step_is_the_one_python_would_make(tmp_path: Path) -> None:
     runs = [one.run(u=u, y=y, engine="python").x for one in (loaded.step(), step)]
     assert np.array_equal(*runs)
     assert np.any(runs[0])
+
+
+TUNING = """
+[tuning.high_gain]
+theta = 10
+poles = [-1, -2]
+method = "rk4"
+
+[tuning.wide]
+kind = "low_power"
+form = {kind = "triangular"}
+theta = 10
+dt = 5e-4
+
+[tuning.filter]
+kind = "riccati"
+Q = [1, 1]
+R = 1
+dt = 0.01
+theta = {kind = "adaptive", theta_1 = 4, mu = [0.1, 0.2], innovation = {kind = "staggered", d = 1}}
+"""
+
+
+def test_its_tunings_are_observers_by_name(tmp_path: Path) -> None:
+    """Beside the table `observer`, whose dt is that of a tuning without one; without the table the first is the
+    step."""
+    loaded = load(written(tmp_path, TOML + TUNING))
+    made = {name: loaded.step(name) for name in ("high_gain", "wide", "filter", "observer")}
+    assert {name: step.observer.name for name, step in made.items()} == {
+        "high_gain": "high_gain",
+        "wide": "low_power",
+        "filter": "riccati",
+        "observer": "high_gain",
+    }
+    assert [step.dt for step in made.values()] == [1e-3, 5e-4, 0.01, 1e-3]
+    assert made["high_gain"].gains[0].initial == (10.0,)
+    assert made["observer"].gains[0].initial == loaded.step().gains[0].initial == (20.0,)
+    assert made["filter"].observer.traces == ("theta", "innovation")
+    first = load(written(tmp_path, PLANT + TUNING.replace('"rk4"', '"rk4"\ndt = 2e-3')))
+    assert first.has("step")
+    assert (first.step().dt, first.step().observer.name) == (2e-3, "high_gain")
+
+
+TUNINGS: list[tuple[str, str, str]] = [
+    ("[tuning.high_gain]\npoles = [-1, -1]", "tuning.high_gain", "the key 'theta' is missing; high_gain needs it"),
+    ("[tuning.high_gain]\ntheta = 5\npoles = [-1, 1]", "tuning.high_gain", "pole"),
+    ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\nthet = 5", "tuning.high_gain.thet", "did you mean theta?"),
+    ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\nform = 'tri'", "tuning.high_gain.form", "there is no 'tri'"),
+    ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\nform = {order = 3}", "tuning.high_gain", "order"),
+    ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\nmember = 'x'", "tuning.high_gain.member", "no observer around"),
+    ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\ndt = 'long'", "tuning.high_gain.dt", "write a number"),
+    ("[tuning]\nhigh_gain = 5", "tuning.high_gain", "is of type int; write a table"),
+    ("[tuning.high_gain]\nkind = 'high'", "tuning.high_gain.kind", "there is no 'high'"),
+    ("[tuning.'a/b']\ntheta = 5", "tuning.a/b", "must be a name of letters"),
+    (
+        "[tuning.riccati]\nQ = [1, 1]\nR = 1\ntheta = {kind = 'adapt'}",
+        "tuning.riccati",
+        "kinds are constant",
+    ),
+    ("[tuning.riccati]\nQ = [1, 1]\nR = 1\ntheta = {kind = 'decaying', rat = 1}", "tuning.riccati", "'rat'"),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "words"), TUNINGS)
+def test_a_tuning_is_refused_with_its_key(tmp_path: Path, text: str, key: str, words: str) -> None:
+    loaded = load(written(tmp_path, PLANT + text + "\n"))
+    with pytest.raises(BadModelFile, match=re.escape(words)) as caught:
+        loaded.step(next(iter(loaded.tuning.tables)))
+    assert caught.value.key.startswith(key)
+
+
+def test_an_observer_without_a_tuning_is_told_what_to_add(tmp_path: Path) -> None:
+    loaded = load(written(tmp_path, TOML))
+    with pytest.raises(
+        MissingPart, match=r"for high_gain, none for low_power; add a table \[tuning.low_power\] with theta"
+    ):
+        loaded.step("low_power")
+    with pytest.raises(MissingPart, match=r"there is no observer 'low_pow', .* did you mean low_power"):
+        loaded.step("low_pow")
+    with pytest.raises(BadModelFile, match=r"tuning.low_power: the key 'dt' is missing; add dt"):
+        load(written(tmp_path, PLANT + "[tuning.low_power]\ntheta = 5\n")).step("low_power")
 
 
 def test_its_trial_is_the_one_written(tmp_path: Path) -> None:

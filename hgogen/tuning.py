@@ -1,0 +1,182 @@
+"""Observers on a plant by name, with the gains that a model's `tuning` holds.
+
+    tuning = {"high_gain": {"theta": 20, "poles": (-1, -1)}}      # Python: an observer's name, and its arguments
+
+    [tuning.high_gain]                # plain text; a complex pole is [re, im]
+    theta = 20
+    poles = [[-1, 0.5], [-1, -0.5]]
+    form = "triangular"               # one of hg.forms, or {kind = "phase", original = true} with its arguments
+    method = "rk4"                    # one of hg.methods
+    dt = 1e-3                         # s; by default that of the model's own step
+    between = "line"                  # or "hold"
+
+    [tuning.filter]                   # kind: one of hg.observers, where the name is none
+    kind = "riccati"
+    Q = [1, 1]
+    R = 1
+    theta = {kind = "adaptive", theta_1 = 4, mu = [0.16, 0.32], innovation = {kind = "staggered", d = 1}}
+
+    [tuning.bank]                     # an observer around another one, which has its own tuning
+    member = "filter"
+    count = 5
+
+In Python `form` may be a function of the plant, and every value may be what the text stands for.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from inspect import Parameter, signature
+from typing import Any
+
+from hgogen import forms, innovation, methods, observers, theta
+from hgogen.call import CallableStep, sample
+from hgogen.check import Refuted
+from hgogen.errors import HgogenError
+from hgogen.modelfile import NUMBER, TEXT, BadModelFile, demand_keys
+from hgogen.observer import BadGain, Observer
+from hgogen.system import System
+
+_SAMPLING = ("between", "periods")  # what `sample` takes beside method and dt
+_PLACED = ("kind", "form", "member", "method", "dt", *_SAMPLING)  # the other keys are the observer's arguments
+_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
+_VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # arguments that a table with `kind` makes
+    "theta": (theta.constant, theta.decaying, theta.adaptive),
+    "mu": (theta.smoothstep, theta.logistic),
+    "innovation": (innovation.staggered, innovation.window),
+}
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The tunings of a plant by name; `default` is the name of the one that stands in the table `observer`."""
+
+    file: str
+    plant: System
+    tables: Mapping[str, Mapping[str, Any]]
+    default: str = ""
+
+    def where(self, name: str) -> str:
+        """The path of keys to a table in its file."""
+        return "observer" if name == self.default else f"tuning.{name}"
+
+    def step(self, name: str, dt: Callable[[], float]) -> CallableStep:
+        """The step of a tuning; `dt` gives its period (s) where the table has none.
+
+        Raises: `BadModelFile` for a table that makes none; `Refuted`.
+        """
+        where, table = self.where(name), self.table(name)
+        method = self._case(f"{where}.method", methods, table.get("method", "continuous_discrete"))
+        observer = self.observer(name)
+        period = table["dt"] if "dt" in table else dt()
+        options = {key: table[key] for key in _SAMPLING if key in table}
+        step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
+        return step
+
+    def observer(self, name: str, around: tuple[str, ...] = ()) -> Observer:
+        """The observer of a tuning; `around`: those it is a member of. Raises: as `step`."""
+        where, table, gains = self.where(name), self.table(name), self.gains(name)
+        make = self._case(f"{where}.kind", observers, table.get("kind", name))
+        self._arguments(where, make, gains)
+        if "member" in signature(make).parameters:
+            base: Any = self._member(name, table, (*around, name))
+        elif "member" in table:
+            raise BadModelFile(self.file, f"{where}.member", f"{make.__name__} is no observer around another one")
+        else:
+            base = self._form(f"{where}.form", table.get("form", "triangular"))
+        observer: Observer = self._refusals(where, lambda: make(base, **gains))
+        return observer
+
+    def period(self, name: str) -> float:
+        """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
+        table = self.table(name)
+        demand_keys(self.file, self.where(name), {key: table[key] for key in ("dt",) if key in table}, _TYPES, "dt")
+        return float(table["dt"])
+
+    def gains(self, name: str) -> Mapping[str, Any]:
+        """The arguments that a tuning gives its observer. Raises: `BadModelFile`."""
+        told = {key: value for key, value in self.table(name).items() if key not in _PLACED}
+        gains: Mapping[str, Any] = self._refusals(
+            self.where(name), lambda: {key: _value(key, value) for key, value in told.items()}
+        )
+        return gains
+
+    def table(self, name: str) -> Mapping[str, Any]:
+        """A tuning's table. Raises: `BadModelFile` where its own keys are not of their kind."""
+        table, where = self.tables[name], self.where(name)
+        if not isinstance(table, Mapping):
+            kind = type(table).__name__
+            raise BadModelFile(self.file, where, f"is of type {kind}; write a table of the observer's arguments")
+        if not name.isidentifier():
+            raise BadModelFile(self.file, where, "must be a name of letters, digits and underscores")
+        needed = "kind" if name == self.default else None
+        demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)
+        return table
+
+    def _member(self, name: str, table: Mapping[str, Any], around: tuple[str, ...]) -> Observer:
+        where, member = f"{self.where(name)}.member", table.get("member")
+        others = [other for other in self.tables if other not in around]
+        if member not in others:
+            listed = f"the other tunings are {', '.join(others)}" if others else "write another tuning"
+            raise BadModelFile(self.file, where, f"is {member!r}, which must be the name of another tuning; {listed}")
+        return self.observer(str(member), around)
+
+    def _form(self, where: str, given: Any) -> Any:
+        options = {key: value for key, value in given.items() if key != "kind"} if isinstance(given, Mapping) else {}
+        kind = given.get("kind", "triangular") if isinstance(given, Mapping) else given
+        make = self._case(where, forms, kind)
+        return self._refusals(where, lambda: make(self.plant, **options))
+
+    def _case(self, where: str, folder: Any, name: Any) -> Any:
+        """A case of a plural folder by name; what is no text stands for itself."""
+        if not isinstance(name, str):
+            return name
+        if name not in folder.__all__:
+            near = get_close_matches(name[:60], folder.__all__, n=1)
+            known = f"did you mean {near[0]}?" if near else f"there are {', '.join(folder.__all__)}"
+            raise BadModelFile(self.file, where, f"there is no {name[:60]!r}; {known}")
+        return getattr(folder, name)
+
+    def _arguments(self, where: str, make: Callable[..., Any], gains: Iterable[str]) -> None:
+        """Every argument known, and none missing."""
+        known, needed = arguments(make)
+        for key in gains:
+            if key not in known:
+                near = get_close_matches(key[:60], [*known, *_PLACED], n=1)
+                fix = f"did you mean {near[0]}?" if near else f"its arguments are {', '.join(known)}"
+                raise BadModelFile(self.file, f"{where}.{key}", f"{make.__name__} has no argument {key[:60]!r}; {fix}")
+        for key in needed:
+            if key not in gains:
+                raise BadModelFile(self.file, where, f"the key {key!r} is missing; {make.__name__} needs it")
+
+    def _refusals(self, where: str, function: Callable[[], Any]) -> Any:
+        """What `function` returns; a refusal keeps its sentence and gets the file and the key."""
+        try:
+            return function()
+        except Refuted:
+            raise
+        except (HgogenError, TypeError, ValueError) as error:
+            raise BadModelFile(self.file, where, str(error)) from None
+
+
+def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The arguments by name of an observer's function: all, and those without a default."""
+    named = [p for p in signature(make).parameters.values() if p.kind is Parameter.KEYWORD_ONLY]
+    return tuple(p.name for p in named), tuple(p.name for p in named if p.default is Parameter.empty)
+
+
+def _value(key: str, value: Any) -> Any:
+    """What text stands for: pairs [re, im] for complex poles, a table with `kind` for the value that it makes."""
+    if key == "poles" and isinstance(value, list):
+        return [complex(*v) if _pair(v) else v for v in value]
+    if key in _VALUES and isinstance(value, Mapping):
+        makers = {make.__name__: make for make in _VALUES[key]}
+        if value.get("kind") not in makers:
+            raise BadGain(f"{key} of kind {value.get('kind')!r}", f"is none; the kinds are {', '.join(makers)}")
+        inner = {name: _value(name, given) for name, given in value.items() if name != "kind"}
+        return makers[value["kind"]](**inner)
+    return tuple(value) if key == "mu" and isinstance(value, list) else value
+
+
+def _pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(type(part) in (int, float) for part in value)
