@@ -58,7 +58,8 @@ def numbers(graph: Any, nominal: Mapping[str, np.ndarray]) -> np.ndarray:
     """An SX of places of parameters and gains at their numbers."""
     symbols = ca.symvar(ca.SX(graph))
     values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]
-    return np.array(ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))])(*values)).reshape(ca.SX(graph).shape)
+    (found,) = ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))]).call(values)  # of no symbols as well
+    return np.array(found)
 
 
 def nominal(observer: Observer) -> dict[str, np.ndarray]:
