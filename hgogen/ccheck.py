@@ -6,6 +6,7 @@ from string import Template
 from hgogen.cheader import arguments
 from hgogen.cprint import Real, literal
 from hgogen.ctext import indented, status_type
+from hgogen.program import lines_of
 from hgogen.step import Step
 from hgogen.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
 
@@ -131,12 +132,16 @@ def _locals(step: Step) -> list[str]:
 def _start(step: Step, real: Real) -> list[str]:
     """Each `z` off its rest."""
     lines: list[str] = []
+    above = {line[-1].name: line for line in lines_of(step.groups)}
     for place, values in start(step).items():
         group, name = place.split(".")
-        member = f"s.{name}" if group == "state" else f"s.{group}[k].{name}"
+        line = list(enumerate(above.get(group, ())))
+        member = "".join(["s.", *(f"{g.name}[k{depth or ''}]." for depth, g in line), name])
         texts = [f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};" for i, v in enumerate(values)]
-        count = next((g.count for g in step.groups if g.name == group), 0)
-        lines += [f"for (unsigned k = 0u; k < {count}u; ++k) {{", *indented(texts), "}"] if count else texts
+        for depth, g in reversed(line):
+            k = f"k{depth or ''}"
+            texts = [f"for (unsigned {k} = 0u; {k} < {g.count}u; ++{k}) {{", *indented(texts), "}"]
+        lines += texts
     return lines
 
 

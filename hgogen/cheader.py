@@ -10,7 +10,7 @@ from hgogen.check import Check, Verdict
 from hgogen.cprint import Real
 from hgogen.ctext import comment, harmless, indented, member, status_type, struct
 from hgogen.observer import Observer
-from hgogen.program import Field, Program, places, scope
+from hgogen.program import Field, Group, Program, lines_of, places, scope
 from hgogen.recheck_file import SHOWN
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -168,16 +168,20 @@ def _structs(step: Step, real: Real) -> list[str]:
         if signals:
             lines += [comment(_KIND[kind]), *struct(f"{name}_{kind}", [_signal(real, s) for s in signals]), ""]
     lines += ["/* parameters: change plant or gain, then call tune */", *_params(step, real), ""]
-    for group in step.groups:
-        lines += [comment(group.meaning), *struct(f"{name}_{group.name}", [member(real, f) for f in group.fields]), ""]
-    members = [member(real, f) for f in step.state]
-    members += [f"{name}_{g.name} {g.name}[{g.count}]; {comment(g.meaning)}" for g in step.groups]
+    for *_, group in lines_of(step.groups):
+        members = [member(real, f) for f in group.fields] + _arrays(name, group.groups)
+        lines += [comment(group.meaning), *struct(f"{name}_{group.name}", members), ""]
+    members = [member(real, f) for f in step.state] + _arrays(name, step.groups)
     return [
         *lines,
         "/* what a step remembers: yours to copy, save and restore */",
         *struct(f"{name}_state", members),
         "",
     ]
+
+
+def _arrays(name: str, groups: Iterable[Group]) -> list[str]:
+    return [f"{name}_{g.name} {g.name}[{g.count}]; {comment(g.meaning)}" for g in groups]
 
 
 def _signal(real: Real, signal: Signal) -> str:

@@ -12,7 +12,22 @@ from functools import cached_property
 import casadi as ca
 
 from hgogen.cprint import Number, Printer, Real, Target, body, literal
-from hgogen.program import INF, Block, Field, Kernel, Loop, Program, Statement, When, places, scope, walk
+from hgogen.program import (
+    INF,
+    Block,
+    Copy,
+    Field,
+    Group,
+    Kernel,
+    Loop,
+    Program,
+    Statement,
+    When,
+    lines_of,
+    places,
+    scope,
+    walk,
+)
 from hgogen.step import Step
 
 _STRUCTS = {"state": "s->", "plant": "p->plant.", "gain": "p->gain.", "derived": "p->derived.", "input": "in->"}
@@ -43,8 +58,17 @@ class Writer:
     def _fields(self) -> dict[str, Field]:
         step = self.step
         kinds = {"state": step.state, "plant": step.plant, "gain": step.gains, "derived": step.derived}
-        kinds |= {group.name: group.fields for group in step.groups}
+        kinds |= {name: line[-1].fields for name, line in self._groups.items()}
         return {f"{kind}.{f.name}": f for kind, fields in kinds.items() for f in fields}
+
+    @cached_property
+    def _groups(self) -> dict[str, tuple[Group, ...]]:
+        return {line[-1].name: line for line in lines_of(self.step.groups)}
+
+    def _array(self, group: str) -> str:
+        """C text of the array of a group: in the state, or in the member of the group around it."""
+        above = self._groups[group][:-1]
+        return f"{above[-1].name}->{group}" if above else f"s->{group}"
 
     @cached_property
     def _flags(self) -> set[str]:
@@ -55,7 +79,8 @@ class Writer:
     def _indices(self) -> set[str]:
         """Work places that count or index."""
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
-        return {place for loop in loops for place in (loop.start, loop.active) if place and scope(place) == "work"}
+        found = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
+        return {place for place in found if scope(place) == "work"}
 
     @cached_property
     def _work(self) -> set[str]:
@@ -80,8 +105,13 @@ class Writer:
         """The body of a function: its work values, then its statements."""
         work = sorted((p, n) for p, n in places(program) if scope(p) == "work")
         lines = [self._declaration(place, size) for place, size in work]
-        taken = {place.split(".", 1)[1] for place, _ in work} | set(ARGUMENTS) | {g.name for g in self.step.groups}
+        taken = {place.split(".", 1)[1] for place, _ in work} | set(ARGUMENTS) | set(self._groups)
+        taken |= {f"{letter}{depth}" for letter in "ik" for depth in range(2, self._depth(program) + 1)}
         return lines + self.statements(program, frozenset(taken))
+
+    def _depth(self, program: Program) -> int:
+        """How deep the loops lie in each other."""
+        return max((len(self._groups[s.group]) for s in walk(program) if isinstance(s, Loop)), default=0)
 
     def _declaration(self, place: str, size: int) -> str:
         name = place.split(".", 1)[1]
@@ -107,6 +137,8 @@ class Writer:
                 return self._loop(statement, taken)
             case When():
                 return self._when(statement, taken)
+            case Copy():
+                return self._copy(statement)
             case Kernel():
                 return self._kernel(statement)
 
@@ -118,30 +150,36 @@ class Writer:
         return [*lines, "}"]
 
     def _loop(self, loop: Loop, taken: frozenset[str]) -> list[str]:
-        group = loop.group
-        total = next(g.count for g in self.step.groups if g.name == group)
-        kind = f"{self.prefix}_{group}"
+        group, array = loop.group, self._array(loop.group)
+        depth, total = len(self._groups[group]), self._groups[group][-1].count
+        k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
+        kind = f"{self.prefix}_{group} *const {group}"
         inner = self.statements(loop.body, taken)
+        test = f"{k} < {loop.count}u" + (f" && {k} < {self.lvalue(loop.active, 0, 1)}" if loop.active else "")
+        number = [f"{self.lvalue(loop.index, 0, 1)} = {k if loop.start is None else i};"] if loop.index else []
         if loop.start is None:
-            pointer = f"{kind} *const {group} = &s->{group}[k];"
-            return [f"for (unsigned k = 0u; k < {loop.count}u; ++k) {{", *indented([pointer, *inner]), "}"]
+            pointer = f"{kind} = &{array}[{k}];"
+            return [f"for (unsigned {k} = 0u; {test}; ++{k}) {{", *indented([pointer, *number, *inner]), "}"]
         start = self.lvalue(loop.start, 0, 1)
         if loop.count == 1:
-            pointer = f"{kind} *const {group} = &s->{group}[({start} < {total}u) ? {start} : 0u];"
-            return ["{", *indented([pointer, *inner]), "}"]
-        test = f"k < {loop.count}u" + (f" && k < {self.lvalue(loop.active, 0, 1)}" if loop.active else "")
-        wrap = [f"if (i >= {total}u) {{", "    i = 0u;", "}"]
-        pointer = f"{kind} *const {group} = &s->{group}[i];"
-        looped = [f"for (unsigned k = 0u; {test}; ++k) {{", *indented([*wrap, pointer, *inner, "++i;"]), "}"]
-        return ["{", *indented([f"unsigned i = {start};", *looped]), "}"]
+            return ["{", *indented([f"{kind} = &{array}[{within(start, total)}];", *inner]), "}"]
+        wrap = [f"if ({i} >= {total}u) {{", f"    {i} = 0u;", "}"]
+        body = [*wrap, f"{kind} = &{array}[{i}];", *number, *inner, f"++{i};"]
+        looped = [f"for (unsigned {k} = 0u; {test}; ++{k}) {{", *indented(body), "}"]
+        return ["{", *indented([f"unsigned {i} = {start};", *looped]), "}"]
+
+    def _copy(self, copy: Copy) -> list[str]:
+        array, total = self._array(copy.group), self._groups[copy.group][-1].count
+        target, source = (f"{array}[{within(self.lvalue(p, 0, 1), total)}]" for p in (copy.target, copy.source))
+        return [f"{target} = {source};"]
 
     def _kernel(self, kernel: Kernel) -> list[str]:
         self.kernels.add((kernel.name, kernel.size))
-        group = kernel.columns.split(".", 1)[0]
+        array = self._array(kernel.columns.split(".", 1)[0])
         arguments = [
             self.lvalue(place, 0, 1 if size == 1 else 0).removesuffix("[0]") for place, size in kernel.arguments
         ]
-        call = f"{self.prefix}_{kernel.name}({', '.join([f's->{group}', *arguments])})"
+        call = f"{self.prefix}_{kernel.name}({', '.join([array, *arguments])})"
         return [f"{kernel.result.split('.', 1)[1]} = {call};" if kernel.result else f"{call};"]
 
     def _block(self, block: Block, taken: frozenset[str]) -> list[str]:
@@ -213,6 +251,11 @@ class Writer:
         if self.is_index(place) and real != "unsigned":
             return Target(lambda text: [f"{target} = (unsigned)({text});"], source=source)
         return Target(lambda text: [f"{target} = {text};"], flag=place in self._flags and size == 1, source=source)
+
+
+def within(index: str, total: int) -> str:
+    """C text of an index, the first member's where it is beyond the last."""
+    return f"({index} < {total}u) ? {index} : 0u"
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:

@@ -1,11 +1,11 @@
 """A step's memory as the bytes of the C structs: numpy's aligned records have the layout of a C compiler here."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from hgogen.cprint import Real
-from hgogen.program import Field
+from hgogen.program import Field, Group, lines_of
 from hgogen.step import Step
 
 _NUMBER = {"float": np.float32, "double": np.float64}
@@ -13,8 +13,7 @@ _NUMBER = {"float": np.float32, "double": np.float64}
 
 def state_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_state."""
-    groups = [(g.name, _record(g.fields, real), (g.count,)) for g in step.groups]
-    return np.dtype(_members(step.state, real) + groups, align=True)
+    return np.dtype(_members(step.state, real) + _arrays(step.groups, real), align=True)
 
 
 def params_type(step: Step, real: Real = "double") -> np.dtype:
@@ -28,10 +27,8 @@ def pack_state(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
     record = np.zeros(1, state_type(step))
     for field in step.state:
         _store(record, field, memory[f"state.{field.name}"])
-    for group in step.groups:
-        for field in group.fields:
-            values = memory[f"{group.name}.{field.name}"]
-            record[group.name][field.name][0] = values[:, 0] if _single(field) else values
+    for place, view, field in _views(step, record):
+        view[:] = memory[place][..., 0] if _single(field) else memory[place]
     return record
 
 
@@ -39,10 +36,8 @@ def unpack_state(step: Step, record: np.ndarray, memory: Mapping[str, np.ndarray
     """The inverse of `pack_state`, into the machine's memory."""
     for field in step.state:
         memory[f"state.{field.name}"][:] = record[field.name][0]
-    for group in step.groups:
-        for field in group.fields:
-            values = record[group.name][field.name][0]
-            memory[f"{group.name}.{field.name}"][:] = values[:, None] if _single(field) else values
+    for place, view, field in _views(step, record):
+        memory[place][:] = view[..., None] if _single(field) else view
 
 
 def pack_params(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -52,6 +47,22 @@ def pack_params(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
         for field in fields:
             _store(record[kind], field, memory[f"{kind}.{field.name}"])
     return record
+
+
+def _views(step: Step, record: np.ndarray) -> Iterator[tuple[str, np.ndarray, Field]]:
+    """(place, where it lies in the record, field) of each field of a group."""
+    for line in lines_of(step.groups):
+        view = record[0]
+        for group in line:
+            view = view[group.name]
+        for field in line[-1].fields:
+            yield f"{line[-1].name}.{field.name}", view[field.name], field
+
+
+def _arrays(groups: Iterable[Group], real: Real) -> list[tuple[object, ...]]:
+    return [
+        (g.name, np.dtype(_members(g.fields, real) + _arrays(g.groups, real), align=True), (g.count,)) for g in groups
+    ]
 
 
 def _single(field: Field) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.kernels import KERNELS
-from hgogen.program import Block, Field, Kernel, Loop, Program, When, places, scope
+from hgogen.program import Block, Copy, Field, Kernel, Loop, Program, When, lines_of, places, scope, walk
 from hgogen.step import Step
 
 Action = Callable[[], None]
@@ -33,7 +33,8 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
 class Machine:
     """The memory of a step and its programs as closures over that memory.
 
-    `memory` maps each place to an array: (size), or (count, size) for a field of a group.
+    `memory` maps each place to an array: (size), (count, size) for a field of a group, (count, count, size) for one of
+    a group in a group.
     """
 
     def __init__(
@@ -45,7 +46,8 @@ class Machine:
         self.step, self._bind, self._dtype = step, bind, dtype
         self.memory: dict[str, np.ndarray] = {}
         self._rows: dict[str, np.ndarray] = {}  # the member that a loop is at
-        self._groups = {group.name for group in step.groups}
+        self._tables: dict[str, np.ndarray] = {}  # the array that a loop runs over: in a group, that of its member
+        self._groups = {line[-1].name: line for line in lines_of(step.groups)}
         self._bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
         self.status = 0
         programs = (*step.program, *step.tuning)
@@ -59,10 +61,11 @@ class Machine:
         ):
             for field in fields:
                 self.memory[f"{kind}.{field.name}"] = np.zeros(field.size, dtype)
-        for group in step.groups:
-            for field in group.fields:
-                place = f"{group.name}.{field.name}"
-                self.memory[place] = np.zeros((group.count, field.size), dtype)
+        for name, line in self._groups.items():
+            for field in line[-1].fields:
+                place, shape = f"{name}.{field.name}", (*(group.count for group in line), field.size)
+                self.memory[place] = np.zeros(shape, dtype)
+                self._tables[place] = self.memory[place] if len(line) == 1 else np.zeros(shape[1:], dtype)
                 self._rows[place] = np.zeros(field.size, dtype)
         for kind, fields in (("plant", step.plant), ("gain", step.gains)):
             self._fill(kind, fields)
@@ -79,9 +82,9 @@ class Machine:
     def reset(self) -> None:
         """The state as before the first call."""
         self._fill("state", self.step.state)
-        for group in self.step.groups:
-            for field in group.fields:
-                self.memory[f"{group.name}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+        for name, line in self._groups.items():
+            for field in line[-1].fields:
+                self.memory[f"{name}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
 
     def section(self, name: str) -> int:
         """Run one section; returns its status."""
@@ -113,6 +116,7 @@ class Machine:
             Block: self._block,
             Loop: self._loop,
             When: self._when,
+            Copy: self._copy,
             Kernel: self._kernel,
         }
         actions = [makers[type(statement)](statement) for statement in program]
@@ -147,21 +151,39 @@ class Machine:
 
     def _loop(self, loop: Loop) -> Action:
         body = self._program(loop.body)
-        touched = [p for p, _ in sorted(places(loop.body)) if scope(p) == loop.group]
-        pairs = [(self.memory[place], self._rows[place]) for place in touched]
+        touched = sorted(
+            {p for p, _ in places(loop.body)} | {s.columns for s in walk(loop.body) if isinstance(s, Kernel)}
+        )
+        pairs = [(self._tables[p], self._rows[p]) for p in touched if scope(p) == loop.group]
+        pairs += [(self.memory[p], self._tables[p]) for p in touched if self._inside(p, loop.group)]
         start = self._array(loop.start) if loop.start else np.zeros(1)
         active = self._array(loop.active) if loop.active else np.array([loop.count])
-        total = next(group.count for group in self.step.groups if group.name == loop.group)
+        index = self._array(loop.index) if loop.index else np.zeros(1)
+        total = self._groups[loop.group][-1].count
 
         def run() -> None:
             first = int(start[0])
             for k in range(min(loop.count, int(active[0]))):
-                member = (first + k) % total
+                member = index[0] = (first + k) % total
                 for stored, row in pairs:
                     row[:] = stored[member]
                 body()
                 for stored, row in pairs:
                     stored[member] = row
+
+        return run
+
+    def _inside(self, place: str, group: str) -> bool:
+        """Whether the place is one of a group in the members of `group`."""
+        return any(above.name == group for above in self._groups.get(scope(place), ())[:-1])
+
+    def _copy(self, copy: Copy) -> Action:
+        arrays = [a for p, a in self.memory.items() if scope(p) == copy.group or self._inside(p, copy.group)]
+        source, target = self._array(copy.source), self._array(copy.target)
+
+        def run() -> None:
+            for array in arrays:
+                array[int(target[0])] = array[int(source[0])]
 
         return run
 
@@ -178,7 +200,7 @@ class Machine:
         return run
 
     def _kernel(self, kernel: Kernel) -> Action:
-        operation, columns = KERNELS[kernel.name], self.memory[kernel.columns]
+        operation, columns = KERNELS[kernel.name], self._tables[kernel.columns]
         arguments = [self._array(place) for place, _ in kernel.arguments]
         result = self._array(kernel.result) if kernel.result else np.zeros(1)
 

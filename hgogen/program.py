@@ -85,12 +85,20 @@ def scalar(name: str, initial: float, **data: Any) -> Field:
 
 @dataclass(frozen=True)
 class Group:
-    """An array of `count` equal structs in the state."""
+    """An array of `count` equal structs in the state; `groups`: arrays of structs in each of them."""
 
     name: str
     count: int
     fields: tuple[Field, ...]
     meaning: str = ""
+    groups: tuple["Group", ...] = ()
+
+
+def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator[tuple[Group, ...]]:
+    """Every group with those that it lies in, the outermost first; a group comes after the groups in it."""
+    for group in groups:
+        yield from lines_of(group.groups, (*above, group))
+        yield (*above, group)
 
 
 @dataclass(frozen=True)
@@ -132,7 +140,8 @@ class Block:
 class Loop:
     """Run `body` for members `start`, `start` + 1, ... of `group`, `count` of them, wrapping round.
 
-    `start` and `active` name index places: the first member (0 if none), and how many of `count` are wanted.
+    `start` and `active` name index places: the first member (0 if none), and how many of `count` are wanted; `index`
+    is one that takes each member's number.
     """
 
     group: str
@@ -140,6 +149,7 @@ class Loop:
     body: tuple["Statement", ...]
     start: str | None = None
     active: str | None = None
+    index: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +159,15 @@ class When:
     flag: str
     body: tuple["Statement", ...]
     otherwise: tuple["Statement", ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Copy:
+    """Member number `target` of `group`, all of it, becomes what member number `source` is; both name index places."""
+
+    group: str
+    source: str
+    target: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +185,7 @@ class Kernel:
     result: str | None = None
 
 
-Statement = Block | Loop | When | Kernel
+Statement = Block | Loop | When | Copy | Kernel
 Program = tuple[Statement, ...]
 
 
@@ -200,7 +219,9 @@ def places(program: Sequence[Statement]) -> set[tuple[str, int]]:
             found.update(statement.arguments)
             found.update((place, 1) for place in (statement.result,) if place)
         elif isinstance(statement, Loop):
-            found.update((place, 1) for place in (statement.start, statement.active) if place)
+            found.update((place, 1) for place in (statement.start, statement.active, statement.index) if place)
+        elif isinstance(statement, Copy):
+            found.update((place, 1) for place in (statement.source, statement.target))
         else:
             found.add((statement.flag, 1))
     return found
@@ -216,6 +237,8 @@ def read(program: Sequence[Statement]) -> set[str]:
             found.update(place for place, _ in statement.arguments)
         elif isinstance(statement, Loop):
             found.update(place for place in (statement.start, statement.active) if place)
+        elif isinstance(statement, Copy):
+            found.update((statement.source, statement.target))
         else:
             found.add(statement.flag)
     return found
@@ -226,6 +249,7 @@ def dangling(program: Sequence[Statement]) -> set[str]:
     written = {place for s in walk(program) if isinstance(s, Block) for place in s.writes}
     written |= {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
     written |= {s.result for s in walk(program) if isinstance(s, Kernel) and s.result}
+    written |= {s.index for s in walk(program) if isinstance(s, Loop) and s.index}
     return {place for place in read(program) if scope(place) == "work"} - written
 
 

@@ -11,10 +11,13 @@ double its share by rounding units.
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
+from hgogen.core import nominal, numbers
 from hgogen.cprint import Real
 from hgogen.exact import DTYPE, machine
+from hgogen.program import address, lines_of
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -55,11 +58,32 @@ def record(step: Step, real: Real) -> Vectors:
 
 
 def start(step: Step) -> dict[str, list[float]]:
-    """Where each `z` starts, by place: off its rest, where a plant may stand still and show nothing of its model."""
-    shares = {f"{group.name}.z": 0.3 for group in step.groups if any(f.name == "z" for f in group.fields)}
-    shares |= {f"state.{f.name}": 0.4 for f in step.state if f.name == "z"}
+    """What the state holds at the first sample, by place: the estimate, and each `z` of a group, off their rest, where
+    a plant may stand still and show nothing of its model."""
     boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
-    return {place: [low + (0.5 + share / 2) * (high - low) for low, high in boxes] for place, share in shares.items()}
+    groups = [line[-1] for line in lines_of(step.groups)]
+    values = {f"{group.name}.z": _off(boxes, 0.3) for group in groups if any(f.name == "z" for f in group.fields)}
+    return values | _estimate(step, _off(boxes, 0.4))
+
+
+def _off(boxes: list[tuple[float, float]], share: float) -> list[float]:
+    return [low + (0.5 + share / 2) * (high - low) for low, high in boxes]
+
+
+def _estimate(step: Step, wanted: list[float]) -> dict[str, list[float]]:
+    """The fields of the state whose estimate is `wanted`, as far as each of its elements is linear in one of theirs."""
+    values = {f"state.{field.name}": list(field.initial) for field in step.state}
+    known = nominal(step.observer) | values
+    changed = {}
+    for z, goal in zip(ca.vertsplit(ca.vertcat(step.observer.z)), wanted, strict=True):
+        places = [(place, index) for place, index, _ in map(address, ca.symvar(z)) if place in values]
+        slope = ca.jacobian(z, ca.vertcat(*(s for s in ca.symvar(z) if address(s)[0] in values)))
+        if len(places) != 1 or any(address(s)[0] in values for s in ca.symvar(slope)):
+            continue
+        (place, index), (rise, now) = places[0], (float(numbers(e, known)) for e in (slope, z))
+        changed[place] = values[place]
+        values[place][index] = goal if z.is_symbolic() else values[place][index] + (goal - now) / rise
+    return changed
 
 
 def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.model import load
 from hgogen.native import WARNINGS
-from hgogen.program import Field
+from hgogen.program import Field, lines_of
 
 HERE = Path(__file__).parent
 M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
@@ -189,7 +189,11 @@ class Element:
 def elements(step: hg.Step) -> Iterator[Element]:
     """Every number of the state; one without a box of its own is of plausible size."""
     members = [("s.", step.state)]
-    members += [(f"s.{g.name}[{k}].", g.fields) for g in step.groups for k in range(g.count)]
+    for line in lines_of(step.groups):
+        starts = ["s."]
+        for group in line:
+            starts = [f"{start}{group.name}[{k}]." for start in starts for k in range(group.count)]
+        members += [(start, line[-1].fields) for start in starts]
     for start, fields in members:
         for field in fields:
             for i, (low, high) in enumerate(field.box):

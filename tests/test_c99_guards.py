@@ -15,6 +15,7 @@ import hgogen as hg
 from hgogen import layout, native
 from hgogen.cprint import Real, literal
 from hgogen.exact import machine
+from hgogen.program import lines_of
 
 NAMES = list(emitted.STEPS)
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
@@ -161,8 +162,12 @@ def test_memcheck_finds_nothing_read_before_it_is_written(name: str, tmp_path: P
 
 def random_state(made: hg.Step, record: np.ndarray, draw: np.random.Generator) -> None:
     """Numbers in their boxes, beyond them, and of every size; counters in their ranges."""
-    groups = [(record[g.name][0], g.fields) for g in made.groups]
-    members = [(record[0], made.state), *((row, fields) for rows, fields in groups for row in rows)]
+    members = [(record[0], made.state)]
+    for line in lines_of(made.groups):
+        rows = [record[0]]
+        for group in line:
+            rows = [row for above in rows for row in above[group.name]]
+        members += [(row, line[-1].fields) for row in rows]
     absurd = draw.random() < 0.2
     for row, fields in members:
         for field in fields:

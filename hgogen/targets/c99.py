@@ -5,6 +5,7 @@ with 0 for ok. Compile with `-ffp-contract=off` for the same bits on every IEEE 
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from hgogen.ccheck import check as self_check
@@ -15,7 +16,7 @@ from hgogen.cmath import functions, includes
 from hgogen.cprint import Real, literal
 from hgogen.ctext import Writer, indented, status_type
 from hgogen.errors import HgogenError
-from hgogen.program import Field, Section
+from hgogen.program import Field, Group, Section
 from hgogen.step import Step
 from hgogen.target import Files
 
@@ -118,9 +119,16 @@ def _assign(start: str, item: Field, real: Real) -> list[str]:
 
 def _reset(step: Step, writer: Writer) -> list[str]:
     lines = [line for item in step.state for line in _assign("s->", item, writer.real)]
-    for group in step.groups:
-        inner = [line for f in group.fields for line in _assign(f"s->{group.name}[k].", f, writer.real)]
-        lines += [f"for (unsigned k = 0u; k < {group.count}u; ++k) {{", *indented(inner), "}"]
+    return lines + _fresh("s->", step.groups, writer.real)
+
+
+def _fresh(start: str, groups: Iterable[Group], real: Real, k: str = "k") -> list[str]:
+    lines: list[str] = []
+    for group in groups:
+        one = f"{start}{group.name}[{k}]."
+        inner = [line for f in group.fields for line in _assign(one, f, real)]
+        inner += _fresh(one, group.groups, real, "k2")
+        lines += [f"for (unsigned {k} = 0u; {k} < {group.count}u; ++{k}) {{", *indented(inner), "}"]
     return lines
 
 
