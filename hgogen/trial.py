@@ -2,7 +2,7 @@
 makes of it.
 
     x' = flow(x, u(t); p),  y = output(x, u(t); p) + n,  x jumps at given times
-    n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0
+    n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0;  or a tone, a sin(omega t)
 
 The truth is integrated by CVODES (absolute and relative tolerance 1e-13 a step), from jump to jump. The
 noise is the exact discretisation of a stationary Ornstein-Uhlenbeck process, g from numpy's
@@ -11,7 +11,7 @@ default_rng(seed); tau = 0 is white noise.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -46,6 +46,22 @@ class OrnsteinUhlenbeck:
     sigma: float
     tau: float = 0.0
 
+    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """The noise at evenly spaced `times` (N)."""
+        return _ornstein_uhlenbeck(self, rng.standard_normal(len(times)), times[1] - times[0])
+
+
+@dataclass(frozen=True)
+class Sine:
+    """A tone of `amplitude` (the output's unit) and frequency `omega` (rad/s), the same for every seed."""
+
+    amplitude: float
+    omega: float
+
+    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """The noise at `times` (N)."""
+        return np.asarray(self.amplitude * np.sin(self.omega * times))
+
 
 @dataclass(frozen=True)
 class Jump:
@@ -78,7 +94,7 @@ class Trial:
     duration: float
     start: Mapping[str, float]
     inputs: Mapping[str, Any] = field(default_factory=dict)
-    noise: Mapping[str, OrnsteinUhlenbeck] = field(default_factory=dict)
+    noise: Mapping[str, OrnsteinUhlenbeck | Sine] = field(default_factory=dict)
     jumps: tuple[Jump, ...] = ()
     settled: Settled | None = None
     steady: float | None = None
@@ -188,11 +204,10 @@ def _segment(trial: Trial, ode: Mapping[str, Any], start: np.ndarray, begin: flo
 def noisy(plant: System, truth: Truth, trial: Trial, seed: int) -> np.ndarray:
     """What is measured, y (N, p): the truth plus the noise of this seed, output after output from one
     generator."""
-    rng, dt = np.random.default_rng(seed), truth.t[1] - truth.t[0]
-    y = truth.y.copy()
+    rng, y = np.random.default_rng(seed), truth.y.copy()
     for j, signal in enumerate(plant.outputs):
         if signal.name in trial.noise:
-            y[:, j] += _ornstein_uhlenbeck(trial.noise[signal.name], rng.standard_normal(len(y)), dt)
+            y[:, j] += trial.noise[signal.name].at(truth.t, rng)
     return y
 
 
@@ -254,8 +269,8 @@ def _faults(trial: Trial, dt: float) -> Iterator[str]:
     if trial.settled and not (0 < trial.settled.band < math.inf and 0 < trial.settled.hold < math.inf):
         yield f"{trial.settled} must have a band and a hold (s) above 0, and finite"
     for name, noise in trial.noise.items():
-        if not (0 <= noise.sigma < math.inf and 0 <= noise.tau < math.inf):
-            yield f"{noise} of {name} must have a finite sigma and tau, not negative"
+        if not all(0 <= number < math.inf for number in astuple(noise)):
+            yield f"{noise} of {name} must have finite numbers, not negative"
     for name, value in trial.inputs.items():
         strangers = sp.sympify(value).free_symbols - {t}
         if strangers:

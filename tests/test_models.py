@@ -55,7 +55,7 @@ def test_a_record_over_its_ranges_stays_finite(model: Model) -> None:
     k = np.arange(300)[:, None]
 
     def swing(signals: tuple[hg.Signal, ...], pace: float) -> np.ndarray:
-        low, high = np.array([s.interval if s.bounded else (-1.0, 1.0) for s in signals]).T
+        low, high = np.array([s.interval if s.bounded else (-1.0, 1.0) for s in signals]).reshape(-1, 2).T
         return (low + high) / 2 + (high - low) / 4 * np.sin(pace * k)
 
     run = step.run(u=swing(step.inputs, 0.03), y=swing(step.outputs, 0.02), engine="python")

@@ -1,0 +1,257 @@
+/* hyperjerk: see hyperjerk.h, which is the manual. */
+#include "hyperjerk.h"
+
+#include <stdbool.h>
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
+#endif
+
+static float hyperjerk_clamp(float v, float low, float high)
+{
+    const float raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool hyperjerk_within(float v, float limit)
+{
+    return v == v && v >= -limit && v <= limit;
+}
+
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static float hyperjerk_keep(float v, float low, float high, float otherwise, float limit)
+{
+    return hyperjerk_within(v, limit) ? hyperjerk_clamp(v, low, high) : otherwise;
+}
+
+unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
+{
+    unsigned status = 0u;
+    bool lost = false;
+    bool running = false;
+    float valid = 0.0f;
+    float y = 0.0f;
+    float y_last = 0.0f;
+    /* guard the samples */
+    {
+        const float y_given = out->y;
+        const bool t1 = hyperjerk_within(y_given, 3e+38f);
+        const float w1 = s->w[0];
+        const bool t2 = t1 && y_given >= -9.0f && y_given <= 9.0f && hyperjerk_within(y_given - w1, 1e+16f);
+        const float t3 = t2 ? y_given : w1;
+        y = t3;
+        y_last = (t2 && (s->y_valid != 0.0f)) ? s->y : t3;
+        valid = t2 ? 1.0f : 0.0f;
+        if (!t1) {
+            status |= HYPERJERK_MISSING_y;
+        }
+        if (t1 && !t2) {
+            status |= HYPERJERK_REJECTED_y;
+        }
+    }
+    /* the first call advances no time */
+    {
+        const unsigned calls = s->calls;
+        running = calls >= 1u;
+        s->calls = (calls < 2u) ? calls + 1u : 2u;
+    }
+    if (running) {
+        /* w, eta: one step of classical Runge-Kutta */
+        {
+            const float eta1 = s->eta[0];
+            const float eta2 = s->eta[1];
+            const float eta3 = s->eta[2];
+            const float eta4 = s->eta[3];
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            const float w4 = s->w[3];
+            const float k1_w1 = w2 + 6.0f*eta1;
+            const float k1_w2 = w3 + 15.0f*eta2;
+            const float k1_w3 = w4 + 18.0f*eta3;
+            const float t1 = hyperjerk_clamp(w1, -3.0f, 3.0f);
+            const float t2 = t1*t1*4.5f - 2.7f*hyperjerk_clamp(w2, -4.0f, 4.0f)
+                - 5.2f*hyperjerk_clamp(w3, -6.0f, 6.0f) - hyperjerk_clamp(w4, -12.0f, 12.0f);
+            const float k1_w4 = t2 - 4.5f + 10.0f*eta4;
+            const float theta = p->gain.theta;
+            const float k1_eta1 = theta*(valid*(y_last - w1)*theta - 3.0f*eta1);
+            const float k1_eta2 = theta*(theta*eta1 - 3.0f*eta2);
+            const float k1_eta3 = theta*(theta*eta2 - 3.0f*eta3);
+            const float k1_eta4 = theta*(theta*eta3 - 3.0f*eta4);
+            const float t3 = w2 + 0.0005f*k1_w2;
+            const float t4 = eta1 + 0.0005f*k1_eta1;
+            const float k2_w1 = t3 + 6.0f*t4;
+            const float t5 = w3 + 0.0005f*k1_w3;
+            const float t6 = eta2 + 0.0005f*k1_eta2;
+            const float k2_w2 = t5 + 15.0f*t6;
+            const float t7 = w4 + 0.0005f*k1_w4;
+            const float t8 = eta3 + 0.0005f*k1_eta3;
+            const float k2_w3 = t7 + 18.0f*t8;
+            const float t9 = eta4 + 0.0005f*k1_eta4;
+            const float t10 = w1 + 0.0005f*k1_w1;
+            const float t11 = hyperjerk_clamp(t10, -3.0f, 3.0f);
+            const float t12 = t11*t11*4.5f - 2.7f*hyperjerk_clamp(t3, -4.0f, 4.0f)
+                - 5.2f*hyperjerk_clamp(t5, -6.0f, 6.0f) - hyperjerk_clamp(t7, -12.0f, 12.0f);
+            const float k2_w4 = t12 - 4.5f + 10.0f*t9;
+            const float t13 = y_last + 0.5f*(y - y_last);
+            const float k2_eta1 = theta*(valid*(t13 - t10)*theta - 3.0f*t4);
+            const float k2_eta2 = theta*(theta*t4 - 3.0f*t6);
+            const float k2_eta3 = theta*(theta*t6 - 3.0f*t8);
+            const float k2_eta4 = theta*(theta*t8 - 3.0f*t9);
+            const float t14 = w2 + 0.0005f*k2_w2;
+            const float t15 = eta1 + 0.0005f*k2_eta1;
+            const float k3_w1 = t14 + 6.0f*t15;
+            const float t16 = w3 + 0.0005f*k2_w3;
+            const float t17 = eta2 + 0.0005f*k2_eta2;
+            const float k3_w2 = t16 + 15.0f*t17;
+            const float t18 = w4 + 0.0005f*k2_w4;
+            const float t19 = eta3 + 0.0005f*k2_eta3;
+            const float k3_w3 = t18 + 18.0f*t19;
+            const float t20 = eta4 + 0.0005f*k2_eta4;
+            const float t21 = w1 + 0.0005f*k2_w1;
+            const float t22 = hyperjerk_clamp(t21, -3.0f, 3.0f);
+            const float t23 = t22*t22*4.5f - 2.7f*hyperjerk_clamp(t14, -4.0f, 4.0f)
+                - 5.2f*hyperjerk_clamp(t16, -6.0f, 6.0f);
+            const float k3_w4 = t23 - hyperjerk_clamp(t18, -12.0f, 12.0f) - 4.5f + 10.0f*t20;
+            const float k3_eta1 = theta*(valid*(t13 - t21)*theta - 3.0f*t15);
+            const float k3_eta2 = theta*(theta*t15 - 3.0f*t17);
+            const float k3_eta3 = theta*(theta*t17 - 3.0f*t19);
+            const float k3_eta4 = theta*(theta*t19 - 3.0f*t20);
+            const float t24 = w2 + 0.001f*k3_w2;
+            const float t25 = eta1 + 0.001f*k3_eta1;
+            const float k4_w1 = t24 + 6.0f*t25;
+            const float t26 = w3 + 0.001f*k3_w3;
+            const float t27 = eta2 + 0.001f*k3_eta2;
+            const float k4_w2 = t26 + 15.0f*t27;
+            const float t28 = w4 + 0.001f*k3_w4;
+            const float t29 = eta3 + 0.001f*k3_eta3;
+            const float k4_w3 = t28 + 18.0f*t29;
+            const float t30 = eta4 + 0.001f*k3_eta4;
+            const float t31 = w1 + 0.001f*k3_w1;
+            const float t32 = hyperjerk_clamp(t31, -3.0f, 3.0f);
+            const float t33 = t32*t32*4.5f - 2.7f*hyperjerk_clamp(t24, -4.0f, 4.0f)
+                - 5.2f*hyperjerk_clamp(t26, -6.0f, 6.0f);
+            const float k4_w4 = t33 - hyperjerk_clamp(t28, -12.0f, 12.0f) - 4.5f + 10.0f*t30;
+            const float k4_eta1 = theta*(valid*(y - t31)*theta - 3.0f*t25);
+            const float k4_eta2 = theta*(theta*t25 - 3.0f*t27);
+            const float k4_eta3 = theta*(theta*t27 - 3.0f*t29);
+            const float k4_eta4 = theta*(theta*t29 - 3.0f*t30);
+            s->w[0] = w1 + 0.00016666666f*(k1_w1 + 2.0f*k2_w1 + 2.0f*k3_w1 + k4_w1);
+            s->w[1] = w2 + 0.00016666666f*(k1_w2 + 2.0f*k2_w2 + 2.0f*k3_w2 + k4_w2);
+            s->w[2] = w3 + 0.00016666666f*(k1_w3 + 2.0f*k2_w3 + 2.0f*k3_w3 + k4_w3);
+            s->w[3] = w4 + 0.00016666666f*(k1_w4 + 2.0f*k2_w4 + 2.0f*k3_w4 + k4_w4);
+            s->eta[0] = eta1 + 0.00016666666f*(k1_eta1 + 2.0f*k2_eta1 + 2.0f*k3_eta1 + k4_eta1);
+            s->eta[1] = eta2 + 0.00016666666f*(k1_eta2 + 2.0f*k2_eta2 + 2.0f*k3_eta2 + k4_eta2);
+            s->eta[2] = eta3 + 0.00016666666f*(k1_eta3 + 2.0f*k2_eta3 + 2.0f*k3_eta3 + k4_eta3);
+            s->eta[3] = eta4 + 0.00016666666f*(k1_eta4 + 2.0f*k2_eta4 + 2.0f*k3_eta4 + k4_eta4);
+        }
+        /* is a value lost? */
+        {
+            const bool t1 = hyperjerk_within(s->w[0], 1e+30f) && hyperjerk_within(s->w[1], 1e+30f)
+                && hyperjerk_within(s->w[2], 1e+30f);
+            const bool t2 = t1 && hyperjerk_within(s->w[3], 1e+30f) && hyperjerk_within(s->eta[0], 1e+30f)
+                && hyperjerk_within(s->eta[1], 1e+30f);
+            lost = !(t2 && hyperjerk_within(s->eta[2], 1e+30f) && hyperjerk_within(s->eta[3], 1e+30f));
+        }
+        if (lost) {
+            /* a value is lost: all restart */
+            s->w[0] = 0.0f;
+            s->w[1] = 0.0f;
+            s->w[2] = 0.0f;
+            s->w[3] = 0.0f;
+            s->eta[0] = 0.0f;
+            s->eta[1] = 0.0f;
+            s->eta[2] = 0.0f;
+            s->eta[3] = 0.0f;
+            status |= HYPERJERK_RESTARTED;
+        }
+        /* keep w in its box */
+        {
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            const float w4 = s->w[3];
+            s->w[0] = hyperjerk_clamp(w1, -9.0f, 9.0f);
+            s->w[1] = hyperjerk_clamp(w2, -40.0f, 40.0f);
+            s->w[2] = hyperjerk_clamp(w3, -600.0f, 600.0f);
+            s->w[3] = hyperjerk_clamp(w4, -12000.0f, 12000.0f);
+            if (w1 < -9.0f || w1 > 9.0f || w2 < -40.0f || w2 > 40.0f || w3 < -600.0f || w3 > 600.0f
+                || w4 < -12000.0f || w4 > 12000.0f) {
+                status |= HYPERJERK_STATE_LIMITED;
+            }
+        }
+        /* keep eta in its box */
+        {
+            const float eta1 = s->eta[0];
+            const float eta2 = s->eta[1];
+            const float eta3 = s->eta[2];
+            const float eta4 = s->eta[3];
+            s->eta[0] = hyperjerk_clamp(eta1, -1e+30f, 1e+30f);
+            s->eta[1] = hyperjerk_clamp(eta2, -1e+30f, 1e+30f);
+            s->eta[2] = hyperjerk_clamp(eta3, -1e+30f, 1e+30f);
+            s->eta[3] = hyperjerk_clamp(eta4, -1e+30f, 1e+30f);
+        }
+    }
+    /* remember the sample */
+    s->y = y;
+    s->y_valid = valid;
+    /* outside the declared box the model is evaluated at its edge */
+    {
+        const float w1 = s->w[0];
+        const float w2 = s->w[1];
+        const float w3 = s->w[2];
+        const float w4 = s->w[3];
+        if (w1 < -3.0f || w1 > 3.0f || w2 < -4.0f || w2 > 4.0f || w3 < -6.0f || w3 > 6.0f || w4 < -12.0f
+            || w4 > 12.0f) {
+            status |= HYPERJERK_OUTSIDE_BOX;
+        }
+    }
+    return status;
+}
+
+void hyperjerk_estimate(const hyperjerk_state *s, const hyperjerk_params *p, hyperjerk_plant *x)
+{
+    (void)p;
+    /* the plant's state */
+    x->x1 = s->w[0];
+    x->x2 = s->w[1];
+    x->x3 = s->w[2];
+    x->x4 = s->w[3];
+}
+
+unsigned hyperjerk_tune(hyperjerk_params *p)
+{
+    unsigned status = 0u;
+    /* theta in its range */
+    {
+        const float theta = p->gain.theta;
+        p->gain.theta = hyperjerk_keep(theta, 1.0f, 10.0f, 10.0f, 3e+38f);
+        if (!(theta >= 1.0f && theta <= 10.0f)) {
+            status |= HYPERJERK_PARAMETER_LIMITED;
+        }
+    }
+    return status;
+}
+
+void hyperjerk_reset(hyperjerk_state *s)
+{
+    s->w[0] = 0.0f;
+    s->w[1] = 0.0f;
+    s->w[2] = 0.0f;
+    s->w[3] = 0.0f;
+    s->eta[0] = 0.0f;
+    s->eta[1] = 0.0f;
+    s->eta[2] = 0.0f;
+    s->eta[3] = 0.0f;
+    s->calls = 0u;
+    s->y = 0.0f;
+    s->y_valid = 0.0f;
+}
+
+void hyperjerk_init(hyperjerk_state *s, hyperjerk_params *p)
+{
+    p->gain.theta = 10.0f;
+    (void)hyperjerk_tune(p);
+    hyperjerk_reset(s);
+}

@@ -1,0 +1,119 @@
+"""High-gain observer whose output injection goes through low-pass filters: 2n states, no power of the gain above 2.
+
+    x_i' = x_(i+1) + c_i(x, u) + l_i eta_i                     i = 1, .., n, x_(n+1) = 0
+    eta_1' = -k alpha eta_1 + k^2 beta (y - x_1)
+    eta_i' = -k alpha eta_i + k^2 beta eta_(i-1)               i = 2, .., n,   k = theta
+
+in the coordinates of `integrators`, the argument of c saturated to the declared box. eta_i settles at (k beta/alpha)^i
+times a constant y - x_1, so that with alpha = beta = 1 the injection is that of `high_gain` at low frequencies. The
+linear error core is similar to k M, M of `gains`, which decays if and only if the poles of A - L C lie inside the
+parabola alpha^2 Re + beta Im^2 < 0. Source: Astolfi, Jungers, Zaccarian, "Output injection filtering redesign in
+high-gain observers", ECC 2018, (7), Theorem 1, with c_n alone; the rows c_1..c_(n-1) of a triangular form are an
+extension.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.gains import coefficients, demand_parabola, filtered_core, parabola_advice
+from hgogen.hurwitz import demand_hurwitz
+from hgogen.integrators import integrators, observer_on
+from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, positive, reals
+from hgogen.program import Field, sym
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
+EQUATIONS = (
+    "x_i' = x_(i+1) + c_i(x, u) + l_i eta_i",
+    "eta_1' = -theta alpha eta_1 + theta^2 beta (y - x_1), eta_i' = -theta alpha eta_i + theta^2 beta eta_(i-1)",
+)
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state, for theta large enough",
+    (
+        *FORM,
+        Hypothesis(
+            "the poles of A - L C lie inside the parabola alpha^2 Re + beta Im^2 < 0, so that M is Hurwitz",
+            verdict=Verdict.PROVED,
+            reason="in exact arithmetic; others are refused",
+            reference="Lemma 1",
+        ),
+        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        *OPERATION,
+    ),
+    f"{REFERENCE}, Theorem 1",
+)
+
+
+def filtered(
+    form: Form,
+    *,
+    theta: float,
+    alpha: float,
+    beta: float,
+    poles: Sequence[complex] | None = None,
+    gains: Sequence[float] | np.ndarray | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The observer with filtered output injection on a form of one output with constant a_i.
+
+    Args: `theta` >= 1, the paper's k; `alpha`, `beta` > 0 of the filters, which decay at theta alpha; `poles` (n) of
+    A - L C inside the parabola, or `gains` L (n) in their place; `initial` the plant's state; `accept` ids of refuted
+    checks to build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `OutsideParabola` with the ratio alpha^2/beta that admits the poles; `NotHurwitz` for
+    gains whose core does not decay; `BadGain` for other numbers that do not fit, or a form that is no chain of
+    integrators.
+    """
+    accept = founded("filtered", form, accept)
+    high, chain = high_gain_parameter(theta), integrators("filtered", form)
+    n, level = chain.n, sym("gain.theta")
+    a, b = positive("alpha", alpha), positive("beta", beta)
+    L = _gains(poles, gains, n, a, b)
+    fields = (
+        chain.field(initial, high.initial[0]),
+        Field("eta", (0.0,) * n, meaning="filtered output injection"),
+    )
+
+    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+        w, eta = values["w"], values["eta"]
+        above = ca.vertcat(*(w[i] for i in range(1, n)), 0)
+        source = ca.vertcat(valid * (y - w[0]), *(eta[i] for i in range(n - 1)))
+        return {"w": above + ca.DM(L) * eta, "eta": level * (level * (b * source) - a * eta)}
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(n, 1)}
+
+    return observer_on(
+        chain,
+        "filtered",
+        parts=(Ode(fields, rest, linear, chain.offset),),
+        gains=(high,),
+        w=sym("state.w", n),
+        theorem=THEOREM,
+        equations=(*EQUATIONS, f"alpha = {a:g}, beta = {b:g}, L = ({', '.join(f'{value:g}' for value in L)})"),
+        reference=REFERENCE,
+        accepted=accept,
+    )
+
+
+def _gains(poles: Any, gains: Any, n: int, alpha: float, beta: float) -> np.ndarray:
+    """L (n), of which M is Hurwitz."""
+    if (poles is None) == (gains is None):
+        raise BadGain("filtered", "takes either the poles of A - L C or the gains L; give one of the two")
+    if gains is None:
+        L = coefficients(poles, n)
+        demand_parabola(poles, alpha, beta)
+        fix = "rounded to doubles, these poles are at the parabola's edge; take them further inside"
+    else:
+        L = reals("gains", gains)
+        if L.shape != (n,) or not np.isfinite(L).all():
+            raise BadGain(f"gains = {gains!r}", f"must be {n} finite numbers, one for each state")
+        fix = parabola_advice(L, alpha, beta)
+    demand_hurwitz("poles" if gains is None else "gains", filtered_core(L, alpha, beta), fix)
+    return L

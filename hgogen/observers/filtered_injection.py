@@ -1,0 +1,125 @@
+"""High-gain observer whose output injection goes through a linear filter of the user's.
+
+    x' = A x + c(x, u) + D N H eta,   eta' = k F eta + k G (y - x_1),   D = diag(k, .., k^n),   k = theta
+
+in the coordinates of `integrators` (A the shift), the argument of c saturated to the declared box; eta (m) of any size.
+The linear error core is similar to k Q, Q = [[A, N H], [-G C, F]], which must be Hurwitz. With F = -(alpha I - k beta
+A'), N = D^-1, H = diag L, G = k beta C' it is the observer `filtered` (the paper prints the opposite sign of F, which
+does not decay); so it is with numbers free of k, F = -alpha I + beta A', N = I, H = diag L, G = beta C': Q is then the
+M of `gains`. Source: Astolfi, Jungers, Zaccarian, "Output injection filtering redesign in high-gain observers", ECC
+2018, (18), (19), Theorem 2, with c_n alone; the rows c_1..c_(n-1) of a triangular form are an extension.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.hurwitz import demand_hurwitz
+from hgogen.integrators import integrators, observer_on
+from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, reals
+from hgogen.program import Field, sym
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
+EQUATIONS = ("x' = A x + c(x, u) + diag(theta, .., theta^n) N H eta, eta' = theta F eta + theta G (y - x_1)",)
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state, for theta large enough",
+    (
+        *FORM,
+        Hypothesis(
+            "Q = [[A, N H], [-G C, F]] is Hurwitz",
+            verdict=Verdict.PROVED,
+            reason="in exact arithmetic; others are refused",
+            reference="(19)",
+        ),
+        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        *OPERATION,
+    ),
+    f"{REFERENCE}, Theorem 2",
+)
+Matrix = Sequence[Sequence[float]] | np.ndarray
+
+
+def filtered_injection(
+    form: Form,
+    *,
+    theta: float,
+    F: Matrix,
+    G: Sequence[float] | np.ndarray,
+    H: Matrix,
+    N: Matrix | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The observer with a filter of the user's in its output injection, on a form of one output with constant a_i.
+
+    Args: `theta` >= 1, the paper's k; `F` (m, m), `G` (m), `H` (n, m) of the filter, `N` (n, n), by default the unit
+    matrix; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `NotHurwitz` where Q is not; `BadGain` for theta < 1, matrices that do not fit, or a form that is
+    no chain of integrators.
+    """
+    accept = founded("filtered_injection", form, accept)
+    high, chain = high_gain_parameter(theta), integrators("filtered_injection", form)
+    n, level, source = chain.n, sym("gain.theta"), reals("G", G)
+    m = source.size
+    source, filter_ = _matrix("G", source, (m,)), _matrix("F", F, (m, m))
+    pushed = _matrix("N", np.eye(n) if N is None else N, (n, n)) @ _matrix("H", H, (n, m))
+    demand_hurwitz("N, F, G, H", _core(filter_, source, pushed), "choose them such that Q decays")
+    eta = Field("eta", (0.0,) * m, meaning="state of the injection's filter")
+    fields = (chain.field(initial, high.initial[0]), eta)
+
+    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+        w, eta = values["w"], values["eta"]
+        above = ca.vertcat(*(w[i] for i in range(1, n)), 0)
+        return {
+            "w": above + _powers(level, n) * (_sparse(pushed) @ eta),
+            "eta": level * (_sparse(filter_) @ eta + _sparse(source) * (valid * (y - w[0]))),
+        }
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(m, 1)}
+
+    return observer_on(
+        chain,
+        "filtered_injection",
+        parts=(Ode(fields, rest, linear, chain.offset),),
+        gains=(high,),
+        w=sym("state.w", n),
+        theorem=THEOREM,
+        equations=EQUATIONS,
+        reference=REFERENCE,
+        accepted=accept,
+    )
+
+
+def _matrix(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    matrix = reals(name, value)
+    if matrix.shape != shape or not np.isfinite(matrix).all():
+        size = " x ".join(map(str, shape))
+        reason = f"must be {size} finite numbers; the length of G is the filter's size"
+        raise BadGain(f"{name} of shape {matrix.shape}", reason)
+    return matrix
+
+
+def _core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+    """Q (n + m, n + m)."""
+    n = len(pushed)
+    measured = np.outer(G, np.eye(n)[0])
+    return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-measured, F]])
+
+
+def _powers(level: Any, n: int) -> Any:
+    """level, level^2, .., level^n."""
+    powers = [level]
+    for _ in range(n - 1):
+        powers.append(powers[-1] * level)
+    return ca.vertcat(*powers)
+
+
+def _sparse(matrix: np.ndarray) -> Any:
+    return ca.sparsify(ca.SX(ca.DM(matrix)))
