@@ -14,10 +14,10 @@ import typer
 
 import hgogen as hg
 from hgogen import jobs, native, noise, tables
+from hgogen.agreement import Disagree
 from hgogen.call import CallableStep, Engine
 from hgogen.checking import OptionalFile, check
 from hgogen.command import Bar, Json, ModelArgument, Tuned, app, command, note, show
-from hgogen.compare import Disagree
 from hgogen.model import Model, listed, load
 from hgogen.prediction import predictions
 from hgogen.record import Record, mapping, read
@@ -126,7 +126,7 @@ def build(
     self_check = native.run_check(files).strip() if engine == "c" else None
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
-    comparison = jobs.compared(done, again, step.dt) if again else ()
+    comparison = jobs.agreements(done, again, step.dt) if again else ()
     paths += _save(jobs.figures(step, done), folder)
     summaries = jobs.summaries(step, done, engine, note)
     report = {
@@ -140,7 +140,7 @@ def build(
     }
     paths += hg.write({"report.json": json.dumps(report, indent=2, allow_nan=False) + "\n"}, folder)
     shown = [tables.trials(summaries)]
-    shown += [tables.comparisons(comparison), f"self-check of the {real.value} C: {self_check}\n"] if again else []
+    shown += [tables.agreements(comparison), f"self-check of the {real.value} C: {self_check}\n"] if again else []
     show(as_json, report, *shown, tables.files(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))

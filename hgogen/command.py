@@ -13,8 +13,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from typer.core import TyperCommand
 
 from hgogen import native, tables
+from hgogen.agreement import Disagree
 from hgogen.check import Refuted
-from hgogen.compare import Disagree
 from hgogen.errors import HgogenError
 from hgogen.recheck import NothingVerified, NotVerified
 

@@ -10,9 +10,9 @@ import numpy as np
 
 import hgogen as hg
 from hgogen import alarm
+from hgogen.agreement import Agreement, agreement
 from hgogen.call import CallableStep, Engine, Run
 from hgogen.check import Check, Refuted, refuted
-from hgogen.compare import Comparison, compare
 from hgogen.form import Form
 from hgogen.metrics import Metrics, Summary, metrics, summary
 from hgogen.model import MissingPart, Model
@@ -155,10 +155,10 @@ def summaries(step: CallableStep, done: Iterable[Tried], engine: Engine, say: Ca
     return told
 
 
-def compared(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Comparison, ...]:
+def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:
     """C against Python, on the first seed of each trial."""
     pairs = zip(c, python, strict=True)
-    return tuple(compare((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
+    return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
 
 
 def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:

@@ -11,10 +11,10 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from hgogen.agreement import Agreement
 from hgogen.alarm import ITSELF
 from hgogen.bounds import Range
 from hgogen.check import Check, Verdict
-from hgogen.compare import Comparison
 from hgogen.digits import down, up
 from hgogen.gramian import Gramian
 from hgogen.metrics import Summary
@@ -238,7 +238,7 @@ def _range(low: float, high: float) -> str:
     return f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} .. {high:.2f}"
 
 
-def comparisons(each: Iterable[Comparison]) -> RenderableType:
+def agreements(each: Iterable[Agreement]) -> RenderableType:
     """C against Python."""
     table = _table(
         "C against Python, double precision, relative to each state's peak",

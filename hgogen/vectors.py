@@ -72,7 +72,7 @@ def _off(boxes: list[tuple[float, float]], share: float) -> list[float]:
 
 def _estimate(step: Step, wanted: list[float]) -> dict[str, list[float]]:
     """The fields of the state whose estimate is `wanted`, as far as each of its elements is linear in one of theirs."""
-    values = {f"state.{field.name}": list(field.initial) for field in step.state}
+    values = {f"state.{field.name}": np.array(field.initial) for field in step.state}
     known = nominal(step.observer) | values
     changed = {}
     for z, goal in zip(ca.vertsplit(ca.vertcat(step.observer.z)), wanted, strict=True):
@@ -80,10 +80,10 @@ def _estimate(step: Step, wanted: list[float]) -> dict[str, list[float]]:
         slope = ca.jacobian(z, ca.vertcat(*(s for s in ca.symvar(z) if address(s)[0] in values)))
         if len(places) != 1 or any(address(s)[0] in values for s in ca.symvar(slope)):
             continue
-        (place, index), (rise, now) = places[0], (float(numbers(e, known)) for e in (slope, z))
-        changed[place] = values[place]
+        (place, index), (rise, now) = places[0], (numbers(graph, known).item() for graph in (slope, z))
         values[place][index] = goal if z.is_symbolic() else values[place][index] + (goal - now) / rise
-    return changed
+        changed[place] = values[place]
+    return {place: list(map(float, array)) for place, array in changed.items()}
 
 
 def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from hgogen import cli, native
 from hgogen import command as command_
-from hgogen.compare import Comparison
+from hgogen.agreement import Agreement
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"
@@ -187,8 +187,8 @@ def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
 
 @needs_compiler
 def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pytest.MonkeyPatch):
-    bad = Comparison("short", 0, until=1.0, before=0.5, after=0.5, settled=((1.0, 2.0),), dt=0.01)
-    monkeypatch.setattr(cli.jobs, "compared", lambda *_: (bad,))
+    bad = Agreement("short", 0, until=1.0, before=0.5, after=0.5, settled=((1.0, 2.0),), dt=0.01)
+    monkeypatch.setattr(cli.jobs, "agreements", lambda *_: (bad,))
     _, err = hgogen("build", "neuron", status=1)
     assert "hgogen: C and Python disagree in trial 'short', seed 0: 5.0e-01" in err
 

@@ -12,7 +12,7 @@ from oracle import fitzhugh_nagumo as oracle
 
 import hgogen as hg
 from hgogen import model, native
-from hgogen.compare import compare
+from hgogen.agreement import agreement
 from hgogen.metrics import crossings, metrics, settling, summary
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, simulate, t, try_out
 
@@ -226,11 +226,11 @@ def test_c_and_python_agree_and_a_difference_is_seen():
     c, python = (next(try_out(step, short, engine, seeds=(1,))) for engine in ("c", "python"))
     assert (c.engine, python.engine) == ("c", "python")
     pair = (c, metrics(step, c)), (python, metrics(step, python))
-    assert compare(*pair, step.dt).agreed
+    assert agreement(*pair, step.dt).agreed
     wrong = replace(c, x=c.x * (1 + 1e-9))
-    assert not compare((wrong, metrics(step, wrong)), pair[1], step.dt).agreed
+    assert not agreement((wrong, metrics(step, wrong)), pair[1], step.dt).agreed
     late = replace(pair[0][1], responses=(replace(pair[0][1].responses[0], settled=99.0),))
-    assert not compare((c, late), pair[1], step.dt).agreed
+    assert not agreement((c, late), pair[1], step.dt).agreed
 
 
 def test_a_trial_starts_from_the_reset_state():

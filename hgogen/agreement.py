@@ -18,7 +18,7 @@ ROUNDING = 1e-11  # of the trajectory's peak: some 1e3 operations a step, each 1
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Agreement:
     """How two readers of a step differ, relative to each state's peak.
 
     `until` (s): the first rise of theta through 1.5, or the end; `before`, `after`: the largest difference
@@ -49,14 +49,14 @@ class Comparison:
         return asdict(self) | {"agreed": self.agreed}
 
 
-def compare(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Comparison:
+def agreement(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], dt: float) -> Agreement:
     """Two trajectories of one trial and seed, with their metrics."""
     (mine, measured), (other, expected) = c, python
     peak = np.maximum(np.abs(other.x).max(axis=0), np.finfo(float).tiny)
     difference = (np.abs(mine.x - other.x) / peak).max(axis=1)
     rises = crossings(other.traces["theta"]) if "theta" in other.traces else np.array([], int)
     first = int(rises[0]) if len(rises) else len(difference)
-    return Comparison(
+    return Agreement(
         trial=mine.trial.name,
         seed=mine.seed,
         until=float(other.truth.t[min(first, len(difference) - 1)]),
@@ -71,7 +71,7 @@ def compare(c: tuple[Trajectory, Metrics], python: tuple[Trajectory, Metrics], d
 class Disagree(HgogenError):
     """C and Python do not say the same."""
 
-    failed: tuple[Comparison, ...]
+    failed: tuple[Agreement, ...]
 
     def __str__(self) -> str:
         worst = max(self.failed, key=lambda one: one.before)
