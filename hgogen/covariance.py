@@ -1,11 +1,11 @@
 """The covariance of a Riccati observer in three views.
 
-    information  S' = -F'S - S F + C' R_theta^-1 C - S Q_theta S      (the papers print this one)
-    covariance   P' =  F P + P F' + Q_theta - P C' R_theta^-1 C P     (P = S^-1)
+    information  S' = -F'S - S F - rho S + C' R_theta^-1 C - S Q_theta S      (the papers print this one)
+    covariance   P' =  F P + P F' + rho P + Q_theta - P C' R_theta^-1 C P     (P = S^-1)
     factored     P  =  L D L', L unit lower triangular, D > 0         (positive definite by construction)
 
-F = A(u) + b*(z, u), R_theta = R/theta. Source: Boizot, Busvelle, Gauthier 2010, (4); Thornton 1976 for the time update,
-Bierman 1977 for the measurement update of the factors.
+F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = 0. Source: Boizot, Busvelle, Gauthier
+2010, (4); Thornton 1976 for the time update, Bierman 1977 for the measurement update of the factors.
 """
 
 from collections.abc import Mapping
@@ -14,8 +14,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.observer import Ode, Riccati
+from hgogen.observer import Ode
 from hgogen.program import Field
+from hgogen.riccati import Riccati
 
 
 def pack(matrix: Any) -> Any:
@@ -69,7 +70,9 @@ def information_ode(part: Riccati) -> Ode:
         F, C, weight, error = _along(part, z, u, y, valid)
         correction = solve(S, C.T @ ca.diag(weight) @ error)
         slope = C.T @ ca.diag(weight) @ C - F.T @ S - S @ F - S @ part.noise() @ S
-        return {part.z.name: part.dynamics.flow(z, u) + correction, "S": pack(slope)}
+        if part.forgetting is not None:
+            slope -= part.forgetting[0] * S
+        return {part.z.name: part.flow(z, u, y, valid) + correction, "S": pack(slope)}
 
     start = np.linalg.inv(part.covariance)
     return Ode((part.z, _symmetric("S", start, "inverse covariance")), rate)
@@ -83,15 +86,19 @@ def covariance_ode(part: Riccati) -> Ode:
         F, C, weight, error = _along(part, z, u, y, valid)
         gain = P @ C.T @ ca.diag(weight)
         slope = F @ P + P @ F.T + part.noise() - gain @ C @ P
-        return {part.z.name: part.dynamics.flow(z, u) + gain @ error, "P": pack(slope)}
+        if part.forgetting is not None:
+            slope += part.forgetting[0] * P
+        return {part.z.name: part.flow(z, u, y, valid) + gain @ error, "P": pack(slope)}
 
     return Ode((part.z, _symmetric("P", part.covariance, "covariance")), rate)
 
 
 def _along(part: Riccati, z: Any, u: Any, y: Any, valid: Any) -> tuple[Any, Any, Any, Any]:
-    """F, C, the weights theta/R of the valid outputs, and y - h(z, u), of which an invalid one counts as 0."""
-    F, C = part.dynamics.jacobian(z, u), part.dynamics.output_jacobian(z, u)
-    weight = ca.if_else(valid, part.theta.value / part.R, 0)
+    """F, C, the weights 1/R_theta of the valid outputs, and y - h(z, u), of which an invalid one counts as 0."""
+    F, C = part.jacobian(z, u, y, valid), part.dynamics.output_jacobian(z, u)
+    theta, outputs = part.theta.value, part.dynamics.outputs
+    weights = ca.vertcat(*(part.scaling.weight(part.R[j], theta, j) for j in range(outputs)))
+    weight = ca.if_else(valid, weights, 0)
     return F, C, weight, y - part.dynamics.output(z, u)
 
 

@@ -99,6 +99,10 @@ class Dynamics:
         """b (n), with its argument clamped."""
         return self._graphs(self.saturated(z), u)[1]
 
+    def affine(self, z: Any, u: Any) -> tuple[Any, Any]:
+        """A (n, n), sparse, and b (n), both at sat(z)."""
+        return self._graphs(self.saturated(z), u)
+
     def jacobian(self, z: Any, u: Any) -> Any:
         """d(A z + b)/dz at (sat(z), u), n x n: A(u) + b* where A is free of states."""
         linear, rest = self._graphs(self._z, self._u)
@@ -115,6 +119,12 @@ class Dynamics:
         """dh/dz, p x n."""
         slope = ca.jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
+
+    def output_curvature(self, z: Any, u: Any) -> tuple[Any, ...]:
+        """d2h_j/dz2 (n, n) at (sat(z), u), for each output."""
+        rows = column(self._convert(self.form.output, self._z, self._u))
+        found = tuple(ca.hessian(rows[j], self._z)[0] for j in range(self.outputs))
+        return tuple(ca.substitute(list(found), [self._z, self._u], [self.saturated(z), u]))
 
     def estimate(self, z: Any, u: Any) -> Any:
         """The plant's states, as first declared, from z (n) and u (m).

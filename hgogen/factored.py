@@ -1,7 +1,7 @@
 """The Riccati observer on P = L D L' as statements: unrolled for few states, with loops over columns for many.
 
 Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
-rows of L scaled where a variance exceeds its cap (a congruence), and scalar updates with r = R/(theta h).
+rows of L scaled where a variance exceeds its cap (a congruence), and scalar updates with r = R_theta/h.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ import casadi as ca
 import numpy as np
 
 from hgogen.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
-from hgogen.observer import HUGE, BadGain, Clock, Pieces, Riccati
-from hgogen.program import Bit, Block, Field, Group, Kernel, Loop, Program, When, column, sym
+from hgogen.observer import HUGE, BadGain, Clock, Pieces
+from hgogen.program import Bit, Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
+from hgogen.riccati import Riccati
 from hgogen.runge_kutta import HEUN, RK4, Stages, advance
 from hgogen.stability import decay_limits
 
@@ -42,36 +43,60 @@ class Moved:
 
     def stages(self) -> Stages:
         """The Runge-Kutta step of z."""
-        flow, u = self.part.dynamics.flow, self.clock.u
-        return advance(RK4, lambda v, c: {"z": flow(v["z"], u(c))}, {"z": self.z}, self.clock.dt)
+        return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._given(c))}, {"z": self.z}, self.clock.dt)
 
     def jacobian(self, stages: Stages) -> Any:
-        """F (n, n), at the third stage's argument and the input at mid-step."""
-        return self.part.dynamics.jacobian(stages.arguments[2]["z"], self.clock.u(0.5))
+        """F (n, n), at the third stage's argument and what is given at mid-step."""
+        return self.part.jacobian(stages.arguments[2]["z"], *self._given(0.5))
+
+    def transition(self, stages: Stages) -> Any:
+        """Phi = I + hF + (hF)^2/2, sparse."""
+        F, h = self.jacobian(stages), self.clock.dt
+        return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
+
+    def weights(self) -> Any:
+        """h theta^(1+g) weights, the diagonal of h Q_theta in its factor (k)."""
+        return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
+
+    def grown(self, d: Any) -> Any:
+        """The diagonal factor d (n) of P as it grows where the past is forgotten."""
+        return d if self.part.forgetting is None else sym("derived.growth") * d
+
+    def _given(self, c: float) -> tuple[Any, Any, Any]:
+        """Input, measurement and its validity at the fraction c of the step."""
+        return self.clock.u(c), self.clock.y(c), self.clock.valid
 
     def row(self, output: int) -> Any:
         """c = dh/dz of an output (1, n), sparse."""
         return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
     def variance(self, output: int) -> Any:
-        """r = R/(theta h)."""
-        return self.part.R[output] / (self.part.theta.value * self.clock.dt)
+        """r = R_theta/h."""
+        return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.dt)
 
 
-def _paced(part: Riccati) -> dict[str, Any]:
-    """P has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h
+def common(part: Riccati, clock: Clock) -> dict[str, Any]:
+    """What the pieces of every factored covariance have: the status bit of the cap, the growth exp(rho h), and the step
+    lengths. P has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h
     lambda."""
     limits = decay_limits(part.dynamics.linearised(POINTS)[0], HEUN.polynomial)
     why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
-    return {"limit": float(limits.max()), "caution": float(limits.min()), "why": why}
+    found = {"limit": float(limits.max()), "caution": float(limits.min()), "why": why, "bits": (CAPPED,)}
+    found["uses_output"] = part.known is not None
+    if part.forgetting is not None:
+        growth = ca.exp(part.forgetting[0] * clock.dt)
+        found["derived"] = (scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),)
+        found["tune"] = (Block("growth of the covariance over one step", {"derived.growth": growth}),)
+    return found
 
 
 def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
     """D; its natural size is that of P(0), of the noise that one step adds, and of one sample's variance, the
     smallest."""
     noise, variances = part.nominal
-    natural = np.minimum(values, clock.dt * factor(noise)[1])
-    natural[0] = min(natural[0], variances.min() / (part.theta.peak * clock.dt))
+    natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
+    least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
+    natural[0] = min(natural[0], least / clock.dt)
     return Field(
         "D",
         tuple(float(value) for value in values),
@@ -88,8 +113,7 @@ def unrolled(part: Riccati, clock: Clock) -> Pieces:
     """Straight-line code; L packed by columns."""
     return Pieces(
         fields=(part.z, *_factors(part, clock)),
-        bits=(CAPPED,),
-        **_paced(part),
+        **common(part, clock),
         predict=(_predict(part, clock), *_cap(part)),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
@@ -123,12 +147,10 @@ def _written(L: Any, d: Any) -> dict[str, Any]:
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
-    moved, n, h = Moved(part, clock), part.dynamics.n, clock.dt
+    moved, n = Moved(part, clock), part.dynamics.n
     stages = moved.stages()
-    F = moved.jacobian(stages)
-    transition = ca.sparsify(ca.SX.eye(n) + h * F + (h * h / 2) * (F @ F))
-    weights = h * part.theta.value * part.weights
-    L, d, names = time_update(*_symbols(part), transition, part.scaled_factor(), weights)
+    transition, (L, d) = moved.transition(stages), _symbols(part)
+    L, d, names = time_update(L, moved.grown(d), transition, part.scaled_factor(), moved.weights())
     Phi = {f"Phi_{i + 1}{j + 1}": transition[i, j] for i in range(n) for j in range(n) if transition[i, j].n_dep()}
     return Block(
         "z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta",
@@ -176,8 +198,7 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
     return Pieces(
         fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy())),
         groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
-        bits=(CAPPED,),
-        **_paced(part),
+        **common(part, clock),
         predict=_looped_predict(part, clock),
         update=tuple(_looped_update(part, clock, j) for j in range(clock.outputs)),
     )
@@ -190,7 +211,10 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
     entries = sym("work.F", F.nnz())
     held = ca.SX(F.sparsity(), entries)
     v = sym("column.v", n)
-    weights = h * part.theta.value * part.weights * part.scaling() ** 2
+    noise: Program = ()
+    if part.factor.size:
+        scaled = Block("h Q_theta", {"work.w": moved.weights() * part.spread() ** 2})
+        noise = (scaled, Kernel("add", n, "column.v", (("state.D", n), ("work.w", n))))
     caps = ca.SX(ca.DM(part.cap))
     return (
         Block(
@@ -204,9 +228,9 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
             n,
             (Block("a column of Phi L", {"column.v": v + h * (held @ (v + h / 2 * (held @ v)))}),),
         ),
+        *((Block("forgetting", {"state.D": moved.grown(sym("state.D", n))}),) if part.forgetting is not None else ()),
         Kernel("triangularise", n, "column.v", (("state.D", n),)),
-        Block("h Q_theta", {"work.w": weights}),
-        Kernel("add", n, "column.v", (("state.D", n), ("work.w", n))),
+        *noise,
         Block("largest variances", {"work.caps": caps}),
         Kernel("cap", n, "column.v", (("state.D", n), ("work.caps", n)), result="work.capped"),
         When("work.capped", (Block("capped", {"status.COVARIANCE_LIMITED": ca.SX(1)}),)),

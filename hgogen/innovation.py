@@ -9,10 +9,12 @@ a history of N + 1 states, inputs and outputs.
 The oldest has an age between d and d (1 + 1/M); its sum is scaled down to d by its number of valid samples and never
 scaled up. M + 1 model steps a sample and no history: the default.
 
-A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. Missing samples are not counted.
+A sum over samples keeps dt (unit y^2 s), so thresholds do not change with dt. Missing samples are not counted. Of
+several outputs I_d is the sum of weights_j |y_j - yhat_j|^2, each with its own count of valid samples; weights such as
+1/variance make outputs of different units one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -21,8 +23,8 @@ import casadi as ca
 from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
 from hgogen.kalman_theorems import STAGGERED, WINDOW
-from hgogen.observer import HUGE, Clock, Part, Pieces, real
-from hgogen.program import Block, Field, Group, Loop, Program, When, scalar, sym
+from hgogen.observer import HUGE, Clock, Part, Pieces, real, reals
+from hgogen.program import INF, Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
 from hgogen.stability import decay_limits
 from hgogen.theorem import Hypothesis
@@ -131,31 +133,35 @@ class Staggered:
     d: float
     predictors: int
     tableau: Tableau
+    weights: tuple[float, ...] = ()
     hypothesis: Hypothesis = STAGGERED
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """M + 1 copies of the model in the group `predictor`."""
+        _weighed(self.weights, dynamics)
         return Predictors(Predictor(dynamics, z, self.tableau), self._pieces)
 
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
         count = samples(self.d, clock.dt, self.predictors)
         members, period = self.predictors + 1, count // self.predictors
         most = members * period + 1
-        n = predictor.dynamics.n
-        z, total, valid = sym("predictor.z", n), sym("predictor.sum"), sym("predictor.samples")
+        n, p = predictor.dynamics.n, clock.outputs
+        z, total, valid = sym("predictor.z", n), sym("predictor.sum", p), sym("predictor.samples", p)
         moved = predictor.moved(z, clock.u, clock.dt)
         move = Block(f"each predictor by {predictor.tableau.name}, without correction", {"predictor.z": moved})
 
         def accumulate(output: int) -> Program:
             error = sym("work.sample") - predictor.dynamics.output(z, clock.u_now)[output]
-            squared = ca.fmin(total + clock.dt * error * error, HUGE * HUGE)
-            add = Block("its squared output error", {"predictor.sum": squared})
-            tally = Block("one more sample", {"predictor.samples": ca.if_else(valid < most, valid + 1, most)})
-            return (Loop("predictor", members, (add, tally) if output == 0 else (add,)),)
+            squared = ca.fmin(total[output] + clock.dt * error * error, HUGE * HUGE)
+            more = ca.if_else(valid[output] < most, valid[output] + 1, most)
+            add = Block("its squared output error", {"predictor.sum": _with(total, output, squared)})
+            tally = Block("one more sample", {"predictor.samples": _with(valid, output, more)})
+            return (Loop("predictor", members, (add, tally)),)
 
+        scaled = total * (count / ca.fmax(valid, count))
         read = Block(
             "innovation: the sum of the oldest predictor, scaled to the window, never scaled up",
-            {"state.innovation": total * (count / ca.fmax(valid, count))},
+            {"state.innovation": _summed(self.weights, scaled)},
         )
         tick = sym("state.tick") + 1
         due = Block(
@@ -165,9 +171,9 @@ class Staggered:
         restart = (
             Block(
                 "the oldest predictor restarts from the estimate",
-                {"predictor.z": sym(f"state.{predictor.z.name}", n), "predictor.sum": ca.SX(0)},
+                {"predictor.z": sym(f"state.{predictor.z.name}", n), "predictor.sum": ca.SX.zeros(p)},
             ),
-            Block("no sample yet", {"predictor.samples": ca.SX(0)}),
+            Block("no sample yet", {"predictor.samples": ca.SX.zeros(p)}),
         )
         after = sym("state.oldest") + 1
         rotate = Block("the next one is the oldest", {"state.oldest": ca.if_else(after >= members, 0, after)})
@@ -185,8 +191,22 @@ class Staggered:
                     members,
                     (
                         replace(predictor.z, meaning="predicted state"),
-                        scalar("sum", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="sum of dt (y - yhat)^2"),
-                        scalar("samples", 0, kind="index", high=most, meaning="valid samples in the sum"),
+                        Field(
+                            "sum",
+                            (0.0,) * p,
+                            low=(0.0,) * p,
+                            high=(HUGE * HUGE,) * p,
+                            unit="y^2 s",
+                            meaning="sum of dt (y - yhat)^2",
+                        ),
+                        Field(
+                            "samples",
+                            (0.0,) * p,
+                            kind="index",
+                            low=(-INF,) * p,
+                            high=(most,) * p,
+                            meaning="valid samples in the sum",
+                        ),
                     ),
                     "copies of the model that run without correction",
                 ),
@@ -207,10 +227,12 @@ class Window:
 
     d: float
     tableau: Tableau
+    weights: tuple[float, ...] = ()
     hypothesis: Hypothesis = WINDOW
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """A ring of N + 1 samples in the group `past`."""
+        _weighed(self.weights, dynamics)
         return Predictors(Predictor(dynamics, z, self.tableau), self._pieces)
 
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
@@ -242,7 +264,8 @@ class Window:
 
         moved = predictor.moved(sym("work.zw", n), between, clock.dt)
         error = y - predictor.dynamics.output(moved, u)
-        squared = ca.fmin(sym("work.sum") + clock.dt * ca.dot(valid, error * error), HUGE * HUGE)
+        added = _summed(self.weights, valid * (error * error))
+        squared = ca.fmin(sym("work.sum") + clock.dt * added, HUGE * HUGE)
         replay = {"work.zw": moved, "work.sum": squared} | ({"work.uw": u} if m else {})
         recent = Block("no sample yet", {"state.recent_valid": ca.SX.zeros(p)})
 
@@ -284,21 +307,26 @@ class Window:
         )
 
 
-def staggered(d: float, predictors: int = 4, method: Any = None) -> Staggered:
+def staggered(
+    d: float, predictors: int = 4, method: Any = None, weights: float | Sequence[float] | None = None
+) -> Staggered:
     """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s); Heun unless `method` says.
 
-    Raises: `HgogenError` where d or the number is not positive.
+    `weights`: of each output's square, 1 by default.
+
+    Raises: `HgogenError` where d, the number or a weight is not positive.
     """
     _positive(d)
     if real("predictors", predictors) not in range(1, 1000):
         raise BadWindowSize(f"predictors = {predictors}", "must be a whole number, from 1 to 999")
-    return Staggered(float(d), int(predictors), _tableau(method))
+    return Staggered(float(d), int(predictors), _tableau(method), _weights(weights))
 
 
-def window(d: float, method: Any = None) -> Window:
-    """Innovation as the paper defines it, the model run again over the window `d` (s) at every sample."""
+def window(d: float, method: Any = None, weights: float | Sequence[float] | None = None) -> Window:
+    """Innovation as the paper defines it, the model run again over the window `d` (s) at every sample; `weights` as in
+    `staggered`."""
     _positive(d)
-    return Window(float(d), _tableau(method))
+    return Window(float(d), _tableau(method), _weights(weights))
 
 
 @dataclass(eq=False)
@@ -324,3 +352,31 @@ def _tableau(method: Any) -> Tableau:
             f"method = {method!r}", "must be an explicit one: methods.euler, methods.heun or methods.rk4"
         )
     return tableau
+
+
+def _weights(given: Any) -> tuple[float, ...]:
+    """The weights of the outputs; () for all 1."""
+    if given is None:
+        return ()
+    weights = tuple(map(float, reals("weights", given).reshape(-1)))
+    if not weights or not all(0 < weight < HUGE for weight in weights):
+        raise BadWindowSize(f"weights = {given!r}", "must be positive numbers, one for each output")
+    return weights
+
+
+def _weighed(weights: tuple[float, ...], dynamics: Dynamics) -> None:
+    if weights and len(weights) != dynamics.outputs:
+        reason = f"must have one number for each of {dynamics.outputs} outputs"
+        raise BadWindowSize(f"weights of length {len(weights)}", reason)
+
+
+def _summed(weights: tuple[float, ...], squares: Any) -> Any:
+    """The weighted sum over outputs (p), kept a number."""
+    if weights:
+        return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), HUGE * HUGE)
+    return squares if squares.numel() == 1 else ca.fmin(ca.sum1(squares), HUGE * HUGE)
+
+
+def _with(values: Any, index: int, value: Any) -> Any:
+    """The SX column with another element."""
+    return ca.vertcat(*(value if i == index else values[i] for i in range(values.numel())))

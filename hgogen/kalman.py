@@ -9,11 +9,18 @@ import numpy as np
 from hgogen.dynamics import Dynamics
 from hgogen.observer import HUGE, BadGain, reals
 from hgogen.program import Field
+from hgogen.scaling import Scaling
 from hgogen.stability import steady_covariance
 
 
 def cap(
-    dynamics: Dynamics, z: Field, noise: np.ndarray, variances: Sequence[float], start: np.ndarray, peak: float
+    dynamics: Dynamics,
+    z: Field,
+    noise: np.ndarray,
+    variances: Sequence[float],
+    start: np.ndarray,
+    peak: float,
+    scaling: Scaling | None = None,
 ) -> np.ndarray:
     """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
     variance at the largest theta anywhere in the box, and four times P(0); without a range, 1e12 P(0).
@@ -21,7 +28,7 @@ def cap(
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
     F, C = dynamics.linearised(12)
-    steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak), axis1=1, axis2=2)
+    steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak, scaling), axis1=1, axis2=2)
     largest = np.nanmax(np.where(np.isfinite(steady), steady, 0.0), axis=0)
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
 

@@ -11,6 +11,7 @@ Theory and Applications" (2001); Busvelle's slides on decaying theta.
 """
 
 from hgogen.check import Verdict
+from hgogen.form import Form
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 _BUILT = (
@@ -71,13 +72,6 @@ DECAYING = Theorem(
     (
         *FORM,
         *_BUILT,
-        Hypothesis(
-            "R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1",
-            verdict=Verdict.UNKNOWN,
-            reason="here R/theta and theta Delta^-1 Q Delta^-1: with S/theta for the theorem's S the same observer at "
-            "constant theta; while theta decays, S' here has the term rate (theta - 1)/theta S more",
-            reference="the modified extended Kalman filter",
-        ),
         _large("0 < rate <= lambda_0, and theta_0 large enough for that rate", "theorem"),
         *_OPERATION,
     ),
@@ -99,6 +93,23 @@ ADAPTIVE = Theorem(
     ),
     "Boizot, Busvelle, Gauthier, Automatica 46 (2010), theorem 5",
 )
+
+_MODIFIED = "R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"
+SCALED_AS = {  # by what theta scales
+    "process": Hypothesis(
+        _MODIFIED,
+        verdict=Verdict.PROVED,
+        reason="by construction",
+        reference="the modified extended Kalman filter",
+    ),
+    "both": Hypothesis(
+        _MODIFIED,
+        verdict=Verdict.UNKNOWN,
+        reason="here R/theta and theta Delta^-1 Q Delta^-1: with S/theta for the theorem's S the same observer at "
+        "constant theta; while theta decays, S' here has the term rate (theta - 1)/theta S more",
+        reference="the modified extended Kalman filter",
+    ),
+}
 
 SMOOTHSTEP = Hypothesis(
     "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",
@@ -130,3 +141,30 @@ OTHER_COORDINATES = Hypothesis(
     reason="it stays in the plant's, where z_i' = a_(i+1) z_(i+1) + b_i is not shown",
     reference="(3)",
 )
+_READS = "b_(i,j) reads z_(k,l) for l <= "
+ALIGNMENTS = {  # by the alignment of the chains
+    "top": Hypothesis(
+        f"{_READS}j only (top)",
+        ("block_triangular.structure",),
+        reason="the paper is of one output; in Delta z, top, its inequalities are the same",
+    ),
+    "end": Hypothesis(
+        f"{_READS}j + n_k - n_i only (end)",
+        ("block_triangular.structure",),
+        reference="Boizot, thesis (2010), chapter 5",
+    ),
+    "cascade": Hypothesis(
+        f"{_READS}j or j + n_k - n_i only",
+        verdict=Verdict.UNKNOWN,
+        reason="the chains are one after the other, and read each other as a whole",
+    ),
+}
+
+
+def of_form(theorem: Theorem, form: Form) -> Theorem:
+    """The theorem with what the form brings: chains of several outputs, coordinates in which the filter does not
+    work."""
+    if form.kind == "block_triangular":
+        more = ALIGNMENTS.get(form.alignment)
+        return theorem.with_chains().under(*((more,) if more else ()))
+    return theorem if form.jacobian is None else theorem.under(OTHER_COORDINATES)

@@ -7,8 +7,9 @@ import numpy as np
 
 from hgogen.core import core, numbers
 from hgogen.covariance import covariance_ode, information_ode
-from hgogen.observer import Clock, Ode, Pieces, Riccati
+from hgogen.observer import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
+from hgogen.riccati import Riccati
 from hgogen.runge_kutta import Tableau, advance
 from hgogen.stability import Limit, core_limit, covariance_limit
 
@@ -96,7 +97,7 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
     at rest to rise from.
     """
     noise, variance = part.nominal
-    points = list(zip(*part.dynamics.linearised(POINTS), strict=True))
+    points = list(zip(*part.linearised(POINTS), strict=True))
     if part.theta.rest is not None:
         points = [(F, C) for F, C in points if np.linalg.matrix_rank(_observability(F, C)) == len(F)] or points
     return [
@@ -111,6 +112,7 @@ def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["informatio
             view,
             part.theta.rest,
             part.theta.rise,
+            part.scaling,
         )
         for F, C in points
     ]

@@ -19,6 +19,7 @@ from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.program import INF, Bit, Block, Field, Group, Program, sym
+from hgogen.scaling import exponents
 from hgogen.signal import Signal, resting
 from hgogen.theorem import Theorem
 
@@ -164,71 +165,6 @@ class Ode:
         return method.ode(self, clock)
 
 
-class HighGain(Protocol):
-    """What a Riccati observer needs to know of theta."""
-
-    @property
-    def value(self) -> Any:
-        """SX scalar."""
-        ...
-
-    @property
-    def peak(self) -> float:
-        """The largest value it takes."""
-        ...
-
-    @property
-    def rest(self) -> float | None:
-        """Where it rests, if it comes back to its peak from there."""
-        ...
-
-    def rise(self, theta: float, dt: float) -> float:
-        """theta a time dt later when it rises as fast as its law lets it."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Riccati:
-    """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
-
-    z' = f(z,u) + P C' R_theta^-1 (y - h), Q_theta = theta Delta^-1 G diag(weights) G' Delta^-1, R_theta = R/theta,
-    where
-    `weights` (n) and `R` (p) are SX, `factor` G (n, n) is unit lower triangular.
-    `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii;
-    `nominal`: (Q, R) as numbers.
-    """
-
-    dynamics: Dynamics
-    z: Field
-    theta: HighGain
-    weights: Any
-    factor: np.ndarray
-    R: Any
-    covariance: np.ndarray
-    cap: np.ndarray
-    nominal: tuple[np.ndarray, np.ndarray]
-
-    def pieces(self, method: "Method", clock: Clock) -> Pieces:
-        """By the method's rule for the covariance."""
-        return method.riccati(self, clock)
-
-    def scaling(self) -> Any:
-        """The diagonal of Delta^-1, 1, theta, ..., theta^(n-1), as SX column."""
-        powers = [ca.SX(1)]
-        for _ in range(self.dynamics.n - 1):
-            powers.append(powers[-1] * self.theta.value)
-        return ca.vertcat(*powers)
-
-    def noise(self) -> Any:
-        """Q_theta, n x n SX."""
-        factor = self.scaled_factor()
-        return factor @ ca.diag(self.theta.value * self.weights) @ factor.T
-
-    def scaled_factor(self) -> Any:
-        """Delta^-1 G, n x n SX."""
-        return ca.diag(self.scaling()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
-
-
 @dataclass(frozen=True, eq=False)
 class Jump:
     """An exact map per sample: its fields and the statements of `tune` and `adapt`."""
@@ -285,7 +221,8 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
     """The field `z` (n) of an estimate in the form's coordinates.
 
     Its outer box is the declared one about its centre, half-width times peak^(i-1) (state i of a high-gain observer
-    overshoots like that), and at least three times the declared one's.
+    overshoots like that; of several chains, the power of theta in Delta^-1), and at least three times the declared
+    one's.
 
     Raises: `BadGain` for an initial state of the wrong names or length, not finite, or outside its range.
     """
@@ -293,9 +230,10 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
     known = {**form.system.nominal, **{u: resting(u) for u in form.system.inputs}}
     values = [float(e.subs(known).subs(start)) for e in map(sp.sympify, form.to_form)]
     low, high = [], []
-    for i, signal in enumerate(form.states):
+    for signal, exponent in zip(form.states, exponents(form), strict=True):
         bottom, top = signal.interval
-        power = i if form.jacobian is None else form.n - 1  # through the inverse each state may overshoot as the last
+        # through the inverse each state may overshoot as the last
+        power = exponent if form.jacobian is None else form.n - 1
         centre, half = (bottom + top) / 2, (top - bottom) / 2 * max(3.0, peak**power)
         low.append(centre - half if signal.bounded else -INF)
         high.append(centre + half if signal.bounded else INF)

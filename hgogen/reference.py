@@ -26,8 +26,9 @@ from hgogen.covariance import information_ode
 from hgogen.errors import HgogenError
 from hgogen.innovation import Predictors
 from hgogen.machine import Bound, Machine, casadi_block
-from hgogen.observer import Clock, HighGain, Observer, Ode, Part, Pieces, Riccati
+from hgogen.observer import Clock, Observer, Ode, Part, Pieces
 from hgogen.program import Block, sym
+from hgogen.riccati import HighGain, Riccati
 from hgogen.runge_kutta import RK4, repeated
 from hgogen.step import Step, plan
 from hgogen.theta import Decaying

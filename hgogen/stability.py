@@ -3,7 +3,8 @@
 Linear core. e' = M e becomes e <- R(dt M) e with the method's stability polynomial R, and is stable while
 |R(dt lambda)| <= 1 for every eigenvalue lambda of M (Hairer, Wanner, Solving ODEs II, section IV.2).
 
-Riccati equation. With Q_theta = theta Delta^-1 Q Delta^-1, Delta = diag(1, 1/theta, ..), N = theta C'R^-1 C,
+Riccati equation. With Q_theta and R_theta of a `Scaling`, of one chain Q_theta = theta Delta^-1 Q Delta^-1, Delta =
+diag(1, 1/theta, ..), N = C' R_theta^-1 C = theta C'R^-1 C,
     covariance   P' =  F P + P F' + Q_theta - P N P
     information  S' = -F'S - S F + N - S Q_theta S
 are both X' = L X + X L' + W - X V X. Two things go wrong, and the smaller of their step lengths is the limit.
@@ -39,6 +40,7 @@ from numpy.typing import NDArray
 
 from hgogen.errors import HgogenError
 from hgogen.runge_kutta import Tableau
+from hgogen.scaling import Scaling
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -108,13 +110,14 @@ def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
     return np.array(limits)
 
 
-def steady_covariance(jacobians: Array, C: Array, Q: Array, R: Array, theta: float) -> Array:
+def steady_covariance(
+    jacobians: Array, C: Array, Q: Array, R: Array, theta: float, scaling: Scaling | None = None
+) -> Array:
     """The steady P (k, n, n) at each F (k, n, n), C (k, p, n) under Q_theta, R_theta; nan where there is none.
 
-    `Q` (n, n) and the diagonal `R` (p,) per unit of time.
+    `Q` (n, n) and the diagonal `R` (p,) per unit of time; `scaling`: by default that of one chain.
     """
-    M = np.swapaxes(C, 1, 2) @ np.diag(1.0 / np.asarray(R)) @ C
-    return _steady_covariance(_Riccati(np.asarray(jacobians, dtype=float), M, np.asarray(Q, dtype=float)), theta)
+    return _steady_covariance(_riccati(jacobians, C, Q, R, scaling), theta)
 
 
 def covariance_limit(
@@ -128,22 +131,20 @@ def covariance_limit(
     representation: Literal["information", "covariance"],
     theta_min: float | None = None,
     rise: Rise | None = None,
+    scaling: Scaling | None = None,
 ) -> Limit:
     """The largest dt at which an explicit method keeps a Riccati observer's covariance equation stable.
 
     `jacobians` (k, n, n): F at k points of the box; `C` (p, n), or (k, p, n) at the same points; `Q` (n, n),
     `R` (p, p), or its diagonal (p,): as in Q_theta and R_theta, per unit of time; `initial_covariance`: P(0).
     `theta_min`: where an adaptive theta rests (None: it starts at theta_max); `rise(theta, dt)`: theta a time
-    dt later when it rises as fast as its law lets it (None: it jumps). A continuous-discrete step keeps P
-    definite at any dt: it has no such limit. Raises: `NotDefinite`.
+    dt later when it rises as fast as its law lets it (None: it jumps); `scaling`: by default that of one chain.
+    A continuous-discrete step keeps P definite at any dt: it has no such limit. Raises: `NotDefinite`.
     """
     initial = np.asarray(initial_covariance, dtype=float)
     if not _definite(initial[None])[0]:
         raise NotDefinite(initial)
-    F = np.asarray(jacobians, dtype=float)
-    C = np.broadcast_to(C, (len(F), *np.shape(C)[-2:]))
-    weight = np.linalg.inv(np.diag(R) if np.ndim(R) == 1 else R)
-    riccati = _Riccati(F, np.swapaxes(C, 1, 2) @ weight @ C, np.asarray(Q, dtype=float))
+    riccati = _riccati(jacobians, C, Q, R, scaling)
     rest = theta_max if theta_min is None else theta_min
     steady = _steady_limit(riccati, (rest, theta_max), tableau.polynomial)
     starts = _starts(riccati, initial, rest, theta_max)
@@ -175,22 +176,29 @@ def _ray_limit(eigenvalue: complex, polynomial: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class _Riccati:
-    """F (k, n, n), M = C'R^-1 C (k, n, n), Q (n, n)."""
+    """F (k, n, n), C (k, p, n), R^-1 (p, p), Q (n, n)."""
 
     F: Array
-    M: Array
+    C: Array
+    weight: Array
     Q: Array
+    scaling: Scaling
 
     def only(self, rows: NDArray[np.intp]) -> "_Riccati":
-        return _Riccati(self.F[rows], self.M[rows], self.Q)
+        return replace(self, F=self.F[rows], C=self.C[rows])
+
+    def delta(self, theta: float) -> Array:
+        """The diagonal of Delta (n)."""
+        return 1.0 / np.array(self.scaling.spread(theta))
 
     def parts(self, theta: float, scale: float) -> tuple[Array, Array, Array]:
         """F, N, Q_theta at theta, in the coordinates Delta z of the theta `scale`."""
-        delta = _delta(scale, len(self.Q))
+        delta, scaling = self.delta(scale), self.scaling
         F = delta[:, None] * self.F / delta
-        N = theta * self.M / np.outer(delta, delta)
-        power = _delta(scale / theta, len(self.Q))
-        return F, N, np.broadcast_to(theta * self.Q * np.outer(power, power), F.shape)
+        C = self.C / np.sqrt(scaling.variances(np.ones(len(self.weight)), theta))[:, None]
+        N = np.swapaxes(C, 1, 2) @ self.weight @ C / np.outer(delta, delta)
+        power = self.delta(scale / theta)
+        return F, N, np.broadcast_to(scaling.process(theta) * self.Q * np.outer(power, power), F.shape)
 
     def hamiltonian(self, theta: float) -> Array:
         """(k, 2n, 2n), in the coordinates Delta z."""
@@ -198,8 +206,12 @@ class _Riccati:
         return np.block([[_t(F), -N], [-Q, -F]])
 
 
-def _delta(theta: float, n: int) -> Array:
-    return theta ** -np.arange(n, dtype=float)
+def _riccati(jacobians: Array, C: Array, Q: Array, R: Array, scaling: Scaling | None) -> _Riccati:
+    F = np.asarray(jacobians, dtype=float)
+    C = np.broadcast_to(C, (len(F), *np.shape(C)[-2:]))
+    weight: Array = np.asarray(np.linalg.inv(np.diag(R) if np.ndim(R) == 1 else R), dtype=float)
+    chain = Scaling(tuple(range(len(Q))), (0,) * len(weight))
+    return _Riccati(F, C, weight, np.asarray(Q, dtype=float), scaling or chain)
 
 
 def _t(X: Array) -> Array:
@@ -222,7 +234,7 @@ def _steady_limit(riccati: _Riccati, thetas: Sequence[float], polynomial: Sequen
 
 def _steady_covariance(riccati: _Riccati, theta: float) -> Array:
     """The stabilising P (k, n, n); nan where there is none."""
-    n, delta = len(riccati.Q), _delta(theta, len(riccati.Q))
+    n, delta = len(riccati.Q), riccati.delta(theta)
     P = np.full(riccati.F.shape, np.nan)
     for i, H in enumerate(riccati.hamiltonian(theta)):
         values, vectors = np.linalg.eig(H)
@@ -278,7 +290,7 @@ class _Transients:
         return tuple(start for start in found if len(start.rows))
 
     def _fails(self, start: _Start, dt: float) -> Flags:
-        delta = _delta(self.theta_max, len(self.riccati.Q))
+        delta = self.riccati.delta(self.theta_max)
         X: Array = start.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
         riccati, theta, left = self.riccati.only(start.rows), start.theta, STEPS

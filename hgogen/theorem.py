@@ -46,6 +46,11 @@ class Theorem:
         """The theorem with more hypotheses."""
         return replace(self, hypotheses=(*self.hypotheses, *more))
 
+    def with_chains(self) -> "Theorem":
+        """The theorem of several outputs, each with its chain."""
+        instead = dict(zip(FORM, CHAINS, strict=False))
+        return replace(self, hypotheses=tuple(instead.get(each, each) for each in self.hypotheses))
+
 
 @dataclass(frozen=True)
 class Row:
@@ -116,6 +121,18 @@ FORM = (
         optional=True,
     ),
     Hypothesis("z is a change of coordinates, and its ranges hold the plant's", ("recast.*",), optional=True),
+)
+CHAINS = (  # in the place of the first two where each output has its chain
+    Hypothesis(
+        "z_(i,j)' = a_(i,j+1) z_(i,j+1) + b_(i,j), y_i = a_(i,1) z_(i,1), up to a known offset",
+        ("block_triangular.structure", "block_triangular.offset_*"),
+        reference="(3), chain by chain",
+    ),
+    Hypothesis(
+        "0 < a_m <= a_(i,j) <= a_M for every input and parameter in its range",
+        ("block_triangular.a_*",),
+        reference="(3), chain by chain",
+    ),
 )
 OPERATION = (
     Hypothesis(

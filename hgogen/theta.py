@@ -6,10 +6,11 @@
                                  F_0 = theta^2/rise_time if theta <= theta_1, else (theta - 2 theta_1)^2/rise_time
 
 The adaptive law is stepped by its exact sub-flows, because explicit Euler lets theta pass 2 theta_1, where F_0 > 0, and
-escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by
-exp(-rate (1 - mu) dt), then a clamp to [1, 2 theta_1]. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6); decaying:
-Busvelle's slides. mu is a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the paper's
-logistic, which is never 0 and so holds theta a little above 1.
+escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by exp(-rate
+(1 - mu) dt), then a clamp to [1, 2 theta_1]. A decaying theta scales the process noise alone, as its theorem asks,
+unless it is told otherwise (`scaling`); the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
+decaying: Busvelle's slides. mu is a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the
+paper's logistic, which is never 0 and so holds theta a little above 1.
 """
 
 from dataclasses import dataclass
@@ -19,9 +20,11 @@ import casadi as ca
 
 from hgogen.dynamics import Dynamics
 from hgogen.innovation import Innovation
-from hgogen.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SMOOTHSTEP
-from hgogen.observer import BadGain, Clock, HighGain, Jump, Part, Pieces, gain, real
+from hgogen.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
+from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain, real
 from hgogen.program import Block, Field, scalar, sym
+from hgogen.riccati import HighGain
+from hgogen.scaling import SCALED, Scaled
 from hgogen.theorem import Hypothesis, Theorem
 
 
@@ -59,6 +62,7 @@ class Constant:
     """See the module."""
 
     theta: float
+    scaled: Scaled = "both"
 
     @property
     def peak(self) -> float:
@@ -111,9 +115,14 @@ class Decaying:
 
     theta_0: float
     rate: float
+    scaled: Scaled = "process"
     equation: str = "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
     traces: tuple[str, ...] = ("theta",)
-    theorem: Theorem = DECAYING
+
+    @property
+    def theorem(self) -> Theorem:
+        """The slides' theorem, with what it asks of the scaling."""
+        return DECAYING.under(SCALED_AS[self.scaled])
 
     @property
     def peak(self) -> float:
@@ -210,6 +219,7 @@ class Adaptive:
     rate: float
     mu: Smoothstep | Logistic
     innovation: Innovation
+    scaled: Scaled = "both"
     traces: tuple[str, ...] = ("theta", "innovation")
 
     @property
@@ -290,17 +300,25 @@ def _theta_field(initial: float, peak: float) -> Field:
     return scalar("theta", initial, low=1.0, high=peak, meaning="high-gain parameter, 1: Kalman mode")
 
 
-def constant(theta: float = 1.0) -> Constant:
-    """A constant theta >= 1. Raises: `BadGain`."""
+def constant(theta: float = 1.0, *, scaled: Scaled = "both") -> Constant:
+    """A constant theta >= 1; `scaled`: as in `decaying`, of no effect on the gain. Raises: `BadGain`."""
     _at_least("theta", theta, 1.0)
-    return Constant(float(theta))
+    _known(scaled)
+    return Constant(float(theta), scaled)
 
 
-def decaying(theta_0: float, rate: float) -> Decaying:
-    """theta decays from theta_0 >= 1 to 1 at `rate` > 0 (1/s). Raises: `BadGain`."""
+def decaying(theta_0: float, rate: float, *, scaled: Scaled = "process") -> Decaying:
+    """theta decays from theta_0 >= 1 to 1 at `rate` > 0 (1/s).
+
+    `scaled`: what theta scales, "process" noise alone, Q_theta = theta^2 Delta^-1 Q Delta^-1, as the slides' theorem
+    asks, or "both", Q_theta = theta Delta^-1 Q Delta^-1 and R_theta = R/theta, as with any other theta.
+
+    Raises: `BadGain`.
+    """
     _at_least("theta_0", theta_0, 1.0)
     _positive("rate", rate)
-    return Decaying(float(theta_0), float(rate))
+    _known(scaled)
+    return Decaying(float(theta_0), float(rate), scaled)
 
 
 def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
@@ -344,6 +362,11 @@ def adaptive(
     _positive("rise_time", rise_time)
     _positive("rate", rate)
     return Adaptive(float(theta_1), float(rise_time), float(rate), mu, innovation)
+
+
+def _known(scaled: str) -> None:
+    if scaled not in SCALED:
+        raise BadGain(f"scaled = {scaled!r}", f"must be one of {', '.join(map(repr, SCALED))}: what theta scales")
 
 
 def _positive(name: str, value: float) -> None:

@@ -271,10 +271,11 @@ def test_two_outputs_one_after_the_other_are_both_at_once() -> None:
     assert step.flags(run.status[17]) == ("MISSING_y1", "MISSING_y2")
 
 
-def test_a_high_theta_wants_one_output() -> None:
-    form = hg.forms.original(two_outputs())
-    with pytest.raises(BadGain, match=r"theta up to 2 is defined for one output, two has 2"):
-        hg.observers.riccati(form, Q=(1, 1, 1), R=1, theta=2)
+def test_a_high_theta_wants_one_output_or_aligned_chains() -> None:
+    wanted = r"theta up to 2 wants a chain for each of the 2 outputs of two, .*block_triangular\(plant, align="
+    for form in (hg.forms.original(two_outputs()), hg.forms.block_triangular(two_outputs(), "cascade")):
+        with pytest.raises(BadGain, match=wanted):
+            hg.observers.riccati(form, Q=(1, 1, 1), R=1, theta=2)
 
 
 def test_high_gain_has_the_poles_it_was_given() -> None:

@@ -67,7 +67,7 @@ TWO = hg.innovation.staggered(1.0, predictors=2)
 VARIANTS = {
     "plain": Variant(1.0, ekf.Constant(1.0)),
     "theta = 8": Variant(8.0, ekf.Constant(8.0)),
-    "decaying": Variant(hg.theta.decaying(8.0, 0.3), ekf.Decaying(8.0, 0.3)),
+    "decaying": Variant(hg.theta.decaying(8.0, 0.3, scaled="both"), ekf.Decaying(8.0, 0.3)),
     "staggered, M = 4": Variant(neuron.adaptive(), fn.adaptive(), ekf.Staggered(1.0, 4)),
     "staggered, M = 2": Variant(neuron.adaptive(innovation=TWO), fn.adaptive(), ekf.Staggered(1.0, 2)),
     "window": Variant(neuron.adaptive(innovation=neuron.WINDOW), fn.adaptive(), ekf.Window(1.0)),
@@ -191,7 +191,7 @@ U32, Y32 = (values.astype(np.float32).astype(float) for values in (np.sin(T), Y)
 PHASES = np.unique([*range(30), *range(0, len(T), 61), *range(1195, 1500, 5)])
 FLOATS = {
     "theta = 8": (8.0, PHASES[::3]),
-    "decaying": (hg.theta.decaying(8.0, 0.3), PHASES[::3]),
+    "decaying": (hg.theta.decaying(8.0, 0.3, scaled="both"), PHASES[::3]),
     "staggered": (neuron.adaptive(), PHASES),
     "logistic": (neuron.adaptive(neuron.LOGISTIC), PHASES[::3]),
     "window": (neuron.adaptive(innovation=neuron.WINDOW), PHASES[::20]),

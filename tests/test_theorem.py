@@ -161,13 +161,14 @@ def test_theta_is_large_enough_at_its_declared_value() -> None:
     assert row.reason == "of its declared value; it can be tuned down to 1"
 
 
-def test_a_decaying_theta_is_another_observer_than_its_theorems() -> None:
+def test_a_decaying_theta_is_its_theorems_where_it_scales_the_process_noise_alone() -> None:
     """And its rate cannot be tuned to 0, which the theorem excludes."""
-    observer = OBSERVERS["decaying"]()
+    observer, claim = OBSERVERS["decaying"](), "R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"
     found = table(observer)
-    scaled = found["R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"]
-    assert scaled.standing == "unknown"
-    assert "rate (theta - 1)/theta S" in scaled.reason
+    assert found[claim].standing == "proved"
+    other = table(kalman(van_der_pol(), theta=hg.theta.decaying(3, 1, scaled="both")))[claim]
+    assert other.standing == "unknown"
+    assert "rate (theta - 1)/theta S" in other.reason
     assert any(claim.startswith("0 < rate") for claim in found)
     (rate,) = (gain for gain in observer.gains if gain.name == "rate")
     assert rate.low[0] > 0

@@ -4,7 +4,9 @@
     S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S
     Q_theta = theta Delta^-1 Q Delta^-1,  R_theta = R/theta,  Delta = diag(1, 1/theta, ..., 1/theta^(n-1))
 
-theta = 1 is the extended Kalman filter; theta adapts to the innovation over a sliding window. Source: Boizot, Busvelle,
+theta = 1 is the extended Kalman filter; theta adapts to the innovation over a sliding window. Several outputs take
+chains aligned at their tops or at their ends, and Busvelle's slides another scaling for a theta that decays: both stand
+in `scaling`. Source: Boizot, Busvelle,
 Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), (4)-(6). The observer of the
 paper is continuous; the default method realises it as continuous-discrete (the authors' ECC 2009 paper).
 """
@@ -19,16 +21,17 @@ from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.kalman import cap, positive, spd
-from hgogen.kalman_theorems import OTHER_COORDINATES
-from hgogen.observer import BadGain, Observer, Riccati, founded, gain, state_field
+from hgogen.kalman_theorems import of_form
+from hgogen.observer import BadGain, Observer, founded, gain, state_field
 from hgogen.program import sym
+from hgogen.riccati import Riccati
+from hgogen.scaling import ALIGNED, noise_equation, scaling
 from hgogen.theta import Theta, constant
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
 EQUATIONS = (
     "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
     "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
-    "P = S^-1, Q_theta = theta Delta^-1 Q Delta^-1, R_theta = R/theta, Delta = diag(1, 1/theta, ..)",
 )
 
 
@@ -59,8 +62,12 @@ def riccati(
     accept = founded("riccati", form, accept)
     theta = theta if isinstance(theta, Theta) else constant(theta)
     n, outputs = form.n, len(form.output)
-    if outputs > 1 and theta.peak != 1:
-        raise BadGain(f"theta up to {theta.peak:g}", f"is defined for one output, {form.system.name} has {outputs}")
+    if outputs > 1 and theta.peak != 1 and form.alignment not in ALIGNED:
+        raise BadGain(
+            f"theta up to {theta.peak:g}",
+            f"wants a chain for each of the {outputs} outputs of {form.system.name}, aligned at the tops or the ends; "
+            'take forms.block_triangular(plant, align="top" or "end"), or theta = 1',
+        )
     noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
     variances = positive("R", R, outputs)
     shape, weights = factor(noise)
@@ -94,7 +101,7 @@ def riccati(
         factor=shape,
         R=sym("gain.R", outputs),
         covariance=start,
-        cap=cap(dynamics, z, noise, variances, start, theta.peak),
+        cap=cap(dynamics, z, noise, variances, start, theta.peak, scaling(form, theta.scaled)),
         nominal=(noise, np.array(variances)),
     )
     return Observer(
@@ -106,8 +113,8 @@ def riccati(
         dynamics=dynamics,
         checks=(*form.checks, *clamped("riccati", form), _theorem(theta)),
         accepted=accept,
-        theorem=theta.theorem if form.jacobian is None else theta.theorem.under(OTHER_COORDINATES),
-        equations=(*EQUATIONS, theta.equation),
+        theorem=of_form(theta.theorem, form),
+        equations=(*EQUATIONS, noise_equation(form, theta.scaled), theta.equation),
         reference=REFERENCE,
         traces=theta.traces,
     )
