@@ -91,6 +91,14 @@ class Integrators:
         """o(u) (p)."""
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
+    def saturated(self, w: Any, i: int) -> Any:
+        """An SX scalar clamped to the declared range of w_i; as it is where there is none."""
+        if not self.form.states[i].bounded:
+            return w
+        scale = 1 if self.products[i] == 1 else self.scale[i]
+        low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
+        return ca.fmin(ca.fmax(w, scale * low), scale * high)
+
     def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
         """The field `w` (n), with the outer box of `state_field` and `peak`.
 
@@ -108,6 +116,11 @@ class Integrators:
             labels=tuple(names),
             meaning="estimate, in chains of integrators",
         )
+
+
+def shifted(w: Any) -> Any:
+    """w_2, .., w_n, 0 of an SX column."""
+    return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
 
 
 def observer_on(

@@ -5,9 +5,10 @@
     q_(n-1)' = c_n(xhat, u) + l^2 k_(n-1)2 e_(n-1)
     e_1 = y - p_1,   e_i = q_(i-1) - p_i,   xhat = (p_1, q_1, .., q_(n-1)),   l = theta
 
-in the coordinates of `integrators`, the argument of c saturated to the declared box. k_i = (2, (n - i)/i) puts all
-2n - 2 poles of the linear error core at -l. Source: Astolfi, Marconi, "A high-gain nonlinear observer with limited gain
-power", IEEE TAC 60 (2015), with c_n alone; the rows c_1..c_(n-1) of a triangular form are an extension.
+in the coordinates of `integrators`, the argument of c saturated to the declared box. The linear error core has the
+2n - 2 poles asked for, times l; k_i = (2, (n - i)/i) puts them all at -l (`pairs`). Source: Astolfi, Marconi, "A
+high-gain nonlinear observer with limited gain power", IEEE TAC 60 (2015), with c_n alone; the rows c_1..c_(n-1) of a
+triangular form are an extension: c_i/l^(i-1) is Lipschitz in the scaled errors, uniformly in l >= 1.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,8 +21,9 @@ from hgogen.check import Verdict
 from hgogen.core import core_numbers
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
-from hgogen.integrators import integrators, observer_on, rows
-from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, reals
+from hgogen.integrators import integrators, observer_on, rows, shifted
+from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter
+from hgogen.pairs import errors, injected, pair_gains
 from hgogen.program import sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -47,28 +49,24 @@ def low_power(
     *,
     theta: float,
     gains: Sequence[Sequence[float]] | np.ndarray | None = None,
+    poles: Sequence[complex] | None = None,
     initial: Mapping[str, float] | Sequence[float] | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The low-power observer on a form of one output with constant a_i, at least two states.
 
-    Args: `theta` >= 1; `gains` k (n - 1, 2), by default (2, (n - i)/i): all poles at -theta; `initial` the plant's
-    state; `accept` ids of refuted checks to build on all the same.
+    Args: `theta` >= 1; `gains` k (n - 1, 2), or the 2n - 2 `poles` of the linear error core at theta = 1, by default
+    all at -1; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
 
-    Raises: `Refuted`; `BadGain` for theta < 1, gains of another shape or whose core does not decay, or a form that is
-    no chain of integrators.
+    Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta < 1, gains of
+    another shape, or a form that is no chain of at least two integrators.
     """
     accept = founded("low_power", form, accept)
     high, chain = high_gain_parameter(theta), integrators("low_power", form)
     n, pairs = chain.n, chain.n - 1
     if n < 2:
         raise BadGain("low_power", f"wants at least two states, {form.system.name} has {n}; use high_gain")
-    given = [(2.0, (n - i) / i) for i in range(1, n)] if gains is None else gains
-    k = reals("gains", given)
-    if k.shape != (pairs, 2):
-        raise BadGain(
-            f"gains of shape {k.shape}", f"must be {pairs} pairs (k_i1, k_i2), one for each state but the last"
-        )
+    k = pair_gains("low_power", n, gains, poles)
     w, level = chain.field(initial, high.initial[0]), sym("gain.theta")
     fields = (
         rows(w, "p", range(pairs), "estimate of the states but the last, corrected first"),
@@ -77,9 +75,8 @@ def low_power(
 
     def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
         p, q = values["p"], values["q"]
-        e = ca.vertcat(valid * (y - p[0]), *(q[i - 1] - p[i] for i in range(1, pairs)))
-        above = ca.vertcat(*(q[i] for i in range(1, pairs)), 0)
-        return {"p": q + level * (ca.DM(k[:, 0]) * e), "q": above + level * level * (ca.DM(k[:, 1]) * e)}
+        onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, q))
+        return {"p": q + onto_p, "q": shifted(q) + onto_q}
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         c = chain.nonlinear(ca.vertcat(values["p"][0], values["q"]), u)

@@ -1,0 +1,113 @@
+"""Low-power high-gain observer without peaking: what a pair hands on is saturated to its state's range.
+
+    p_i' = q_i + c_i(p, u) + l alpha_i e_i                            i = 1, .., n-1
+    q_i' = sat q_(i+1) + c_(i+1)(p, u) + l^2 beta_i e_i               i = 1, .., n-2
+    q_(n-1)' = c_n(p, u) + l^2 beta_(n-1) e_(n-1)
+    p_n' = c_n(p, u) + l alpha_n e_n
+    e_1 = y - p_1,   e_i = sat q_(i-1) - p_i,   xhat = p,   l = theta
+
+in the coordinates of `integrators`; sat q_i is q_i clamped to the declared range of w_(i+1), the argument of c to the
+declared box. Without saturation the linear error core is that of the low-power observer beside the pole -l alpha_n.
+Source: Astolfi, Marconi, Praly, Teel, "Low-power peaking-free high-gain observers", Automatica 98 (2018), with c_n
+alone; the rows c_1..c_(n-1) of a triangular form are an extension.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.check import Verdict
+from hgogen.core import core_numbers
+from hgogen.form import Form
+from hgogen.hurwitz import demand_hurwitz
+from hgogen.integrators import integrators, observer_on, rows, shifted
+from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, positive
+from hgogen.pairs import errors, injected, pair_gains
+from hgogen.program import sym
+from hgogen.saturating import Saturate, demand_ranges, saturating
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Astolfi, Marconi, Praly, Teel, Low-power peaking-free high-gain observers, Automatica 98 (2018)"
+EQUATIONS = (
+    "p_i' = q_i + c_i + theta alpha_i e_i, p_n' = c_n + theta alpha_n e_n",
+    "q_i' = sat q_(i+1) + c_(i+1) + theta^2 beta_i e_i, q_n = 0",
+    "e_1 = y - p_1, e_i = sat q_(i-1) - p_i, xhat = p",
+)
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state, its peak bounded whatever theta, for theta large "
+    "enough",
+    (
+        *FORM,
+        Hypothesis("the linear error core is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
+        Hypothesis("alpha_i, beta_i > 0, each pair by itself is Hurwitz", verdict=Verdict.PROVED, reason="as the last"),
+        Hypothesis(
+            "every saturation between its pairs leaves the core stable",
+            verdict=Verdict.UNKNOWN,
+            reason="the paper's condition on the gains is not computed",
+        ),
+        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+def peaking_free(
+    form: Form,
+    *,
+    theta: float,
+    gains: Sequence[Sequence[float]] | np.ndarray | None = None,
+    poles: Sequence[complex] | None = None,
+    last: float = 1.0,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The peaking-free low-power observer on a form of one output with constant a_i, at least two states with ranges.
+
+    Args: `theta` >= 1; `gains` (alpha_i, beta_i) (n - 1, 2), or 2n - 2 `poles` at theta = 1, by default (2, (n - i)/i):
+    all at -1; `last` alpha_n > 0; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta < 1, gains of
+    another shape or not positive, a state without a range, or a form that is no chain of at least two integrators.
+    """
+    accept = founded("peaking_free", form, accept)
+    high, chain = high_gain_parameter(theta), integrators("peaking_free", form)
+    n, pairs, alpha = chain.n, chain.n - 1, positive("last", last)
+    if n < 2:
+        raise BadGain("peaking_free", f"wants at least two states, {form.system.name} has {n}; use high_gain")
+    demand_ranges("peaking_free", form, range(1, n))
+    k = pair_gains("peaking_free", n, gains, poles)
+    if not (k > 0).all():
+        raise BadGain(f"gains = {k.tolist()}", "must all be positive: a pair behind a saturation decays by itself")
+    w, level = chain.field(initial, high.initial[0]), sym("gain.theta")
+    fields = (
+        rows(w, "p", range(n), "estimate"),
+        rows(w, "q", range(1, n), "rates of the states but the last"),
+    )
+
+    def core(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate) -> dict[str, Any]:
+        p, q = values["p"], values["q"]
+        sat = ca.vertcat(*(saturate(q[i - 1], i) for i in range(1, n)))
+        onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, sat))
+        last = level * alpha * (sat[pairs - 1] - p[pairs])
+        return {"p": ca.vertcat(q + onto_p, last), "q": shifted(sat) + onto_q}
+
+    def model(values: Mapping[str, Any], u: Any) -> dict[str, Any]:
+        c = chain.nonlinear(values["p"], u)
+        return {"p": c, "q": c[1:]}
+
+    part = saturating(chain, fields, core, model)
+    demand_hurwitz("gains", core_numbers(part, 1, {"gain.theta": np.ones(1)}), "leave them out: (2, (n - i)/i)")
+    return observer_on(
+        chain,
+        "peaking_free",
+        parts=(part,),
+        gains=(high,),
+        w=sym("state.p", n),
+        theorem=THEOREM,
+        equations=EQUATIONS,
+        reference=REFERENCE,
+        accepted=accept,
+    )
