@@ -1,0 +1,155 @@
+"""Minimum-energy estimator of Hamilton-Jacobi theory, its value function closed after second order.
+
+    minimise  |xhat(0) - x0|^2_P0 + integral of |xhat' - f(xhat)|^2_Q + |y - h(xhat)|^2_R
+    xhat' = f + Pi^-1 h_x'R (y - h)
+    Pi'   = -Pi f_x - f_x'Pi - Pi Q^-1 Pi + h_x'R h_x - s sum_j R_j (y_j - h_j) d2h_j,    Pi(0) = P0
+
+2 Pi is the Hessian of the value function at its minimum xhat; its third derivatives are left out, which is exact for a
+linear model. Q, R, P0 are weights, the inverses of a Kalman filter's covariances: without the last term the estimator
+is the extended Kalman filter with Q^-1, R^-1, P0^-1, and every method for its covariance P = Pi^-1 serves. The last
+term can take all of Pi; 0 <= s <= 1 keeps it positive definite (`hgogen.curvature`). Source: Alessandri, "On
+Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in Engineering (2020),
+(3), (18).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from hgogen.check import Check, Verdict
+from hgogen.clamped import clamped
+from hgogen.covariance import factor
+from hgogen.curvature import Curved
+from hgogen.dynamics import Dynamics
+from hgogen.form import Form
+from hgogen.kalman import cap, positive, spd
+from hgogen.kalman_theorems import KALMAN, OTHER_COORDINATES
+from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, real, state_field
+from hgogen.program import Block, Field, sym
+from hgogen.riccati import Riccati
+from hgogen.theorem import Hypothesis
+from hgogen.theta import constant
+
+REFERENCE = (
+    "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems, "
+    "Mathematical Problems in Engineering (2020), (18)"
+)
+EQUATIONS = (
+    "xhat' = f + Pi^-1 h_x' R (y - h)",
+    "Pi' = -Pi f_x - f_x' Pi - Pi Q^-1 Pi + h_x' R h_x",
+)
+CURVED = (*EQUATIONS[:1], f"{EQUATIONS[1]} - s sum_j R_j (y_j - h_j) d2h_j")
+THEOREM = KALMAN.under(
+    Hypothesis(
+        "the value function is quadratic, so that the estimate minimises the cost",
+        ("hamilton_jacobi.quadratic",),
+        reference="(16)-(18)",
+    )
+)
+
+
+def hamilton_jacobi(
+    form: Form,
+    *,
+    Q: Sequence[float] | np.ndarray,
+    R: float | Sequence[float],
+    P0: Sequence[float] | np.ndarray | None = None,
+    curvature: float = 0.0,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The minimum-energy estimator on any form, of any number of outputs, linear in the state or not.
+
+    Args: weights in the form's coordinates: `Q` of the model's error, diagonal (n) or symmetric positive definite
+    (n, n), unit s/z^2; `R` positive, one for each output, unit 1/(y^2 s) (for white noise of variance v per sample,
+    R = 1/(v dt)); `P0` of the first error, diagonal (n) or (n, n), unit 1/z^2, default the unit matrix. `curvature`:
+    the largest rate (1/s) at which the outputs' second derivatives may change Pi; 0 leaves them out; with them every
+    method integrates (z, Pi) or (z, P) by a Runge-Kutta method. `initial` the plant's state; `accept` ids of refuted
+    checks to build on all the same.
+
+    Checks: `hamilton_jacobi.quadratic` (proved for a model that is affine in the state, else unknown);
+    `hamilton_jacobi.lipschitz` in coordinates other than the plant's states.
+
+    Raises: `Refuted`; `BadGain` for weights of another shape or not positive, and a negative rate; `Singular` for a
+    model whose Jacobian is not finite somewhere on the box.
+    """
+    accept = founded("hamilton_jacobi", form, accept)
+    n, outputs, dynamics = form.n, len(form.output), Dynamics(form)
+    weight, start = spd("Q", Q, n), spd("P0", np.ones(n) if P0 is None else P0, n)
+    precisions, rate = positive("R", R, outputs), _rate(curvature)
+    noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)
+    shape, diagonal = factor(noise)
+    weights = 1 / diagonal
+    z = state_field(form, initial, 1.0)
+    plain = Riccati(
+        dynamics=dynamics,
+        z=z,
+        theta=constant(1.0),
+        weights=sym("derived.Q_inverse", n),
+        factor=shape,
+        R=1 / sym("gain.R", outputs),
+        covariance=covariance,
+        cap=cap(dynamics, z, noise, variances, covariance, 1.0),
+        nominal=(noise, np.array(variances)),
+    )
+    curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state.z", n), _still(form)))
+    part = Curved(plain, sym("gain.curvature"), rate) if curved else plain
+    return Observer(
+        form=form,
+        name="hamilton_jacobi",
+        parts=(Jump(_inverted(n)), part),
+        gains=(
+            gain("Q", weights, 1e-6 * weights.min(), 1e6 * weights.max(), "weight of the model's error", "s/z^2"),
+            gain("R", precisions, 1e-6 * min(precisions), 1e6 * max(precisions), "weight of the output", "1/(y^2 s)"),
+            *([gain("curvature", rate, 1e-6 * rate, rate, "largest rate of the curvature term", "1/s")] * curved),
+        ),
+        z=sym("state.z", n),
+        dynamics=dynamics,
+        checks=(*form.checks, *clamped("hamilton_jacobi", form), _quadratic(form)),
+        accepted=accept,
+        theorem=THEOREM if form.jacobian is None else THEOREM.under(OTHER_COORDINATES),
+        equations=CURVED if curved else EQUATIONS,
+        reference=REFERENCE,
+    )
+
+
+def _rate(curvature: float) -> float:
+    rate = real("curvature", curvature)
+    if not 0 <= rate < np.inf:
+        raise BadGain(f"curvature = {curvature!r}", "must be a finite rate (1/s), not negative; 0 leaves the term out")
+    return rate
+
+
+def _inverse(name: str, matrix: np.ndarray) -> np.ndarray:
+    inverse = np.linalg.inv(matrix)
+    return spd(f"the inverse of {name}", (inverse + inverse.T) / 2, len(matrix))
+
+
+def _still(form: Form) -> Any:
+    return sym("work.u", len(form.system.inputs)) if form.system.inputs else np.zeros((0, 1))
+
+
+def _inverted(n: int) -> Any:
+    """Q^-1, once for each `tune`."""
+    field = Field("Q_inverse", (0.0,) * n, unit="z^2/s", meaning="inverse of Q, diagonal factor")
+    block = Block("inverse weights", {"derived.Q_inverse": 1 / sym("gain.Q", n)})
+
+    def build(clock: Clock) -> Pieces:
+        return Pieces(derived=(field,), tune=(block,))
+
+    return build
+
+
+def _quadratic(form: Form) -> Check:
+    slopes = sp.Matrix([*form.flow, *form.output]).jacobian(form.states)
+    affine = not slopes.free_symbols & {*form.states}
+    return Check(
+        "hamilton_jacobi.quadratic",
+        "the value function is quadratic, so that the estimate minimises the cost",
+        Verdict.PROVED if affine else Verdict.UNKNOWN,
+        "the model is affine in the state"
+        if affine
+        else "its third derivatives are left out: an approximation near its minimum",
+    )
