@@ -8,7 +8,7 @@ or, with --json, as JSON alone; everything else goes to the standard error strea
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,7 +17,24 @@ from hgogen import jobs, native, noise, tables
 from hgogen.agreement import Disagree
 from hgogen.call import CallableStep, Engine
 from hgogen.checking import OptionalFile, check
-from hgogen.command import Bar, Json, ModelArgument, Tuned, app, command, note, show
+from hgogen.command import (
+    Bar,
+    Json,
+    ModelArgument,
+    OneTrial,
+    Out,
+    ReaderOption,
+    Seeds,
+    Tuned,
+    app,
+    command,
+    engine_here,
+    note,
+    one_or_all,
+    save_figures,
+    show,
+)
+from hgogen.comparing import compare
 from hgogen.model import Model, listed, load
 from hgogen.prediction import predictions
 from hgogen.record import Record, mapping, read
@@ -33,16 +50,7 @@ class Precision(StrEnum):
     DOUBLE = "double"
 
 
-class Reader(StrEnum):
-    """Who runs the step."""
-
-    C = "c"
-    PYTHON = "python"
-
-
 Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
-Seeds = Annotated[int | None, typer.Option(min=1, help="Number of noise seeds; by default the trial's.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times in seconds.")]
 Period = Annotated[float | None, typer.Option("--period", help="Seconds between rows, where no column has times.")]
@@ -56,30 +64,11 @@ def main() -> None:
     app()
 
 
-def _engine() -> Engine:
-    """C where there is a compiler, else Python, and says so."""
-    if native.compiler():
-        return "c"
-    note(str(native.NoCompilerWarning.__doc__))
-    return "python"
-
-
 def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
     seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
     language = {"c": "C", "python": "Python"}[engine]
     with Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
-
-
-def _save(drawn: dict[str, Any], folder: Path) -> list[Path]:
-    from hgogen import figure  # here, because matplotlib is slow to import
-
-    paths: list[Path] = []
-    with Bar("figures", len(drawn)) as bar:
-        for name, one in drawn.items():
-            paths += figure.save({name: one}, folder)
-            bar.tick()
-    return paths
 
 
 def _folder(model: Model, observer: str | None) -> str:
@@ -122,12 +111,12 @@ def build(
         note(sentence)
     files = c99(step, real=real.value, command=_made_by(loaded.name, observer, real))
     paths = hg.write(files, folder)
-    engine = _engine()
+    engine = engine_here()
     self_check = native.run_check(files).strip() if engine == "c" else None
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.agreements(done, again, step.dt) if again else ()
-    paths += _save(jobs.figures(step, done), folder)
+    paths += save_figures(jobs.figures(step, done), folder)
     summaries = jobs.summaries(step, done, engine, note)
     report = {
         "model": loaded.path,
@@ -147,6 +136,7 @@ def build(
 
 
 command(cls=OptionalFile)(check)
+command()(compare)
 
 
 @command("recheck")
@@ -194,7 +184,7 @@ def generate(
         else:
             note(f"{loaded.path} defines no trial(), so there are no figures of it")
         folder = out / _folder(loaded, observer)
-        paths = hg.write(files, folder) + _save(drawn, folder)
+        paths = hg.write(files, folder) + save_figures(drawn, folder)
         written.append({"model": loaded.path, "files": [str(path) for path in paths]})
     show(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
 
@@ -204,8 +194,8 @@ def simulate(
     model: ModelArgument,
     observer: Tuned = None,
     seeds: Seeds = None,
-    engine: Annotated[Reader | None, typer.Option(help="c or python; C where there is a compiler.")] = None,
-    trial: Annotated[str | None, typer.Option(help="The trial of this name; by default all.")] = None,
+    reader: ReaderOption = None,
+    trial: OneTrial = None,
     as_json: Json = False,
 ) -> None:
     """Try a model's observer on its trials and print the metrics.
@@ -218,12 +208,9 @@ def simulate(
     """
     loaded = load(model)
     step, trials = loaded.step(observer), loaded.trials()
-    chosen = tuple(one for one in trials if trial in (None, one.name))
-    if not chosen:
-        raise typer.BadParameter(f"{trial!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
-    reader = engine.value if engine else _engine()
-    done = _tried(step, chosen, reader, seeds)
-    summaries = jobs.summaries(step, done, reader, note)
+    chosen, engine = one_or_all(trials, trial), reader.value if reader else engine_here()
+    done = _tried(step, chosen, engine, seeds)
+    summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(summaries, done, strict=True)
     listed_ = [{**told.as_dict(), "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
     show(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries))
@@ -254,13 +241,13 @@ def run(
     step = loaded.step(observer)
     record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs))
     u, y = record.of(step.inputs), record.of(step.outputs)
-    engine = _engine()
+    engine = engine_here()
     done = step.run(u=u, y=y, engine=engine)
     errors = predictions(step, done.x, u, y, ahead)
     status = jobs.flagged(step, done.status)
     folder, name = out or Path("build") / _folder(loaded, observer), data.stem
     paths = hg.write({f"{name}_estimates.csv": jobs.estimates(step, record, done)}, folder)
-    paths += _save(jobs.record_figures(step, name, record, done), folder)
+    paths += save_figures(jobs.record_figures(step, name, record, done), folder)
     report = {
         "model": loaded.path,
         "engine": engine,

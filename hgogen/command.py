@@ -3,8 +3,10 @@
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from enum import StrEnum
 from functools import wraps
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -14,13 +16,23 @@ from typer.core import TyperCommand
 
 from hgogen import native, tables
 from hgogen.agreement import Disagree
+from hgogen.call import Engine
 from hgogen.check import Refuted
 from hgogen.errors import HgogenError
 from hgogen.recheck import NothingVerified, NotVerified
+from hgogen.trial import Trial
 
 # what exits with 1; other errors with 2
 FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed)
 UNREAD = 141  # the exit status where the reader of the output is gone, as the shell gives it: 128 + SIGPIPE
+
+
+class Reader(StrEnum):
+    """Who runs the step."""
+
+    C = "c"
+    PYTHON = "python"
+
 
 app = typer.Typer(
     help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
@@ -38,6 +50,10 @@ ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model fil
 Tuned = Annotated[
     str | None, typer.Option("--observer", metavar="NAME", help="A tuning of the model; by default its own step.")
 ]
+Seeds = Annotated[int | None, typer.Option(min=1, help="Number of noise seeds; by default the trial's.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
+ReaderOption = Annotated[Reader | None, typer.Option("--engine", help="c or python; C where there is a compiler.")]
+OneTrial = Annotated[str | None, typer.Option("--trial", help="The trial of this name; by default all.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 
 
@@ -73,6 +89,22 @@ def note(sentence: str) -> None:
     print(f"hgogen: {sentence}", file=sys.stderr)
 
 
+def engine_here() -> Engine:
+    """C where there is a compiler, else Python, and says so."""
+    if native.compiler():
+        return "c"
+    note(str(native.NoCompilerWarning.__doc__))
+    return "python"
+
+
+def one_or_all(trials: tuple[Trial, ...], name: str | None) -> tuple[Trial, ...]:
+    """The trial of that name, by default all of them. Raises: `BadParameter`."""
+    chosen = tuple(one for one in trials if name in (None, one.name))
+    if not chosen:
+        raise typer.BadParameter(f"{name!r} is none of {', '.join(one.name for one in trials)}", param_hint="--trial")
+    return chosen
+
+
 class Bar(Progress):
     """A progress bar on the standard error stream, if that is a terminal."""
 
@@ -94,3 +126,15 @@ def show(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
         return
     for part in shown:
         tables.console().print(part)
+
+
+def save_figures(drawn: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Write figures by name into a folder, with a progress bar; returns the files."""
+    from hgogen import figure  # here, because matplotlib is slow to import
+
+    paths: list[Path] = []
+    with Bar("figures", len(drawn)) as bar:
+        for name, one in drawn.items():
+            paths += figure.save({name: one}, folder)
+            bar.tick()
+    return paths

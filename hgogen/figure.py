@@ -56,6 +56,8 @@ GREEK = (
     *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
 )
 WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
+COLUMNS = 5  # of a legend
+PARTS = 300  # of the time axis, where errors are drawn by their largest: they cross 0
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
 
 
@@ -78,6 +80,23 @@ def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> F
         figure, axes = _figure(len(shown), t, top=0.24)
         for axis, name in zip(axes, shown, strict=True):
             {"innovation": _innovation, "theta": _theta}[name](axis, step, t, traces[name])
+    return figure
+
+
+def errors(states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray]) -> Figure:
+    """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
+    line for each observer; `of`: errors (N, n) by name."""
+    parts = np.array_split(np.arange(len(t)), min(PARTS, len(t)))
+    with rc_context(STYLE):
+        figure, axes = _figure(len(states), t)
+        for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
+            axis.set_yscale("log")
+            for k, (name, error) in enumerate(of.items()):
+                size = np.array([np.abs(error[part, i]).max() for part in parts])
+                shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
+                axis.plot([t[part[0]] for part in parts], shown, color=f"C{k % 10}", label=name)
+            _name(axis, signal.name, signal.unit, f"error of {signal.meaning or signal.name}")
+        _legend(figure, axes, tuple(of))
     return figure
 
 
@@ -164,14 +183,14 @@ def _name(axis: Axes, name: str, unit: str, meaning: str) -> None:
     axis.set_title(meaning, loc="left", pad=3)
 
 
-def _legend(figure: Figure, axes: Sequence[Axes]) -> None:
+def _legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
     lines = {line.get_label(): line for axis in axes for line in axis.get_lines()}
-    order = [name for name in ("truth", "estimate", "measured") if name in lines]
+    order = [name for name in names if name in lines]
     figure.legend(
         [lines[name] for name in order],
         order,
         loc="upper right",
-        ncols=len(order),
+        ncols=min(len(order), COLUMNS),
         bbox_to_anchor=(0.96, 1.0),
         borderaxespad=0.2,
         handlelength=1.6,

@@ -13,6 +13,7 @@ from hgogen import alarm
 from hgogen.agreement import Agreement, agreement
 from hgogen.call import CallableStep, Engine, Run
 from hgogen.check import Check, Refuted, refuted
+from hgogen.compare import Measured
 from hgogen.form import Form
 from hgogen.metrics import Metrics, Summary, metrics, summary
 from hgogen.model import MissingPart, Model
@@ -171,6 +172,14 @@ def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:
         if one.first.traces:
             drawn[f"{one.trial.name}_theta"] = figure.adaptation(step, one.first.truth.t, one.first.traces)
     return drawn
+
+
+def errors(each: Sequence[Measured]) -> "Figure":
+    """The errors of several observers on the first seed of one trial."""
+    from hgogen import figure
+
+    first = each[0].first
+    return figure.errors(each[0].states, first.truth.t, {one.name: one.first.error for one in each})
 
 
 def record_figures(step: CallableStep, name: str, record: Record, run: Run) -> dict[str, "Figure"]:

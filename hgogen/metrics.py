@@ -152,10 +152,10 @@ def summary(trial: str, each: Sequence[Metrics], alarm_ratio: float | None = Non
         seeds=len(each),
         engine=each[0].engine,
         times=tuple(event[0].time for event in events),
-        settled=tuple(_median(r.settled for r in event) for event in events),
+        settled=tuple(median(r.settled for r in event) for event in events),
         worst=tuple(_worst(r.settled for r in event) for event in events),
         peak=tuple((min(p), max(p)) if p else None for p in peaks),
-        calm=tuple(_median(r.calm for r in event) for event in events),
+        calm=tuple(median(r.calm for r in event) for event in events),
         triggered=tuple(float(np.mean([n > 0 for n in count])) if count else None for count in triggers),
         loud=tuple(float(np.mean(shares)) if shares else None for shares in louds),
         latched=sum(any((r.loud or 0) > LATCHED for r in m.responses) for m in each),
@@ -169,8 +169,8 @@ def _present(values: Iterable[Any]) -> list[Any]:
     return [value for value in values if value is not None]
 
 
-def _median(values: Iterable[float | None]) -> float | None:
-    """None counts as infinitely late."""
+def median(values: Iterable[float | None]) -> float | None:
+    """The middle of times, where None counts as infinitely late."""
     middle = float(np.median([math.inf if value is None else value for value in values]))
     return middle if math.isfinite(middle) else None
 

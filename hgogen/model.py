@@ -130,9 +130,9 @@ class Model:
             raise MissingPart(self.path, "tuning", reason)
         return tables
 
-    def step(self, observer: str | None = None) -> CallableStep:
-        """The step of a tuning by name; by default what its `step()` returns, else the step of the first tuning that
-        has a period.
+    def step(self, observer: str | None = None, dt: float | None = None) -> CallableStep:
+        """The step of a tuning by name, at its own period or at `dt` (s); by default what its `step()` returns, else
+        the step of the first tuning that has a period.
 
         Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
         """
@@ -142,7 +142,7 @@ class Model:
         name = self._first if observer is None else observer
         if name not in tuning.tables:
             raise MissingPart(self.path, "tuning", self._untuned(name))
-        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, self._period))
+        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, self._period, dt))
         return step
 
     @property

@@ -15,6 +15,7 @@ from hgogen.agreement import Agreement
 from hgogen.alarm import ITSELF
 from hgogen.bounds import Range
 from hgogen.check import Check, Verdict
+from hgogen.compare import Measured
 from hgogen.digits import down, up
 from hgogen.gramian import Gramian
 from hgogen.metrics import Summary
@@ -221,6 +222,33 @@ def trials(each: Iterable[Summary]) -> RenderableType:
             parts.append(Text(f"alarm ratio: {one.alarm_ratio:.2f}; above {ITSELF:g} an alarm can feed itself"))
         parts.append("")
     return Group(*parts)
+
+
+def compared(title: str, each: Sequence[Measured]) -> RenderableType:
+    """Observers side by side, one a row."""
+    events, states = range(len(each[0].settled)), list(each[0].rms)
+    count = "" if len(events) == 1 else " {}"
+    table = _table(
+        title,
+        "observer",
+        *(f"settled{count.format(k + 1)} (s)" for k in events),
+        *(f"RMS {name}" for name in states),
+        *(f"peak {name}" for name in states),
+        *("operations", "bytes"),
+        numbers=len(events) + 2 * len(states) + 2,
+    )
+    for one in each:
+        functions = f" + {one.cost.functions} f" if one.cost.functions else ""
+        table.add_row(
+            one.name,
+            *(_number(time) for time in one.settled),
+            *(f"{one.rms[name]:.2g}" for name in states),
+            *(f"{one.peak[name]:.2g}" for name in states),
+            f"{one.cost.operations}{functions}",
+            str(one.cost.state),
+        )
+    said = "peak: largest error over the state's range; operations of a call, f: functions such as sine; bytes of state"
+    return Group(table, Text(said), "")
 
 
 _ENGINE = {"c": "C", "python": "Python"}

@@ -60,15 +60,15 @@ class Tuning:
         """The path of keys to a table in its file."""
         return "observer" if name == self.default else f"tuning.{name}"
 
-    def step(self, name: str, dt: Callable[[], float]) -> CallableStep:
-        """The step of a tuning; `dt` gives its period (s) where the table has none.
+    def step(self, name: str, default: Callable[[], float], dt: float | None = None) -> CallableStep:
+        """The step of a tuning at the period `dt` (s), else at the table's, else at what `default` gives.
 
         Raises: `BadModelFile` for a table that makes none; `Refuted`.
         """
         where, table = self.where(name), self.table(name)
         method = self._case(f"{where}.method", methods, table.get("method", "continuous_discrete"))
         observer = self.observer(name)
-        period = table["dt"] if "dt" in table else dt()
+        period = dt or table.get("dt") or default()
         options = {key: table[key] for key in _SAMPLING if key in table}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step

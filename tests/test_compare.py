@@ -1,0 +1,152 @@
+"""Observers side by side, and what a call costs."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hgogen as hg
+from hgogen.call import CallableStep
+from hgogen.cli import app
+from hgogen.compare import SHARE, criterion, measured
+from hgogen.cost import cost
+from hgogen.model import load
+from hgogen.program import Block, Kernel, Loop, Statement, When, sym
+from hgogen.step import Step
+
+ROOT = Path(__file__).resolve().parents[1]
+HYPERJERK = load(ROOT / "models" / "hyperjerk.py")
+TRIAL = replace(HYPERJERK.trials()[0], duration=6.0, settled=None, seeds=(0,))
+
+
+@cache
+def step(name: str) -> CallableStep:
+    return HYPERJERK.step(name, dt=0.005)
+
+
+def priced(*program: Statement) -> tuple[int, int]:
+    """Operations and functions of a program in the place of a step's own."""
+    other = Step(**{name: getattr(step("high_gain"), name) for name in Step.__dataclass_fields__})
+    object.__setattr__(other, "estimate", program)
+    object.__setattr__(other, "sections", ())
+    found = cost(other)
+    return found.operations, found.functions
+
+
+A, B = sym("work.a"), sym("work.b")
+LONG = Block("three", {"work.c": (A + B) * A - B})
+SHORT = Block("one", {"work.c": A + B})
+SINE = Block("a product and a sine", {"work.c": A * ca.sin(B)})
+
+
+@pytest.mark.parametrize(
+    ("program", "found"),
+    [
+        ((), (0, 0)),
+        ((LONG, SHORT), (4, 0)),
+        ((SINE,), (1, 1)),
+        ((Block("a copy and a number", {"work.c": A, "work.d": ca.SX(3)}),), (0, 0)),
+        ((Loop("member", 5, (SINE, SHORT)),), (10, 5)),
+        ((When("work.flag", (SHORT,), (LONG,)),), (3, 0)),
+        # by hand, `kernels.correct` for two states: 5 for the second, 12 for the first, 2 for the gain
+        (
+            (
+                Kernel(
+                    "correct",
+                    2,
+                    "columns.l",
+                    (("state.d", 2), ("work.c", 2), ("work.r", 1), ("work.gain", 2)),
+                ),
+            ),
+            (19, 0),
+        ),
+    ],
+)
+def test_operations_are_counted(program: tuple[Statement, ...], found: tuple[int, int]) -> None:
+    assert priced(*program) == found
+
+
+def test_bytes_are_those_of_the_structs() -> None:
+    """z (4) and calls, then y and whether it was valid: seven words of four bytes; in double calls is padded."""
+    found = cost(step("high_gain"))
+    assert found.state == 4 * (4 + 1 + 2)
+    assert cost(step("high_gain"), "double").state == 8 * (4 + 1 + 2)
+    assert cost(step("low_power")).state == found.state + 4 * 2  # 2n - 2 states in place of n
+
+
+def test_observers_meet_the_same_noise() -> None:
+    first, second = (
+        measured(name, step(name), TRIAL, "python", (0,), lambda: None) for name in ("high_gain", "filtered")
+    )
+    assert np.array_equal(first.first.y, second.first.y)
+    assert not np.array_equal(first.first.x, second.first.x)
+    assert (first.name, first.observer, second.observer) == ("high_gain", "high_gain", "filtered")
+
+
+def test_metrics_are_those_of_the_errors() -> None:
+    """Without a band of its own a trial is settled when every error keeps to a share of its range."""
+    ticks: list[int] = []
+    found = measured("filtered", step("filtered"), TRIAL, "python", (0,), lambda: ticks.append(1))
+    assert ticks == [1]
+    assert criterion(TRIAL) == "every error within 5% of its state's range until the next event"
+    error, width = np.abs(found.first.error), np.array([s.high - s.low for s in step("filtered").states])
+    assert found.peak == pytest.approx(dict(zip(found.rms, error.max(axis=0) / width, strict=True)))
+    (when,) = found.settled
+    assert when is not None
+    k = round(when / 0.005)
+    relative = (error / width).max(axis=1)
+    assert relative[k - 1] > SHARE >= relative[k:].max()
+    steady = error[found.first.truth.t >= 5.4 - 1e-9]
+    assert list(found.rms.values()) == pytest.approx(list(np.sqrt((steady**2).mean(axis=0))))
+
+
+def test_what_never_settles_is_none() -> None:
+    short = replace(TRIAL, duration=0.2)
+    found = measured("filtered", step("filtered"), short, "python", (0,), lambda: None)
+    assert found.settled == (None,)
+
+
+def test_the_command_prints_and_draws(tmp_path: Path) -> None:
+    arguments = ["compare", str(ROOT / "models" / "hyperjerk.py"), "--seeds", "1", "-o", str(tmp_path)]
+    printed = CliRunner().invoke(app, [*arguments, "--json", "--observers", "high_gain, low_power"])
+    assert printed.exit_code == 0
+    found = json.loads(printed.stdout)
+    (trial,) = found["trials"]
+    assert [one["name"] for one in trial["observers"]] == ["high_gain", "low_power"]
+    high, low = trial["observers"]
+    assert low["rms"]["x4"] < high["rms"]["x4"] / 100  # a tone of frequency 100 goes through k^4 in the one
+    assert low["operations"] > high["operations"] > 100
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["tone_errors.png", "tone_errors.svg"]
+    assert found["files"] == [str(tmp_path / f"tone_errors.{ending}") for ending in ("svg", "png")]
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ("high_gain,kalman", "there is no observer 'kalman'"),
+        ("high_gain,,low_power", "there is no observer to compare; give --observers A,B of its tuning"),
+    ],
+)
+def test_what_cannot_be_compared_is_a_sentence(names: str, said: str, tmp_path: Path) -> None:
+    arguments = ["compare", str(ROOT / "models" / "hyperjerk.py"), "--observers", names, "-o", str(tmp_path)]
+    refused = CliRunner().invoke(app, arguments)
+    assert refused.exit_code == 2
+    assert said in refused.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_all_are_sampled_at_the_shortest_period(tmp_path: Path) -> None:
+    text = (ROOT / "models" / "hyperjerk.py").read_text()
+    path = tmp_path / "hyperjerk.py"
+    path.write_text(text.replace('"low_power": {"theta": 4}', '"low_power": {"theta": 4, "dt": 2e-3}'))
+    arguments = ["compare", str(path), "--observers", "high_gain,low_power", "--seeds", "1", "-o", str(tmp_path)]
+    done = CliRunner().invoke(app, [*arguments, "--json"])
+    assert json.loads(done.stdout)["dt"] == 1e-3
+    assert "all sampled at dt = 0.001 s, the shortest; low_power would be sampled more slowly" in done.stderr
+    assert load(path).step("low_power").dt == 2e-3
+    assert isinstance(load(path).step("low_power", 1e-3), hg.Step)
