@@ -19,7 +19,10 @@ plant = hg.System(
     output=[q],
 )
 
-tuning = {"high_gain": {"theta": 20, "poles": (-1, -1)}}
+tuning = {
+    "high_gain": {"theta": 20, "poles": (-1, -1)},
+    "hamilton_jacobi": {"Q": (1e4, 1.0), "R": 1e9},  # R = 1/(v dt) for samples of variance v = 1e-6
+}
 
 
 def step() -> hg.Step:
