@@ -119,9 +119,17 @@ def check(step: Step, real: Real) -> list[str]:
         start="\n".join(indented(_start(step, real))),
         fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
         call=", ".join(["&s", "&p", *(f"&{pointer.rsplit('*', 1)[1]}" for pointer in arguments(step)[2:])]),
-        compare="".join(f" || !{step.name}_near({name}, k, {i}u)" for i, name in enumerate(seen)),
+        compare="".join(
+            f" || !{step.name}_near({name}, k, {i}u)" for i, name in enumerate(_as_numbers(step, real, seen))
+        ),
     )
     return text.strip("\n").split("\n")
+
+
+def _as_numbers(step: Step, real: Real, seen: Iterable[str]) -> list[str]:
+    """What is seen, counters as real numbers."""
+    counters = {f"s.{field.name}" for field in step.state if field.kind == "index"}
+    return [f"({real}){name}" if name in counters else name for name in seen]
 
 
 def _locals(step: Step) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
-_BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\|) )")
+_BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\|) )|(?<= = )(?=&)")
 
 
 def folded(lines: Iterable[str]) -> list[str]:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 
@@ -23,6 +24,7 @@ from hgogen.program import (
     Program,
     Statement,
     When,
+    address,
     lines_of,
     places,
     scope,
@@ -80,7 +82,17 @@ class Writer:
         """Work places that count or index."""
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
         found = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
-        return {place for place in found if scope(place) == "work"}
+        found = {place for place in found if scope(place) == "work"}
+        while more := self._work - self._flags - found - self._reals(found):
+            found |= more
+        return found
+
+    def _reals(self, indices: set[str]) -> set[str]:
+        """Work places that take more than a copy of a counter, or of one of `indices`."""
+        counters = {place for place, item in self._fields.items() if item.kind == "index"} | indices
+        values = ((place, v) for s in walk(self._all) if isinstance(s, Block) for place, v in s.writes.items())
+        written = self._work - {place for s in walk(self._all) if isinstance(s, Block) for place in s.writes}
+        return written | {place for place, value in values if not _copied(value, counters)}
 
     @cached_property
     def _work(self) -> set[str]:
@@ -251,6 +263,12 @@ class Writer:
         if self.is_index(place) and real != "unsigned":
             return Target(lambda text: [f"{target} = (unsigned)({text});"], source=source)
         return Target(lambda text: [f"{target} = {text};"], flag=place in self._flags and size == 1, source=source)
+
+
+def _copied(value: Any, places: set[str]) -> bool:
+    """Whether each element of an SX is that of one of the places."""
+    elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
+    return all(element.is_symbolic() and address(element)[0] in places for element in elements)
 
 
 def within(index: str, total: int) -> str:

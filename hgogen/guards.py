@@ -15,11 +15,12 @@ from hgogen.box import box
 from hgogen.check import Verdict
 from hgogen.glance import enclose
 from hgogen.observer import HUGE, Clock, Observer
-from hgogen.program import INF, Block, Field, Program, When, column, sym, walk
+from hgogen.program import INF, Block, Field, Program, When, address, column, scope, sym, walk
 from hgogen.signal import Signal
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
+SCOPES = ("state", "input", "output", "plant", "gain", "derived", "work")  # other scopes are groups
 SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
@@ -188,7 +189,13 @@ def kept(program: Program, state: tuple[Field, ...]) -> Program:
 def _written(program: Program) -> set[str]:
     """The places that a program changes."""
     writes = (item for s in walk(program) if isinstance(s, Block) for item in s.writes.items())
-    return {place for place, value in writes if not _same(value, sym(place, ca.SX(value).numel()))}
+    return {p for p, value in writes if not _same(value, sym(p, ca.SX(value).numel())) and not _of_member(value)}
+
+
+def _of_member(value: Any) -> bool:
+    """Whether the value is that of a field of a group, which is kept in its box there."""
+    elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
+    return all(e.is_symbolic() and scope(address(e)[0]) not in SCOPES for e in elements)
 
 
 def _same(a: Any, b: Any) -> bool:

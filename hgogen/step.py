@@ -41,11 +41,13 @@ from hgogen.program import (
     Section,
     Statement,
     When,
+    address,
     places,
     pruned,
     scalar,
     scope,
     sym,
+    walk,
 )
 from hgogen.signal import Signal, resting
 
@@ -171,15 +173,14 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         if program:
             guarded = (measure(observer, clock, j), When("work.valid", (*program, *kept(program, state))))
             sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
-    last = sections.pop()  # after it the estimate of this call stands
-    sections.append(
-        replace(last, program=(*last.program, outside(observer), *unrecovered(observer), *observer.notices))
-    )
     adapt = _all(piece.adapt for piece in pieces)
     if adapt:
         running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
         program = (running, When("work.running", (*adapt, *kept(adapt, state))))
         sections.append(Section("adapt", "adapt the gain; once after the updates", program))
+    last = -2 if adapt and not _moves(adapt, observer) else -1  # after it the estimate of this call stands
+    told = (*sections[last].program, outside(observer), *unrecovered(observer), *observer.notices)
+    sections[last] = replace(sections[last], program=told)
     step = Step(
         name=system.name,
         observer=observer,
@@ -199,6 +200,12 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
     )
     object.__setattr__(step, "bits", _bits(step, _all(piece.bits for piece in pieces)))
     return step
+
+
+def _moves(program: Program, observer: Observer) -> bool:
+    """Whether a program writes to the estimate."""
+    shown = {place for place, _, _ in map(address, ca.symvar(observer.z))}
+    return any(shown & s.writes.keys() for s in walk(program) if isinstance(s, Block))
 
 
 def _all(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:

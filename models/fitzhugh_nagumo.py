@@ -42,6 +42,8 @@ tuning = {
         "accept": ("triangular.a_2",),
     },
 }
+tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(8.0, 0.1)}
+tuning["bank"] = {"member": "decaying", "count": 5, "period": 10.0}
 
 
 def step() -> hg.Step:

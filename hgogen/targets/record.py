@@ -19,7 +19,9 @@ def record(step: Step, *, real: Real = "double") -> Files:
     inner += [f"out.{s.name} = y[{p}u*k + {j}u];" for j, s in enumerate(step.outputs)]
     inner += [f"status[k] = {name}_step({call});", f"{name}_estimate(s, p, &plant);"]
     inner += [f"x[{n}u*k + {i}u] = plant.{s.name};" for i, s in enumerate(step.states)]
-    inner += [f"traces[{len(traces)}u*k + {j}u] = s->{trace};" for j, trace in enumerate(traces)]
+    counters = {field.name for field in step.state if field.kind == "index"}
+    values = [f"({real})s->{trace}" if trace in counters else f"s->{trace}" for trace in traces]
+    inner += [f"traces[{len(traces)}u*k + {j}u] = {value};" for j, value in enumerate(values)]
     arguments = f"{name}_state *s, const {name}_params *p, size_t count, const {real} *u, const {real} *y"
     results = f"{real} *x, {real} *traces, {status_type(step)} *status"
     head = f"void {name}_record({arguments}, {results})"

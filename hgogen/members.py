@@ -1,0 +1,155 @@
+"""Statements of an observer alone as statements of one member of a group: its places move, what they do stays.
+
+`state.z` becomes `member.z`; a group of the observer becomes a group in each member. Places of the whole step, such as
+`state.u`, the gains and the status, stay where they are.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+
+from hgogen.observer import Pieces
+from hgogen.program import (
+    Block,
+    Copy,
+    Field,
+    Group,
+    Kernel,
+    Loop,
+    Program,
+    Statement,
+    When,
+    address,
+    column,
+    scope,
+    sym,
+)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Where places go: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
+    names of groups."""
+
+    places: Mapping[str, Any]
+    groups: Mapping[str, str]
+
+    def program(self, program: Iterable[Statement]) -> Program:
+        """Every statement with its places moved."""
+        return tuple(self._statement(statement) for statement in program)
+
+    def place(self, place: str) -> str:
+        """Where a place that may be written goes."""
+        kind, name = place.split(".", 1)
+        if kind in self.groups:
+            return f"{self.groups[kind]}.{name}"
+        moved = self.places.get(place, place)
+        assert isinstance(moved, str), f"{place} is only read"
+        return moved
+
+    def value(self, place: str, size: int) -> Any:
+        """SX column of what stands for a place that is read."""
+        moved = self.places.get(place)
+        return sym(self.place(place), size) if moved is None or isinstance(moved, str) else moved
+
+    def values(self, *graphs: Any) -> list[Any]:
+        """SX graphs of the moved places."""
+        symbols = ca.symvar(ca.veccat(*graphs))
+        if not symbols:
+            return list(graphs)
+        now = [self.value(place, size)[index] for place, index, size in map(address, symbols)]
+        moved: list[Any] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, now)
+        return moved
+
+    def _statement(self, statement: Statement) -> Statement:
+        match statement:
+            case Block():
+                return self._block(statement)
+            case Loop(start=start, active=active, index=index):
+                moved = (place and self.place(place) for place in (start, active, index))
+                group, body = self.groups.get(statement.group, statement.group), self.program(statement.body)
+                return Loop(group, statement.count, body, *moved)
+            case When():
+                body, otherwise = self.program(statement.body), self.program(statement.otherwise)
+                return When(self.place(statement.flag), body, otherwise)
+            case Copy():
+                group = self.groups.get(statement.group, statement.group)
+                return Copy(group, self.place(statement.source), self.place(statement.target))
+            case Kernel():
+                arguments = tuple((self.place(place), size) for place, size in statement.arguments)
+                result = statement.result and self.place(statement.result)
+                return replace(statement, columns=self.place(statement.columns), arguments=arguments, result=result)
+
+    def _block(self, block: Block) -> Block:
+        values = self.values(*block.writes.values(), *block.names.values())
+        writes = dict(zip(map(self.place, block.writes), values, strict=False))
+        return Block(block.title, writes, dict(zip(block.names, values[len(writes) :], strict=True)))
+
+
+def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[str, Any]) -> Pieces:
+    """The pieces with other names for their fields and groups; `places` as in `Moved`, for what else they read."""
+    fields = {f"state.{field.name}": f"state.{name(field.name)}" for field in pieces.fields}
+    moved = Moved({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
+    return replace(
+        pieces,
+        fields=tuple(replace(field, name=name(field.name)) for field in pieces.fields),
+        groups=tuple(replace(group, name=name(group.name)) for group in pieces.groups),
+        tune=moved.program(pieces.tune),
+        predict=moved.program(pieces.predict),
+        update=tuple(map(moved.program, pieces.update)),
+        adapt=moved.program(pieces.adapt),
+    )
+
+
+def joined(pieces: Iterable[Pieces]) -> Pieces:
+    """Parts one after the other as one."""
+    pieces = tuple(pieces)
+    tightest = min(pieces, key=lambda piece: piece.limit)
+    correcting = [piece for piece in pieces if piece.update]
+
+    def every(part: Callable[[Pieces], tuple[Any, ...]]) -> tuple[Any, ...]:
+        return tuple(item for piece in pieces for item in part(piece))
+
+    outputs = range(len(correcting[0].update) if correcting else 0)
+    return Pieces(
+        fields=every(lambda piece: piece.fields),
+        groups=every(lambda piece: piece.groups),
+        derived=every(lambda piece: piece.derived),
+        bits=every(lambda piece: piece.bits),
+        tune=every(lambda piece: piece.tune),
+        predict=every(lambda piece: piece.predict),
+        update=tuple(tuple(s for piece in correcting for s in piece.update[j]) for j in outputs),
+        adapt=every(lambda piece: piece.adapt),
+        uses_output=any(piece.uses_output for piece in pieces),
+        limit=tightest.limit,
+        caution=min(piece.caution for piece in pieces),
+        why=tightest.why,
+    )
+
+
+def fresh(group: str, fields: Iterable[Field]) -> Program:
+    """A member's fields as after a reset; counters in a block of their own."""
+    programs = []
+    for kind, title in (("real", "as after a reset"), ("index", "counters as after a reset")):
+        writes = {f"{group}.{field.name}": ca.SX(column(field.initial)) for field in fields if field.kind == kind}
+        programs += [Block(title, writes)] if writes else []
+    return tuple(programs)
+
+
+def fresh_groups(above: str, groups: Iterable[Group]) -> Program:
+    """The groups in a member of `above` as after a reset, but for their estimates, which become the member's own."""
+    return tuple(Loop(group.name, group.count, _fresh(above, group)) for group in groups)
+
+
+def _fresh(above: str, group: Group) -> Program:
+    estimates = {f"{group.name}.{f.name}": sym(f"{above}.{f.name}", f.size) for f in group.fields if f.outer}
+    start = Block("from the estimate", estimates)
+    return (*((start,) if estimates else ()), *fresh(group.name, [f for f in group.fields if not f.outer]))
+
+
+def read_fields(graphs: Iterable[Any]) -> set[str]:
+    """Names of the fields of the state that SX graphs read."""
+    found = {address(symbol)[0] for symbol in ca.symvar(ca.veccat(*graphs))}
+    return {place.split(".", 1)[1] for place in found if scope(place) == "state"}

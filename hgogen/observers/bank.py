@@ -1,0 +1,81 @@
+"""Bank of N observers in parallel, restarted one after the other, of which the best is the estimate.
+
+    every T: the oldest of the N members is dropped and restarts, with its gain as at the start (theta = theta_0), from
+             the selected estimate; just after it the oldest has the age (N - 1) T
+    at every sample: a member j takes the place of the selected one s where I_j < hysteresis I_s,
+        "window"   I = integral over the last d of |y - yhat|^2, yhat predicted by the model from the estimate d ago
+        "newest"   I = |y - h(z)|^2 of the newest sample, the slides' choice, which picks the youngest and noisiest
+
+around any member; it is made for one whose theta decays, a high-gain observer when it is young and a Kalman filter when
+it is old. A member that restarts keeps the selected one's I, so that it is judged by the same past. When the oldest is
+dropped while it is selected, the next oldest takes its place. Source: Busvelle, "Parallel high-gain and non high-gain
+extended Kalman filters" (slides), after Boizot, Busvelle, Gauthier 2010; the window and the hysteresis are ours.
+"""
+
+from dataclasses import replace
+from typing import Literal
+
+from hgogen.check import Verdict
+from hgogen.innovation import Innovation
+from hgogen.observer import BadGain, Observer, gain, positive, real
+from hgogen.parallel import Parallel
+from hgogen.theorem import Hypothesis
+
+REFERENCE = "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides)"
+MOST = 1000  # members
+HYSTERESIS = {"window": 0.6, "newest": 1.0}
+RULES = {
+    "window": "smallest innovation over a window",
+    "newest": "smallest output error of the newest sample",
+}
+SELECTED = Hypothesis(
+    "the selected member's estimate has converged",
+    verdict=Verdict.UNKNOWN,
+    reason="the theorem is of each member from its restart on; that the one with the smallest innovation is near the "
+    "plant's state is not proved",
+)
+
+
+def bank(
+    member: Observer,
+    *,
+    count: int,
+    period: float,
+    selection: Literal["window", "newest"] = "window",
+    innovation: Innovation | None = None,
+    hysteresis: float | None = None,
+) -> Observer:
+    """`count` copies of `member`, of which the one with the smallest innovation is the estimate.
+
+    Args: `count` at least 2; `period` T (s), a whole number of samples; `innovation` of the selection "window", a value
+    of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in (0, 1], a tunable gain: how much
+    smaller another innovation must be, by default .6 for "window", 1 for "newest".
+
+    Raises: `BadGain`; `BadPeriod` from `sample` for a period shorter than dt or no whole number of samples.
+    """
+    if not isinstance(member, Observer):
+        kind = type(member).__name__
+        raise BadGain("bank", f"goes around an observer, such as hg.observers.riccati(..), not a {kind}")
+    if any(isinstance(part, Parallel) for part in member.parts):
+        raise BadGain("bank", "goes around one observer, not around another bank; give it more members")
+    if real("count", count) not in range(2, MOST + 1):
+        reason = f"must be a whole number of members, from 2 (one runs while another restarts) to {MOST}"
+        raise BadGain(f"count = {count!r}", reason)
+    if selection not in RULES:
+        raise BadGain(f"selection = {selection!r}", 'must be "window" or "newest"')
+    if innovation is not None and (selection == "newest" or not isinstance(innovation, Innovation)):
+        reason = 'must be innovation.staggered(..) or innovation.window(..), for selection="window"'
+        raise BadGain(f"innovation = {innovation!r}", reason)
+    share = positive("hysteresis", HYSTERESIS[selection] if hysteresis is None else hysteresis)
+    part = Parallel(member, int(count), positive("period", period), selection == "newest", innovation)
+    told = f"{count} members; every {period:g} s the oldest restarts from the selected estimate, which has the "
+    return replace(
+        member,
+        name="bank",
+        parts=(part,),
+        gains=(*member.gains, gain("hysteresis", share, 1e-3, 1.0, "share to which another innovation must fall")),
+        theorem=member.theorem.under(SELECTED),
+        equations=(*member.equations, told + RULES[selection]),
+        reference=f"{REFERENCE}; member: {member.reference}",
+        traces=("selected", *member.traces),
+    )
