@@ -16,6 +16,7 @@ from hgogen.observer import Observer
 from hgogen.query import bound, nonzero
 from hgogen.recast import recast
 from hgogen.reference import reference
+from hgogen.response import response
 from hgogen.signal import Signal
 from hgogen.singularity import singularity
 from hgogen.step import Step
@@ -45,6 +46,7 @@ __all__ = [
     "observers",
     "recast",
     "reference",
+    "response",
     "sample",
     "singularity",
     "survey",

@@ -38,6 +38,7 @@ from hgogen.comparing import compare
 from hgogen.model import Model, listed, load
 from hgogen.prediction import predictions
 from hgogen.record import Record, mapping, read
+from hgogen.responding import response
 from hgogen.signal import Signal
 from hgogen.targets.c99 import c99
 from hgogen.trial import Trial
@@ -137,6 +138,7 @@ def build(
 
 command(cls=OptionalFile)(check)
 command()(compare)
+command()(response)
 
 
 @command("recheck")

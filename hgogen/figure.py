@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from hgogen.response import Response
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.target import write
@@ -97,6 +98,25 @@ def errors(states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray]
                 axis.plot([t[part[0]] for part in parts], shown, color=f"C{k % 10}", label=name)
             _name(axis, signal.name, signal.unit, f"error of {signal.meaning or signal.name}")
         _legend(figure, axes, tuple(of))
+    return figure
+
+
+def response(continuous: Response, sampled: Response) -> Figure:
+    """One panel for each state, |H| over omega: the linear error core and, dashed, what its step makes of it."""
+    several = len(continuous.outputs) > 1
+    drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
+    with rc_context(STYLE):
+        figure, axes = _figure(len(continuous.states), continuous.omega)
+        for i, (axis, state) in enumerate(zip(axes, continuous.states, strict=True)):
+            for j, output in enumerate(continuous.outputs):
+                for one, name, look in drawn:
+                    label = f"{name}, noise of {output}" if several else name
+                    axis.loglog(one.omega, one.gain[:, i, j], label=label, alpha=0.7**j, **look)
+            axis.axhline(1, color=MEASURED, linewidth=0.6)
+            axis.set_ylabel(f"|H| to {_symbol(state)}")
+        axes[-1].set_xlabel("frequency of the noise (rad/s)")
+        names = [str(line.get_label()) for line in axes[0].get_lines()]
+        _legend(figure, axes, [name for name in names if not name.startswith("_")])
     return figure
 
 

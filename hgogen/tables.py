@@ -26,6 +26,7 @@ from hgogen.program import Bit
 from hgogen.recheck import Rechecked
 from hgogen.recheck_file import SHOWN
 from hgogen.record import Report
+from hgogen.response import Response
 from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem
 
@@ -351,6 +352,19 @@ def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
         "noise."
     )
     return Group(table, Text(advice), "")
+
+
+def responses(continuous: Response, sampled: Response) -> RenderableType:
+    """The gains from noise to estimates: a row for each pair, continuous and as a step has them."""
+    head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} s"
+    table = _table(
+        head, "noise of", "error of", "", *(f"{w:g} rad/s" for w in continuous.omega), numbers=len(continuous.omega)
+    )
+    for j, output in enumerate(continuous.outputs):
+        for i, state in enumerate(continuous.states):
+            for labels, one in (((output, state, "continuous"), continuous), (("", "", "step"), sampled)):
+                table.add_row(*map(Text, labels), *(f"{gain:.4g}" for gain in one.gain[:, i, j]))
+    return Group(table, "")
 
 
 def names(groups: Mapping[str, Sequence[str]]) -> RenderableType:

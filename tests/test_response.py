@@ -1,0 +1,186 @@
+"""What noise does to estimates: |H| of the linear error core and of its steps, the command `response`, the figure."""
+
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import MODELS, fitzhugh_nagumo, two_outputs
+from test_cli import as_json, hgogen
+from test_hyperjerk import OMEGA, TABLES
+
+import hgogen as hg
+from hgogen.model import load
+from hgogen.observer import BadGain
+from hgogen.response import BadFrequency, NoResponse
+
+HYPERJERK = str(MODELS / "hyperjerk.py")
+POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)
+
+
+@cache
+def integrators(n: int) -> hg.Form:
+    """x_i' = x_(i+1), x_n' = u, y = x_1 + u: nothing is nonlinear, so that H is the whole of an observer."""
+    x = [hg.Signal(f"x{i}", low=-1e6, high=1e6) for i in range(1, n + 1)]
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-1e6, high=1e6)
+    return hg.forms.triangular(
+        hg.System(f"integrators{n}", states=x, inputs=(u,), outputs=(y,), flow=[*x[1:], u], output=[x[0] + u])
+    )
+
+
+# --- continuous ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "rel"), [("filtered", 3e-3), ("high_gain", 3.5e-2)])
+def test_tables_1_and_2_through_the_linear_chain(name: str, rel: float) -> None:
+    """x_1 .. x_3 of the simulation; at omega = 300 .00666, .00220 have three digits."""
+    found = hg.response(load(HYPERJERK).step(name).observer, OMEGA)
+    assert found.gain[:, :3, 0] == pytest.approx(np.array(TABLES[name])[:, :3], rel=rel)
+    assert (found.states, found.outputs, found.dt, found.coordinates) == (
+        ("x1", "x2", "x3", "x4"),
+        ("y",),
+        None,
+        "plant",
+    )
+
+
+@given(st.integers(1, 4), st.floats(1.0, 20.0), st.floats(0.1, 500.0))
+@settings(deadline=None, max_examples=20)
+def test_the_standard_observer_by_hand(n: int, theta: float, omega: float) -> None:
+    """From y to x_i: s^(i-1) (K_i s^(n-i) + .. + K_n)/(s^n + K_1 s^(n-1) + .. + K_n), the denominator (s + theta)^n."""
+    K = np.poly([-theta] * n)[1:]
+    s = 1j * omega
+    whole = np.polyval([1, *K], s)
+    expected = [s**i * np.polyval(K[i:], s) / whole for i in range(n)]
+    found = hg.response(hg.observers.high_gain(integrators(n), theta=theta, poles=[-1] * n), omega)
+    assert found.H[0, :, 0] == pytest.approx(np.array(expected), rel=1e-8)
+
+
+def test_the_filtered_observer_rolls_off_one_power_faster_from_each_estimate_to_the_next() -> None:
+    """y passes i filters to l_i eta_i: |H_i| ~ omega^-(i+1), while the standard one's all fall as 1/omega."""
+    form = integrators(4)
+    filtered = hg.observers.filtered(form, theta=10, alpha=3, beta=1, poles=POLES)
+    standard = hg.observers.high_gain(form, theta=10, poles=POLES)
+    ends = np.array([1e5, 1e6])
+    slopes = [np.log10(hg.response(each, ends).gain[:, :, 0]) @ np.eye(4) for each in (filtered, standard)]
+    assert slopes[0][1] - slopes[0][0] == pytest.approx([-2, -3, -4, -5], abs=1e-3)
+    assert slopes[1][1] - slopes[1][0] == pytest.approx([-1] * 4, abs=1e-3)
+
+
+def test_estimates_in_other_coordinates_are_told() -> None:
+    """The Van der Pol oscillator measured in its velocity has a phase form that is nonlinear in its states; a system
+    whose states are the form's in another order, or with another sign, keeps the plant's."""
+    x = [hg.Signal(name, low=0.5, high=2) for name in ("a", "b")]
+    plant = hg.System("curved", states=x, outputs=(hg.Signal("y"),), flow=[x[0] * x[1], -x[0]], output=[x[0]])
+    found = hg.response(hg.observers.high_gain(hg.forms.phase(plant), theta=3, poles=(-1, -2)), 5.0)
+    assert found.coordinates == "form"
+    assert found.states == tuple(s.name for s in hg.forms.phase(plant).states)
+    assert found.H[0, :, 0] == pytest.approx(
+        hg.response(hg.observers.high_gain(integrators(2), theta=3, poles=(-1, -2)), 5.0).H[0, :, 0]
+    )
+    z = [hg.Signal(name, low=-2, high=2) for name in ("slow", "fast")]
+    turned = hg.System("turned", states=z, outputs=(hg.Signal("y"),), flow=[-z[0], -4 * z[0]], output=[z[1]])
+    other = hg.response(hg.observers.high_gain(hg.forms.triangular(turned), theta=3, poles=(-1, -2)), 5.0)
+    assert (other.coordinates, other.states) == ("plant", ("slow", "fast"))
+    assert other.H[0, [1, 0], 0] == pytest.approx(found.H[0, :, 0] * [1, -1 / 4])
+
+
+# --- as discretised -----------------------------------------------------------------------------------------
+
+OBSERVERS: dict[str, Any] = {
+    "filtered": {"theta": 4, "alpha": 3, "beta": 1, "poles": POLES},
+    "high_gain": {"theta": 4, "poles": POLES},
+    "low_power": {"theta": 4},
+}
+
+
+@pytest.mark.parametrize("method", ["euler", "heun", "rk4"])
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_a_steps_response_is_what_the_step_does(name: str, method: str) -> None:
+    """Where nothing is nonlinear: y = sin(omega t), the transient gone, the estimate is |H| sin(omega t + arg H) to
+    rounding (|z| is some 1e2)."""
+    dt, omega = 0.02, 20.0
+    observer = getattr(hg.observers, name)(integrators(4), **OBSERVERS[name])
+    step = hg.sample(observer, getattr(hg.methods, method), dt=dt)
+    t = np.arange(2000) * dt
+    found = hg.response(step, omega)
+    run = step.run(u=0 * t, y=np.sin(omega * t), engine="python")
+    expected = (found.H[0, :, 0] * np.exp(1j * omega * t)[:, None]).imag
+    assert run.x[-200:] == pytest.approx(expected[-200:], abs=1e-9 * np.abs(expected).max())
+    assert found.dt == dt
+
+
+def test_a_steps_response_tends_to_the_continuous_one() -> None:
+    """With the order 2 of y on the line between samples: y is multiplied by (sin(a)/a)^2, a = omega dt/2, at least."""
+    observer = hg.observers.filtered(integrators(4), **OBSERVERS["filtered"])
+    exact = hg.response(observer, 20.0).H
+    errors = [
+        np.abs(hg.response(hg.sample(observer, hg.methods.rk4, dt=dt), 20.0).H / exact - 1).max() for dt in (2e-2, 1e-2)
+    ]
+    assert errors[0] == pytest.approx((20 * 2e-2) ** 2 / 12, rel=0.05)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
+
+
+# --- the command --------------------------------------------------------------------------------------------
+
+
+def test_the_command(tmp_path: Path) -> None:
+    told = as_json("response", HYPERJERK, "--omega", "50,100,300", "-o", str(tmp_path))
+    assert (told["observer"], told["coordinates"], told["dt"]) == ("filtered", "plant", 1e-3)
+    assert told["omega"] == [50, 100, 300]
+    first = told["gains"][0]
+    assert (first["output"], first["state"]) == ("y", "x1")
+    assert first["continuous"] == pytest.approx([0.2285, 0.0594, 0.00666], rel=3e-3)
+    assert first["step"] == pytest.approx(first["continuous"], rel=8e-3)  # (300 x 1e-3)^2/12
+    assert first["step"] != first["continuous"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["response.png", "response.svg"]
+    assert told["files"] == [str(tmp_path / "response.svg"), str(tmp_path / "response.png")]
+
+
+def test_the_command_in_words() -> None:
+    """By default at six frequencies about the core's poles, and nothing is drawn."""
+    table, _ = hgogen("response", HYPERJERK, "--observer", "high_gain")
+    assert table.count("rad/s") == 6
+    assert table.count("continuous") == table.count("  step  ") == 4
+    assert "files" not in table
+
+
+@pytest.mark.parametrize(
+    ("given_", "said"),
+    [
+        ("fast", "'fast' must be numbers in rad/s, such as 50,100,300"),
+        ("0", r"omega = \(0\.0,\) must be positive numbers \(rad/s\)"),
+        ("1,nan", "must be positive numbers"),
+    ],
+)
+def test_bad_frequencies_of_the_command(given_: str, said: str) -> None:
+    _, err = hgogen("response", HYPERJERK, "--omega", given_, status=2)
+    assert re.search(said, " ".join(err.replace("│", " ").split()))
+
+
+# --- what has none ------------------------------------------------------------------------------------------
+
+
+def test_an_observer_without_a_linear_core_has_no_response() -> None:
+    with pytest.raises(NoResponse, match=r"^the riccati observer has no frequency response: it has no linear"):
+        hg.response(fitzhugh_nagumo(), 1.0)
+    with pytest.raises(NoResponse, match="no linear error core"):
+        hg.response(hg.observers.riccati(hg.forms.original(two_outputs()), Q=(1, 1, 1), R=1), 1.0)
+    original = hg.forms.phase(load(MODELS / "pendulum.py").plant, original=True)
+    with pytest.raises(NoResponse, match=r"in other coordinates only; build it on forms\.phase without original"):
+        hg.response(hg.observers.high_gain(original, theta=4, poles=(-1, -1)), 1.0)
+
+
+@pytest.mark.parametrize("omega", [0, -1.0, float("nan"), float("inf"), [], [[1.0]]])
+def test_bad_frequencies(omega: Any) -> None:
+    with pytest.raises(BadFrequency, match=r"must be positive numbers \(rad/s\), such as \(50, 100, 300\)"):
+        hg.response(hg.observers.high_gain(integrators(2), theta=2, poles=(-1, -1)), omega)
+
+
+def test_frequencies_are_numbers() -> None:
+    with pytest.raises(BadGain, match="omega = 'a' must be a number or an array of numbers"):
+        hg.response(hg.observers.high_gain(integrators(2), theta=2, poles=(-1, -1)), "a")
