@@ -62,6 +62,12 @@ class Moved:
         """The diagonal factor d (n) of P as it grows where the past is forgotten."""
         return d if self.part.forgetting is None else sym("derived.growth") * d
 
+    @property
+    def equation(self) -> str:
+        """Of P over one step."""
+        grows = "" if self.part.forgetting is None else "exp(rho h) "
+        return f"P <- {grows}Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
+
     def _given(self, c: float) -> tuple[Any, Any, Any]:
         """Input, measurement and its validity at the fraction c of the step."""
         return self.clock.u(c), self.clock.y(c), self.clock.valid
@@ -73,6 +79,13 @@ class Moved:
     def variance(self, output: int) -> Any:
         """r = R_theta/h."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.dt)
+
+
+def entries(name: str, matrix: Any) -> dict[str, Any]:
+    """Those of a sparse SX matrix that are computed, by name, for the C printer."""
+    rows, columns = matrix.shape
+    listed = ((i, j, matrix[i, j]) for i in range(rows) for j in range(columns))
+    return {f"{name}_{i + 1}{j + 1}": entry for i, j, entry in listed if entry.n_dep()}
 
 
 def common(part: Riccati, clock: Clock) -> dict[str, Any]:
@@ -90,17 +103,21 @@ def common(part: Riccati, clock: Clock) -> dict[str, Any]:
     return found
 
 
-def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
-    """D; its natural size is that of P(0), of the noise that one step adds, and of one sample's variance, the
-    smallest."""
+def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
+    """What each D_i (n) stays above: a share of its natural size, that of P(0) = `values`, of the noise that one step
+    adds, and of one sample's variance, the smallest."""
     noise, variances = part.nominal
     natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
     least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
     natural[0] = min(natural[0], least / clock.dt)
+    return np.maximum(SMALLEST * natural, TINY)
+
+
+def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
     return Field(
         "D",
         tuple(float(value) for value in values),
-        low=tuple(float(max(SMALLEST * value, TINY)) for value in natural),
+        low=tuple(map(float, smallest(part, clock, values))),
         high=tuple(float(value) for value in part.cap),
         meaning="diagonal factor of the covariance P = L D L'",
     )
@@ -147,15 +164,14 @@ def _written(L: Any, d: Any) -> dict[str, Any]:
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
-    moved, n = Moved(part, clock), part.dynamics.n
+    moved = Moved(part, clock)
     stages = moved.stages()
     transition, (L, d) = moved.transition(stages), _symbols(part)
     L, d, names = time_update(L, moved.grown(d), transition, part.scaled_factor(), moved.weights())
-    Phi = {f"Phi_{i + 1}{j + 1}": transition[i, j] for i in range(n) for j in range(n) if transition[i, j].n_dep()}
     return Block(
-        "z by classical Runge-Kutta; P = L D L' by P <- Phi P Phi' + h Q_theta",
+        f"z by classical Runge-Kutta; P = L D L' by {moved.equation}",
         {f"state.{part.z.name}": stages.result["z"], **_written(L, d)},
-        {**stages.names, **Phi, **names},
+        {**stages.names, **entries("Phi", transition), **names},
     )
 
 

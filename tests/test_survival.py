@@ -22,10 +22,12 @@ from hgogen.step import StepMayFail, StepTooLong
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 INFORMATION, COVARIANCE, FACTORED = hg.methods.rk4, hg.methods.rk4_covariance, hg.methods.continuous_discrete
+ROOT = hg.methods.cholesky
 TABLE = {  # dt: the largest theta that survives, and one that does not
     INFORMATION: {0.005: (16, 18), 0.01: (14, 16), 0.02: (12, 14), 0.05: (10, 12), 0.1: (8, 10)},
     COVARIANCE: {0.005: (100, None), 0.01: (100, None), 0.02: (80, 100), 0.05: (32, 40), 0.1: (16, 24)},
     FACTORED: dict.fromkeys((0.005, 0.01, 0.02, 0.05, 0.1), (100, None)),
+    ROOT: dict.fromkeys((0.005, 0.01, 0.02, 0.05, 0.1), (100, None)),
 }
 
 
@@ -55,8 +57,8 @@ def survives(step: Any, real: Any = None, duration: float = 30.0) -> bool:
     x1 = oracle.truth(scenario, step.dt, substeps=max(1, round(step.dt / 0.002)))[:, 0]
     y = x1 + oracle.noise(range(1), len(t), dt=step.dt)[0]
     states = compiled(step, np.sin(t), y, real) if real else called(step, np.sin(t), y)
-    floor = {field.name: field.low for field in step.state}.get("D")
-    return all(not lost and definite(state, floor) for lost, state in states)
+    floors = {field.name: field.low for field in step.state if field.name in ("D", "root")}
+    return all(not lost and definite(state, floors) for lost, state in states)
 
 
 def called(step: Any, u: np.ndarray, y: np.ndarray) -> Iterator[tuple[bool, np.ndarray]]:
@@ -75,10 +77,11 @@ def compiled(step: Any, u: np.ndarray, y: np.ndarray, real: Any) -> Iterator[tup
         yield "RESTARTED" in step.flags(status), native_step.state
 
 
-def definite(state: np.ndarray, floor: tuple[float, ...] | None) -> bool:
-    """By the eigenvalues of S or P scaled to a unit diagonal; of L D L' by D, which must not lie on its floor."""
-    if floor is not None:
-        return bool((state["D"][0] > np.array(floor, state["D"].dtype)).all())
+def definite(state: np.ndarray, floors: dict[str, tuple[float, ...]]) -> bool:
+    """By the eigenvalues of S or P scaled to a unit diagonal; of L D L' and S S' by the diagonal, which must not lie on
+    its floor."""
+    for name, floor in floors.items():
+        return bool((state[name][0] > np.array(floor, state[name].dtype)).all())
     (name,) = {"S", "P"} & set(state.dtype.names or ())
     packed, matrix = state[name][0].astype(float), np.empty((3, 3))
     rows, columns = np.triu_indices(3)
@@ -89,7 +92,7 @@ def definite(state: np.ndarray, floor: tuple[float, ...] | None) -> bool:
     return bool(np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))[0] > 0)
 
 
-@rows((INFORMATION, 0.01), (COVARIANCE, 0.05), (FACTORED, 0.1))
+@rows((INFORMATION, 0.01), (COVARIANCE, 0.05), (FACTORED, 0.1), (ROOT, 0.1))
 def test_survival(monkeypatch: pytest.MonkeyPatch, how: Any, dt: float, largest: float, beyond: float | None) -> None:
     """Finite and positive definite over the first 30 time units of the trial."""
     assert survives(forced(monkeypatch, largest, how, dt))
@@ -115,7 +118,7 @@ def test_a_large_initial_covariance_kills_rk4_on_p(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.filterwarnings("ignore::hgogen.step.StepMayFail")
-@rows((INFORMATION, 0.01), (FACTORED, 0.1))
+@rows((INFORMATION, 0.01), (FACTORED, 0.1), (ROOT, 0.02))
 def test_what_the_table_has_is_admitted_and_what_it_has_not_refused(
     how: Any, dt: float, largest: float, beyond: float | None
 ) -> None:

@@ -1,0 +1,36 @@
+"""Predict between samples, correct at a sample, covariance as P = S S' with S lower triangular.
+
+    z  <- one classical Runge-Kutta step of z' = f(z, u)
+    P  <- Phi P Phi' + h Q_theta,  Phi = I + hF + (hF)^2/2       (Gram-Schmidt on [Phi S, sqrt(h) W], W W' = Q_theta)
+    at a valid sample, with r = R_theta/h, c = dh_j/dz:  alpha = r + c P c',  K = P c'/alpha,  P <- P - K c P  (Carlson)
+
+The same step as `continuous_discrete` but for rounding: positive definite by construction, no limit on h from the
+covariance; its numbers span half the decades, for 2n square roots. Up to 7 states. Differential equations that are no
+Riccati observer go by classical Runge-Kutta. Source: Carlson, AIAA Journal 11 (1973).
+"""
+
+from dataclasses import dataclass
+
+from hgogen.method import Explicit
+from hgogen.observer import Clock, Ode, Pieces
+from hgogen.riccati import Riccati
+from hgogen.runge_kutta import RK4
+from hgogen.square_root import square_root
+
+
+@dataclass(frozen=True)
+class Cholesky:
+    """See the module."""
+
+    name: str = "continuous-discrete, S S'"
+
+    def ode(self, part: Ode, clock: Clock) -> Pieces:
+        """By classical Runge-Kutta."""
+        return Explicit(RK4, "information").ode(part, clock)
+
+    def riccati(self, part: Riccati, clock: Clock) -> Pieces:
+        """Predict, then one scalar update for each output."""
+        return square_root(part, clock)
+
+
+cholesky = Cholesky()
