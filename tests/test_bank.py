@@ -9,11 +9,14 @@ import emitted
 import neuron
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from oracle import bank as oracle
 from oracle import fitzhugh_nagumo as trial
 from plants import chain, model, pendulum, two_outputs
 
 import hgogen as hg
+from hgogen.decay import error_bound, log_growth
 from hgogen.native import run_check
 from hgogen.observer import BadGain
 from hgogen.parallel import BadPeriod
@@ -123,8 +126,8 @@ def test_a_window_with_hysteresis_settles_after_every_jump(scaled: str, steady: 
 
 def test_the_window_is_a_share_of_the_period_by_default() -> None:
     u, y = (values[:2000] for values in record()[1:])
-    given, default = (step(**options).run(u=u, y=y, engine="python") for options in ({"innovation": WINDOW}, {}))
-    assert np.array_equal(given.x, default.x)
+    long, default = (step(**options).run(u=u, y=y) for options in ({"innovation": WINDOW}, {}))
+    assert np.array_equal(long.x, default.x)
 
 
 # --- the members --------------------------------------------------------------------------------------------
@@ -155,6 +158,9 @@ MEMBERS: dict[str, tuple[Callable[[], Any], dict[str, Any]]] = {
 }
 
 
+QUICK = [("newest", "float"), ("adaptive", "float"), ("low_power", "double")]
+
+
 @cache
 def around(name: str) -> Any:
     build, options = MEMBERS[name]
@@ -175,11 +181,11 @@ def test_c_runs_any_member_as_python_does(name: str) -> None:
     """Restarts and switches among them; the two differ by their sine only."""
     made = around(name)
     made.reset()
-    given = waves(made, 300)
-    python = made.run(**given, engine="python")
+    given_ = waves(made, 300)
+    python = made.run(**given_, engine="python")
     saved = made.save()
     made.reset()
-    c = made.run(**given, engine="c")
+    c = made.run(**given_, engine="c")
     assert np.array_equal(python.status, c.status)
     assert c.x == pytest.approx(python.x, abs=1e-9 * np.abs(python.x).max())
     assert np.array_equal(python.traces["selected"], c.traces["selected"])
@@ -188,8 +194,10 @@ def test_c_runs_any_member_as_python_does(name: str) -> None:
     assert made.save() == saved
 
 
-@pytest.mark.parametrize("real", ["float", "double"])
-@pytest.mark.parametrize("name", ["newest", "adaptive", "windowed", "low_power", "twelve"])
+SLOW = [(name, real) for name in MEMBERS for real in ("float", "double") if (name, real) not in {*QUICK}]
+
+
+@pytest.mark.parametrize(("name", "real"), [*QUICK, *(pytest.param(*pair, marks=pytest.mark.slow) for pair in SLOW)])
 def test_its_c_has_every_bit_and_no_warning(name: str, real: Any) -> None:
     assert "as recorded" in run_check(hg.targets.c99(around(name), real=real))
 
@@ -199,9 +207,9 @@ def test_a_bank_that_never_switches_is_its_member(name: str) -> None:
     """Before the first restart all members are alike, to the last bit."""
     build, _ = MEMBERS[name]
     alone, made = hg.sample(build(), dt=0.01), around(name)
-    given = waves(made, 40)
+    given_ = waves(made, 40)
     made.reset()
-    one, bank = alone.run(**given, engine="python"), made.run(**given, engine="python")
+    one, bank = alone.run(**given_, engine="python"), made.run(**given_, engine="python")
     assert np.array_equal(one.x, bank.x)
     assert [alone.flags(s) for s in one.status] == [made.flags(s) for s in bank.status]
 
@@ -318,3 +326,46 @@ def test_a_bank_goes_around_an_observer() -> None:
 def test_a_period_that_does_not_fit(period: float, said: str) -> None:
     with pytest.raises(BadPeriod, match=f"^{said}"):
         step(period=period)
+
+
+# --- the theorem's bound ------------------------------------------------------------------------------------
+
+
+def test_the_bound_is_the_slides() -> None:
+    """Against (1) as printed, in numbers that a float holds."""
+    for t in (0.0, 0.5, 3.0, 20.0):
+        growth = 3.0 ** (4 + 0.2 / 0.1) * np.exp(-0.2 / 0.1 * 3.0 * (1 - np.exp(-0.1 * t)))
+        assert np.exp(log_growth(3.0, t, 0.1, n=3, a=0.2)) == pytest.approx(growth, rel=1e-13)
+        assert error_bound(3.0, t, 0.1, n=3, a=0.2, R=2.0, initial=5.0) ** 2 == pytest.approx(
+            2 * np.exp(-0.2 * t) * growth * 25, rel=1e-13
+        )
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1.0, 100.0), st.floats(0.01, 10.0), st.floats(0.01, 10.0), st.floats(0.01, 10.0))
+def test_the_bound_falls_as_fast_as_theta_is_large(theta_0: float, t: float, rate: float, a: float) -> None:
+    """d/dt log of (1) is -a (1 + theta_0 exp(-rate t)): the whole fall over t is its integral."""
+    fallen = log_growth(theta_0, 0.0, rate, n=3, a=a) - (log_growth(theta_0, t, rate, n=3, a=a))
+    assert fallen == pytest.approx(a * theta_0 / rate * (1 - np.exp(-rate * t)), rel=1e-9, abs=1e-9)
+
+
+def test_the_bound_is_infinite_rather_than_wrong_and_grows_without_limit_as_the_rate_falls() -> None:
+    assert error_bound(8.0, 0.0, 1e-4, n=3, a=1.0, R=1.0) == np.inf
+    assert log_growth(8.0, 1.0, 1e-6, n=3, a=1.0) > 1e6
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"rate": 0.0}, r"rate = 0\.0 must be a positive"),
+        ({"theta_0": 0.5}, r"theta_0 = 0\.5 must be .* at least 1"),
+        ({"t": -1.0}, r"t = -1\.0 must be a finite time"),
+        ({"a": 0}, "a = 0 must be a positive"),
+        ({"R": -1}, "R = -1 must be a positive"),
+        ({"n": 0}, "n = 0 must be the number of states"),
+        ({"initial": 0}, "initial = 0 must be a positive"),
+    ],
+)
+def test_bad_constants(change: dict[str, float], said: str) -> None:
+    with pytest.raises(BadGain, match=f"^{said}"):
+        error_bound(**{"theta_0": 8.0, "t": 1.0, "rate": 0.1, "n": 3, "a": 1.0, "R": 1.0, **change})
