@@ -188,6 +188,13 @@ def checks(id: str, theta: float, found: ThetaBound | Nothing) -> tuple[Check, C
     return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix="Raise theta, or validate by trials.")
 
 
+def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
+    """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
+    or why there is no bound, or no such form."""
+    found = _obstacle(form) or _steepness(form, _slopes(form), scale)
+    return Nothing(found) if isinstance(found, str) else found
+
+
 def _obstacle(form: Form) -> str:
     """Why the theorem does not apply as it stands, or ""."""
     if len(form.output) != 1:

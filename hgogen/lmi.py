@@ -4,7 +4,7 @@
 
 One matrix: the Lyapunov equation N'P + P N = -I is solved in rationals; its solution is the smallest P there is.
 Several: a convex program (cvxpy, Clarabel) minimises the largest eigenvalue of P. Both answers are rounded to short
-rationals and then verified by the signs of leading principal minors (Sylvester's criterion) in exact arithmetic: the
+rationals and then verified by the signs of characteristic polynomials in exact arithmetic (`hgogen.definite`): the
 status of a solver, or a float, is no proof. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities
 in System and Control Theory", SIAM (1994), 5.1.
 """
@@ -18,9 +18,10 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from flint import fmpq, fmpq_mat
 
+from hgogen.definite import Matrix, exact, fraction, number, positive, unit
 from hgogen.errors import HgogenError
 
-Matrix = tuple[tuple[Fraction, ...], ...]
+__all__ = ["Lyapunov", "Matrix", "NoSolver", "common", "gains", "lyapunov", "solved", "solver", "verified"]
 
 # What rounding may take from the inequality: P is made larger by such a share, the smallest that is enough.
 _SLACKS = (Fraction(1, 2**24), Fraction(1, 2**16), Fraction(1, 2**8))
@@ -52,12 +53,12 @@ class Lyapunov:
 
 def verified(candidate: Lyapunov) -> bool:
     """Whether P > 0, peak I - P > 0 and -I - N'P - P N > 0 at every vertex, in exact arithmetic."""
-    P, n = _exact(candidate.P), len(candidate.P)
+    P, n = exact(candidate.P), len(candidate.P)
     if P.transpose() != P:
         return False
-    one = _exact(_unit(n))
-    gaps = (P, one * _number(candidate.peak) - P, *(-one - _sum(_exact(N), P) for N in candidate.vertices))
-    return all(_positive(gap) for gap in gaps)
+    one = unit(n)
+    gaps = (P, one * number(candidate.peak) - P, *(-one - _sum(exact(N), P) for N in candidate.vertices))
+    return all(positive(gap) for gap in gaps)
 
 
 def lyapunov(N: Matrix) -> Lyapunov | None:
@@ -70,14 +71,14 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
     rows = [[fmpq(0)] * len(places) for _ in places]
     for (i, j), row in places.items():
         for k in range(n):
-            rows[row][places[min(k, j), max(k, j)]] += _number(N[k][i])
-            rows[row][places[min(i, k), max(i, k)]] += _number(N[k][j])
+            rows[row][places[min(k, j), max(k, j)]] += number(N[k][i])
+            rows[row][places[min(i, k), max(i, k)]] += number(N[k][j])
     try:
         found = fmpq_mat(rows).solve(fmpq_mat([[fmpq(-(i == j))] for i, j in places]))
     except ZeroDivisionError:  # two eigenvalues add up to zero
         return None
-    exact = [[found[places[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
-    return _rounded([[Fraction(int(value.p), int(value.q)) for value in row] for row in exact], (N,))
+    entries = [[found[places[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
+    return _rounded([[fraction(value) for value in row] for row in entries], (N,))
 
 
 def common(vertices: Iterable[Matrix]) -> Lyapunov | None:
@@ -88,12 +89,12 @@ def common(vertices: Iterable[Matrix]) -> Lyapunov | None:
     vertices = tuple(dict.fromkeys(vertices))
     if len(vertices) == 1:
         return lyapunov(vertices[0])
-    cp = _cvxpy("one Lyapunov function for a range of a_i")
+    cp = solver("one Lyapunov function for a range of a_i")
     n = len(vertices[0])
     P, peak = cp.Variable((n, n), PSD=True), cp.Variable()
     one = np.eye(n)
     limits = [P << peak * one, *(_floats(N).T @ P + P @ _floats(N) << -one for N in vertices)]
-    value = _solved(cp, cp.Problem(cp.Minimize(peak), limits), P)
+    value = solved(cp, cp.Problem(cp.Minimize(peak), limits), P)
     return None if value is None else _scaled(value, vertices)
 
 
@@ -106,7 +107,7 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
 
     Raises: `NoSolver`.
     """
-    cp = _cvxpy("a gain for a range of a_i")
+    cp = solver("a gain for a range of a_i")
     pairs = [(_floats(A), np.array([list(map(float, C))])) for A, C in corners]
     n = len(pairs[0][0])
     P, Y, peak, least = cp.Variable((n, n), PSD=True), cp.Variable((n, 1)), cp.Variable(), cp.Variable()
@@ -114,14 +115,15 @@ def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) 
     bounded = cp.bmat([[P, Y], [Y.T, cp.reshape(largest**2 * least, (1, 1), order="C")]])
     limits = [P << peak * one, P >> least * one, bounded >> 0]
     limits += [A.T @ P + P @ A - Y @ C - C.T @ Y.T << -one for A, C in pairs]
-    value = _solved(cp, cp.Problem(cp.Minimize(peak), limits), P)
+    value = solved(cp, cp.Problem(cp.Minimize(peak), limits), P)
     if value is None or np.linalg.eigvalsh(value).min() <= 0:
         return None
     K = np.linalg.solve(value, Y.value).ravel()
     return tuple(Fraction(float(f"{k:.6g}")) for k in K)
 
 
-def _cvxpy(what: str) -> Any:
+def solver(what: str) -> Any:
+    """cvxpy, with Clarabel installed. Raises: `NoSolver`, of `what` needs it."""
     try:
         import cvxpy  # here, because it is slow to import and seldom needed
 
@@ -132,7 +134,7 @@ def _cvxpy(what: str) -> Any:
     return cvxpy
 
 
-def _solved(cp: Any, problem: Any, P: Any) -> np.ndarray | None:
+def solved(cp: Any, problem: Any, P: Any) -> np.ndarray | None:
     """P as the solver leaves it, whatever it thinks of it."""
     try:
         with catch_warnings():
@@ -170,26 +172,8 @@ def _above(value: float, slack: Fraction) -> Fraction:
     return -(-Fraction(value) * (1 + slack) // step) * step
 
 
-def _positive(M: Any) -> bool:
-    """Positive definite, by leading principal minors."""
-    n = M.nrows()
-    return all(fmpq_mat(k, k, [M[i, j] for i in range(k) for j in range(k)]).det() > 0 for k in range(1, n + 1))
-
-
 def _sum(N: Any, P: Any) -> Any:
     return N.transpose() * P + P * N
-
-
-def _exact(M: Matrix) -> Any:
-    return fmpq_mat([[_number(value) for value in row] for row in M])
-
-
-def _number(value: Fraction) -> Any:
-    return fmpq(value.numerator, value.denominator)
-
-
-def _unit(n: int) -> Matrix:
-    return tuple(tuple(Fraction(int(i == j)) for j in range(n)) for i in range(n))
 
 
 def _floats(M: Matrix) -> np.ndarray:

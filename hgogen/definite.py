@@ -1,0 +1,81 @@
+"""Signs of the eigenvalues of a symmetric rational matrix, in exact arithmetic.
+
+All eigenvalues of a symmetric M are real, and det(x I + M) = sum_k e_k x^(n-k) with e_k the elementary symmetric
+functions of them. So M >= 0 if and only if every e_k >= 0, and M > 0 if and only if every e_k > 0 (FLINT's
+characteristic polynomial; Horn, Johnson, "Matrix Analysis", 7.1 and 7.2).
+"""
+
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+Matrix = tuple[tuple[Fraction, ...], ...]
+
+_CLOSE = Fraction(1, 2**40)  # of the largest entry: how near to a float eigenvalue its enclosure begins
+
+
+def exact(M: Iterable[Iterable[Fraction]]) -> Any:
+    """A matrix of fractions as FLINT's."""
+    return fmpq_mat([[number(value) for value in row] for row in M])
+
+
+def number(value: Fraction) -> Any:
+    """A fraction as FLINT's."""
+    return fmpq(value.numerator, value.denominator)
+
+
+def fraction(value: Any) -> Fraction:
+    """FLINT's rational as a fraction."""
+    return Fraction(int(value.p), int(value.q))
+
+
+def floats(M: Any) -> np.ndarray:
+    """FLINT's matrix as floats."""
+    return np.array([[float(fraction(M[i, j])) for j in range(M.ncols())] for i in range(M.nrows())])
+
+
+def unit(n: int) -> Any:
+    """The unit matrix (n, n), FLINT's."""
+    return fmpq_mat([[fmpq(int(i == j)) for j in range(n)] for i in range(n)])
+
+
+def positive(M: Any) -> bool:
+    """Whether a symmetric matrix of FLINT's is positive definite: proved either way."""
+    return all(value > 0 for value in _elementary(M))
+
+
+def nonnegative(M: Any) -> bool:
+    """Whether a symmetric matrix of FLINT's is positive semidefinite: proved either way."""
+    return all(value >= 0 for value in _elementary(M))
+
+
+def smallest(M: Any) -> tuple[Fraction, Fraction]:
+    """(low, high) around the smallest eigenvalue of a symmetric matrix of FLINT's: low <= it < high, both proved.
+
+    low is the float in nine digits where that is below, so that 2 is found as 2; else both start a share 2^-40 of the
+    largest entry from the float, and move outwards until they are proved.
+    """
+    values = floats(M)
+    found, near = float(np.linalg.eigvalsh(values).min()), _CLOSE * Fraction(float(np.abs(values).max()) or 1.0)
+    one, middle, low = unit(M.nrows()), Fraction(found), Fraction(f"{found:.9g}")
+    high, below, above = middle + near, near, near
+    while not nonnegative(M - one * number(low)):
+        low, below = middle - below, 4 * below
+    while nonnegative(M - one * number(high)):
+        above *= 4
+        high = middle + above
+    return low, high
+
+
+def largest(M: Any) -> tuple[Fraction, Fraction]:
+    """(low, high) around the largest eigenvalue of a symmetric matrix of FLINT's: low < it <= high, both proved."""
+    low, high = smallest(-M)
+    return -high, -low
+
+
+def _elementary(M: Any) -> Sequence[Any]:
+    """e_1, .., e_n: the coefficients of det(x I + M) = (-1)^n det(-x I - M) after the first."""
+    return list((-M).charpoly().coeffs()[-2::-1])

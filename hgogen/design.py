@@ -1,0 +1,183 @@
+"""K and P for a high gain that moves, by linear matrix inequalities: found in floats, rounded, verified in rationals.
+
+`hgogen.gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54), D P + P D >= 0
+and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is computed and
+proved of them, by `hgogen.adaptive_gain`. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction
+for dynamic systems" (2020), section 4.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from hgogen.adaptive_gain import Disturbance, candidate, facts, root, share_of
+from hgogen.adaptive_gain import disturbance as as_disturbance
+from hgogen.check import Check, Verdict
+from hgogen.digits import down, up
+from hgogen.errors import HgogenError
+from hgogen.gain_programs import Found, Task, best
+from hgogen.hurwitz import demand_hurwitz
+from hgogen.lmi import solver
+from hgogen.observer import BadGain, positive, real, reals
+
+_MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
+_DIGITS_K, _DIGITS_P = 6, 9
+_FACTORS, _BISECTIONS = 6, 6  # how far to relax a bound, by factors of 10, and how near to come to the edge
+
+
+@dataclass(frozen=True)
+class Design:
+    """K (n), P (n, n) and sigma, as an observer takes them, with what is proved of them.
+
+    `gamma`: gamma_inf may be anything from it on, (88) from above; `mu`: the L2 gain where gamma_sup is `gamma`, from
+    above, else (gamma_sup/gamma)^n times that; None without a disturbance. `checks`: P > 0, D P + P D >= 0 and (54).
+    """
+
+    K: tuple[float, ...]
+    P: tuple[tuple[float, ...], ...]
+    sigma: float
+    gamma: Fraction
+    mu: Fraction | None
+    checks: tuple[Check, ...]
+
+    def __str__(self) -> str:
+        K = ", ".join(f"{k:g}" for k in self.K)
+        least = f"gamma_inf >= {up(self.gamma, 6)}"
+        return f"K = ({K}), sigma = {self.sigma:g}: {least}" + ("" if self.mu is None else f", mu <= {up(self.mu, 6)}")
+
+
+@dataclass(eq=False)
+class Infeasible(HgogenError):
+    """Bounds that no K and P satisfy: `bounds` by name, and `enough`, what would do in the place of one, the others
+    kept."""
+
+    n: int
+    bounds: dict[str, float]
+    enough: dict[str, str]
+
+    def __str__(self) -> str:
+        asked = ", ".join(f"{name} = {value:g}" for name, value in self.bounds.items())
+        ways = ", or ".join(f"{name} = {value}" for name, value in self.enough.items())
+        fix = f"with the others kept, {ways} would do" if ways else "relax several of them, none alone is in the way"
+        return f"no K and P were found for a chain of {self.n} integrators with {asked}: {fix}"
+
+
+def adaptive_gain(
+    n: int,
+    *,
+    slope: float,
+    sigma: float = 0.05,
+    largest: float = 10.0,
+    gamma: float = math.inf,
+    mu: float = math.inf,
+    disturbance: tuple[Any, Any] | None = None,
+    K: Any = None,
+) -> Design:
+    """K and P for a chain of n integrators whose nonlinear part has the slope k, of a small bound on gamma, or with a
+    `disturbance` of a small L2 gain.
+
+    Args: `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on (at gamma = 1, and for all
+    a_i = 1, it is the L_b of a form's check); `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the
+    smaller the bound and the larger K; `gamma`, `mu` what the bounds may be at most; `disturbance` (G_1 (n, m),
+    G_2 (m)) in the same coordinates; `K` (n) a given gain, for which P is sought.
+
+    Raises: `Infeasible`, which says what bound to relax; `lmi.NoSolver`; `NotHurwitz` for a given K; `BadGain`.
+    """
+    if isinstance(n, bool) or not isinstance(n, int) or n < 2:
+        raise BadGain(f"n = {n!r}", "must be a whole number of integrators, at least 2; K = P = 1 do for one")
+    given = None if disturbance is None else as_disturbance(disturbance, n)
+    if given is None and mu != math.inf:
+        raise BadGain(f"mu = {mu!r}", "bounds the gain from a disturbance; give the disturbance")
+    if not 0 <= real("slope", slope) < math.inf:
+        raise BadGain(f"slope = {slope!r}", "must be a finite number, at least 0")
+    bounds = {"sigma": positive("sigma", sigma)}
+    bounds |= {name: _limit(name, x) for name, x in (("largest", largest), ("gamma", gamma), ("mu", mu))}
+    deltas = None if given is None else (float(given.deltas[0]), float(given.deltas[1]))
+    task = Task(n, float(slope), bounds, deltas, None if K is None else _column(K, n), _MARGINS[0])
+    cp = solver("the design of an adaptive gain")
+    for margin in _MARGINS:
+        found = best(cp, replace(task, margin=margin))
+        if found is None:
+            break
+        design = _rounded(task, found, given)
+        if design is not None:
+            return design
+    kept = {name: value for name, value in bounds.items() if value < math.inf and (K is None or name != "largest")}
+    raise Infeasible(n, kept, _enough(cp, task, kept))
+
+
+def _limit(name: str, value: Any) -> float:
+    return math.inf if value == math.inf else positive(name, value)
+
+
+def _column(K: Any, n: int) -> np.ndarray:
+    values = reals("K", K)
+    if values.shape != (n,) or not np.isfinite(values).all():
+        raise BadGain(f"K = {K!r}", f"must be {n} finite numbers, one for each integrator")
+    core = np.diag(np.ones(n - 1), 1) - np.outer(values, np.eye(n)[0])
+    demand_hurwitz("K", core, "take the coefficients of a polynomial whose roots decay, or leave K out")
+    return values[:, None]
+
+
+def _rounded(task: Task, found: Found, given: Disturbance | None) -> Design | None:
+    """Short numbers with what is proved of them; None where rounding lost it, or one of the bounds."""
+    P = [[_short(value, _DIGITS_P) for value in row] for row in found.P.tolist()]
+    if task.K is None:
+        K = [_short(k, _DIGITS_K) for k in np.linalg.solve(found.P, found.Y).ravel().tolist()]
+    else:
+        K = task.K.ravel().tolist()
+    known = candidate(K, P, task.bounds["sigma"])
+    proved = facts("adaptive_gain", known)
+    if any(check.verdict is not Verdict.PROVED for check in proved):
+        return None
+    slope, gamma, mu = Fraction(task.slope), Fraction(found.gamma), None
+    if given is None:
+        gamma = known.least(slope)
+    else:
+        share = share_of(known, (4 * slope * known.peak + 1) / (2 * gamma), given)
+        if share is None:
+            return None
+        mu = root(2 * share) * gamma**task.n
+    if gamma > task.bounds["gamma"] or (mu is not None and mu > task.bounds["mu"]):
+        return None
+    return Design(tuple(K), tuple(map(tuple, P)), task.bounds["sigma"], gamma, mu, proved)
+
+
+def _short(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _enough(cp: Any, task: Task, kept: Iterable[str]) -> dict[str, str]:
+    """For each bound that alone is in the way, a value that would do."""
+    found = {}
+    for name in kept:
+        loosest = best(cp, task.bounded(name, 0.0 if name == "sigma" else math.inf))
+        if loosest is None:
+            continue
+        if name == "mu" or (name == "gamma" and task.deltas is None):
+            found[name] = up(float(getattr(loosest, name)))
+            continue
+
+        def feasible(value: float, name: str = name) -> bool:
+            return best(cp, task.bounded(name, value)) is not None
+
+        value = _edge(feasible, task.bounds[name], 0.1 if name == "sigma" else 10.0)
+        if value is not None:
+            found[name] = (down if name == "sigma" else up)(value)
+    return found
+
+
+def _edge(feasible: Callable[[float], bool], refused: float, factor: float) -> float | None:
+    """A feasible value in the direction of the factor, near the edge; None where it is too far."""
+    good = next((refused * factor**k for k in range(1, _FACTORS + 1) if feasible(refused * factor**k)), None)
+    if good is None:
+        return None
+    bad = good / factor
+    for _ in range(_BISECTIONS):
+        middle = math.sqrt(good * bad)
+        good, bad = (middle, bad) if feasible(middle) else (good, middle)
+    return good

@@ -1,0 +1,166 @@
+"""High-gain observer whose gain adapts to the output error, K and P from linear matrix inequalities.
+
+    w_i' = w_(i+1) + c_i(w, u) + gamma^i k_i (y - w_1),   w_(n+1) = 0                                       (46), (47)
+    r = |y - w_1|
+    gamma' = alpha gamma          if r > d and gamma < gamma_sup
+             -sigma gamma^2       if r <= d and gamma > gamma_inf
+             0                    else: gamma is clipped to [gamma_inf, gamma_sup] in every slope and after each step
+
+in the coordinates of `integrators`, the argument of c saturated to the declared box. K, P and sigma satisfy (54), which
+with D P + P D >= 0 lets gamma rise at any rate and fall no faster than sigma gamma^2 (`hgogen.adaptive_gain` verifies,
+`hgogen.design` finds them). The law is (90) projected: taken literally it never leaves gamma_inf or gamma_sup. Where no
+sample is valid gamma rests. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
+systems", Mathematical Problems in Engineering (2020), theorems 5-7, (46), (87), (90).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.adaptive_gain import Given, candidate, checks
+from hgogen.adaptive_gain import disturbance as as_disturbance
+from hgogen.certified import Nothing, slope
+from hgogen.check import Verdict, demand
+from hgogen.dynamics import clamp
+from hgogen.form import Form
+from hgogen.hurwitz import demand_hurwitz
+from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.observer import BadGain, Observer, Ode, founded, gain, positive, reals
+from hgogen.program import Field, column, scalar, sym
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems (2020), theorems 5-7"
+EQUATIONS = (
+    "w_i' = w_(i+1) + c_i(w, u) + gamma^i k_i (y - w_1), w_(n+1) = 0",
+    "gamma' = rise gamma while |y - w_1| > threshold, -sigma gamma^2 else, in [gamma_inf, gamma_sup]",
+)
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state, and is input-to-state stable under disturbances",
+    (
+        *FORM,
+        Hypothesis("P is positive definite", ("adaptive_lmi.definite",), reference="theorem 5"),
+        Hypothesis(
+            "(A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0 for a lambda > 0",
+            ("adaptive_lmi.decay",),
+            reference="(54)",
+        ),
+        Hypothesis("D P + P D >= 0", ("adaptive_lmi.shrink",), reference="missing in theorem 5"),
+        Hypothesis(
+            "gamma is continuous, at least 1 and bounded, and gamma' >= -sigma gamma^2",
+            verdict=Verdict.PROVED,
+            reason="by its law, also where it slides along r = d",
+            reference="assumption 3, (55)",
+        ),
+        Hypothesis("gamma_inf > max(1, 2 k lambda_max(P)/lambda)", ("adaptive_lmi.gamma",), reference="(56), (62)"),
+        Hypothesis(
+            "the L2 gain from the declared disturbance to the error in w is at most mu",
+            ("adaptive_lmi.attenuation",),
+            reference="theorem 7",
+            optional=True,
+        ),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+def adaptive_lmi(
+    form: Form,
+    *,
+    gamma: tuple[float, float],
+    K: Sequence[float],
+    P: Sequence[Sequence[float]] | np.ndarray,
+    sigma: float,
+    rise: float,
+    threshold: float,
+    disturbance: tuple[Any, Any] | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The observer with adaptive gain on a form of one output with constant a_i.
+
+    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (of K, P, sigma), `.gamma` (convergence), `.attenuation` (of a
+    disturbance); `adaptive_lmi.lipschitz` in coordinates other than the plant's states.
+
+    Args: `gamma` (gamma_inf, gamma_sup), 1 <= gamma_inf < gamma_sup, it starts at gamma_inf; `K` (n), `P` (n, n),
+    `sigma` > 0 of `hgogen.design`, for a chain of n integrators; `rise` alpha (1/s) > 0; `threshold` d > 0 in the unit
+    of y, above the noise; `disturbance` (G_1 (n, m), G_2 (m)) of m disturbances of w' and y; `initial` the plant's
+    state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
+    """
+    accept = (accept,) if isinstance(accept, str) else tuple(accept)
+    founded("adaptive_lmi", form, [id for id in accept if not id.startswith("adaptive_lmi.")])
+    chain, (low, high) = integrators("adaptive_lmi", form), _range(gamma)
+    found = candidate(K, P, sigma, chain.n)
+    if not found.sigma:
+        raise BadGain("sigma = 0", "would keep gamma from falling; design K and P for a positive sigma")
+    core = np.diag(np.ones(chain.n - 1), 1) - np.outer([float(k) for k in found.K], np.eye(chain.n)[0])
+    demand_hurwitz("K", core, "take K and P of hgogen.design")
+    steep = slope(form, [_power(low, -i) * p for i, p in enumerate(chain.products)])
+    k, reason = (None, str(steep)) if isinstance(steep, Nothing) else (steep.high, "")
+    disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
+    own = checks("adaptive_lmi", found, Given(Fraction(low), Fraction(high), k, reason, disturbed))
+    demand((*form.checks, *own), accept, form)
+    gains = (
+        _wide("rise", rise, "alpha, rate at which gamma rises", "1/s"),
+        _wide("threshold", threshold, "d, output error above which gamma rises", form.system.outputs[0].unit),
+        gain("sigma", float(found.sigma), 0.0, float(found.sigma), "gamma falls like -sigma gamma^2"),
+    )
+    w = chain.field(initial, high)
+    moving = scalar("gamma", low, low=low, high=high, meaning="high-gain parameter")
+    return observer_on(
+        chain,
+        "adaptive_lmi",
+        parts=(_part(chain, w, moving, [float(k) for k in found.K]),),
+        gains=gains,
+        w=sym("state.w", chain.n),
+        theorem=THEOREM,
+        equations=EQUATIONS,
+        reference=REFERENCE,
+        checks=own,
+        accepted=accept,
+        traces=("gamma",),
+    )
+
+
+def _part(chain: Integrators, w: Field, moving: Field, K: Sequence[float]) -> Ode:
+    """what and gamma as one differential equation."""
+    n, (low, high) = chain.n, moving.box[0]
+
+    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+        w, level, power, rate = values["w"], clamp(values["gamma"], low, high), ca.SX(1), []
+        for i in range(n):
+            power = power * level
+            rate.append((w[i + 1] if i + 1 < n else 0) + power * (K[i] * (valid * (y - w[0]))))
+        return {"w": column(rate)}
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        level = clamp(values["gamma"], low, high)
+        loud = ca.fabs(y - chain.offset(u) - values["w"][0]) > sym("gain.threshold")
+        law = level * ca.if_else(loud, sym("gain.rise"), -sym("gain.sigma") * level)
+        return {"w": chain.nonlinear(values["w"], u), "gamma": valid * law}
+
+    return Ode((w, moving), rest, linear, chain.offset, frozen={"gamma": (high,)})
+
+
+def _range(gamma: Any) -> tuple[float, float]:
+    given = reals("gamma", gamma)
+    if given.shape != (2,) or not 1 <= given[0] < given[1] < np.inf:
+        raise BadGain(f"gamma = {gamma!r}", "must be (gamma_inf, gamma_sup) with 1 <= gamma_inf < gamma_sup, finite")
+    return float(given[0]), float(given[1])
+
+
+def _wide(name: str, given: Any, meaning: str, unit: str) -> Field:
+    """A gain above 0, tunable by a factor 1000."""
+    value = positive(name, given)
+    return gain(name, value, 1e-3 * value, 1e3 * value, meaning, unit)
+
+
+def _power(value: float, exponent: int) -> sp.Rational:
+    power = Fraction(value) ** exponent
+    return sp.Rational(power.numerator, power.denominator)

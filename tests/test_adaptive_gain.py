@@ -1,0 +1,224 @@
+"""Lyapunov functions of a gain that moves: the paper's numbers, exact signs, and the inequality behind the theorems."""
+
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracle.adaptive_lmi import SIGMA, K, P
+
+from hgogen.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain, rational, root, verified
+from hgogen.check import Check, Verdict
+from hgogen.definite import exact, largest, nonnegative, positive, smallest
+from hgogen.observer import BadGain
+
+LAMBDA, ALPHAS, SLOPE = 0.1666, (3.2950, 3.4810), Fraction("0.71")
+TORQUE = (((0, 0), (0, 0), (0, 1)), (1, 0))  # G_1, G_2 of (92)
+D = np.diag([1.0, 2.0, 3.0])
+
+
+def paper() -> Candidate:
+    return candidate(K, P, SIGMA)
+
+
+def core(K: np.ndarray) -> np.ndarray:
+    return np.diag(np.ones(len(K) - 1), 1) - np.outer(K, np.eye(len(K))[0])
+
+
+def lyapunov() -> np.ndarray:
+    """P of (A - K C + sigma D)'P + P (A - K C + sigma D) = -I."""
+    M, one = core(K) + SIGMA * D, np.eye(3)
+    P = np.linalg.solve(np.kron(M.T, one) + np.kron(one, M.T), -one.ravel()).reshape(3, 3)
+    return (P + P.T) / 2
+
+
+def by_id(found: tuple[Check, ...]) -> dict[str, Check]:
+    return {check.id.split(".")[1]: check for check in found}
+
+
+# --- signs --------------------------------------------------------------------------------------------------
+
+entries = st.integers(-9, 9)
+square = st.integers(1, 5).flatmap(
+    lambda n: st.lists(st.lists(entries, min_size=n, max_size=n), min_size=n, max_size=n)
+)
+
+
+@given(square)
+@settings(deadline=None, max_examples=60)
+def test_signs_are_those_of_the_eigenvalues(rows: list[list[int]]) -> None:
+    """B B' has a rank that numpy finds, of integers this small; B + B' any signs."""
+    B = np.array(rows, dtype=float)
+    gram, sum_ = exact(rational(B @ B.T)), exact(rational(B + B.T))
+    assert nonnegative(gram)
+    assert positive(gram) == (np.linalg.matrix_rank(B) == len(B))
+    values = np.linalg.eigvalsh(B + B.T)
+    if np.abs(values).min() > 1e-9:
+        assert positive(sum_) == (values.min() > 0) == nonnegative(sum_)
+
+
+@given(square)
+@settings(deadline=None, max_examples=60)
+def test_an_eigenvalue_lies_in_its_enclosure(rows: list[list[int]]) -> None:
+    M = np.array(rows, dtype=float) + np.array(rows, dtype=float).T
+    values, scale = np.linalg.eigvalsh(M), np.abs(M).max() + 1
+    for (low, high), value in ((smallest(exact(rational(M))), values[0]), (largest(exact(rational(M))), values[-1])):
+        assert low < high < low + scale * 1e-8
+        assert value == pytest.approx(float(low), abs=scale * 1e-8)
+
+
+def test_a_whole_eigenvalue_is_found_whole() -> None:
+    assert largest(exact(rational(np.diag([2.0, 1.0]))))[1] == 2
+
+
+# --- the printed K and P ------------------------------------------------------------------------------------
+
+
+def test_the_numbers_of_the_printed_design() -> None:
+    found, torque = paper(), disturbance(TORQUE, 3)
+    assert float(found.peak) == pytest.approx(2.0552748, abs=5e-8)
+    assert float(smallest(found.shrink)[0]) == pytest.approx(0.0570, abs=5e-5)
+    assert torque.deltas == (2, 1)
+    for slope, gamma, mu in ((SLOPE, 20.519, 31364), (Fraction(0.5**0.5), 20.448, 31038)):
+        bound = found.least(slope, Fraction(LAMBDA))
+        assert float(bound) == pytest.approx(gamma, abs=5e-4)
+        worst = max(delta * Fraction(alpha) for delta, alpha in zip(torque.deltas, ALPHAS, strict=True))
+        assert float(root(2 * worst) * bound**3) == pytest.approx(mu, abs=0.5)
+
+
+def test_the_printed_design_is_proved() -> None:
+    found = by_id(verified(K, P, SIGMA, LAMBDA, ALPHAS))
+    assert set(found) == {"definite", "shrink", "decay", "attenuation"}
+    assert {check.verdict for check in found.values()} == {Verdict.PROVED}
+    assert "the largest eigenvalue is at most -0.1576" in found["decay"].reason
+    assert "the largest eigenvalue is at most -0.09314" in found["attenuation"].reason
+
+
+def test_what_fails_is_refuted_with_its_eigenvalue() -> None:
+    """-0.1576 + 0.2 > 0 at lambda = 0.3666; the solution of the Lyapunov equation does not let gamma rise."""
+    decay = by_id(verified(K, P, SIGMA, LAMBDA + 0.2))["decay"]
+    assert decay.verdict is Verdict.REFUTED
+    assert decay.witness["eigenvalue"] == pytest.approx(0.0424, abs=1e-4)
+    tight = by_id(verified(K, P, SIGMA, LAMBDA, (1.0, 1.0)))["attenuation"]
+    assert tight.verdict is Verdict.REFUTED
+    assert tight.witness["eigenvalue"] > 0
+    other = by_id(verified(K, lyapunov(), SIGMA))
+    assert [other[name].verdict for name in ("definite", "decay", "shrink")] == [
+        Verdict.PROVED,
+        Verdict.PROVED,
+        Verdict.REFUTED,
+    ]
+    assert other["shrink"].witness["eigenvalue"] == pytest.approx(-0.0635, abs=1e-4)
+    assert by_id(verified(K, -P, SIGMA))["definite"].verdict is Verdict.REFUTED
+
+
+def test_an_eigenvalue_of_0_is_enough_for_gamma_to_rise_and_not_for_decay() -> None:
+    """P = [[1, x], [x, 1]]: D P + P D = [[2, 3x], [3x, 4]] is singular at x^2 = 8/9, as with P = [[9, 8], [8, 8]]."""
+    found = by_id(verified((3.0, 1.0), ((9, 8), (8, 8)), 0))
+    assert np.linalg.det(np.array([[18, 24], [24, 32]])) == pytest.approx(0)
+    assert found["shrink"].verdict is Verdict.PROVED
+    assert by_id(verified((3.0, 1.0), ((9, 8.0001), (8.0001, 8)), 0))["shrink"].verdict is Verdict.REFUTED
+
+
+# --- what follows from them ---------------------------------------------------------------------------------
+
+
+def given_(low: float = 20.53, high: float = 80, slope: Fraction | None = SLOPE, **more: Any) -> Given:
+    return Given(Fraction(low), Fraction(high), slope, disturbance=disturbance(TORQUE, 3), **more)
+
+
+def test_the_checks_of_an_observer() -> None:
+    """The largest lambda of (54) is 0.1666 + 0.1576: gamma_inf above 2 0.71 2.05527/0.32424 = 9.0012."""
+    found = by_id(checks("it", paper(), given_()))
+    assert {check.verdict for check in found.values()} == {Verdict.PROVED}
+    assert found["gamma"].reason.startswith("above 9.002, k <= 0.71, lambda_max(P) <= 2.056, lambda >= 0.3242")
+    low = by_id(checks("it", paper(), given_(low=9.0)))
+    assert (low["gamma"].verdict, low["attenuation"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
+    assert "the bound is 9.002" in low["gamma"].reason
+    assert by_id(checks("it", paper(), given_(low=9.01)))["gamma"].verdict is Verdict.PROVED
+    blind = by_id(checks("it", paper(), given_(slope=None, reason="b may jump")))
+    assert [blind[name].verdict for name in ("gamma", "attenuation")] == [Verdict.UNKNOWN] * 2
+    assert blind["gamma"].reason == "b may jump"
+    wrong = by_id(checks("it", candidate(K, lyapunov(), SIGMA), given_()))
+    assert [wrong[name].verdict for name in ("decay", "shrink")] == [Verdict.PROVED, Verdict.REFUTED]
+    assert [wrong[name].verdict for name in ("gamma", "attenuation")] == [Verdict.UNKNOWN] * 2
+
+
+def test_the_gain_is_no_larger_than_the_papers() -> None:
+    """At gamma_inf = gamma_sup = 20.519 (89) gives 31364 with the paper's alphas; the best for K and P is below."""
+    mu = gain(paper(), given_(20.53, 20.53))
+    assert mu is not None
+    assert mu < 31364
+    doubled = gain(paper(), given_(20.53, 41.06))
+    assert doubled == pytest.approx(8 * mu, rel=1e-12)
+
+
+@cache
+def skewed() -> tuple[Candidate, Given, float]:
+    """A disturbance whose G_1 G_1' is not diagonal, for which (79) fails."""
+    G = (np.array([[1.0, 0, 0], [2.0, 1.0, 0], [-1.0, 1.0, 0]]), np.array([0.5, 0, 1.0]))
+    given = Given(Fraction(25), Fraction(30), SLOPE, disturbance=disturbance(G, 3))
+    mu = gain(paper(), given)
+    assert mu is not None
+    return paper(), given, float(mu)
+
+
+def test_79_fails_where_the_bound_by_the_norm_holds() -> None:
+    """T^-1 M T^-1 <= gamma M: false already at gamma = 1 + for M of rank 1 that is not diagonal."""
+    M, T = np.ones((2, 2)), np.diag([1 / 1.1, 1 / 1.1**2])
+    assert np.linalg.eigvalsh(1.1 * M - T @ M @ T).min() < -1e-4
+    assert np.linalg.eigvalsh(1.1 * 2 * np.eye(2) - T @ M @ T).min() > 0
+
+
+@given(
+    st.floats(0, 1),
+    st.floats(-1, 20),
+    st.lists(st.floats(-1, 1), min_size=6, max_size=6),
+)
+@settings(deadline=None, max_examples=200)
+def test_the_dissipation_inequality_holds(share: float, speed: float, slopes: list[float]) -> None:
+    """(84) at every e, v, with gamma in its range, gamma' >= -sigma gamma^2 and any slope of norm k: what is left of
+    V' + |w - what|^2/2 - mu^2 |v|^2/2 after the worst v is a quadratic form, not above 0."""
+    found, given, mu = skewed()
+    assert given.disturbance is not None
+    low, high = float(given.low), float(given.high)
+    gamma = low + share * (high - low)
+    J = np.zeros((3, 3))
+    J[np.tril_indices(3)] = slopes
+    J *= float(SLOPE) / max(np.linalg.norm(J, 2), 1e-9)
+    T = np.diag([gamma, gamma**2, gamma**3])
+    G = np.array([[float(x) for x in row] for row in given.disturbance.plant])
+    g = np.array([[float(x) for x in given.disturbance.measurement]])
+    moved = gamma * core(K) - speed * SIGMA * gamma * D + np.linalg.inv(T) @ J @ T
+    B = np.linalg.inv(T) @ G - K[:, None] @ g
+    weight = high**6
+    form = weight * (moved.T @ P + P @ moved) + T @ T / 2 * 1.0 + 2 * weight**2 / mu**2 * P @ B @ B.T @ P
+    assert np.linalg.eigvalsh(form).max() <= 0
+    assert found.sigma == Fraction(SIGMA)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"K": (1, 2)}, r"P of shape \(3, 3\) must be a 2 x 2 matrix"),
+        ({"K": ((1, 2, 3),)}, r"K of shape \(1, 3\) must have 3 numbers"),
+        ({"K": (1, 2, float("nan"))}, "K must be finite"),
+        ({"P": P + np.eye(3, k=1)}, r"P must be symmetric; give \(P \+ P'\)/2"),
+        ({"P": "one"}, "P = 'one' must be a number or an array of numbers"),
+        ({"sigma": -0.1}, r"sigma = -0\.1 must be a number, at least 0"),
+        ({"sigma": (1, 2)}, r"sigma = \(1, 2\) must be a number"),
+        ({"alphas": (1.0, 0.0)}, r"alphas = \(1\.0, 0\.0\) must be positive"),
+    ],
+)
+def test_bad_candidates(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadGain, match=f"^{said}"):
+        verified(**{"K": K, "P": P, "sigma": SIGMA, **changes})
+
+
+@pytest.mark.parametrize("given", [np.eye(3), (np.eye(2), (1, 1)), (np.eye(3), (1, 1)), (np.eye(3), (1, 1, np.inf))])
+def test_bad_disturbances(given: Any) -> None:
+    with pytest.raises(BadGain, match=r"^disturbance must be a pair|^G_1 of shape|^G_1 and G_2 must be finite"):
+        disturbance(given, 3)

@@ -1,0 +1,130 @@
+"""K and P from linear matrix inequalities: known answers, an independent look at what was found, what is refused."""
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from oracle.adaptive_lmi import SIGMA, K
+
+from hgogen.check import Verdict
+from hgogen.design import Design, Infeasible, adaptive_gain
+from hgogen.hurwitz import NotHurwitz
+from hgogen.lmi import NoSolver
+from hgogen.observer import BadGain
+
+pytest.importorskip("clarabel")
+pytest.importorskip("cvxpy")
+
+TORQUE = (((0, 0), (0, 0), (0, 1)), (1, 0))
+
+
+def stands(design: Design, slope: float, largest: float = 10.0) -> None:
+    """(54), D P + P D >= 0, |Y| and the bound (88), in floats and from their definitions."""
+    K, P, n = np.array(design.K), np.array(design.P), len(design.K)
+    N, D = np.diag(np.ones(n - 1), 1) - np.outer(K, np.eye(n)[0]), np.diag(np.arange(1.0, n + 1))
+    shrink = D @ P + P @ D
+    decay = -np.linalg.eigvalsh(N.T @ P + P @ N + design.sigma * shrink).max()
+    assert decay > 0
+    assert np.linalg.eigvalsh(shrink).min() >= 0
+    rounding = 5e-6 * np.linalg.norm(P, 2) * np.linalg.norm(K)  # K has six digits
+    assert np.linalg.norm(P @ K) <= largest * (1 + 1e-6) + rounding
+    bound = (4 * slope * np.linalg.eigvalsh(P).max() + 1) / (2 * decay)
+    assert float(design.gamma) >= max(1, bound) * (1 - 1e-9)
+    assert {check.verdict for check in design.checks} == {Verdict.PROVED}
+
+
+def test_the_known_design() -> None:
+    """The smallest bound (88) with |Y| <= 10, at the exact slope of the pendulum (91)."""
+    found = adaptive_gain(3, slope=0.5**0.5)
+    assert float(found.gamma) == pytest.approx(3.716, abs=5e-4)
+    assert pytest.approx((9.78, 23.2, 12.1), rel=2e-3) == found.K
+    stands(found, 0.5**0.5)
+    assert str(found).startswith("K = (9.781")
+
+
+@pytest.mark.parametrize("n", [2, 4, 5])
+@pytest.mark.parametrize("sigma", [0.01, 0.3])
+def test_designs_stand(n: int, sigma: float) -> None:
+    stands(adaptive_gain(n, slope=1.5, sigma=sigma), 1.5)
+
+
+def test_a_looser_bound_on_y_gives_a_smaller_gamma() -> None:
+    bounds = [adaptive_gain(3, slope=0.71, largest=largest).gamma for largest in (1.0, 10.0, 100.0)]
+    assert bounds[0] > bounds[1] > bounds[2]
+
+
+def test_p_is_sought_for_a_given_gain() -> None:
+    """For the printed K, whose printed P gives 20.519 and 31364."""
+    found = adaptive_gain(3, slope=0.71, K=K)
+    assert tuple(K) == found.K
+    assert float(found.gamma) < 20.519
+    stands(found, 0.71, np.inf)
+    assert adaptive_gain(3, slope=0.71, K=K, disturbance=TORQUE).mu < 31364
+
+
+def test_the_smallest_l2_gain() -> None:
+    """No bound on gamma alone reaches it, and a gamma a tenth larger or smaller is worse."""
+    found = adaptive_gain(3, slope=0.71, disturbance=TORQUE)
+    assert found.mu is not None
+    stands(found, 0.71)
+    assert found.gamma > adaptive_gain(3, slope=0.71).gamma
+    capped = adaptive_gain(3, slope=0.71, disturbance=TORQUE, gamma=0.9 * float(found.gamma))
+    assert capped.mu > found.mu
+    assert capped.gamma <= 0.9 * float(found.gamma)
+
+
+@pytest.mark.parametrize(
+    ("asked", "ways"),
+    [
+        ({"gamma": 2.0}, {"gamma"}),
+        ({"gamma": 3.5}, {"gamma", "sigma"}),
+        ({"gamma": 3.7, "largest": 1.0}, {"gamma", "largest"}),
+        ({"mu": 100.0, "disturbance": TORQUE}, {"mu"}),
+    ],
+)
+def test_the_sentence_names_the_bound_to_relax_and_it_does(asked: dict[str, Any], ways: set[str]) -> None:
+    with pytest.raises(Infeasible, match=r"no K and P were found for a chain of 3 integrators with sigma = 0\.05") as e:
+        adaptive_gain(3, slope=0.71, **asked)
+    assert set(e.value.enough) == ways
+    for name, value in e.value.enough.items():
+        assert f"{name} = {value}" in str(e.value)
+        adaptive_gain(3, slope=0.71, **{**asked, name: float(value)})
+
+
+def test_several_bounds_in_the_way() -> None:
+    """No gain makes it, however large, and no sigma: gamma is above 3 without any of them."""
+    with pytest.raises(Infeasible, match=r"relax several of them, none alone is in the way") as caught:
+        adaptive_gain(3, slope=0.71, sigma=SIGMA, gamma=1.0, largest=1e-3, mu=1e-3, disturbance=TORQUE)
+    assert caught.value.enough == {}
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"n": 1}, r"n = 1 must be a whole number of integrators, at least 2"),
+        ({"n": 2.0}, r"n = 2\.0 must be a whole number"),
+        ({"slope": -1}, r"slope = -1 must be a finite number, at least 0"),
+        ({"slope": float("nan")}, r"slope = nan must be"),
+        ({"sigma": 0}, r"sigma = 0 must be a positive finite number"),
+        ({"largest": 0}, r"largest = 0 must be a positive"),
+        ({"gamma": float("nan")}, r"gamma = nan must be a positive"),
+        ({"mu": 3.0}, r"mu = 3\.0 bounds the gain from a disturbance; give the disturbance"),
+        ({"K": (1, 2)}, r"K = \(1, 2\) must be 3 finite numbers"),
+        ({"disturbance": (np.eye(2), (1, 1))}, r"G_1 of shape \(2, 2\) and G_2 of shape \(2,\) must be \(3, m\)"),
+    ],
+)
+def test_bad_questions(asked: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadGain, match=f"^{said}"):
+        adaptive_gain(**{"n": 3, "slope": 0.71, **asked})
+
+
+def test_a_gain_that_does_not_decay() -> None:
+    with pytest.raises(NotHurwitz, match=r"^K: the linear error core has the eigenvalues"):
+        adaptive_gain(3, slope=0.71, K=(1, 1, 2))
+
+
+def test_without_a_solver_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cvxpy", None)
+    with pytest.raises(NoSolver, match=r"the design of an adaptive gain needs cvxpy and clarabel; install them"):
+        adaptive_gain(3, slope=0.71)
