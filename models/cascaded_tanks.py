@@ -32,25 +32,29 @@ plant = hg.System(
     output=[x2],
 )
 
-tuning = {
-    "riccati": {
-        "Q": (1e-4, 1.4e-3),
-        "R": 1.6e-3,
-        "covariance": (0.25, 0.25),
-        # gamma_0 is set by the error of the model, the overflow above all, not by the noise of the sensor
-        "theta": hg.theta.adaptive(
-            2.0,
-            rise_time=4.0,
-            rate=0.25,
-            mu=(0.7, 1.0),
-            innovation=hg.innovation.staggered(32.0, predictors=4),
-        ),
-    },
+
+def form(plant: hg.System) -> hg.Form:
+    """Triangular, in w = sqrt(x1)."""
+    return hg.forms.triangular(hg.recast(plant, {w: sp.sqrt(x1)}, {x1: w**2}))
+
+
+gains = {
+    "Q": (1e-4, 1.4e-3),
+    "R": 1.6e-3,
+    "covariance": (0.25, 0.25),
+    # gamma_0 is set by the error of the model, the overflow above all, not by the noise of the sensor
+    "theta": hg.theta.adaptive(
+        2.0,
+        rise_time=4.0,
+        rate=0.25,
+        mu=(0.7, 1.0),
+        innovation=hg.innovation.staggered(32.0, predictors=4),
+    ),
 }
+tuning = {"riccati": {"form": form, "dt": 4.0, **gains}}
 
 
 def step(**changes: object) -> hg.Step:
     """The observer at the sampling period of the benchmark, 4 s; `changes` replace gains."""
-    form = hg.forms.triangular(hg.recast(plant, {w: sp.sqrt(x1)}, {x1: w**2}))
-    observer = hg.observers.riccati(form, **{**tuning["riccati"], **changes})
+    observer = hg.observers.riccati(form(plant), **{**gains, **changes})
     return hg.sample(observer, hg.methods.continuous_discrete, dt=4.0)

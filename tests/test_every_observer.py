@@ -1,0 +1,155 @@
+"""Every observer of every shipped model, as its `tuning` makes it: what all of them must do, whatever their theory.
+
+One pair of each observer runs always, all pairs with the slow tests.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hgogen as hg
+from hgogen import native
+from hgogen.call import CallableStep
+from hgogen.cprint import Real
+from hgogen.model import Model, load
+from hgogen.trial import Trial, try_out
+from hgogen.tuning import Tuning
+
+FOLDER = Path(__file__).resolve().parents[1] / "models"
+MODELS: dict[str, Model] = {path.stem: load(path) for path in sorted(FOLDER.glob("*.*")) if path.is_file()}
+SEED, SHARE, LENGTH = 7, 0.3, 600
+
+
+def kind(model: str, name: str) -> str:
+    """The observer that a tuning is of."""
+    return str(MODELS[model].tuning.tables[name].get("kind", name))
+
+
+def pairs() -> Iterable[Any]:
+    """(model, tuning), all but the first of each observer slow."""
+    seen: set[str] = set()
+    for model in MODELS:
+        for name in MODELS[model].tuning.tables:
+            marks = (pytest.mark.slow,) if kind(model, name) in seen else ()
+            seen.add(kind(model, name))
+            yield pytest.param(model, name, marks=marks, id=f"{model}-{name}")
+
+
+each = pytest.mark.parametrize(("model", "name"), list(pairs()))
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+@cache
+def step(model: str, name: str) -> CallableStep:
+    return MODELS[model].step(name)
+
+
+def record(made: CallableStep, seed: int = SEED) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and outputs that wander over half their ranges; shapes (LENGTH, m), (LENGTH, p)."""
+    rng = np.random.default_rng(seed)
+
+    def swing(signals: Iterable[hg.Signal]) -> np.ndarray:
+        ranges = [s.interval if s.bounded else (-1.0, 1.0) for s in signals]
+        phase, k = rng.uniform(0, 2 * np.pi, len(ranges)), np.arange(LENGTH)
+        waves = [
+            (low + high) / 2 + (high - low) / 4 * np.sin(0.01 * k + p)
+            for (low, high), p in zip(ranges, phase, strict=True)
+        ]
+        return np.array(waves).T.reshape(LENGTH, len(ranges))
+
+    return swing(made.inputs), swing(made.outputs)
+
+
+def test_every_observer_has_a_tuning() -> None:
+    tuned = {kind(model, name) for model in MODELS for name in MODELS[model].tuning.tables}
+    assert tuned == set(hg.observers.__all__)
+
+
+@each
+def test_it_builds(model: str, name: str) -> None:
+    made = step(model, name)
+    assert made.observer.name == kind(model, name)
+    assert made.observer.theorem.hypotheses
+    refuted = {check.id for check in made.observer.checks if check.verdict is hg.Verdict.REFUTED}
+    assert refuted <= set(made.observer.accepted)
+
+
+@needs_compiler
+@each
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_its_c_compiles_clean_and_has_the_bits_of_python(model: str, name: str, real: Real) -> None:
+    """Every warning is an error; a missing, an absurd, a lost and an excessive sample are among the vectors."""
+    made = step(model, name)
+    files = hg.targets.c99(made, real=real)
+    assert native.run_check(files, ("-O2", f"-D{made.name.upper()}_EXACT")).endswith("samples as recorded\n")
+
+
+def worst_corner(model: Model, trial: Trial) -> dict[str, float]:
+    """For each state the end of its declared range that is farther from where the plant starts."""
+    ranges = {s.name: s.interval for s in model.plant.states if s.bounded}
+    return {name: max(ends, key=lambda end: abs(end - trial.start[name])) for name, ends in ranges.items()}
+
+
+def started(tables: Mapping[str, Mapping[str, Any]], initial: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """The tunings with another initial state, where an observer takes one (a bank's is that of its member)."""
+    makers = {name: getattr(hg.observers, table.get("kind", name)) for name, table in tables.items()}
+    takes = {name for name, make in makers.items() if "initial" in signature(make).parameters}
+    return {name: {**table, **({"initial": initial} if name in takes else {})} for name, table in tables.items()}
+
+
+@needs_compiler
+@each
+def test_it_recovers_from_a_corner_of_the_box(model: str, name: str) -> None:
+    """Over the model's first trial the late error is less than that at the start, relative to the ranges."""
+    loaded = MODELS[model]
+    if not loaded.has("trial"):
+        pytest.skip("has no trial")
+    trial = loaded.trials()[0]
+    if trial.jumps:  # the corner is one event, the next is another
+        first = trial.jumps[0].time
+        trial = replace(trial, duration=first * 0.999, jumps=(), steady=None)
+    tuning = loaded.tuning
+    wrong = Tuning(tuning.file, tuning.plant, started(tuning.tables, worst_corner(loaded, trial)), tuning.default)
+    made = wrong.step(name, lambda: step(model, name).dt)
+    (trajectory,) = try_out(made, trial, engine="c", seeds=trial.seeds[:1])
+    width = np.array([s.interval[1] - s.interval[0] if s.bounded else 1.0 for s in made.states])
+    size = np.sqrt(((trajectory.error / width) ** 2).mean(axis=1))
+    late = np.sqrt(np.mean(size[trajectory.truth.t >= trial.steady_from] ** 2))
+    assert size[0] > 0.1
+    assert late < size[0] / 2
+
+
+@each
+def test_it_survives_missing_samples(model: str, name: str) -> None:
+    """30% of the samples of each output, in no order."""
+    made = step(model, name)
+    u, y = record(made)
+    y[np.random.default_rng(SEED).random(y.shape) < SHARE] = np.nan
+    made.reset()
+    run = made.run(u=u, y=y, engine="python")
+    assert np.isfinite(run.x).all()
+    assert any(flag.startswith("MISSING") for flag in made.flags(np.bitwise_or.reduce(run.status)))
+    assert "RESTARTED" not in made.flags(np.bitwise_or.reduce(run.status))
+
+
+@each
+def test_no_number_harms_it(model: str, name: str) -> None:
+    """NaN, infinite, huge and tiny values on every input and output, alone and for long."""
+    made = step(model, name)
+    u, y = record(made)
+    rng = np.random.default_rng(SEED)
+    values = np.array([np.nan, np.inf, -np.inf, 1e30, -1e30, 1e308, 1e-308])
+    for table in (u, y):
+        hit = rng.random(table.shape) < SHARE
+        table[hit] = rng.choice(values, hit.sum())
+        table[LENGTH // 2 : LENGTH // 2 + 50] = rng.choice(values)
+    made.reset()
+    run = made.run(u=u, y=y, engine="python")
+    assert np.isfinite(run.x).all()
+    assert all(np.isfinite(trace).all() for trace in run.traces.values())
