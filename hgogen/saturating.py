@@ -1,14 +1,16 @@
 """Estimators with saturations inside their linear core, at the ranges of the states they estimate.
 
-    field' = core(fields, y - o(u), saturate) + model(fields, u)
+    field' = lines(fields, y - o(u), saturate, c),   c = c(., u) of the chain
 
-The linear error core is the one without saturation; while it acts, a state inside its range keeps the saturated
-estimate at least as near as the estimate itself.
+The linear error core is `lines` without saturation, c = 0. While a saturation acts, a state inside its range keeps the
+saturated estimate at least as near as the estimate itself.
 """
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import casadi as ca
 
 from hgogen.form import Form
 from hgogen.integrators import Integrators
@@ -16,6 +18,7 @@ from hgogen.observer import BadGain, Ode
 from hgogen.program import Field
 
 Saturate = Callable[[Any, int], Any]  # an SX scalar to the range of w_i
+Model = Callable[[Any], Any]  # c (n) of w (n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,24 +37,20 @@ class Saturating(Ode):
 def saturating(
     chain: Integrators,
     fields: tuple[Field, ...],
-    core: Callable[[Mapping[str, Any], Any, Any, Saturate], Mapping[str, Any]],
-    model: Callable[[Mapping[str, Any], Any], Mapping[str, Any]],
+    lines: Callable[[Mapping[str, Any], Any, Any, Saturate, Model], Mapping[str, Any]],
 ) -> Saturating:
-    """field' = core(values, y - o(u), valid, saturate) + model(values, u), saturate(value, i) to the range of w_i.
-
-    The linear error core is the one without saturation; `rest` holds what saturation takes away.
-    """
+    """field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of w_i, c(w) the
+    chain's nonlinear terms (n)."""
 
     def linear(values: Mapping[str, Any], y: Any, valid: Any) -> Mapping[str, Any]:
-        return core(values, y, valid, lambda value, _: value)
+        return lines(values, y, valid, lambda value, _: value, lambda _: ca.SX.zeros(chain.n))
 
-    def whole(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
-        lines, terms = core(values, y - chain.offset(u), valid, chain.saturated), model(values, u)
-        return {name: lines[name] + terms[name] for name in lines}
+    def whole(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> Mapping[str, Any]:
+        return lines(values, y - chain.offset(u), valid, chain.saturated, lambda w: chain.nonlinear(w, u))
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
-        lines, all_ = linear(values, y - chain.offset(u), valid), whole(values, u, y, valid)
-        return {name: all_[name] - lines[name] for name in lines}
+        core, all_ = linear(values, y - chain.offset(u), valid), whole(values, u, y, valid)
+        return {name: all_[name] - core[name] for name in core}
 
     return Saturating(fields, rest, linear, chain.offset, whole=whole)
 

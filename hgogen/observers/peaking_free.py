@@ -26,7 +26,7 @@ from hgogen.integrators import integrators, observer_on, rows, shifted
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, positive
 from hgogen.pairs import errors, injected, pair_gains
 from hgogen.program import sym
-from hgogen.saturating import Saturate, demand_ranges, saturating
+from hgogen.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, Praly, Teel, Low-power peaking-free high-gain observers, Automatica 98 (2018)"
@@ -87,18 +87,14 @@ def peaking_free(
         rows(w, "q", range(1, n), "rates of the states but the last"),
     )
 
-    def core(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate) -> dict[str, Any]:
-        p, q = values["p"], values["q"]
+    def lines(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate, model: Model) -> dict[str, Any]:
+        p, q, c = values["p"], values["q"], model(values["p"])
         sat = ca.vertcat(*(saturate(q[i - 1], i) for i in range(1, n)))
         onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, sat))
         last = level * alpha * (sat[pairs - 1] - p[pairs])
-        return {"p": ca.vertcat(q + onto_p, last), "q": shifted(sat) + onto_q}
+        return {"p": ca.vertcat(q + onto_p, last) + c, "q": shifted(sat) + onto_q + c[1:]}
 
-    def model(values: Mapping[str, Any], u: Any) -> dict[str, Any]:
-        c = chain.nonlinear(values["p"], u)
-        return {"p": c, "q": c[1:]}
-
-    part = saturating(chain, fields, core, model)
+    part = saturating(chain, fields, lines)
     demand_hurwitz("gains", core_numbers(part, 1, {"gain.theta": np.ones(1)}), "leave them out: (2, (n - i)/i)")
     return observer_on(
         chain,

@@ -1,0 +1,159 @@
+"""Cascade of high-gain differentiators, saturated between the stages: no peaking, and no model of the last row.
+
+    v_1' = v_2 + l alpha_1 (y - v_1)                        xhat_1 = v_1
+    v_2' = l^2 alpha_2 (y - v_1)                            xhat_2 = sat(v_2 - c_1(xhat, u))
+    v_i' = l alpha_i (xhat_(i-1) - v_i),   i = 3, .., n     xhat_i = sat(v_i' - c_(i-1)(xhat, u)),   l = theta
+
+in the coordinates of `integrators`; sat clamps to the declared range of w_i. c_n is not used, and the error is of the
+order of mu = 1/l, never 0: about i mu w_i' for i >= 2 and the default alpha = (2, 1, .., 1), every pole at -l. Without
+samples the last rates are held. The paper's z are z_1 = v_1, z_2 = mu v_2, z_i = -v_i. Source: Khalil, "Cascade
+high-gain observers in output feedback control", Automatica 80 (2017), for chains w_i' = w_(i+1); the rows c_1..c_(n-1)
+of a triangular form are an extension.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.bounds import bound
+from hgogen.box import box
+from hgogen.check import Verdict
+from hgogen.core import numbers
+from hgogen.form import Form
+from hgogen.gains import BadPoles, coefficients
+from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, reals, tunable
+from hgogen.program import INF, Field, sym
+from hgogen.saturating import Model, Saturate, demand_ranges, saturating
+from hgogen.signal import resting
+from hgogen.tape import NoTape
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Khalil, Cascade high-gain observers in output feedback control, Automatica 80 (2017)"
+EQUATIONS = (
+    "v_1' = v_2 + theta alpha_1 (y - v_1), v_2' = theta^2 alpha_2 (y - v_1), v_i' = theta alpha_i (xhat_(i-1) - v_i)",
+    "xhat_1 = v_1, xhat_2 = sat(v_2 - c_1), xhat_i = sat(v_i' - c_(i-1))",
+)
+THEOREM = Theorem(
+    "the error becomes of the order of 1/theta, and never 0: the last row of the model is not used",
+    (
+        *FORM,
+        Hypothesis("every alpha_i is positive", verdict=Verdict.PROVED, reason="others are refused"),
+        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+def cascade(
+    form: Form,
+    *,
+    theta: float,
+    gains: Sequence[float] | np.ndarray | None = None,
+    poles: Sequence[complex] | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The cascade observer on a form of one output with constant a_i, at least two states, from the second on with
+    ranges.
+
+    Args: `theta` = 1/mu >= 1; `gains` alpha (n), positive, or the n `poles` of the linear error core at theta = 1, at
+    most one pair of them complex, by default all at -1; `initial` the plant's state; `accept` ids of refuted checks to
+    build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `BadGain` for theta < 1, gains of another length or not positive, a state without a
+    range, or a form that is no chain of at least two integrators.
+    """
+    accept = founded("cascade", form, accept)
+    high, chain = high_gain_parameter(theta), integrators("cascade", form)
+    n, level = chain.n, sym("gain.theta")
+    if n < 2:
+        raise BadGain("cascade", f"wants at least two states, {form.system.name} has {n}; use high_gain")
+    demand_ranges("cascade", form, range(1, n))
+    for i, row in enumerate(form.b[:-1]):
+        if row.free_symbols & {*form.states[i + 1 :]}:
+            raise BadGain(f"b_{i + 1} = {row}", f"reads a state after {form.states[i]}; use forms.phase, or low_power")
+    alpha = _alpha(n, gains, poles)
+
+    def estimates(v: Any, saturate: Saturate, model: Model) -> list[Any]:
+        found = [v[0]]
+        for i in range(1, n):
+            rate = v[1] if i == 1 else level * alpha[i] * (found[-1] - v[i])
+            c = model(ca.vertcat(*found, ca.SX.zeros(n - i)))
+            found.append(saturate(rate - c[i - 1], i))
+        return found
+
+    def lines(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate, model: Model) -> dict[str, Any]:
+        v = values["v"]
+        e, found = valid * (y - v[0]), estimates(v, saturate, model)
+        first = (v[1] + level * alpha[0] * e, level * level * alpha[1] * e)
+        return {"v": ca.vertcat(*first, *(level * alpha[i] * (found[i - 1] - v[i]) for i in range(2, n)))}
+
+    inputs = len(form.system.inputs)
+    u = sym("state.u", inputs) if inputs else ca.SX(0, 1)
+    return observer_on(
+        chain,
+        "cascade",
+        parts=(saturating(chain, (_field(chain, high.initial[0] * alpha, initial),), lines),),
+        gains=(high,),
+        w=ca.vertcat(*estimates(sym("state.v", n), chain.saturated, lambda w: chain.nonlinear(w, u))),
+        theorem=THEOREM,
+        equations=EQUATIONS,
+        reference=REFERENCE,
+        accepted=accept,
+    )
+
+
+def _alpha(n: int, gains: Any, poles: Any) -> np.ndarray:
+    """alpha (n); the pair of the first two states takes the complex poles, or the fastest."""
+    if gains is not None and poles is not None:
+        raise BadGain("cascade", "takes gains or poles, not both; leave one out")
+    if poles is None:
+        alpha = reals("gains", [2.0, *[1.0] * (n - 1)] if gains is None else gains)
+        if alpha.shape != (n,) or not (np.isfinite(alpha).all() and (alpha > 0).all()):
+            raise BadGain(f"gains = {gains!r}", f"must be {n} positive numbers, one for each state")
+        return alpha
+    coefficients(poles, n)
+    values = sorted(map(complex, poles), key=lambda pole: (pole.imag == 0, pole.real))
+    if any(pole.imag for pole in values[2:]):
+        raise BadPoles(tuple(values), "one pair at most may be complex: the stages after the first have one state each")
+    return np.array([*np.poly(values[:2]).real[1:], *(-pole.real for pole in values[2:])])
+
+
+def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] | Sequence[float] | None) -> Field:
+    """The field v (n), at rest with xhat = w(0); v_i keeps to the outer box of w_(i-1), v_2 to that of w_1'."""
+    w, n = chain.field(initial, float(slopes[0])), chain.n
+    system = chain.form.system
+    u = ca.SX(ca.DM([resting(signal) for signal in system.inputs])) if system.inputs else ca.SX(0, 1)
+    places = {f"plant.{field.name}": np.array(field.initial) for field in tunable(system.parameters)}
+    c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), places).reshape(-1)
+    rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]
+    bottom, top = _span(chain)
+    low = (w.low[0], w.low[1] + bottom, *w.low[1 : n - 1])
+    high = (w.high[0], w.high[1] + top, *w.high[1 : n - 1])
+    start = (w.initial[0], rates[0], *(w.initial[i - 1] - rates[i - 1] / slopes[i] for i in range(2, n)))
+    return replace(
+        w,
+        name="v",
+        initial=tuple(map(float, np.clip(start, low, high))),
+        low=low,
+        high=high,
+        labels=(w.labels[0], f"rate of {w.labels[0]}", *(f"low-passed {label}" for label in w.labels[1 : n - 1])),
+        meaning="the stages",
+    )
+
+
+def _span(chain: Integrators) -> tuple[float, float]:
+    """The range of c_1 on the declared box; unbounded where none is proved."""
+    form = chain.form
+    around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        found = bound(sp.sympify(chain.products[0] * form.b[0]), around)
+    except NoTape:
+        return -INF, INF
+    return found.low, found.high
