@@ -19,9 +19,9 @@ BOXES = 500  # the bound need not be the least
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
     """`OBSERVER.lipschitz`, of a form in coordinates other than the plant's states in an order, with signs; there the
-    form's own check is of the same box, and none is made.
+    form's own check is of the same box, and none is made. None either where b is 0.
     """
-    if all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
+    if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
     verdict, reason = _found(form, boxes)
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"

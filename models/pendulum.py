@@ -20,8 +20,26 @@ plant = hg.System(
 )
 
 tuning = {
+    "adaptive_lmi": {
+        "gamma": (16, 60),
+        "K": (2, 1),
+        "P": ((10.4, -13.15), (-13.15, 32.76)),
+        "sigma": 0.1,
+        "rise": 50,
+        "threshold": 0.01,
+    },
     "high_gain": {"theta": 20, "poles": (-1, -1)},
     "hamilton_jacobi": {"Q": (1e4, 1.0), "R": 1e9},  # R = 1/(v dt) for samples of variance v = 1e-6
+    "switched_gain": {"theta": 40, "theta_low": 10, "threshold": 0.01, "hold": 0.2, "poles": (-1, -1)},
+    "lambda_tracking": {
+        "k_0": 5,
+        "k_max": 100,
+        "gamma": 1e3,
+        "strip": 0.005,
+        "reach": 0.5,
+        "poles": (-1, -1),
+        "model": True,
+    },
 }
 
 

@@ -1,0 +1,187 @@
+"""lambda-tracking: a gain that grows while the output error lies outside a strip, and needs no model of phi.
+
+    xhat_i' = xhat_(i+1) + p_i k^i e           i = 1, .., n - 1,   e = y - xhat_1
+    xhat_n' = p_n k^n e                        (with `model`: + c_n(xhat, u), and c_i in the rows above)
+    k' = gamma d(e)^2,  k(0) = k_0,  d(e) = |e| - lambda, limited to [0, lambda_hat - lambda]
+
+on the phase form x_i' = x_(i+1), x_n' = phi(x, u, u', ..), y = x_1; the estimate in the plant's states goes through the
+inverse of the form, and rests where that is no number. Without phi the error is of order 1/k and never 0:
+
+    limsup |x_i - xhat_i| <= 2 mu |P| sqrt(cond P)/k(0)^(n+1-i),   |phi| <= mu,   A'P + P A = -I,  A = [shift - p C]
+
+Source: Bullinger, Ilchmann, Allgoewer, "A simple adaptive observer for nonlinear systems", NOLCOS 1998, (2), (4), (5);
+the paper's (14) lacks the factor sqrt(cond P), which its own (11) brings in. The variant with phi, and the cap k_max
+on the gain, which the length of a step asks for, are extensions.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.bounds import bound
+from hgogen.box import box
+from hgogen.check import Check, Verdict
+from hgogen.digits import up
+from hgogen.form import Form
+from hgogen.injection import capped, injection_gains, listed, moving_gain
+from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.observer import BadGain, Observer, founded, gain, positive, reals
+from hgogen.program import Field, scalar, sym
+from hgogen.tape import NoTape
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"
+EQUATIONS = (
+    "xhat_i' = xhat_(i+1) + p_i k^i e, xhat_n' = {phi}p_n k^n e, e = y - xhat_1",
+    "k' = gamma d(e)^2, d(e) = |e| - strip limited to [0, reach - strip]",
+)
+BOXES = 500  # mu need not be the least
+THEOREM = Theorem(
+    "the gain converges, the output error tends to the strip |e| <= strip, and the error of the estimate is of order "
+    "1/k: it does not tend to 0",
+    (
+        *(hypothesis for hypothesis in FORM if "*.lipschitz" not in hypothesis.checks),  # bounded is enough
+        Hypothesis(
+            "phi is bounded along the plant's motion",
+            ("lambda_tracking.phi",),
+            reason="where an input steps, the derivatives of y jump: phi is not bounded there, and the theorem starts "
+            "again",
+            reference="Theorem 2",
+        ),
+        Hypothesis("s^n + p_1 s^(n-1) + .. + p_n is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
+        Hypothesis("reach > strip > 0, gamma > 0, k(0) > 0", verdict=Verdict.PROVED, reason="others are refused; (5)"),
+        Hypothesis(
+            "the gain does not reach its cap",
+            reason="watch the status GAIN_LIMITED; the theorem knows no cap, and no bound on the gain",
+        ),
+        *OPERATION,
+    ),
+    f"{REFERENCE}, Theorem 2 and, corrected, Theorem 3",
+)
+
+
+def lambda_tracking(
+    form: Form,
+    *,
+    k_0: float,
+    k_max: float,
+    gamma: float,
+    strip: float,
+    reach: float,
+    gains: Sequence[float] | np.ndarray | None = None,
+    poles: Sequence[complex] | None = None,
+    model: bool = False,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    start: Sequence[float] | np.ndarray | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The lambda-tracking observer on a phase form, or with `model` on any form of one output with constant a_i.
+
+    Without `model` neither phi nor inputs that only phi reads, such as the last derivative of u, are used.
+
+    Checks: `lambda_tracking.phi` (phi is bounded on the box); `lambda_tracking.lipschitz` with `model`, in coordinates
+    other than the plant's states.
+
+    Args: `k_0` the gain k(0) > 0 and `k_max` > k_0 its cap (1/s); `gamma` > 0 how fast it grows (1/(y^2 s^2));
+    `strip` lambda > 0 and `reach` lambda_hat > strip (unit of y); `gains` p (n), or `poles` (n) of s^n + p_1 s^(n-1) +
+    .. in their place; `initial` the plant's state, or `start` (n) the chain's own (y, y', ..) in its place; `accept`
+    ids of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
+    of integrators, or has more than phi where there is no model.
+    """
+    accept = founded("lambda_tracking", form, accept)
+    chain = integrators("lambda_tracking", form)
+    checks = (_bounded(form),)
+    if not model:
+        chain = integrators("lambda_tracking", _unmodelled(form))
+    p = injection_gains("lambda_tracking", poles, gains, chain.n)
+    least, most = positive("k_0", k_0), positive("k_max", k_max)
+    if not least < most:
+        raise BadGain(f"k_max = {k_max!r}", f"must be above k_0 = {least:g}; the gain only grows")
+    width, end = positive("strip", strip), positive("reach", reach)
+    if not width < end:
+        raise BadGain(f"reach = {reach!r}", f"must be above strip = {width:g}")
+    rate = positive("gamma", gamma)
+    w = _started(chain.field(initial, most), chain, start)
+    k = scalar("k", least, low=least, high=most, unit="1/s", meaning="gain, which only grows")
+
+    def law(e: Any) -> Any:
+        room = ca.fmax(sym("gain.reach") - sym("gain.strip"), 0)
+        outside = ca.fmin(ca.fmax(ca.fabs(e) - sym("gain.strip"), 0), room)
+        return sym("gain.gamma") * (outside * outside)
+
+    return observer_on(
+        chain,
+        "lambda_tracking",
+        parts=(moving_gain(chain, w, p, k, law, model=model), capped(k)),
+        gains=(
+            gain("gamma", rate, 1e-3 * rate, 1e3 * rate, "how fast the gain grows", "1/(y^2 s^2)"),
+            gain("strip", width, 1e-3 * width, 1e3 * width, "output error up to which the gain rests", "y"),
+            gain("reach", end, 1e-3 * end, 1e3 * end, "output error from which it grows no faster", "y"),
+        ),
+        w=sym("state.w", chain.n),
+        theorem=THEOREM,
+        equations=(
+            *(line.format(phi="c_n + " if model else "") for line in EQUATIONS),
+            f"p = {listed(p)}, k(0) = {least:g}, k <= {most:g}",
+        ),
+        reference=REFERENCE,
+        checks=checks,
+        accepted=accept,
+        traces=("k",),
+    )
+
+
+def _started(w: Field, chain: Integrators, start: Any) -> Field:
+    """The field with its own initial values, where they are given."""
+    if start is None:
+        return w
+    values = reals("start", start)
+    if values.shape != (chain.n,):
+        raise BadGain(f"start of shape {values.shape}", f"must have {chain.n} numbers: the output and its derivatives")
+    for name, value, (low, high) in zip(w.labels, values, w.box, strict=True):
+        if not (np.isfinite(value) and low <= value <= high):
+            raise BadGain(f"start {name} = {value:g}", f"must be finite and in its outer box [{low:g}, {high:g}]")
+    return replace(w, initial=tuple(map(float, values)))
+
+
+def _unmodelled(form: Form) -> Form:
+    """The form with b = 0, and without the inputs that nothing else reads.
+
+    Raises: `BadGain` where b has more than its last row.
+    """
+    if any(row != 0 for row in form.b[:-1]):
+        reason = "takes a form with b in its last row only where it has no model: take hg.forms.phase, or model=True"
+        raise BadGain("lambda_tracking", reason)
+    system, none = form.system, (sp.S.Zero,) * form.n
+    rows = (*system.flow, *system.output, *form.to_form, *form.from_form, *form.output, *form.A)
+    read = tuple(u for u in system.inputs if any(u in sp.sympify(row).free_symbols for row in rows))
+    behind = None if form.behind is None else none
+    return replace(form, system=replace(system, inputs=read), b=none, behind=behind)
+
+
+def _bounded(form: Form) -> Check:
+    """phi, and what else b holds, on the whole box; an input without a range has no bound."""
+    id, claim = "lambda_tracking.phi", "phi is bounded on the declared ranges of states and inputs"
+    rows = form.b if form.behind is None else form.behind
+    states = form.states if form.behind is None else form.system.states
+    read = {s for row in rows for s in row.free_symbols}
+    loose = [s.name for s in (*states, *form.system.inputs) if s in read and not s.bounded]
+    if loose:
+        fix = f"Declare a range for {', '.join(loose)}; of an input's derivative by rates=((low, high), ..)."
+        reason = f"no range is declared for {', '.join(loose)}; an input that steps has none"
+        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
+    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        found = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
+    except NoTape as missing:
+        return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
+    if not all(values.finite and values.defined for values in found):
+        return Check(id, claim, Verdict.UNKNOWN, "no bound was found; it may have poles on the box")
+    mu = max((max(abs(values.low), abs(values.high)) for values in found), default=0.0)
+    return Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")

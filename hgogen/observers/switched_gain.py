@@ -1,0 +1,120 @@
+"""Switched-gain high-gain observer: a high gain while the output error is large, a low one when it has stayed small.
+
+    w' = A w + c(w, u) + diag(l, .., l^n) K e,   e = y - w_1
+    l = theta_low once |e| <= d at all samples over a time T_d,   l = theta as soon as |e| > d, and at the start
+
+in the coordinates of `integrators`, the argument of c saturated to the declared box; k_1, k_2 of the paper are theta,
+theta_low. A missing sample leaves the timer as it is. Source: Ahrens, Khalil, "High-gain observers in the presence of
+measurement noise: a switched-gain approach", Automatica 45 (2009).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import ceil
+
+import casadi as ca
+import numpy as np
+
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.injection import injection_gains, last_error, listed, moving_gain
+from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, high_gain_parameter, positive
+from hgogen.program import Block, Field, scalar, sym
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = (
+    "Ahrens, Khalil, High-gain observers in the presence of measurement noise: a switched-gain approach, "
+    "Automatica 45 (2009)"
+)
+EQUATIONS = (
+    "w' = A w + c(w, u) + diag(l, .., l^n) K e, e = y - w_1",
+    "l = theta_low once |e| <= threshold over the time hold, theta as soon as |e| > threshold",
+)
+LONGEST = 1_000_000  # samples that the timer counts, exactly in a float too
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state; with noise, its error settles as fast as theta lets "
+    "it, at the size that theta_low leaves",
+    (
+        *FORM,
+        Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
+        Hypothesis("theta and theta_low are large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis(
+            "hold is long enough for the error to settle under theta before the gain is low",
+            verdict=Verdict.UNKNOWN,
+            reason="no bound is computed; some ten times 1/theta",
+        ),
+        Hypothesis(
+            "the threshold is above what noise makes of e under either gain",
+            reason="else the gain stays high: watch the trace level",
+        ),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+def switched_gain(
+    form: Form,
+    *,
+    theta: float,
+    theta_low: float,
+    threshold: float,
+    hold: float,
+    poles: Sequence[complex] | None = None,
+    gains: Sequence[float] | np.ndarray | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The switched-gain observer on a form of one output with constant a_i.
+
+    Args: `theta` > `theta_low` >= 1; `threshold` d > 0 (unit of y); `hold` T_d > 0 (s), rounded up to whole samples;
+    `poles` (n) of A - K C, or `gains` K (n) in their place; `initial` the plant's state; `accept` ids of refuted checks
+    to build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
+    of integrators; from `sample`, `BadGain` for a hold of more than a million samples.
+    """
+    accept = founded("switched_gain", form, accept)
+    high, chain = high_gain_parameter(theta), integrators("switched_gain", form)
+    top, low = high.initial[0], positive("theta_low", theta_low)
+    if not 1 <= low < top:
+        raise BadGain(f"theta_low = {theta_low!r}", f"must be at least 1 and below theta = {top:g}")
+    d, time = positive("threshold", threshold), positive("hold", hold)
+    K = injection_gains("switched_gain", poles, gains, chain.n)
+    w = chain.field(initial, top)
+    level = scalar("level", top, low=1.0, high=top, meaning="gain in force")
+    return observer_on(
+        chain,
+        "switched_gain",
+        parts=(moving_gain(chain, w, K, level), Jump(lambda clock: _switch(clock, chain, w, time))),
+        gains=(
+            high,
+            gain("theta_low", low, 1.0, low, "high-gain parameter when the output error has stayed small"),
+            gain("threshold", d, 1e-3 * d, 1e3 * d, "output error up to which it is small", "y"),
+        ),
+        w=sym("state.w", chain.n),
+        theorem=THEOREM,
+        equations=(*EQUATIONS, f"K = {listed(K)}, hold = {time:g} s"),
+        reference=REFERENCE,
+        accepted=accept,
+        traces=("level",),
+    )
+
+
+def _switch(clock: Clock, chain: Integrators, w: Field, hold: float) -> Pieces:
+    """A timer in samples, of kind real so that it restarts with the estimate."""
+    needed = ceil(hold / clock.dt * (1 - 1e-12)) + 1  # n samples span n - 1 periods
+    if needed > LONGEST:
+        raise BadGain(f"hold = {hold:g}", f"is more than {LONGEST} samples of dt = {clock.dt:g}; shorten it")
+    quiet, high = sym("state.quiet"), sym("gain.theta")
+    small = ca.fabs(last_error(chain, w, clock)) <= sym("gain.threshold")
+    counted = ca.if_else(small, ca.fmin(quiet + 1, needed), 0)
+    after = ca.if_else(sym("state.y_valid"), counted, quiet)
+    low = ca.fmin(sym("gain.theta_low"), high)
+    return Pieces(
+        fields=(scalar("quiet", 0.0, low=0.0, high=needed, meaning="samples in a row with a small output error"),),
+        adapt=(
+            Block("has the output error stayed small?", {"state.quiet": after}),
+            Block("a low gain then, else the high one", {"state.level": ca.if_else(quiet >= needed, low, high)}),
+        ),
+    )
