@@ -40,6 +40,9 @@ tuning = {
         "poles": (-1, -1),
         "model": True,
     },
+    "updated_gain": {"p_1": 0.15, "p_2": 5, "p_3": 6, "cap": 100, "poles": (-1, -1)},
+    "stubborn": {"theta": 20, "decay": 0.5, "r": 3, "poles": (-1, -1)},
+    "dead_zone": {"theta": 20, "decay": 1, "r": 0.3, "poles": (-1, -1)},
 }
 
 

@@ -1,0 +1,77 @@
+"""Dead-zone high-gain observer: an output error that stays small, as noise does, is not injected.
+
+    w' = A w + c(w, u) + diag(theta, .., theta^n) K (e - sat e),   e = y - w_1,   |sat e| <= sqrt sigma
+    sigma' = theta (-lambda sigma + r e^2),   sigma >= 0,   0 < r < lambda
+
+in the coordinates of `integrators`, the argument of c saturated to the declared box; l of the paper is theta. At a
+constant e sigma tends to (r/lambda) e^2: without r < lambda nothing would ever be injected. Source: Astolfi,
+Alessandri, Zaccarian, "Stubborn and dead-zone redesign for nonlinear observers and filters", IEEE TAC 66(2) (2021).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.limited import limited
+from hgogen.observer import Observer
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = (
+    "Astolfi, Alessandri, Zaccarian, Stubborn and dead-zone redesign for nonlinear observers and filters, "
+    "IEEE TAC 66(2) (2021)"
+)
+THEOREM = Theorem(
+    "the estimate converges exponentially from any initial state, for theta large enough; noise that stays within the "
+    "adapted dead zone is not injected",
+    (
+        *FORM,
+        Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
+        Hypothesis("r < lambda", verdict=Verdict.PROVED, reason="others are refused, and tuning keeps it"),
+        Hypothesis("the linear core decays with its dead zone", ("dead_zone.core",)),
+        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+def dead_zone(
+    form: Form,
+    *,
+    theta: float,
+    decay: float,
+    r: float,
+    poles: Sequence[complex] | None = None,
+    gains: Sequence[float] | np.ndarray | None = None,
+    sigma: float = 0.0,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The dead-zone observer on a form of one output with constant a_i.
+
+    Check: `dead_zone.core` (the linear core decays with the dead zone, for these lambda, r and K).
+
+    Args: `theta` >= 1; `decay` lambda > 0 and `r`, 0 < r < lambda, both without unit; `poles` (n) of A - K C, or
+    `gains` K (n) in their place; `sigma` its value at the start >= 0 (y^2); `initial` the plant's state; `accept` ids
+    of refuted checks to build on all the same.
+
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for r >= decay, other numbers that do not fit, or a form that
+    is no chain of integrators.
+    """
+    return limited(
+        "dead_zone",
+        "dead zone",
+        form,
+        theta=theta,
+        decay=decay,
+        r=r,
+        sigma=sigma,
+        poles=poles,
+        gains=gains,
+        initial=initial,
+        accept=accept,
+        theorem=THEOREM,
+        reference=REFERENCE,
+    )

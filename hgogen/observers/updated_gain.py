@@ -1,0 +1,202 @@
+"""Updated-gain high-gain observer: the gain follows how steep the model is at the estimate.
+
+    w' = A w + c(w, u) + D_L K (y - w_1),   D_L = diag(L, .., L^n),   N = A - K C
+    L' = L (p_1 (p_2 - L) + p_3 Gamma),   L(0) >= p_2,   Gamma = |D_L^-1 (dc/dw)(sat w, u) D_L|, Frobenius norm
+
+in the coordinates of `integrators`, the argument of c saturated to the declared box. L is stepped by the exact flow of
+its law with Gamma held over a sample, L/(E + p_1 L (1 - E)/a), a = p_1 p_2 + p_3 Gamma, E = exp(-a dt): whatever dt is,
+it stays between p_2 and p_2 + (p_3/p_1) sup Gamma. With error_i = L^(i-1+b) eps_i, D = diag(b, .., b + n - 1),
+
+    d/dt eps'P eps = eps'(L (N'P + P N) + (p_1 (L - p_2) - p_3 Gamma) (D P + P D)) eps + 2 eps'P delta
+
+with |delta| <= Gamma |eps| where Gamma bounds the increments of c, since it is no less than the spectral norm. So
+D P + P D > 0, N'P + P N + p_1 (D P + P D) < 0 and p_3 (D P + P D) >= 2 lambda_max(P) are enough. The paper's Gamma has
+no D_L; this one, for L >= 1 never larger, lets the gain be lower. Source: Andrieu, Praly, Astolfi, "High gain observers
+with updated gain and homogeneous correction terms", Automatica 45 (2009), with linear correction terms; the cap on L,
+which the length of a step asks for, is an extension.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.check import Check, Verdict
+from hgogen.definite import exact
+from hgogen.definite import positive as positive_definite
+from hgogen.digits import down, up
+from hgogen.form import Form
+from hgogen.injection import capped, companion, injection_gains, listed, moving_gain
+from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.lmi import Lyapunov, lyapunov
+from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive
+from hgogen.program import Block, Field, scalar, sym
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = (
+    "Andrieu, Praly, Astolfi, High gain observers with updated gain and homogeneous correction terms, "
+    "Automatica 45 (2009)"
+)
+EQUATIONS = (
+    "w' = A w + c(w, u) + diag(L, .., L^n) K (y - w_1)",
+    "L' = L (p_1 (p_2 - L) + p_3 Gamma), Gamma = |diag(L, .., L^n)^-1 dc/dw(sat w, u) diag(L, .., L^n)|_F, "
+    "by its exact flow with Gamma held over a sample",
+)
+STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for an answer at once
+THEOREM = Theorem(
+    "the estimate converges exponentially, and the gain stays bounded",
+    (
+        *FORM,
+        Hypothesis(
+            "A - K C is Hurwitz with a P for which D P + P D > 0",
+            verdict=Verdict.PROVED,
+            reason="in rational arithmetic; others are refused",
+        ),
+        Hypothesis("p_1 is small enough", ("updated_gain.p_1",)),
+        Hypothesis("p_3 is large enough", ("updated_gain.p_3",)),
+        Hypothesis("L(0) >= p_2 >= 1", verdict=Verdict.PROVED, reason="others are refused"),
+        Hypothesis(
+            "Gamma at the estimate bounds the increments of c between estimate and plant",
+            verdict=Verdict.UNKNOWN,
+            reason="the Jacobian there bounds them to first order in the error; a larger p_3 leaves room",
+        ),
+        Hypothesis(
+            "the gain does not reach its cap",
+            reason="watch the status GAIN_LIMITED; L stays below p_2 + (p_3/p_1) sup Gamma",
+        ),
+        *OPERATION,
+    ),
+    REFERENCE,
+)
+
+
+def updated_gain(
+    form: Form,
+    *,
+    p_1: float,
+    p_2: float,
+    p_3: float,
+    cap: float,
+    poles: Sequence[complex] | None = None,
+    gains: Sequence[float] | np.ndarray | None = None,
+    b: float = 1.0,
+    start: float | None = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The updated-gain observer on a form of one output with constant a_i.
+
+    Checks: `updated_gain.p_1`, `updated_gain.p_3` (the inequalities above, for the P of N'P + P N = -I).
+
+    Args: `p_1` > 0 (how fast L falls, without unit), `p_2` >= 1 where it falls to (1/s), `p_3` > 0 how much it follows
+    Gamma; `cap` > p_2 the largest L; `poles` (n) of A - K C, or `gains` K (n) in their place; `b` > 0 of D; `start`
+    L(0) from p_2, its default, to the cap; `initial` the plant's state; `accept` ids of refuted checks to build on all
+    the same.
+
+    Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` where D P + P D is not positive definite, with the b from
+    which it is, for other numbers that do not fit, or a form that is no chain of integrators.
+    """
+    accept = founded("updated_gain", form, accept)
+    chain = integrators("updated_gain", form)
+    if chain.n > STATES:
+        raise BadGain("updated_gain", f"proves its gains for {STATES} states at most, {form.system.name} has {chain.n}")
+    K = injection_gains("updated_gain", poles, gains, chain.n)
+    fall, low, rise = positive("p_1", p_1), positive("p_2", p_2), positive("p_3", p_3)
+    top, first = positive("cap", cap), low if start is None else positive("start", start)
+    if not 1 <= low < top:
+        raise BadGain(f"p_2 = {p_2!r}", f"must be at least 1 and below cap = {top:g}")
+    if not low <= first <= top:
+        raise BadGain(f"start = {start!r}", f"must be from p_2 = {low:g} to cap = {top:g}")
+    proof, spread = _weighted(K, positive("b", b))
+    w = chain.field(initial, top)
+    L = scalar("L", first, low=1.0, high=top, unit="1/s", meaning="gain, which follows the slope of the model")
+    return observer_on(
+        chain,
+        "updated_gain",
+        parts=(moving_gain(chain, w, K, L), Jump(lambda clock: _update(clock, chain, w)), capped(L)),
+        gains=(
+            gain("p_1", fall, 1e-3 * fall, fall, "how fast the gain falls"),
+            gain("p_2", low, 1.0, low, "where the gain falls to", "1/s"),
+            gain("p_3", rise, 1e-3 * rise, 1e3 * rise, "how much the gain follows the slope of the model"),
+        ),
+        w=sym("state.w", chain.n),
+        theorem=THEOREM,
+        equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {first:g}, L <= {top:g}"),
+        reference=REFERENCE,
+        checks=(_falls(proof, spread, fall), _rises(proof, spread, rise)),
+        accepted=accept,
+        traces=("L",),
+    )
+
+
+def _slope(chain: Integrators, w: Any, u: Any, L: Any) -> Any:
+    """Gamma, SX scalar."""
+    dynamics, z = chain.dynamics, chain.z(w)
+    J = dynamics.jacobian(z, u) - dynamics.linear(u)
+    entries = [(i, j) for i in range(chain.n) for j in range(chain.n) if not J[i, j].is_zero()]
+    scale = {i: 1 if p == 1 else chain.scale[i] for i, p in enumerate(chain.products)}
+    scaled = (scale[i] * J[i, j] / scale[j] * _power(L, j - i) for i, j in entries)
+    return ca.sqrt(sum((entry * entry for entry in scaled), ca.SX(0)))
+
+
+def _power(L: Any, k: int) -> Any:
+    factor = L if k > 0 else 1 / L
+    return reduce(lambda product, one: product * one, [factor] * abs(k), ca.SX(1))
+
+
+def _update(clock: Clock, chain: Integrators, w: Field) -> Pieces:
+    L, p_1, p_2, p_3 = (sym(place) for place in ("state.L", "gain.p_1", "gain.p_2", "gain.p_3"))
+    rate = p_1 * p_2 + p_3 * _slope(chain, sym(f"state.{w.name}", chain.n), clock.u_now, L)
+    left = ca.exp(-clock.dt * rate)
+    after = L / (left + p_1 * L * (1 - left) / rate)
+    title = "L by the exact flow of its law over a sample"
+    return Pieces(adapt=(Block(title, {"state.L": after}, {"rate": rate, "left": left}),))
+
+
+def _weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
+    """P with N'P + P N <= -I, and D P + P D in rationals.
+
+    Raises: `BadGain` where it is not proved to be positive definite.
+    """
+    exactly = np.array([Fraction(float(k)) for k in K])
+    proof = lyapunov(tuple(map(tuple, companion(exactly))))
+    assert proof is not None  # N is Hurwitz
+    P, n = np.array(proof.P), len(K)
+    spread = _spread(P, [Fraction(b) + i for i in range(n)])
+    if not positive_definite(exact(spread)):
+        pencil = np.linalg.solve(P.astype(float), _spread(P, [Fraction(i) for i in range(n)]).astype(float))
+        least = -np.linalg.eigvals(pencil).real.min() / 2
+        raise BadGain(
+            f"b = {b:g}", f"leaves D P + P D not positive definite; take b = {up(1.01 * float(least))} or more"
+        )
+    return proof, spread
+
+
+def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
+    return np.array([[(D[i] + D[j]) * P[i, j] for j in range(len(D))] for i in range(len(D))])
+
+
+def _falls(proof: Lyapunov, spread: np.ndarray, p_1: float) -> Check:
+    """N'P + P N + p_1 (D P + P D) < 0."""
+    P, N = np.array(proof.P), np.array(proof.vertices[0])
+    gap = -(N.T @ P + P @ N)
+    most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
+    id, claim = "updated_gain.p_1", "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
+    if positive_definite(exact(gap - Fraction(p_1) * spread)):
+        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
+    reason = "not for the P of N'P + P N = -I; another P may do"
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_1 <= {down(0.99 * float(most))}.")
+
+
+def _rises(proof: Lyapunov, spread: np.ndarray, p_3: float) -> Check:
+    """p_3 (D P + P D) >= 2 lambda_max(P)."""
+    least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
+    id, claim = "updated_gain.p_3", "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
+    room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
+    if positive_definite(exact(room)):
+        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
+    reason = "not for the P of N'P + P N = -I; another P may do, or a gain that stays far above Gamma"
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_3 >= {up(1.01 * float(least))}.")
