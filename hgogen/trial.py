@@ -11,7 +11,7 @@ default_rng(seed); tau = 0 is white noise.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -86,8 +86,8 @@ class Trial:
     """A scenario, repeated over noise seeds.
 
     `duration` (s); `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
-    number, for each input by name; `noise` by output name; `steady` (s): the errors count as steady from
-    then on, default the last tenth; `seeds`: of the noise.
+    number, for each input by name (not for one that is the derivative of another); `noise` by output name; `steady`
+    (s): the errors count as steady from then on, default the last tenth; `seeds`: of the noise.
     """
 
     name: str
@@ -150,6 +150,7 @@ def simulate(plant: System, trial: Trial, dt: float) -> Truth:
 
     Raises: `BadTrial` for names or numbers that do not fit, or a plant that cannot be integrated that far.
     """
+    trial = replace(trial, inputs=_inputs(plant, trial))
     _validate(plant, trial, dt)
     times = np.arange(round(trial.duration / dt) + 1) * dt
     time, x = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states))
@@ -158,9 +159,27 @@ def simulate(plant: System, trial: Trial, dt: float) -> Truth:
     symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
     flow = ca.vertcat(*to_casadi(plant.flow, symbols))
     states = _integrate(plant, trial, {"x": x, "t": time, "ode": flow}, times)
-    measure = ca.Function("measure", [x, time], [ca.vertcat(*u), ca.vertcat(*to_casadi(plant.output, symbols))])
-    inputs, outputs = measure(states.T, times[None, :])
-    return Truth(times, states, np.array(inputs).T.reshape(len(times), -1), np.array(outputs).T)
+    measure = ca.Function("measure", [x, time], [ca.vertcat(*to_casadi(plant.output, symbols))])
+    return Truth(times, states, _sampled(plant, trial, times), np.array(measure(states.T, times[None, :])).T)
+
+
+def _sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
+    """The plant's inputs (N, m) at `times`."""
+    time, given = ca.SX.sym("t"), _inputs(plant, trial)
+    u = to_casadi([sp.sympify(given[s.name]) for s in plant.inputs], {t: time})
+    values = ca.Function("inputs", [time], [ca.densify(ca.SX(ca.vertcat(*u)))])(times[None, :])
+    return np.array(values).T.reshape(len(times), -1)
+
+
+def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
+    """The trial's inputs, and the derivatives of them that are inputs of the plant as well."""
+    rates = {
+        u.derivative(k).name: sp.diff(sp.sympify(trial.inputs[u.name]), t, k)
+        for u in plant.inputs
+        for k in range(1, len(plant.inputs))
+        if u.name in trial.inputs
+    }
+    return {name: rate for name, rate in rates.items() if name in {s.name for s in plant.inputs}} | dict(trial.inputs)
 
 
 def _integrate(plant: System, trial: Trial, ode: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
@@ -231,12 +250,14 @@ def try_out(
 
     Raises: `BadTrial`.
     """
-    plant = step.observer.form.system
+    system = step.observer.form.system
+    plant = system if system.origin is None else system.origin.plant
     truth = simulate(plant, trial, step.dt)
+    u = _sampled(system, trial, truth.t)
     for seed in trial.seeds if seeds is None else seeds:
         y = noisy(plant, truth, trial, seed)
         step.reset()
-        run = step.run(u=truth.u, y=y, engine=engine)
+        run = step.run(u=u, y=y, engine=engine)
         yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
 
 

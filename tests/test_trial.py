@@ -28,6 +28,32 @@ def moving(flow, **trial):
     return plant, Trial(**{"name": "drive", "duration": 1.0, "start": start, "inputs": {"u": sp.cos(t)}, **trial})
 
 
+# --- what the observer's plant has beside the declared one ---------------------------------------------------------
+
+
+def test_derivatives_of_inputs_come_from_the_trial():
+    """The phase form of an oscillator takes u and u'; the trial gives u alone."""
+    h, v = hg.Signal("h", low=-9, high=9), hg.Signal("v", low=-9, high=9)
+    u, y = hg.Signal("u", low=0, high=2, rates=[(-3, 3)]), hg.Signal("y")
+    plant = hg.System("swing", states=(h, v), inputs=(u,), outputs=(y,), flow=[v + u, -h], output=[h])
+    step = hg.sample(hg.observers.high_gain(hg.forms.phase(plant), theta=5, poles=(-1, -1)), dt=0.01)
+    assert [s.name for s in step.inputs] == ["u", "u_dot"]
+    trial = Trial("drive", 5, start={"h": 3, "v": 0}, inputs={"u": 1 + sp.sin(2 * t)}, seeds=(0,))
+    (found,) = try_out(step, trial, "python")
+    assert found.truth.u[:, 1] == pytest.approx(2 * np.cos(2 * found.truth.t))
+    # what is left is the input's second derivative between samples: 4 dt^2/8 in u', some 1e-4 of it
+    assert np.abs(found.error[400:]).max() < 1e-4
+
+
+def test_a_recast_plant_is_tried_as_declared():
+    """The truth is that of the plant as declared, whose states are estimated."""
+    tanks = model.load(Path(__file__).resolve().parents[1] / "models" / "cascaded_tanks.py")
+    trial = Trial("fill", 400, start={"x1": 4, "x2": 3}, inputs={"u": 3}, seeds=(0,))
+    (found,) = try_out(tanks.step(), trial, "python")
+    assert found.truth.x[0] == pytest.approx([4, 3])
+    assert np.abs(found.error[-10:]).max() < 0.01 < np.abs(found.error[0]).max()
+
+
 # --- truth ----------------------------------------------------------------------------------------------------
 
 
