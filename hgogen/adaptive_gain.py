@@ -225,8 +225,8 @@ def _judged(id: str, claim: str, M: Any, strict: bool = True, sign: int = 1) -> 
 
 
 def checks(id: str, found: Candidate, given: Given) -> tuple[Check, ...]:
-    """`facts`; `ID.gamma`, that gamma_inf is above the bound (62); with a disturbance `ID.attenuation`, a bound of the
-    L2 gain."""
+    """`facts`; `ID.convergence`, that gamma_inf is above the bound (62); with a disturbance `ID.attenuation`, a bound
+    of the L2 gain."""
     known = facts(id, found)
     sound = all(check.verdict is Verdict.PROVED for check in known)
     lost = "" if sound else "P proves nothing"
@@ -235,17 +235,19 @@ def checks(id: str, found: Candidate, given: Given) -> tuple[Check, ...]:
 
 
 def _above(id: str, found: Candidate, given: Given, lost: str) -> Check:
-    claim = f"gamma_inf = {float(given.low):g} is above max(1, 2 k lambda_max(P)/lambda), so that the error converges"
+    claim = "in continuous time, without noise, the error converges exponentially, whatever the law makes of gamma"
     if lost or given.slope is None:
-        return Check(f"{id}.gamma", claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
+        return Check(f"{id}.convergence", claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
     bound = max(Fraction(1), 2 * given.slope * found.peak / found.decay)
     numbers = f"k <= {up(given.slope)}, lambda_max(P) <= {up(found.peak)}, lambda >= {down(found.decay)}"
+    least = f"{up(bound)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
     if not given.low > bound:
-        low = f"not shown: the bound is {up(bound)} with {numbers}; it is sufficient, not necessary"
-        return Check(f"{id}.gamma", claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials.")
+        low = f"not shown: gamma_inf = {float(given.low):g} is not above {least}; this is sufficient, not necessary"
+        return Check(f"{id}.convergence", claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials.")
     speed = (given.low * found.decay - 2 * given.slope * found.peak) / (2 * found.peak)
-    rate = f"above {up(bound)}, {numbers}; the error decays at least like exp(-{down(speed, 2)} t)"
-    return Check(f"{id}.gamma", claim, Verdict.PROVED, rate)
+    rate = f"the error decays at least like exp(-{down(speed, 2)} t) while the estimate keeps to its outer box"
+    above = f"gamma_inf = {float(given.low):g} is above {least}; {rate}"
+    return Check(f"{id}.convergence", claim, Verdict.PROVED, above)
 
 
 def _gain(id: str, found: Candidate, given: Given, lost: str) -> Check:

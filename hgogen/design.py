@@ -106,7 +106,7 @@ def adaptive_gain(
         design = _rounded(task, found, given)
         if design is not None:
             return design
-    kept = {name: value for name, value in bounds.items() if value < math.inf and (K is None or name != "largest")}
+    kept = {name: value for name, value in bounds.items() if value < math.inf}
     raise Infeasible(n, kept, _enough(cp, task, kept))
 
 

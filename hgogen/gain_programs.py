@@ -126,7 +126,7 @@ def _limits(cp: Any, task: Task, P: Any, Y: Any, peak: Any, decay: Any, scale: A
     """(54), D P + P D >= 0, P <= peak I, |Y| <= largest."""
     one, D, largest = np.eye(task.n), _powers(task.n), task.bounds["largest"]
     limits = [_phi(task, P, Y, decay) << 0, D @ P + P @ D >> task.margin * decay * one, P << peak * one]
-    return limits if math.isinf(largest) or task.K is not None else [*limits, cp.norm(Y) <= largest * scale]
+    return limits if math.isinf(largest) else [*limits, cp.norm(Y) <= largest * scale]
 
 
 def _powers(n: int) -> np.ndarray:

@@ -44,7 +44,9 @@ def _converges(claims: Checked) -> str:
     }
     if known.get("convergence") is not _PROVED:
         return "convergence unknown"
-    above = "for its theta" if known.get("theta") is _PROVED else "for a larger theta only"
+    if "theta" not in known:
+        return "convergence proved in continuous time"
+    above = "for its theta" if known["theta"] is _PROVED else "for a larger theta only"
     return f"convergence proved in continuous time, {above}"
 
 

@@ -51,13 +51,13 @@ def step() -> hg.Step:
 def trial() -> tuple[Trial, ...]:
     """The paper's first figure, without noise; and a torque that jumps, under the noise of an encoder."""
     return (
-        Trial("quiet", 2, start={"x1": 0, "x2": 0, "x3": 0.01}, settled=Settled("x3", band=0.01, hold=0.5), seeds=(0,)),
+        Trial("quiet", 5, start={"x1": 0, "x2": 0, "x3": 0.01}, settled=Settled("x3", band=0.01, hold=0.5), seeds=(0,)),
         Trial(
             "torque",
             20,
             start={"x1": 0, "x2": 0, "x3": 0.01},
             noise={"y": OrnsteinUhlenbeck(sigma=1e-4, tau=0)},
-            jumps=(Jump(10, "x3", 1),),
+            jumps=(Jump(10, "x3", 0.3),),
             settled=Settled("x3", band=0.2, hold=1),
         ),
     )

@@ -25,6 +25,19 @@ plant = hg.System(
 
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)
 tuning = {
+    "adaptive_lmi": {  # P is proved; gamma is far below the bound, as everybody's on this plant
+        "gamma": (4, 12),
+        "K": (6, 15, 18, 10),
+        "P": (
+            (9.6059086, -0.90238792, -2.6431891, 0.93186724),
+            (-0.90238792, 3.1128452, -0.84678398, -1.861682),
+            (-2.6431891, -0.84678398, 2.1002496, -0.85180627),
+            (0.93186724, -1.861682, -0.85180627, 3.4455667),
+        ),
+        "sigma": 0.02,
+        "rise": 20,
+        "threshold": 0.3,
+    },
     "filtered": {"theta": 10, "alpha": 3, "beta": 1, "poles": POLES},
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},

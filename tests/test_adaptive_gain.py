@@ -134,17 +134,17 @@ def test_the_checks_of_an_observer() -> None:
     """The largest lambda of (54) is 0.1666 + 0.1576: gamma_inf above 2 0.71 2.05527/0.32424 = 9.0012."""
     found = by_id(checks("it", paper(), given_()))
     assert {check.verdict for check in found.values()} == {Verdict.PROVED}
-    assert found["gamma"].reason.startswith("above 9.002, k <= 0.71, lambda_max(P) <= 2.056, lambda >= 0.3242")
+    assert found["convergence"].reason.startswith("gamma_inf = 20.53 is above 9.002 = max(")
     low = by_id(checks("it", paper(), given_(low=9.0)))
-    assert (low["gamma"].verdict, low["attenuation"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
-    assert "the bound is 9.002" in low["gamma"].reason
-    assert by_id(checks("it", paper(), given_(low=9.01)))["gamma"].verdict is Verdict.PROVED
+    assert (low["convergence"].verdict, low["attenuation"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
+    assert "gamma_inf = 9 is not above 9.002" in low["convergence"].reason
+    assert by_id(checks("it", paper(), given_(low=9.01)))["convergence"].verdict is Verdict.PROVED
     blind = by_id(checks("it", paper(), given_(slope=None, reason="b may jump")))
-    assert [blind[name].verdict for name in ("gamma", "attenuation")] == [Verdict.UNKNOWN] * 2
-    assert blind["gamma"].reason == "b may jump"
+    assert [blind[name].verdict for name in ("convergence", "attenuation")] == [Verdict.UNKNOWN] * 2
+    assert blind["convergence"].reason == "b may jump"
     wrong = by_id(checks("it", candidate(K, lyapunov(), SIGMA), given_()))
     assert [wrong[name].verdict for name in ("decay", "shrink")] == [Verdict.PROVED, Verdict.REFUTED]
-    assert [wrong[name].verdict for name in ("gamma", "attenuation")] == [Verdict.UNKNOWN] * 2
+    assert [wrong[name].verdict for name in ("convergence", "attenuation")] == [Verdict.UNKNOWN] * 2
 
 
 def test_the_gain_is_no_larger_than_the_papers() -> None:

@@ -176,9 +176,9 @@ def test_the_hypotheses_of_its_theorem() -> None:
     """k = |T^-1 db/dx T| at gamma = 20.53 is |(0.5/20.53, 0.5)| = 0.50059."""
     found = observer(disturbance=(((0, 0), (0, 0), (0, 1)), (1, 0)))
     known = {check.id: check for check in found.checks}
-    for name in ("definite", "decay", "shrink", "gamma", "attenuation"):
+    for name in ("definite", "decay", "shrink", "convergence", "attenuation"):
         assert known[f"adaptive_lmi.{name}"].verdict is Verdict.PROVED
-    assert "k <= 0.5006" in known["adaptive_lmi.gamma"].reason
+    assert "k <= 0.5006" in known["adaptive_lmi.convergence"].reason
     proved = {row.claim: row.verdict for row in rows(found.theorem, found.checks)}
     assert proved["gamma_inf > max(1, 2 k lambda_max(P)/lambda)"] is Verdict.PROVED
     assert proved["D P + P D >= 0"] is Verdict.PROVED
@@ -187,9 +187,9 @@ def test_the_hypotheses_of_its_theorem() -> None:
 
 
 def test_below_the_bound_it_is_not_proved_and_built_all_the_same() -> None:
-    (check,) = (check for check in observer(gamma=(2, 80)).checks if check.id == "adaptive_lmi.gamma")
+    (check,) = (check for check in observer(gamma=(2, 80)).checks if check.id == "adaptive_lmi.convergence")
     assert check.verdict is Verdict.UNKNOWN
-    assert "the bound is" in check.reason
+    assert "gamma_inf = 2 is not above" in check.reason
 
 
 def test_a_p_that_is_refuted_stops_unless_it_is_accepted() -> None:
@@ -198,7 +198,7 @@ def test_a_p_that_is_refuted_stops_unless_it_is_accepted() -> None:
         observer(P=wrong)
     accepted = observer(P=wrong, accept="adaptive_lmi.decay")
     assert accepted.accepted == ("adaptive_lmi.decay",)
-    (check,) = (check for check in accepted.checks if check.id == "adaptive_lmi.gamma")
+    (check,) = (check for check in accepted.checks if check.id == "adaptive_lmi.convergence")
     assert check.verdict is Verdict.UNKNOWN
 
 

@@ -59,7 +59,7 @@ def test_p_is_sought_for_a_given_gain() -> None:
     found = adaptive_gain(3, slope=0.71, K=K)
     assert tuple(K) == found.K
     assert float(found.gamma) < 20.519
-    stands(found, 0.71, np.inf)
+    stands(found, 0.71)
     assert adaptive_gain(3, slope=0.71, K=K, disturbance=TORQUE).mu < 31364
 
 

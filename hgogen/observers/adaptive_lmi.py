@@ -55,7 +55,9 @@ THEOREM = Theorem(
             reason="by its law, also where it slides along r = d",
             reference="assumption 3, (55)",
         ),
-        Hypothesis("gamma_inf > max(1, 2 k lambda_max(P)/lambda)", ("adaptive_lmi.gamma",), reference="(56), (62)"),
+        Hypothesis(
+            "gamma_inf > max(1, 2 k lambda_max(P)/lambda)", ("adaptive_lmi.convergence",), reference="(56), (62)"
+        ),
         Hypothesis(
             "the L2 gain from the declared disturbance to the error in w is at most mu",
             ("adaptive_lmi.attenuation",),
@@ -83,7 +85,7 @@ def adaptive_lmi(
 ) -> Observer:
     """The observer with adaptive gain on a form of one output with constant a_i.
 
-    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (of K, P, sigma), `.gamma` (convergence), `.attenuation` (of a
+    Checks: `adaptive_lmi.definite`, `.decay`, `.shrink` (of K, P, sigma), `.convergence`, `.attenuation` (of a
     disturbance); `adaptive_lmi.lipschitz` in coordinates other than the plant's states.
 
     Args: `gamma` (gamma_inf, gamma_sup), 1 <= gamma_inf < gamma_sup, it starts at gamma_inf; `K` (n), `P` (n, n),
