@@ -75,12 +75,16 @@ def record(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> Figure:
 
 
 def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> Figure:
-    """The innovation with its thresholds, where there is one, and theta; `traces` (N,) by name."""
-    shown = [name for name in ("innovation", "theta") if name in traces]
+    """One panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
+    special = {"innovation": _innovation, "theta": _theta}
+    shown = [*(name for name in special if name in traces), *(name for name in traces if name not in special)]
     with rc_context(STYLE):
         figure, axes = _figure(len(shown), t, top=0.24)
         for axis, name in zip(axes, shown, strict=True):
-            {"innovation": _innovation, "theta": _theta}[name](axis, step, t, traces[name])
+            if name in special:
+                special[name](axis, step, t, traces[name])
+            else:
+                _trace(axis, step, t, name, traces[name])
     return figure
 
 
@@ -175,6 +179,13 @@ def _theta(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
     axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
     axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     _name(axis, "theta", "", "high-gain parameter (1: extended Kalman filter)")
+
+
+def _trace(axis: Axes, step: Step, t: np.ndarray, name: str, values: np.ndarray) -> None:
+    axis.plot(*_thin(t, values), color=TRUTH)
+    fields = {field.name: field for field in step.state}
+    unit, meaning = (fields[name].unit, fields[name].meaning) if name in fields else ("", name)
+    _name(axis, name, unit, meaning)
 
 
 def _symbol(name: str) -> str:

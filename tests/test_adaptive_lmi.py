@@ -12,6 +12,7 @@ from oracle import adaptive_lmi as oracle
 from plants import MODELS, chain, fitzhugh_nagumo, two_outputs
 
 import hgogen as hg
+from hgogen import figure
 from hgogen.check import Refuted, Verdict
 from hgogen.core import core_numbers, nominal
 from hgogen.hurwitz import NotHurwitz
@@ -167,6 +168,15 @@ def test_gamma_keeps_to_its_range_however_fast_it_rises() -> None:
     assert run.traces["gamma"].min() == oracle.LOW
     assert np.abs(run.x[-1] - x[-1]).max() < 1e-3
     assert np.abs(run.x).max() < 40**2  # a gamma beyond 40 in a slope would bring in its cube
+
+
+def test_its_gamma_is_drawn() -> None:
+    step = hg.sample(observer(), hg.methods.rk4, dt=1e-3)
+    run = step.run(y=truth(1e-3)[:, 0], engine="python")
+    (axis,) = figure.adaptation(step, run.t, run.traces).axes
+    (line,) = axis.get_lines()
+    assert line.get_ydata().max() == run.traces["gamma"].max()
+    assert axis.get_title(loc="left") == "high-gain parameter"
 
 
 # --- what is known of it ------------------------------------------------------------------------------------
