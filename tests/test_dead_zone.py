@@ -30,7 +30,7 @@ def proved(built: hg.Observer) -> bool:
 def test_it_is_the_oracles() -> None:
     """4000 samples of some 50 operations, of an error that decays: 1e-11."""
     run = swing.run(observer(), swing.gappy(), engine="python")
-    expected = oracle.run(swing.truth().u[:, 0], swing.gappy(), swing.DT, (2, 1), 20, 1, 0.3)
+    expected = oracle.run(swing.truth().u, swing.gappy()[:, None], swing.DT, (2, 1), 20, 1, 0.3)
     assert run.traces["sigma"] == pytest.approx(expected[:, 2], abs=1e-11)
     assert run.x == pytest.approx(expected[:, :2], abs=1e-11)
 

@@ -66,7 +66,7 @@ def test_the_gain_is_high_at_once() -> None:
 def test_it_is_the_oracles() -> None:
     """4000 samples of some 50 operations, of an error that decays: 1e-11."""
     run = swing.run(observer(), swing.gappy(), engine="python")
-    expected = oracle.run(swing.truth().u[:, 0], swing.gappy(), swing.DT, (2, 1), (40, 10), 0.01, 201)
+    expected = oracle.run(swing.truth().u, swing.gappy()[:, None], swing.DT, (2, 1), (40, 10), 0.01, 201)
     assert set(run.traces["level"]) == {10, 40}
     assert (run.traces["level"] == expected[:, 2]).all()
     assert run.x == pytest.approx(expected[:, :2], abs=1e-11)

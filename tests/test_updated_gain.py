@@ -23,9 +23,13 @@ def observer(**changes: Any) -> hg.Observer:
     return hg.observers.updated_gain(swing.form(), **{**GAINS, **changes})
 
 
+def known(built: hg.Observer) -> dict[str, Verdict]:
+    return {check.id: check.verdict for check in built.checks}
+
+
 def verdicts(built: hg.Observer) -> tuple[Verdict, Verdict]:
-    known = {check.id: check.verdict for check in built.checks}
-    return known["updated_gain.p_1"], known["updated_gain.p_3"]
+    found = known(built)
+    return found["updated_gain.p_1"], found["updated_gain.p_3"]
 
 
 def test_the_linear_core_has_the_poles_at_the_cap() -> None:
@@ -36,7 +40,7 @@ def test_the_linear_core_has_the_poles_at_the_cap() -> None:
 def test_it_is_the_oracles() -> None:
     """4000 samples; the oracle's ten Runge-Kutta steps of L' = L (a - p_1 L) err by some (a dt/10)^5 < 1e-14."""
     run = swing.run(observer(), swing.gappy(), engine="python")
-    expected = oracle.run(swing.truth().u[:, 0], swing.gappy(), swing.DT, (2, 1), (0.15, 5, 6), 5)
+    expected = oracle.run(swing.truth().u, swing.gappy()[:, None], swing.DT, (2, 1), (0.15, 5, 6), 5)
     assert run.traces["L"].max() > 25
     assert run.traces["L"] == pytest.approx(expected[:, 2], rel=1e-10)
     assert run.x == pytest.approx(expected[:, :2], abs=1e-10)
@@ -149,6 +153,16 @@ def test_the_cap_is_said_in_the_status() -> None:
     assert "GAIN_LIMITED" in step.flags(run.status[-1])
     quiet = hg.sample(observer(), hg.methods.rk4, dt=swing.DT)
     assert not quiet.run(u=swing.truth().u, y=swing.truth().y).status[100:].any()
+
+
+def test_a_cap_is_proved_to_hold_up_to_where_the_gain_would_pass_it() -> None:
+    """cap = 5 + 40 |(19.6/cap, .1)|: L' = 0 there at the steepest point of the box."""
+    cap = 31.0
+    for _ in range(60):
+        cap = 5 + 40 * np.hypot(19.6 / cap, 0.1)
+    assert 25 < cap < 35
+    assert known(observer(cap=1.02 * cap))["updated_gain.cap"] is Verdict.PROVED
+    assert known(observer(cap=0.98 * cap))["updated_gain.cap"] is Verdict.UNKNOWN
 
 
 def test_more_states_than_can_be_proved_are_refused() -> None:

@@ -17,21 +17,17 @@ which the length of a step asks for, is an extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from fractions import Fraction
 from functools import reduce
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from hgogen.check import Check, Verdict
-from hgogen.definite import exact
-from hgogen.definite import positive as positive_definite
-from hgogen.digits import down, up
+from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.injection import capped, companion, injection_gains, listed, moving_gain
+from hgogen.gain_update import STATES, falls, rises, stays, weighted
+from hgogen.injection import capped, injection_gains, listed, moving_gain
 from hgogen.integrators import Integrators, integrators, observer_on
-from hgogen.lmi import Lyapunov, lyapunov
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -45,7 +41,6 @@ EQUATIONS = (
     "L' = L (p_1 (p_2 - L) + p_3 Gamma), Gamma = |diag(L, .., L^n)^-1 dc/dw(sat w, u) diag(L, .., L^n)|_F, "
     "by its exact flow with Gamma held over a sample",
 )
-STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for an answer at once
 THEOREM = Theorem(
     "the estimate converges exponentially, and the gain stays bounded",
     (
@@ -63,10 +58,7 @@ THEOREM = Theorem(
             verdict=Verdict.UNKNOWN,
             reason="the Jacobian there bounds them to first order in the error; a larger p_3 leaves room",
         ),
-        Hypothesis(
-            "the gain does not reach its cap",
-            reason="watch the status GAIN_LIMITED; L stays below p_2 + (p_3/p_1) sup Gamma",
-        ),
+        Hypothesis("the gain does not reach its cap", ("updated_gain.cap",), reason="between samples; the status GAIN_LIMITED tells"),
         *OPERATION,
     ),
     REFERENCE,
@@ -89,7 +81,8 @@ def updated_gain(
 ) -> Observer:
     """The updated-gain observer on a form of one output with constant a_i.
 
-    Checks: `updated_gain.p_1`, `updated_gain.p_3` (the inequalities above, for the P of N'P + P N = -I).
+    Checks: `updated_gain.p_1`, `updated_gain.p_3` (the inequalities above, for the P of N'P + P N = -I);
+    `updated_gain.cap` (L' < 0 at the cap).
 
     Args: `p_1` > 0 (how fast L falls, without unit), `p_2` >= 1 where it falls to (1/s), `p_3` > 0 how much it follows
     Gamma; `cap` > p_2 the largest L; `poles` (n) of A - K C, or `gains` K (n) in their place; `b` > 0 of D; `start`
@@ -110,7 +103,7 @@ def updated_gain(
         raise BadGain(f"p_2 = {p_2!r}", f"must be at least 1 and below cap = {top:g}")
     if not low <= first <= top:
         raise BadGain(f"start = {start!r}", f"must be from p_2 = {low:g} to cap = {top:g}")
-    proof, spread = _weighted(K, positive("b", b))
+    proof, spread = weighted(K, positive("b", b))
     w = chain.field(initial, top)
     L = scalar("L", first, low=1.0, high=top, unit="1/s", meaning="gain, which follows the slope of the model")
     return observer_on(
@@ -126,7 +119,7 @@ def updated_gain(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {first:g}, L <= {top:g}"),
         reference=REFERENCE,
-        checks=(_falls(proof, spread, fall), _rises(proof, spread, rise)),
+        checks=(falls(proof, spread, fall), rises(proof, spread, rise), stays(chain, fall, low, rise, top)),
         accepted=accept,
         traces=("L",),
     )
@@ -154,49 +147,3 @@ def _update(clock: Clock, chain: Integrators, w: Field) -> Pieces:
     after = L / (left + p_1 * L * (1 - left) / rate)
     title = "L by the exact flow of its law over a sample"
     return Pieces(adapt=(Block(title, {"state.L": after}, {"rate": rate, "left": left}),))
-
-
-def _weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
-    """P with N'P + P N <= -I, and D P + P D in rationals.
-
-    Raises: `BadGain` where it is not proved to be positive definite.
-    """
-    exactly = np.array([Fraction(float(k)) for k in K])
-    proof = lyapunov(tuple(map(tuple, companion(exactly))))
-    assert proof is not None  # N is Hurwitz
-    P, n = np.array(proof.P), len(K)
-    spread = _spread(P, [Fraction(b) + i for i in range(n)])
-    if not positive_definite(exact(spread)):
-        pencil = np.linalg.solve(P.astype(float), _spread(P, [Fraction(i) for i in range(n)]).astype(float))
-        least = -np.linalg.eigvals(pencil).real.min() / 2
-        raise BadGain(
-            f"b = {b:g}", f"leaves D P + P D not positive definite; take b = {up(1.01 * float(least))} or more"
-        )
-    return proof, spread
-
-
-def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
-    return np.array([[(D[i] + D[j]) * P[i, j] for j in range(len(D))] for i in range(len(D))])
-
-
-def _falls(proof: Lyapunov, spread: np.ndarray, p_1: float) -> Check:
-    """N'P + P N + p_1 (D P + P D) < 0."""
-    P, N = np.array(proof.P), np.array(proof.vertices[0])
-    gap = -(N.T @ P + P @ N)
-    most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
-    id, claim = "updated_gain.p_1", "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
-    if positive_definite(exact(gap - Fraction(p_1) * spread)):
-        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
-    reason = "not for the P of N'P + P N = -I; another P may do"
-    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_1 <= {down(0.99 * float(most))}.")
-
-
-def _rises(proof: Lyapunov, spread: np.ndarray, p_3: float) -> Check:
-    """p_3 (D P + P D) >= 2 lambda_max(P)."""
-    least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
-    id, claim = "updated_gain.p_3", "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
-    room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
-    if positive_definite(exact(room)):
-        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
-    reason = "not for the P of N'P + P N = -I; another P may do, or a gain that stays far above Gamma"
-    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_3 >= {up(1.01 * float(least))}.")

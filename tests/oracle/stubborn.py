@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from oracle import swing
+from oracle import sampled
+from oracle.swing import corrected
+
+Array = np.ndarray
 
 
-def run(
-    u: np.ndarray, y: np.ndarray, dt: float, K: tuple[float, float], theta: float, decay: float, r: float
-) -> np.ndarray:
+def run(u: Array, y: Array, dt: float, K: tuple[float, float], theta: float, decay: float, r: float) -> Array:
     """States (N, 3): estimate (2), sigma, from 0."""
 
-    def rate(x: np.ndarray, u: float, y: float, valid: float) -> np.ndarray:
-        e, most = valid * (y - x[0]), np.sqrt(max(x[2], 0))
-        taken = np.clip(e, -most, most)
-        linear = np.array([x[1] + theta * K[0] * taken, theta**2 * K[1] * taken, theta * (r * e * e - decay * x[2])])
-        return linear + np.pad(swing.pendulum(x[:2], u), (0, 1))
+    def rate(x: Array, y: Array, valid: Array, u: Array) -> Array:
+        e, most = valid[0] * (y[0] - x[0]), np.sqrt(max(x[2], 0))
+        injected = np.clip(e, -most, most)
+        return np.append(corrected(x[:2], u[0], theta, K, injected), theta * (r * e * e - decay * x[2]))
 
-    return swing.run(rate, np.zeros(3), u, y, dt)
+    return sampled.run(rate, np.zeros(3), y, dt, u)

@@ -2,22 +2,24 @@
 
 import numpy as np
 
-from oracle import swing
+from oracle import sampled
+from oracle.swing import corrected
+
+Array = np.ndarray
 
 
 def run(
-    u: np.ndarray, y: np.ndarray, dt: float, K: tuple[float, float], gains: tuple[float, float], d: float, count: int
-) -> np.ndarray:
+    u: Array, y: Array, dt: float, K: tuple[float, float], gains: tuple[float, float], d: float, count: int
+) -> Array:
     """States (N, 4): estimate (2), gain in force, samples in a row with |e| <= d; the gain is low from `count` on."""
 
-    def rate(x: np.ndarray, u: float, y: float, valid: float) -> np.ndarray:
-        e, level = valid * (y - x[0]), x[2]
-        return np.array([x[1] + level * K[0] * e, level**2 * K[1] * e, 0, 0]) + np.pad(swing.pendulum(x[:2], u), (0, 2))
+    def rate(x: Array, y: Array, valid: Array, u: Array) -> Array:
+        return np.append(corrected(x[:2], u[0], x[2], K, valid[0] * (y[0] - x[0])), [0, 0])
 
-    def after(x: np.ndarray, u: float, y: float) -> np.ndarray:
+    def after(x: Array, y: Array, valid: Array, u: Array) -> Array:
         quiet = x[3]
-        if np.isfinite(y):
-            quiet = min(quiet + 1, count) if abs(y - x[0]) <= d else 0
+        if valid[0]:
+            quiet = min(quiet + 1, count) if abs(y[0] - x[0]) <= d else 0
         return np.array([x[0], x[1], gains[1] if quiet >= count else gains[0], quiet])
 
-    return swing.run(rate, np.array([0, 0, gains[0], 0]), u, y, dt, after)
+    return sampled.run(rate, np.array([0, 0, gains[0], 0]), y, dt, u, after)

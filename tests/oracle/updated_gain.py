@@ -2,27 +2,27 @@
 
 import numpy as np
 
-from oracle import swing
+from oracle import sampled
+from oracle.swing import corrected
+
+Array = np.ndarray
 
 
-def slope(w: np.ndarray, L: float) -> float:
+def slope(w: Array, L: float) -> float:
     """|diag(L, L^2)^-1 dc/dw diag(L, L^2)|_F at the estimate clamped to its ranges."""
     J = np.array([[0, 0], [-19.6 * np.cos(np.clip(w[0], -4, 4)), -0.1]])
     D = np.diag([L, L**2])
     return float(np.linalg.norm(np.linalg.inv(D) @ J @ D))
 
 
-def run(
-    u: np.ndarray, y: np.ndarray, dt: float, K: tuple[float, float], p: tuple[float, float, float], start: float
-) -> np.ndarray:
+def run(u: Array, y: Array, dt: float, K: tuple[float, float], p: tuple[float, float, float], start: float) -> Array:
     """States (N, 3): estimate (2), gain L, which moves by its law with Gamma held over a sample, in ten Runge-Kutta
     steps."""
 
-    def rate(x: np.ndarray, u: float, y: float, valid: float) -> np.ndarray:
-        e, L = valid * (y - x[0]), x[2]
-        return np.array([x[1] + L * K[0] * e, L**2 * K[1] * e, 0]) + np.pad(swing.pendulum(x[:2], u), (0, 1))
+    def rate(x: Array, y: Array, valid: Array, u: Array) -> Array:
+        return np.append(corrected(x[:2], u[0], x[2], K, valid[0] * (y[0] - x[0])), 0)
 
-    def after(x: np.ndarray, u: float, y: float) -> np.ndarray:
+    def after(x: Array, y: Array, valid: Array, u: Array) -> Array:
         L, gamma, h = x[2], slope(x[:2], x[2]), dt / 10
 
         def law(L: float) -> float:
@@ -35,4 +35,4 @@ def run(
             L = L + h / 6 * (k1 + 2 * k2 + 2 * k3 + law(L + h * k3))
         return np.array([x[0], x[1], L])
 
-    return swing.run(rate, np.array([0, 0, start]), u, y, dt, after)
+    return sampled.run(rate, np.array([0, 0, start]), y, dt, u, after)
