@@ -21,6 +21,7 @@ from hgogen.digits import down, up
 from hgogen.errors import HgogenError
 from hgogen.gain_programs import Found, Task, best
 from hgogen.hurwitz import demand_hurwitz
+from hgogen.injection import companion
 from hgogen.lmi import solver
 from hgogen.observer import BadGain, positive, real, reals
 
@@ -118,8 +119,7 @@ def _column(K: Any, n: int) -> np.ndarray:
     values = reals("K", K)
     if values.shape != (n,) or not np.isfinite(values).all():
         raise BadGain(f"K = {K!r}", f"must be {n} finite numbers, one for each integrator")
-    core = np.diag(np.ones(n - 1), 1) - np.outer(values, np.eye(n)[0])
-    demand_hurwitz("K", core, "take the coefficients of a polynomial whose roots decay, or leave K out")
+    demand_hurwitz("K", companion(values), "take the coefficients of a polynomial whose roots decay, or leave K out")
     return values[:, None]
 
 

@@ -28,9 +28,10 @@ from hgogen.check import Verdict, demand
 from hgogen.dynamics import clamp
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
-from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.injection import companion, listed, scaled
+from hgogen.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, gain, positive, reals
-from hgogen.program import Field, column, scalar, sym
+from hgogen.program import Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems (2020), theorems 5-7"
@@ -101,14 +102,14 @@ def adaptive_lmi(
     found = candidate(K, P, sigma, chain.n)
     if not found.sigma:
         raise BadGain("sigma = 0", "would keep gamma from falling; design K and P for a positive sigma")
-    core = np.diag(np.ones(chain.n - 1), 1) - np.outer([float(k) for k in found.K], np.eye(chain.n)[0])
-    demand_hurwitz("K", core, "take K and P of hgogen.design")
+    gains = np.array([float(k) for k in found.K])
+    demand_hurwitz("K", companion(gains), "take K and P of hgogen.design")
     steep = slope(form, [_power(low, -i) * p for i, p in enumerate(chain.products)])
     k, reason = (None, str(steep)) if isinstance(steep, Nothing) else (steep.high, "")
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
     own = checks("adaptive_lmi", found, Given(Fraction(low), Fraction(high), k, reason, disturbed))
     demand((*form.checks, *own), accept, form)
-    gains = (
+    tunable = (
         _wide("rise", rise, "alpha, rate at which gamma rises", "1/s"),
         _wide("threshold", threshold, "d, output error above which gamma rises", form.system.outputs[0].unit),
         gain("sigma", float(found.sigma), 0.0, float(found.sigma), "gamma falls like -sigma gamma^2"),
@@ -118,11 +119,11 @@ def adaptive_lmi(
     return observer_on(
         chain,
         "adaptive_lmi",
-        parts=(_part(chain, w, moving, [float(k) for k in found.K]),),
-        gains=gains,
+        parts=(_part(chain, w, moving, gains),),
+        gains=tunable,
         w=sym("state.w", chain.n),
         theorem=THEOREM,
-        equations=EQUATIONS,
+        equations=(*EQUATIONS, f"K = {listed(gains)}, gamma_inf = {low:g}, gamma_sup = {high:g}"),
         reference=REFERENCE,
         checks=own,
         accepted=accept,
@@ -130,16 +131,13 @@ def adaptive_lmi(
     )
 
 
-def _part(chain: Integrators, w: Field, moving: Field, K: Sequence[float]) -> Ode:
+def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
     """what and gamma as one differential equation."""
-    n, (low, high) = chain.n, moving.box[0]
+    ((low, high),) = moving.box
 
     def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
-        w, level, power, rate = values["w"], clamp(values["gamma"], low, high), ca.SX(1), []
-        for i in range(n):
-            power = power * level
-            rate.append((w[i + 1] if i + 1 < n else 0) + power * (K[i] * (valid * (y - w[0]))))
-        return {"w": column(rate)}
+        w, level = values["w"], clamp(values["gamma"], low, high)
+        return {"w": shifted(w) + scaled(K, level) * (valid * (y - w[0]))}
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         level = clamp(values["gamma"], low, high)
