@@ -28,6 +28,7 @@ plant = hg.System(
     output=[x1],
 )
 
+START = {"x1": 1, "x2": 1, "x3": 1}
 tuning = {
     "adaptive_lmi": {
         "gamma": (20.53, 80),
@@ -37,8 +38,10 @@ tuning = {
         "rise": 50,
         "threshold": 0.1,
         "disturbance": (((0, 0), (0, 0), (0, 1)), (1, 0)),  # of the measurement, and of x3'
-        "initial": {"x1": 1, "x2": 1, "x3": 1},
+        "initial": START,
     },
+    "high_gain": {"theta": 20, "poles": (-1, -1, -1), "initial": START},
+    "low_power": {"theta": 10, "initial": START},
 }
 
 
