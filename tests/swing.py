@@ -34,14 +34,14 @@ def noisy(sigma: float = 1e-3, seed: int = 0) -> np.ndarray:
 
 def gappy() -> np.ndarray:
     """Noisy, with samples missing: one, ten in a row, and every other of twenty."""
-    y = noisy()
+    y = noisy()[:2200]
     y[700] = y[1500:1510] = y[2000:2020:2] = np.nan
     return y
 
 
 def run(observer: hg.Observer, y: np.ndarray, **options: Any) -> hg.Run:
     """The observer over the swing by classical Runge-Kutta."""
-    return hg.sample(observer, hg.methods.rk4, dt=DT).run(u=truth().u, y=y, **options)
+    return hg.sample(observer, hg.methods.rk4, dt=DT).run(u=truth().u[: len(y)], y=y, **options)
 
 
 def error(observer: hg.Observer, y: np.ndarray | None = None) -> np.ndarray:
