@@ -166,8 +166,9 @@ def verified(
         first, second = map(Fraction, alphas)
         if min(first, second) <= 0:
             raise BadGain(f"alphas = {alphas}", "must be positive")
-        block = attenuation(found, found.decay if decay is None else Fraction(decay), first, second)
-        claim = f"(87) with alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
+        block = attenuation(found, Fraction(0 if decay is None else decay), first, second)
+        level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
+        claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
         checks.append(_judged("adaptive_gain.attenuation", claim, block, sign=-1))
     return tuple(checks)
 

@@ -53,7 +53,8 @@ def nonnegative(M: Any) -> bool:
 
 
 def smallest(M: Any) -> tuple[Fraction, Fraction]:
-    """(low, high) around the smallest eigenvalue of a symmetric matrix of FLINT's: low <= it < high, both proved.
+    """(low, high) around the smallest eigenvalue of a symmetric matrix of FLINT's: low <= it < high, both proved, and
+    low > 0 where the matrix is positive definite.
 
     low is the float in nine digits where that is below, so that 2 is found as 2; else both start a share 2^-40 of the
     largest entry from the float, and move outwards until they are proved.
@@ -67,6 +68,10 @@ def smallest(M: Any) -> tuple[Fraction, Fraction]:
     while nonnegative(M - one * number(high)):
         above *= 4
         high = middle + above
+    if low <= 0 and positive(M):
+        low = high / 2
+        while not nonnegative(M - one * number(low)):
+            low /= 16
     return low, high
 
 

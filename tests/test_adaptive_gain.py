@@ -74,6 +74,16 @@ def test_a_whole_eigenvalue_is_found_whole() -> None:
     assert largest(exact(rational(np.diag([2.0, 1.0]))))[1] == 2
 
 
+def test_an_eigenvalue_that_no_float_resolves_keeps_its_sign() -> None:
+    """[[1, 1], [1, 1 + t]] has the smallest eigenvalue t/2 + ..: its float is 0 or below."""
+    t = Fraction(1, 2**90)
+    low, high = smallest(exact(((Fraction(1), Fraction(1)), (Fraction(1), 1 + t))))
+    assert 0 < low < t < high
+    low, high = smallest(exact(((Fraction(1), Fraction(1)), (Fraction(1), 1 - t))))
+    assert low < -t / 4 < high
+    assert largest(exact(((-Fraction(1), Fraction(1)), (Fraction(1), -1 - t))))[1] < 0
+
+
 # --- the printed K and P ------------------------------------------------------------------------------------
 
 
@@ -95,6 +105,7 @@ def test_the_printed_design_is_proved() -> None:
     assert {check.verdict for check in found.values()} == {Verdict.PROVED}
     assert "the largest eigenvalue is at most -0.1576" in found["decay"].reason
     assert "the largest eigenvalue is at most -0.09314" in found["attenuation"].reason
+    assert by_id(verified(K, P, SIGMA, alphas=ALPHAS))["attenuation"].verdict is Verdict.PROVED
 
 
 def test_what_fails_is_refuted_with_its_eigenvalue() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import adaptive_lmi as oracle
@@ -194,6 +195,32 @@ def test_the_hypotheses_of_its_theorem() -> None:
     assert proved["D P + P D >= 0"] is Verdict.PROVED
     assert proved["the L2 gain from the declared disturbance to the error in w is at most mu"] is Verdict.PROVED
     assert not any("L2" in row.claim for row in rows(observer().theorem, observer().checks))
+
+
+@cache
+def geared() -> hg.Form:
+    """a_1 = 5, a_2 = a in [1, 4], a_3 = -3, so that z_3 = -x_3."""
+    a, u = hg.Signal("a", "", "", 2.0, low=1, high=4), hg.Signal("u", low=-1, high=1)
+    x = [hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2, 3)]
+    flow = [a * x[1], -3 * x[2] - sp.sin(x[0]), u - x[2] * x[0] ** 2 / 10]
+    data = {"states": x, "inputs": (u,), "outputs": (hg.Signal("y"),), "parameters": (a,)}
+    return hg.forms.triangular(hg.System("geared", **data, flow=flow, output=[5 * x[0]]))
+
+
+def test_a_chain_with_gains_and_a_parameter() -> None:
+    """w = (5 z_1, 5 a z_2, 15 a z_3): |T^-1 dc/dw T|^2 = (a cos z_1/gamma)^2 + (z_1^2/10)^2 +
+    (0.6 a z_1 z_3/gamma^2)^2, the largest at z = 4, a = 4, gamma = 20.53."""
+    found = hg.observers.adaptive_lmi(geared(), **GIVEN)
+    k = np.hypot(1.6, np.hypot(4 * np.cos(4) / 20.53, 0.6 * 4**3 / 20.53**2))
+    (check,) = (check for check in found.checks if check.id == "adaptive_lmi.convergence")
+    assert check.verdict is Verdict.PROVED
+    said = float(check.reason.split("k <= ")[1].split(",")[0])
+    assert k < said < k + 1e-3
+    step = hg.sample(found, hg.methods.rk4, dt=5e-4)
+    start = Trial("it", 1.0, {"x1": 1, "x2": 0.5, "x3": -0.5}, {"u": 0.2})
+    true = simulate(geared().system, start, 5e-4)
+    run = step.run(u=true.u, y=true.y, engine="python")
+    assert np.abs(run.x[-1] - true.x[-1]).max() < 1e-6
 
 
 def test_below_the_bound_it_is_not_proved_and_built_all_the_same() -> None:
