@@ -228,28 +228,18 @@ def trials(each: Iterable[Summary]) -> RenderableType:
 def compared(title: str, each: Sequence[Measured]) -> RenderableType:
     """Observers side by side, one a row."""
     events, states = range(len(each[0].settled)), list(each[0].rms)
-    count = "" if len(events) == 1 else " {}"
-    table = _table(
-        title,
-        "observer",
-        *(f"settled{count.format(k + 1)} (s)" for k in events),
-        *(f"RMS {name}" for name in states),
-        *(f"peak {name}" for name in states),
-        *("operations", "bytes"),
-        numbers=len(events) + 2 * len(states) + 2,
-    )
+    after = [f"settled after event {k + 1} (s)" for k in events] if len(events) > 1 else ["settled after (s)"]
+    costs = ("operations", "functions", "bytes of state")
+    whole = _table(title, "observer", *after, *costs, numbers=len(events) + len(costs))
     for one in each:
-        functions = f" + {one.cost.functions} f" if one.cost.functions else ""
-        table.add_row(
-            one.name,
-            *(_number(time) for time in one.settled),
-            *(f"{one.rms[name]:.2g}" for name in states),
-            *(f"{one.peak[name]:.2g}" for name in states),
-            f"{one.cost.operations}{functions}",
-            str(one.cost.state),
-        )
-    said = "peak: largest error over the state's range; operations of a call, f: functions such as sine; bytes of state"
-    return Group(table, Text(said), "")
+        cost = (one.cost.operations, one.cost.functions, one.cost.state)
+        whole.add_row(one.name, *map(_number, one.settled), *map(str, cost))
+    rms = _table("steady error, root mean square", "observer", *states, numbers=len(states))
+    peak = _table("largest error over the state's range", "observer", *states, numbers=len(states))
+    for one in each:
+        rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
+        peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
+    return Group(whole, "", rms, "", peak, "")
 
 
 _ENGINE = {"c": "C", "python": "Python"}
