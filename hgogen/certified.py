@@ -13,7 +13,10 @@ most |J| for theta >= 1 (maximum modulus). Then V = e'P e has V' <= -(theta - 2 
 The same holds in scaled coordinates S z, S diagonal, positive, constant in time: sat stays a clamp of each component,
 J turns into S J S^-1. With gains K_i = p_i/(a_1..a_i), S_i = a_2..a_i makes the core the companion matrix of p whatever
 the parameters; with a constant K the a_i of a range are the vertices of one inequality. So a constant gain serves an
-input-driven A as well, against remark 1 of Boizot, Busvelle, Gauthier, Automatica 46 (2010). Source of the observer:
+input-driven A as well, against remark 1 of Boizot, Busvelle, Gauthier, Automatica 46 (2010). Several outputs, with the
+Delta of their chains' alignment (`scaling`) and diag(theta, .., theta^(n_i)) K_i on each: Delta turns A - K C, block
+diagonal, into theta times itself, and J, whose rows read states of no higher power of theta, again into powers of
+1/theta, so that the proof is the same. Source of the observer:
 Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
@@ -26,7 +29,7 @@ from math import isqrt
 import numpy as np
 import sympy as sp
 
-from hgogen.bounds import LIMIT, Range, bound, box
+from hgogen.bounds import box
 from hgogen.check import Check, Verdict
 from hgogen.digits import down, up
 from hgogen.door import Misfit
@@ -34,12 +37,12 @@ from hgogen.form import Form
 from hgogen.lmi import Lyapunov, Matrix, common
 from hgogen.lmi import gains as designed
 from hgogen.points import exact, points
+from hgogen.polytope import Corner, chains, corners, fixed, signals, span
 from hgogen.proof import Proof
-from hgogen.tape import NoTape
+from hgogen.scaling import ALIGNED, exponents
 
 # Beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once.
 STATES = 12
-VARYING = 8
 # L_b need not be the least: more boxes would cost more than they bring.
 _BOXES = 500
 _STEPS = (Fraction(2), Fraction(5, 4))
@@ -108,16 +111,21 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
     reason = _obstacle(form)
     if reason:
         return Nothing(reason)
-    a = _chain(form)
-    driven = [f"a_{i} = {x}" for i, x in enumerate(a, 1) if x.free_symbols - {*form.system.parameters}]
+    each = chains(form)
+    every = [
+        (name, a) for names, chain in zip(_names(form), each, strict=True) for name, a in zip(names, chain, strict=True)
+    ]
+    driven = [f"{name} = {a}" for name, a in every if a.free_symbols - {*form.system.parameters}]
     if driven:
         return Nothing(f"{driven[0]} varies with the input, so that gains from poles are not constant")
-    loose = [f"a_{i} = {x}" for i, x in enumerate(a, 1) if not _positive(x, form)]
+    loose = [f"{name} = {a}" for name, a in every if not _positive(a, form)]
     if loose:
         return Nothing(f"{loose[0]} is not shown to be positive")
     exactly = _exactly("of_poles, p=", p, form)
-    gains = tuple(sp.Rational(x.numerator, x.denominator) / sp.Mul(*a[: i + 1]) for i, x in enumerate(exactly))
-    core = _Core(tuple(sp.Mul(*a[1 : i + 1]) for i in range(form.n)), (_companion(exactly),), gains)
+    products = [sp.Mul(*chain[: j + 1]) for chain in each for j in range(len(chain))]
+    gains = tuple(sp.Rational(x.numerator, x.denominator) / a for x, a in zip(exactly, products, strict=True))
+    scale = tuple(sp.Mul(*chain[1 : j + 1]) for chain in each for j in range(len(chain)))
+    core = _Core(scale, (_companions(exactly, form.blocks),), gains)
     slopes = _slopes(form)
     given = [Fraction(f"{float(1 / s.subs(form.system.nominal)):.6g}") for s in core.scale]
     plain = _certified(form, slopes, core.scaled(given))
@@ -136,11 +144,10 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
     if reason:
         return Nothing(reason)
     gain = _exactly("of_gains, K=", K, form)
-    corners = _corners(form)
-    if isinstance(corners, str):
-        return Nothing(corners)
-    n = range(form.n)
-    vertices = tuple(tuple(tuple(A[i][j] - gain[i] * C[j] for j in n) for i in n) for A, C in corners)
+    found = _corners(form)
+    if isinstance(found, str):
+        return Nothing(found)
+    vertices = tuple(_closed(each, gain) for each in product(*found))
     gains = tuple(sp.Rational(k.numerator, k.denominator) for k in gain)
     return _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
 
@@ -160,11 +167,11 @@ def suggested(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Noth
 
     Raises: `lmi.NoSolver`.
     """
-    reason = _obstacle(form)
-    corners = reason or _corners(form)
-    if isinstance(corners, str):
-        return Nothing(corners)
-    K = designed(corners, largest)
+    reason = _obstacle(form) or ("a gain is suggested for one output" if len(form.output) > 1 else "")
+    found = reason or _corners(form)
+    if isinstance(found, str):
+        return Nothing(found)
+    K = designed(found[0], largest)
     return Nothing(f"no gain up to {largest:g} was found") if K is None else tuple(map(float, K))
 
 
@@ -197,8 +204,8 @@ def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
 
 def _obstacle(form: Form) -> str:
     """Why the theorem does not apply as it stands, or ""."""
-    if len(form.output) != 1:
-        return "the bound is for one output"
+    if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
+        return "the bound of several outputs is for chains aligned at the top or at the end"
     if getattr(form, "jacobian", None) is not None:
         return "the bound is for an observer in the coordinates of the form, this one stays in the plant's"
     if form.jacobian is not None or form.behind is not None:
@@ -208,79 +215,72 @@ def _obstacle(form: Form) -> str:
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
     if open_:
         return f"the bound rests on {open_[0]}, which is not proved"
-    signals = {*form.system.inputs, *form.system.parameters}
+    known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), _heads(form)
     for i in range(form.n):
         for j in range(form.n):
-            if form.A[i, j] != 0 and (j != i + 1 or form.A[i, j].free_symbols - signals):
+            if form.A[i, j] != 0 and (j != i + 1 or j in heads or form.A[i, j].free_symbols - known):
                 return f"A[{i + 1}, {j + 1}] = {form.A[i, j]} has no place in the triangular form"
-        if not form.b[i].free_symbols <= {*form.states[: i + 1], *signals}:
+        if not form.b[i].free_symbols <= {z for z, k in zip(form.states, power, strict=True) if k <= power[i]} | known:
             return f"b_{i + 1} = {form.b[i]} reads more than z_1..z_{i + 1}"
-    offset = form.output[0] - sp.diff(form.output[0], form.states[0]) * form.states[0]
-    if sp.expand(offset).free_symbols & {*form.states} or _chain(form)[0].free_symbols & {*form.states}:
-        return f"the output {form.output[0]} is not a_1 z_1 + c(u)"
+    for head, (first, *_), output in zip(heads, chains(form), form.output, strict=True):
+        offset = output - sp.diff(output, form.states[head]) * form.states[head]
+        if (sp.expand(offset).free_symbols | first.free_symbols) & {*form.states}:
+            return f"the output {output} is not a_1 z_1 + c(u)"
     return ""
 
 
-def _chain(form: Form) -> list[sp.Expr]:
-    """a_1..a_n, constants at their values."""
-    a = [sp.diff(form.output[0], form.states[0]), *(form.A[i, i + 1] for i in range(form.n - 1))]
-    return [exact(sp.sympify(x).xreplace(_fixed(form))) for x in a]
+def _heads(form: Form) -> tuple[int, ...]:
+    """Where each chain begins."""
+    return tuple(sum(form.blocks[:i]) for i in range(len(form.blocks)))
+
+
+def _names(form: Form) -> list[list[str]]:
+    """a_1, .., of one chain, a_(i,1), .., of several."""
+    several = len(form.blocks) > 1
+    return [
+        [f"a_({i},{j})" if several else f"a_{j}" for j in range(1, size + 1)] for i, size in enumerate(form.blocks, 1)
+    ]
 
 
 def _positive(a: sp.Expr, form: Form) -> bool:
-    span = _span(a, form)
-    return bool(span and span.defined and span.low > 0)
-
-
-def _span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
-    """Its range on the declared box; None where there is no rule for it."""
-    try:
-        return bound(expression, box(_signals(form)), boxes=boxes, relative=0.005)
-    except NoTape:
-        return None
-
-
-def _fixed(form: Form) -> dict[sp.Symbol, sp.Rational]:
-    return {p: value for p, value in form.system.nominal.items() if not p.bounded}
-
-
-def _signals(form: Form) -> tuple[sp.Symbol, ...]:
-    return (*form.states, *form.system.inputs, *form.system.parameters)
+    found = span(a, form)
+    return bool(found and found.defined and found.low > 0)
 
 
 def _slopes(form: Form) -> sp.Matrix:
     """db/dz, constants at their values."""
-    b = sp.Matrix([exact(sp.sympify(row).xreplace(_fixed(form))) for row in form.b])
+    b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 
 
-def _companion(p: Iterable[Fraction]) -> Matrix:
-    column = [-x for x in p]
-    n = range(len(column))
-    return tuple(tuple((column[i] if j == 0 else Fraction(0)) + int(j == i + 1) for j in n) for i in n)
+def _companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
+    """The companion matrices of the blocks' polynomials along the diagonal."""
+    n, heads = range(len(p)), [sum(blocks[:i]) for i, size in enumerate(blocks) for _ in range(size)]
+    inner = [[Fraction(int(j == i + 1 and heads[i] == heads[j])) for j in n] for i in n]
+    return tuple(tuple(inner[i][j] - (p[i] if j == heads[i] else 0) for j in n) for i in n)
 
 
-def _corners(form: Form) -> list[tuple[Matrix, tuple[Fraction, ...]]] | str:
-    """(A, C) at the ends of the ranges of a_1..a_n; or why there are none."""
-    ends: list[tuple[Fraction, ...]] = []
-    for i, a in enumerate(_chain(form), 1):
-        if a.is_Rational:
-            ends.append((Fraction(int(a.p), int(a.q)),))
-            continue
-        span = _span(a, form)
-        if not (span and span.defined and span.finite):
-            return f"a_{i} = {a} has no finite range on the box"
-        ends.append((Fraction(span.low), Fraction(span.high)))
-    n = range(form.n)
-    if sum(len(pair) > 1 for pair in ends) > VARYING:
-        return f"more than {VARYING} of the a_i vary, whose ranges have too many vertices"
-    return [
-        (
-            tuple(tuple(a[j] if j == i + 1 else Fraction(0) for j in n) for i in n),
-            tuple(a[0] if j == 0 else Fraction(0) for j in n),
-        )
-        for a in product(*ends)
-    ]
+def _corners(form: Form) -> list[list[Corner]] | str:
+    """The corners of each chain; or why there are none."""
+    found = []
+    for chain in chains(form):
+        each = corners(chain, form)
+        if isinstance(each, str):
+            return each
+        found.append(each)
+    return found
+
+
+def _closed(parts: Sequence[Corner], gain: Sequence[Fraction]) -> Matrix:
+    """A - K C of the chains along the diagonal."""
+    rows, head, total = [], 0, len(gain)
+    for A, C in parts:
+        n = range(len(C))
+        for i in n:
+            row = [A[i][j] - gain[head + i] * C[j] for j in n]
+            rows.append((*[Fraction(0)] * head, *row, *[Fraction(0)] * (total - head - len(row))))
+        head += len(C)
+    return tuple(rows)
 
 
 def _certified(form: Form, slopes: sp.Matrix, core: _Core) -> ThetaBound | Nothing:
@@ -298,13 +298,13 @@ def _certified(form: Form, slopes: sp.Matrix, core: _Core) -> ThetaBound | Nothi
 def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof | str:
     """L_b in the coordinates scale z, from above: sup of the Frobenius norm of S J S^-1 on the box; or why there is
     none."""
-    square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(i + 1)))
-    span = _span(square, form, _BOXES)
-    if not (span and span.defined and span.finite):
+    square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(form.n)))
+    found = span(square, form, _BOXES)
+    if not (found and found.defined and found.finite):
         return "no bound L_b on the slope of b was found on the box"
-    around = box(_signals(form), form.system.nominal)
-    steep = _root(Fraction(max(span.high, 0.0)))
-    return Proof("slope", form.b, around, None, steep, span.variables, span.tree, form.states)
+    around = box(signals(form), form.system.nominal)
+    steep = _root(Fraction(max(found.high, 0.0)))
+    return Proof("slope", form.b, around, None, steep, found.variables, found.tree, form.states)
 
 
 def _root(value: Fraction) -> Fraction:
@@ -321,10 +321,10 @@ def _search(form: Form, slopes: sp.Matrix, core: _Core) -> tuple[Fraction, ...]:
 
     A move makes the tail d_k..d_n, or d_k alone, larger or smaller by a factor.
     """
-    n, signals = form.n, _signals(form)
-    if any(not s.bounded and s not in _fixed(form) for s in signals):
+    n, free = form.n, signals(form)
+    if any(not s.bounded and s not in fixed(form) for s in free):
         return (Fraction(1),) * n
-    samples = _samples(slopes, core.scale, signals, form)
+    samples = _samples(slopes, core.scale, free, form)
     if samples is None:
         return (Fraction(1),) * n
     best: tuple[Fraction, ...] = (Fraction(1),) * n
@@ -349,13 +349,11 @@ def _moves(d: tuple[Fraction, ...], step: Fraction) -> Iterator[tuple[Fraction, 
                 yield (*d[:k], factor * d[k], *d[k + 1 :])
 
 
-def _samples(
-    slopes: sp.Matrix, scale: Sequence[sp.Expr], signals: Sequence[sp.Symbol], form: Form
-) -> np.ndarray | None:
+def _samples(slopes: sp.Matrix, scale: Sequence[sp.Expr], given: Sequence[sp.Symbol], form: Form) -> np.ndarray | None:
     """S J S^-1 at sample points of the box, (k, n, n); None where they are not all finite."""
     n = range(form.n)
     matrix = [scale[i] * slopes[i, j] / scale[j] for i in n for j in n]
-    free = [s for s in signals if s not in _fixed(form)]
+    free = [s for s in given if s not in fixed(form)]
     graph = sp.lambdify(free, matrix, "numpy")
     columns = np.array([[float(point[s]) for s in free] for point in points(free)]).T.reshape(len(free), -1)
     with np.errstate(all="ignore"):

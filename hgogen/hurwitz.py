@@ -27,8 +27,8 @@ class NotHurwitz(HgogenError):
 
 
 def hurwitz(matrix: np.ndarray) -> bool:
-    """Whether every eigenvalue of the matrix (n, n) has a negative real part: proved either way."""
-    rows = [[fmpq(*Fraction(float(value)).as_integer_ratio()) for value in row] for row in matrix]
+    """Whether every eigenvalue of a matrix (n, n), floats or fractions, has a negative real part: a proof."""
+    rows = [[_rational(value) for value in row] for row in matrix]
     polynomial = fmpq_mat(rows).charpoly().coeffs()[::-1]
     above, below = polynomial[0::2], polynomial[1::2]
     while below:
@@ -40,10 +40,16 @@ def hurwitz(matrix: np.ndarray) -> bool:
     return True
 
 
+def _rational(value: float | Fraction) -> fmpq:
+    exact = value if isinstance(value, Fraction) else Fraction(float(value))
+    return fmpq(exact.numerator, exact.denominator)
+
+
 def demand_hurwitz(gains: str, matrix: np.ndarray, fix: str) -> None:
     """Raises: `NotHurwitz` for a matrix (n, n) that is not; `fix` says what to change."""
     if hurwitz(matrix):
         return
-    spectrum = sorted(np.linalg.eigvals(matrix).astype(complex), key=lambda value: -value.real)
+    eigenvalues = np.linalg.eigvals(np.asarray(matrix, dtype=float)).astype(complex)
+    spectrum = sorted(eigenvalues, key=lambda value: -value.real)
     bad = [value for value in spectrum if value.real >= 0 and value.imag >= 0] or spectrum[:1]
     raise NotHurwitz(gains, tuple(map(complex, bad)), fix)

@@ -89,12 +89,12 @@ class NotDefinite(HgogenError):
 
 
 def core_limit(core: Array, polynomial: Sequence[float]) -> float:
-    """The largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and every eigenvalue of `core` (n, n).
+    """The largest dt with |R(h lambda)| <= 1 for all 0 < h <= dt and every eigenvalue of `core` (n, n), or (k, n, n).
 
     `polynomial`: the coefficients of R, constant first. inf where nothing limits (every eigenvalue 0), 0
     where no step is stable (Euler on an undamped oscillation). Raises: `UnstableCore`.
     """
-    spectrum = np.linalg.eigvals(np.asarray(core, dtype=float)).astype(complex)
+    spectrum = np.linalg.eigvals(np.asarray(core, dtype=float)).astype(complex).ravel()
     size = np.abs(spectrum)
     if (spectrum.real > AXIS * size.max()).any():
         raise UnstableCore(complex(spectrum[np.argmax(spectrum.real)]))
