@@ -1,9 +1,11 @@
-"""The kernels of `hgogen.kernels` as C functions with loops; REAL, PREFIX and SIZE are filled in."""
+"""The kernels of `hgogen.kernels` as C functions with loops; words in capitals are filled in."""
 
 from collections.abc import Collection
 
 from hgogen.cprint import Real, literal
+from hgogen.kernels import DEGREE, HALVINGS, SWEEPS
 
+_VALUES = {"ZERO": 0, "ONE": 1, "TWO": 2, "FOUR": 4, "HALF": 0.5}
 _C: dict[str, str] = {
     "expand": """
 /* unit diagonal and zeros above it in the columns of L */
@@ -137,6 +139,159 @@ static bool PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE
     return capped;
 }
 """,
+    "balance": """
+/* X <- S^-1 X S, S diagonal of powers of two: row i and column i of about the same size */
+static void PREFIX_balance(REAL x[SQUARE], REAL scale[SIZE])
+{
+    for (unsigned i = 0u; i < SIZE; ++i) {
+        scale[i] = ONE;
+    }
+    for (unsigned sweep = 0u; sweep < SWEEPS; ++sweep) {
+        for (unsigned i = 0u; i < SIZE; ++i) {
+            REAL f = ONE;
+            REAL column = ZERO;
+            REAL row = ZERO;
+            for (unsigned j = 0u; j < SIZE; ++j) {
+                if (j != i) {
+                    const REAL above = x[SIZE*j + i];
+                    const REAL beside = x[SIZE*i + j];
+                    column = column + ((above < ZERO) ? -above : above);
+                    row = row + ((beside < ZERO) ? -beside : beside);
+                }
+            }
+            if (column > ZERO && row > ZERO) {
+                for (unsigned k = 0u; k < HALVINGS && column < row/TWO; ++k) {
+                    f = f*TWO;
+                    column = column*TWO;
+                    row = row/TWO;
+                }
+                for (unsigned k = 0u; k < HALVINGS && column >= row*TWO; ++k) {
+                    f = f/TWO;
+                    column = column/TWO;
+                    row = row*TWO;
+                }
+                for (unsigned j = 0u; j < SIZE; ++j) {
+                    x[SIZE*i + j] = x[SIZE*i + j]/f;
+                }
+                for (unsigned j = 0u; j < SIZE; ++j) {
+                    x[SIZE*j + i] = x[SIZE*j + i]*f;
+                }
+                scale[i] = scale[i]*f;
+            }
+        }
+    }
+}
+""",
+    "exponential": """
+/* c = a b */
+static void PREFIX_product(REAL c[SQUARE], const REAL a[SQUARE], const REAL b[SQUARE])
+{
+    for (unsigned i = 0u; i < SIZE; ++i) {
+        for (unsigned j = 0u; j < SIZE; ++j) {
+            REAL sum = ZERO;
+            for (unsigned k = 0u; k < SIZE; ++k) {
+                sum = sum + a[SIZE*i + k]*b[SIZE*k + j];
+            }
+            c[SIZE*i + j] = sum;
+        }
+    }
+}
+
+/* phi_0 = exp X, phi_1 = (phi_0 - 1)/X, phi_2 = (phi_1 - 1)/X: series of phi_2 for X/2^k, then k doublings */
+static void PREFIX_exponential(REAL x[SQUARE], REAL phi_0[SQUARE], REAL phi_1[SQUARE], REAL phi_2[SQUARE])
+{
+    REAL norm = ZERO;
+    unsigned doublings = 0u;
+    REAL c[SQUARE];
+    for (unsigned i = 0u; i < SIZE; ++i) {
+        REAL row = ZERO;
+        for (unsigned j = 0u; j < SIZE; ++j) {
+            const REAL v = x[SIZE*i + j];
+            row = row + ((v < ZERO) ? -v : v);
+            phi_2[SIZE*i + j] = (i == j) ? ONE : ZERO;
+        }
+        norm = (row > norm) ? row : norm;
+    }
+    while (doublings < HALVINGS && norm > HALF) {
+        norm = norm/TWO;
+        ++doublings;
+        for (unsigned i = 0u; i < SQUARE; ++i) {
+            x[i] = x[i]/TWO;
+        }
+    }
+    for (unsigned j = DEGREE; j > 0u; --j) {
+        PREFIX_product(c, x, phi_2);
+        for (unsigned i = 0u; i < SQUARE; ++i) {
+            phi_2[i] = ((i % LINE == 0u) ? ONE : ZERO) + c[i]/(REAL)(j + 2u);
+        }
+    }
+    for (unsigned i = 0u; i < SQUARE; ++i) {
+        phi_2[i] = phi_2[i]/TWO;
+    }
+    PREFIX_product(c, x, phi_2);
+    for (unsigned i = 0u; i < SQUARE; ++i) {
+        phi_1[i] = ((i % LINE == 0u) ? ONE : ZERO) + c[i];
+    }
+    PREFIX_product(c, x, phi_1);
+    for (unsigned i = 0u; i < SQUARE; ++i) {
+        phi_0[i] = ((i % LINE == 0u) ? ONE : ZERO) + c[i];
+    }
+    for (unsigned k = 0u; k < doublings; ++k) {
+        PREFIX_product(c, phi_0, phi_2);
+        for (unsigned i = 0u; i < SQUARE; ++i) {
+            phi_2[i] = (c[i] + phi_1[i] + phi_2[i])/FOUR;
+        }
+        PREFIX_product(c, phi_0, phi_1);
+        for (unsigned i = 0u; i < SQUARE; ++i) {
+            phi_1[i] = (c[i] + phi_1[i])/TWO;
+        }
+        PREFIX_product(c, phi_0, phi_0);
+        for (unsigned i = 0u; i < SQUARE; ++i) {
+            phi_0[i] = c[i];
+        }
+    }
+}
+""",
+    "resolvent": """
+/* (1 - X)^-1 by Gauss-Jordan with row pivots; x is left in pieces */
+static void PREFIX_resolvent(REAL x[SQUARE], REAL inverse[SQUARE])
+{
+    for (unsigned i = 0u; i < SQUARE; ++i) {
+        inverse[i] = (i % LINE == 0u) ? ONE : ZERO;
+        x[i] = inverse[i] - x[i];
+    }
+    for (unsigned k = 0u; k < SIZE; ++k) {
+        unsigned best = k;
+        REAL most = ZERO;
+        for (unsigned i = k; i < SIZE; ++i) {
+            const REAL v = x[SIZE*i + k];
+            const REAL size = (v < ZERO) ? -v : v;
+            if (size > most) {
+                best = i;
+                most = size;
+            }
+        }
+        const REAL pivot = x[SIZE*best + k];
+        for (unsigned j = 0u; j < SIZE; ++j) {
+            const REAL mine = x[SIZE*best + j]/pivot;
+            const REAL other = inverse[SIZE*best + j]/pivot;
+            x[SIZE*best + j] = x[SIZE*k + j];
+            inverse[SIZE*best + j] = inverse[SIZE*k + j];
+            x[SIZE*k + j] = mine;
+            inverse[SIZE*k + j] = other;
+        }
+        for (unsigned i = 0u; i < SIZE; ++i) {
+            if (i != k) {
+                const REAL factor = x[SIZE*i + k];
+                for (unsigned j = 0u; j < SIZE; ++j) {
+                    x[SIZE*i + j] = x[SIZE*i + j] - factor*x[SIZE*k + j];
+                    inverse[SIZE*i + j] = inverse[SIZE*i + j] - factor*inverse[SIZE*k + j];
+                }
+            }
+        }
+    }
+}
+""",
 }
 
 
@@ -145,7 +300,12 @@ def kernels(prefix: str, real: Real, used: Collection[tuple[str, int]]) -> list[
     lines: list[str] = []
     for name, text in _C.items():
         for size in sorted(size for used_name, size in used if used_name == name):
-            filled = text.strip("\n").replace("REAL", real).replace("SIZE", f"{size}u")
-            filled = filled.replace("ZERO", literal(0, real)).replace("ONE", literal(1, real)).replace("PREFIX", prefix)
+            numbers = {"SIZE": size, "SQUARE": size * size, "LINE": size + 1}
+            numbers |= {"SWEEPS": SWEEPS, "HALVINGS": HALVINGS, "DEGREE": DEGREE}
+            filled = text.strip("\n").replace("REAL", real).replace("PREFIX", prefix)
+            for word, number in numbers.items():
+                filled = filled.replace(word, f"{number}u")
+            for word, value in _VALUES.items():
+                filled = filled.replace(word, literal(value, real))
             lines += [*filled.split("\n"), ""]
     return lines

@@ -5,7 +5,7 @@ the same M where the model's nonlinear terms agree, so the eigenvalues of M are 
 measurement noise goes through.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,33 +18,27 @@ from hgogen.program import Block, address, sym
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """x' = M x + B y with every output valid (SX (N, N), (N, p)), x' = `blind` x without samples.
-
-    `x`: the symbols of the fields that are not frozen, in their order.
-    """
+    """x' = M x + B y, SX (N, N) and (N, p); `x`: the symbols of the fields that are not frozen, in their order."""
 
     x: Any
     M: Any
     B: Any
-    blind: Any
 
 
-def core(part: Ode, outputs: int) -> Core | None:
-    """The core as graphs of parameters and gains, frozen fields at their values; None where there is none."""
+def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
+    """The core as graphs of parameters and gains, frozen fields at their values; None where there is none.
+
+    `valid` (p): 1 for an output whose sample can be used, else 0; by default all of them.
+    """
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
     values: dict[str, Any] = {field.name: sym(f"state.{field.name}", field.size) for field in moving}
     x, y = ca.vertcat(*values.values()), sym("work.y", outputs)
     values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
-
-    def slopes(valid: Any) -> tuple[Any, Any]:
-        lines = part.linear(values, y, valid) if part.linear else {}
-        rate = ca.vertcat(*(lines.get(field.name, ca.SX(field.size, 1)) for field in moving))
-        return ca.jacobian(rate, x), ca.jacobian(rate, y)
-
-    (M, B), (blind, _) = slopes(ca.SX.ones(outputs)), slopes(ca.SX(outputs, 1))
-    return Core(x, M, B, blind)
+    lines = part.linear(values, y, ca.SX(ca.DM(np.ones(outputs) if valid is None else valid)))
+    rate = ca.vertcat(*(lines.get(field.name, ca.SX(field.size, 1)) for field in moving))
+    return Core(x, ca.jacobian(rate, x), ca.jacobian(rate, y))
 
 
 def core_numbers(part: Ode, outputs: int, nominal: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -72,7 +72,8 @@ def _kernel(kernel: Kernel) -> Pair:
     def counted(*shape: int) -> np.ndarray:
         return np.array([_Counted(done) for _ in range(math.prod(shape))], dtype=object).reshape(shape)
 
-    KERNELS[kernel.name](counted(kernel.size, kernel.size), *(counted(size) for _, size in kernel.arguments))
+    columns = [counted(kernel.size, kernel.size)] if kernel.columns else []
+    KERNELS[kernel.name](*columns, *(counted(size) for _, size in kernel.arguments))
     return done["operation"], done["function"]
 
 

@@ -187,11 +187,11 @@ class Writer:
 
     def _kernel(self, kernel: Kernel) -> list[str]:
         self.kernels.add((kernel.name, kernel.size))
-        array = self._array(kernel.columns.split(".", 1)[0])
-        arguments = [
+        arguments = [self._array(kernel.columns.split(".", 1)[0])] if kernel.columns else []
+        arguments += [
             self.lvalue(place, 0, 1 if size == 1 else 0).removesuffix("[0]") for place, size in kernel.arguments
         ]
-        call = f"{self.prefix}_{kernel.name}({', '.join([array, *arguments])})"
+        call = f"{self.prefix}_{kernel.name}({', '.join(arguments)})"
         return [f"{kernel.result.split('.', 1)[1]} = {call};" if kernel.result else f"{call};"]
 
     def _block(self, block: Block, taken: frozenset[str]) -> list[str]:

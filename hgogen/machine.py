@@ -152,7 +152,8 @@ class Machine:
     def _loop(self, loop: Loop) -> Action:
         body = self._program(loop.body)
         touched = sorted(
-            {p for p, _ in places(loop.body)} | {s.columns for s in walk(loop.body) if isinstance(s, Kernel)}
+            {p for p, _ in places(loop.body)}
+            | {s.columns for s in walk(loop.body) if isinstance(s, Kernel) and s.columns}
         )
         pairs = [(self._tables[p], self._rows[p]) for p in touched if scope(p) == loop.group]
         pairs += [(self.memory[p], self._tables[p]) for p in touched if self._inside(p, loop.group)]
@@ -200,12 +201,12 @@ class Machine:
         return run
 
     def _kernel(self, kernel: Kernel) -> Action:
-        operation, columns = KERNELS[kernel.name], self._tables[kernel.columns]
-        arguments = [self._array(place) for place, _ in kernel.arguments]
+        operation, columns = KERNELS[kernel.name], [self._tables[kernel.columns]] if kernel.columns else []
+        arguments = [*columns, *(self._array(place) for place, _ in kernel.arguments)]
         result = self._array(kernel.result) if kernel.result else np.zeros(1)
 
         def run() -> None:
             with np.errstate(all="ignore"):
-                result[0] = operation(columns, *arguments) or 0
+                result[0] = operation(*arguments) or 0
 
         return run

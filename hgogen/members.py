@@ -80,7 +80,8 @@ class Moved:
             case Kernel():
                 arguments = tuple((self.place(place), size) for place, size in statement.arguments)
                 result = statement.result and self.place(statement.result)
-                return replace(statement, columns=self.place(statement.columns), arguments=arguments, result=result)
+                columns = statement.columns and self.place(statement.columns)
+                return replace(statement, columns=columns, arguments=arguments, result=result)
 
     def _block(self, block: Block) -> Block:
         values = self.values(*block.writes.values(), *block.names.values())

@@ -174,13 +174,13 @@ class Copy:
 class Kernel:
     """A matrix operation too large to unroll: `name` of `hgogen.kernels`, on places in its argument order.
 
-    The first is a group's field of columns, the others arrays, or numbers that are only read; `result` is the flag that
-    takes what the kernel returns.
+    The first is a group's field of columns, None for a kernel that has none, the others arrays, or numbers that are
+    only read; `result` is the flag that takes what the kernel returns.
     """
 
     name: str
     size: int
-    columns: str
+    columns: str | None
     arguments: tuple[tuple[str, int], ...] = ()
     result: str | None = None
 

@@ -1,0 +1,34 @@
+"""The linear error core by the bilinear rule s = (2/h) (z - 1)/(z + 1), which is stable at every step length h.
+
+    (1 - h M/2) x+ = (1 + h M/2) x + (h/2) B (v_0 + v_1) + (h/2) (r_0 + r_1)
+
+with r_1 at the x+ that r_0 alone gives: order 2. A core much faster than 2/h is not damped but changes sign at each
+sample; there the matrix exponential is better. For any part with a linear core, such as a constant-gain observer.
+Source: Dabroom, Khalil, "Discrete-time implementation of high-gain observers for numerical differentiation", Int. J.
+Control 72 (1999).
+"""
+
+import casadi as ca
+
+from hgogen.core import Core
+from hgogen.program import Kernel
+from hgogen.sampled import Matrices, Sampled, balanced, spread
+
+
+def _matrices(line: Core, h: float) -> Matrices:
+    X = h / 2 * line.M
+    program, size = balanced(X)
+    places = (("work.core", size**2), ("work.inverse", size**2))
+    S = spread("work.inverse", X, size)
+    source = h / 2 * S @ line.B
+    return Matrices(
+        program=(*program, Kernel("resolvent", size, None, places)),
+        Phi=2 * S - ca.SX.eye(X.shape[0]),
+        Gamma_0=source,
+        Gamma_1=source,
+        Psi_0=h * S,
+        Psi_1=h / 2 * S,
+    )
+
+
+bilinear = Sampled("the bilinear rule", _matrices)

@@ -1,0 +1,31 @@
+"""The linear error core exactly, by the matrix exponential; the nonlinear rest by exponential time differencing.
+
+    x+ = phi_0(h M) x + h (phi_1 - phi_2)(h M) B v_0 + h phi_2(h M) B v_1 + h phi_1(h M) r_0 + h phi_2(h M) (r_1 - r_0)
+    phi_0(X) = exp X,  phi_1(X) = (phi_0 - 1)/X,  phi_2(X) = (phi_1 - 1)/X
+
+with r_1 at the x+ that r_0 alone gives. For a measurement on the line between samples and no rest it is exact at every
+step length h; the rest has order 2. For any part with a linear core, such as a constant-gain observer. Source of the
+scheme: Cox, Matthews, "Exponential time differencing for stiff systems", J. Comput. Phys. 176 (2002), ETD2RK.
+"""
+
+from hgogen.core import Core
+from hgogen.program import Kernel
+from hgogen.sampled import Matrices, Sampled, balanced, spread
+
+
+def _matrices(line: Core, h: float) -> Matrices:
+    X = h * line.M
+    program, size = balanced(X)
+    places = tuple((f"work.{name}", size**2) for name in ("core", "phi_0", "phi_1", "phi_2"))
+    phi_0, phi_1, phi_2 = (spread(place, X, size) for place, _ in places[1:])
+    return Matrices(
+        program=(*program, Kernel("exponential", size, None, places)),
+        Phi=phi_0,
+        Gamma_0=h * (phi_1 - phi_2) @ line.B,
+        Gamma_1=h * phi_2 @ line.B,
+        Psi_0=h * phi_1,
+        Psi_1=h * phi_2,
+    )
+
+
+exponential = Sampled("the matrix exponential", _matrices)

@@ -1,0 +1,304 @@
+"""The matrix exponential and the bilinear rule as methods: exact or as their formula says for the linear core at any
+step length, order 2 for the rest, the same bits in C."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracle import realised as oracle
+from plants import MODELS, fitzhugh_nagumo, model, pendulum, two_outputs
+from scipy.linalg import expm
+
+import hgogen as hg
+from hgogen import native
+from hgogen.core import core, nominal, numbers
+from hgogen.integrators import integrators
+from hgogen.kernels import balance, exponential, resolvent
+from hgogen.model import load
+from hgogen.observer import Ode
+from hgogen.program import sym
+from hgogen.sampled import NoRealisation
+from hgogen.step import StepTooLong
+
+METHODS = {"exponential": oracle.exact, "bilinear": oracle.bilinear}
+POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)
+OBSERVERS: dict[str, Any] = {
+    "filtered": {"theta": 4, "alpha": 3, "beta": 1, "poles": POLES},
+    "high_gain": {"theta": 4, "poles": POLES},
+    "low_power": {"theta": 4},
+}
+NAN = float("nan")
+methods = pytest.mark.parametrize("method", METHODS)
+compiled = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+@cache
+def pure(n: int) -> hg.Form:
+    """x_i' = x_(i+1), x_n' = u, y = x_1 + u: the rest is linear in u."""
+    x = [hg.Signal(f"x{i}", low=-1e6, high=1e6) for i in range(1, n + 1)]
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-1e6, high=1e6)
+    data = {"states": x, "inputs": (u,), "outputs": (y,)}
+    return hg.forms.triangular(hg.System(f"pure{n}", **data, flow=[*x[1:], u], output=[x[0] + u]))
+
+
+def built(name: str, **changes: Any) -> hg.Observer:
+    return getattr(hg.observers, name)(pure(4), **{**OBSERVERS[name], **changes})
+
+
+def line(observer: hg.Observer, seen: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """M and B of the observer, u as a second source beside y: x_n' = u, v = y - u."""
+    (part,) = observer.parts
+    found = core(part, 1, [seen])
+    M, B = numbers(found.M, nominal(observer)), numbers(found.B, nominal(observer))
+    driven = np.zeros((len(M), 1))
+    driven[3 if len(M) != 6 else 5] = 1  # the last w, or the last q
+    return M, np.hstack([B, driven - B])
+
+
+# --- the matrices -------------------------------------------------------------------------------------------
+
+elements = st.integers(-60, 60).map(lambda k: k / 8)
+
+
+@given(st.integers(2, 6).flatmap(lambda n: st.lists(elements, min_size=n * n, max_size=n * n)), st.floats(-3, 3))
+@settings(deadline=None, max_examples=25)
+def test_phi_functions(values: list[float], power: float) -> None:
+    """Against scipy's exponential of [[X, 1, 0], [0, 0, 1], [0, 0, 0]], whose first rows are phi_0, phi_1, phi_2; with
+    rows and columns scaled by powers of a high gain, which balancing takes out again. Scaling and squaring loses some
+    |X| eps."""
+    n = int(np.sqrt(len(values)))
+    X, D = np.array(values).reshape(n, n), (10.0**power) ** np.arange(n)
+    scaled, scale = (D[:, None] * X / D).ravel(), np.zeros(n)
+    balance(scaled, scale)
+    assert (np.frexp(scale)[0] == 0.5).all()  # powers of two
+    phi = [np.zeros(n * n) for _ in range(3)]
+    exponential(scaled, *phi)
+    one, null = np.eye(n), np.zeros((n, n))
+    whole = expm(np.block([[X, one, null], [null, null, one], [null, null, null]]))[:n]
+    for found, expected in zip(phi, np.split(whole, 3, axis=1), strict=True):
+        back = found.reshape(n, n) * scale[:, None] / scale / D[:, None] * D
+        room = 1e-12 * max(1.0, np.abs(X).sum()) * np.abs(whole).max()
+        assert back == pytest.approx(expected, abs=room)
+
+
+@given(st.integers(2, 6).flatmap(lambda n: st.lists(elements, min_size=n * n, max_size=n * n)))
+@settings(deadline=None, max_examples=25)
+def test_the_resolvent(values: list[float]) -> None:
+    n = int(np.sqrt(len(values)))
+    X, found = np.array(values).reshape(n, n), np.zeros(n * n)
+    with np.errstate(all="ignore"):
+        resolvent(X.ravel().copy(), found)
+    condition = np.linalg.cond(np.eye(n) - X)
+    if condition < 1e10:
+        expected = np.linalg.inv(np.eye(n) - X)
+        assert found.reshape(n, n) == pytest.approx(expected, abs=1e-14 * n * condition * np.abs(expected).max())
+
+
+# --- the linear core ----------------------------------------------------------------------------------------
+
+
+@methods
+@pytest.mark.parametrize("name", OBSERVERS)
+@pytest.mark.parametrize("dt", [1e-3, 0.1, 3.0])
+def test_the_core_is_the_formulas_at_any_step_length(name: str, method: str, dt: float) -> None:
+    """A record of u and y on lines: scipy's matrices, to rounding (x is up to 1e4, theta^4 enters)."""
+    observer = built(name, initial=(1, -2, 3, -4))
+    (part,) = observer.parts
+    rng = np.random.default_rng(3)
+    u, y = rng.uniform(-1, 1, 60), rng.normal(size=60)
+    start = np.concatenate([field.initial for field in part.fields])
+    expected = oracle.run(METHODS[method](*line(observer), dt), start, np.column_stack([y, u]))
+    run = hg.sample(observer, getattr(hg.methods, method), dt=dt).run(u=u, y=y, engine="python")
+    shown = expected[:, [0, 3, 4, 5] if name == "low_power" else [0, 1, 2, 3]]
+    assert not run.status.any()
+    assert run.x == pytest.approx(shown, abs=1e-10 * np.abs(expected).max())
+
+
+@methods
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_without_a_sample_the_core_is_the_blind_one(name: str, method: str) -> None:
+    """One sample is missing: that step has M without the output; the next one has y at both ends again, as in every
+    method, from the only valid sample."""
+    dt, observer = 0.05, built(name, initial=(1, -2, 3, -4))
+    (part,) = observer.parts
+    y = np.array([0.3, -0.2, NAN, 0.7])
+    run = hg.sample(observer, getattr(hg.methods, method), dt=dt).run(u=0 * y, y=y, engine="python")
+    x = np.concatenate([field.initial for field in part.fields])
+    seen, blind = (METHODS[method](*line(observer, valid), dt) for valid in (1.0, 0.0))
+    assert not blind[1][:, 0].any()
+    still = np.zeros(2)
+    for steps, before, now in ((seen, y[0], y[1]), (blind, 0, 0), (seen, y[3], y[3])):
+        x = oracle.run(steps, x, np.array([[before, 0.0], [now, 0.0]]) + still)[-1]
+    assert run.x[-1] == pytest.approx(x[[0, 3, 4, 5] if name == "low_power" else [0, 1, 2, 3]], abs=1e-11)
+
+
+@methods
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_far_beyond_the_limit_of_runge_kutta_it_is_stable(name: str, method: str) -> None:
+    observer, t = built(name), np.arange(300) * 1.0
+    with pytest.raises(StepTooLong):
+        hg.sample(observer, hg.methods.rk4, dt=1.0)
+    step = hg.sample(observer, getattr(hg.methods, method), dt=1.0)
+    assert step.limit == np.inf
+    run = step.run(u=0 * t, y=np.sin(0.1 * t), engine="python")
+    found = hg.response(step, 0.1).H[0, :, 0]
+    expected = (found * np.exp(0.1j * t)[:, None]).imag
+    assert run.x[-100:] == pytest.approx(expected[-100:], abs=1e-9)
+
+
+@methods
+def test_a_tuned_gain_has_its_own_matrices(method: str) -> None:
+    y = np.random.default_rng(4).normal(size=50)
+    way = getattr(hg.methods, method)
+    tuned, declared = hg.sample(built("filtered"), way, dt=0.1), hg.sample(built("filtered", theta=2), way, dt=0.1)
+    before = tuned.run(u=0 * y, y=y, engine="python").x
+    tuned.reset()
+    assert tuned.tune(theta=2.0) == 0
+    found = tuned.run(u=0 * y, y=y, engine="python").x
+    assert np.array_equal(found, declared.run(u=0 * y, y=y, engine="python").x)
+    assert np.abs(found - before).max() > 0.1
+
+
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_the_response_is_the_formulas(name: str) -> None:
+    """Of the bilinear rule exactly the continuous one at (2/h) tan(omega h/2); of the exponential one that of scipy's
+    matrices. 1e-9 for |z - Phi|^-1 theta^4 eps."""
+    observer, dt, omega = built(name), 0.1, np.array([0.3, 3.0, 20.0])
+    bilinear = hg.response(hg.sample(observer, hg.methods.bilinear, dt=dt), omega)
+    assert pytest.approx(hg.response(observer, 2 / dt * np.tan(omega * dt / 2)).H, rel=1e-9) == bilinear.H
+    exact = hg.response(hg.sample(observer, hg.methods.exponential, dt=dt), omega)
+    M, B = line(observer)
+    Phi, before, now = oracle.exact(M, B[:, :1], dt)
+    z = np.exp(1j * omega * dt)
+    H = np.array([np.linalg.solve(s * np.eye(len(M)) - Phi, before + s * now)[:, 0] for s in z])
+    rows = [0, 3, 4, 5] if name == "low_power" else [0, 1, 2, 3]
+    assert exact.H[:, :, 0] == pytest.approx(H[:, rows], rel=1e-9)
+
+
+# --- the nonlinear rest -------------------------------------------------------------------------------------
+
+
+@methods
+@pytest.mark.parametrize("between", ["line", "hold"])
+def test_the_rest_has_order_2(method: str, between: str) -> None:
+    """The pendulum, theta = 20, against the continuous equations on the same lines."""
+    errors = []
+    for dt in (4e-3, 2e-3):
+        t = np.arange(round(1 / dt) + 1) * dt
+        record = {"u": 0.5 * np.sin(t), "y": 1.5 * np.cos(0.7 * t + 0.3)}
+        exact = hg.reference(pendulum(), **record, dt=dt, between=between)
+        run = hg.sample(pendulum(), getattr(hg.methods, method), dt=dt, between=between).run(**record, engine="python")
+        assert not run.status.any()
+        errors.append(np.abs(run.x - exact.x).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
+
+
+@methods
+@pytest.mark.parametrize("name", ["filtered", "low_power"])
+def test_it_converges_at_ten_times_the_step_that_a_model_has(name: str, method: str) -> None:
+    """The hyperjerk plant at 10 ms without noise: what is left is the line between samples and order 2."""
+    loaded = load(MODELS / "hyperjerk.py")
+    trial = replace(loaded.trials()[0], noise={}, duration=15)
+    step = hg.sample(loaded.step(name).observer, getattr(hg.methods, method), dt=0.01)
+    (done,) = hg.trial.try_out(step, trial, engine="python")
+    assert (np.abs(done.error[-300:]).max(axis=0) < [1e-3, 1e-2, 0.05, 0.1]).all()
+
+
+@methods
+def test_several_outputs_have_matrices_for_each_pattern_of_samples(method: str) -> None:
+    """Two chains with a Luenberger gain each, as a part made by hand: either output may be missing."""
+    form = hg.forms.block_triangular(two_outputs())
+    chain = integrators("two", form, several=True)
+    w, heads = chain.field(None, 3.0), [0, chain.sizes[0]]
+    shift = ca.DM(np.diag([float(k + 1 not in heads) for k in range(2)], 1))
+    push = ca.DM(4.0 * np.array([[float((k >= heads[1]) == (j == 1)) for j in range(2)] for k in range(3)]))
+
+    def linear(values: Any, y: Any, valid: Any) -> dict[str, Any]:
+        return {"w": shift @ values["w"] + push @ (valid * (y - values["w"][heads]))}
+
+    def rest(values: Any, u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        return {"w": chain.nonlinear(values["w"], u)}
+
+    given_ = {"parts": (Ode((w,), rest, linear, chain.offset),), "gains": (), "z": chain.z(sym("state.w", 3))}
+    observer = replace(pendulum(), form=form, dynamics=chain.dynamics, **given_)
+    y = np.random.default_rng(5).normal(size=(40, 2))
+    y[5:10, 0] = NAN
+    y[8:15, 1] = NAN
+    t = np.arange(40) * 1e-3
+    runs = {
+        name: hg.sample(observer, getattr(hg.methods, name), dt=1e-3).run(u=np.sin(t), y=y, engine="python").x
+        for name in ("rk4", method)
+    }
+    assert runs[method] == pytest.approx(runs["rk4"], abs=1e-4)
+    assert np.abs(runs["rk4"]).max() > 0.03
+
+
+# --- C ------------------------------------------------------------------------------------------------------
+
+
+@compiled
+@pytest.mark.parametrize(("method", "name"), [("exponential", "filtered"), ("bilinear", "low_power")])
+def test_c_is_python(name: str, method: str) -> None:
+    y = np.sin(np.arange(300) * 0.03)
+    y[50:60] = NAN
+    step = hg.sample(load(MODELS / "hyperjerk.py").step(name).observer, getattr(hg.methods, method), dt=0.01)
+    python = step.run(y=y, engine="python")
+    step.reset()
+    c = step.run(y=y, engine="c")
+    assert np.array_equal(c.x, python.x)
+    assert np.array_equal(c.status, python.status)
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("method", "real"), [("exponential", "float"), ("exponential", "double"), ("bilinear", "float")]
+)
+def test_c_checks_itself(method: str, real: Any) -> None:
+    """Every warning is an error; matrices and samples come out bit for bit."""
+    files = hg.targets.c99(hg.sample(pendulum(), getattr(hg.methods, method), dt=0.05), real=real)
+    assert native.run_check(files, ("-O2", "-DPENDULUM_EXACT")) == "pendulum: 64 samples as recorded\n"
+
+
+@methods
+def test_the_matrices_are_good_in_float(method: str) -> None:
+    """theta^8 = 1e16 between the elements of M: balanced, the float kernels lose some digits and not all."""
+    rng = np.random.default_rng(6)
+    for n in (2, 4, 8):
+        D = 100.0 ** np.arange(n)
+        X = np.diag(np.ones(n - 1), 1) * 0.5 - np.outer(rng.uniform(0.1, 1, n), np.eye(n)[0])
+        single, scale = (D[:, None] * X / D).astype(np.float32).ravel(), np.zeros(n, np.float32)
+        balance(single, scale)
+        if method == "exponential":
+            found = [np.zeros(n * n, np.float32) for _ in range(3)]
+            exponential(single, *found)
+            expected = expm(X)
+        else:
+            found = [np.zeros(n * n, np.float32)]
+            resolvent(single, found[0])
+            expected = np.linalg.inv(np.eye(n) - X)
+        assert found[0].dtype == np.float32
+        back = found[0].reshape(n, n).astype(float) * scale[:, None] / scale / D[:, None] * D
+        assert back == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
+
+
+# --- what is refused ----------------------------------------------------------------------------------------
+
+
+@methods
+def test_what_has_no_constant_core_is_refused(method: str) -> None:
+    way = getattr(hg.methods, method)
+    start = f"^{way.name} realises a linear error core with constant coefficients; "
+    with pytest.raises(NoRealisation, match=start + "that of a Riccati observer moves with its covariance: take cont"):
+        hg.sample(fitzhugh_nagumo(), way, dt=0.01)
+    original = hg.forms.phase(model("pendulum"), original=True)
+    with pytest.raises(NoRealisation, match=start + "this observer has none in its coordinates: take rk4"):
+        hg.sample(hg.observers.high_gain(original, theta=4, poles=(-1, -1)), way, dt=0.01)
+    observer = built("high_gain")
+    adapting = replace(observer.parts[0], frozen={"z": (1.0,) * 4})
+    with pytest.raises(NoRealisation, match=start + "here z adapts, and the core with it: take rk4"):
+        hg.sample(replace(observer, parts=(adapting,)), way, dt=0.01)
