@@ -38,6 +38,7 @@ from hgogen.comparing import compare
 from hgogen.model import Model, listed, load
 from hgogen.prediction import predictions
 from hgogen.record import Record, mapping, read
+from hgogen.registry import summaries
 from hgogen.responding import response
 from hgogen.signal import Signal
 from hgogen.targets.c99 import c99
@@ -357,9 +358,10 @@ def _lengths(text: str) -> tuple[float, ...]:
 def list_(as_json: Json = False) -> None:
     """List the models found in models/, and the forms, observers, methods and targets there are.
 
-    JSON keys: models, forms, observers, methods, targets.
+    JSON keys: models, forms, observers, methods, targets (names), summaries (of each of the last four: by name, what it
+    is in one line).
     """
-    groups = {"models": list(listed())}
-    for kind in ("forms", "observers", "methods", "targets"):
-        groups[kind] = list(getattr(hg, kind).__all__)
-    show(as_json, groups, tables.names(groups))
+    kinds = ("forms", "observers", "methods", "targets")
+    names = {kind: list(getattr(hg, kind).__all__) for kind in kinds}
+    told = {kind: summaries(f"hgogen.{kind}", names[kind]) for kind in kinds}
+    show(as_json, {"models": list(listed()), **names, "summaries": told}, tables.listed(listed(), told))

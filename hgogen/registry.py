@@ -1,6 +1,7 @@
 """The folder is the registry: every file of a plural folder is a case and has one public name, its own."""
 
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from pkgutil import iter_modules
@@ -35,3 +36,9 @@ def load(package: str) -> dict[str, Any]:
             raise NoCase(module.__name__)
         cases[name] = vars(module)[name]
     return cases
+
+
+def summaries(package: str, cases: Iterable[str]) -> dict[str, str]:
+    """What each case of the package is: the first line of its file's docstring."""
+    texts = ((name, sys.modules[f"{package}.{name}"].__doc__ or "") for name in cases)
+    return {name: text.partition("\n")[0].strip() for name, text in texts}

@@ -357,12 +357,13 @@ def responses(continuous: Response, sampled: Response) -> RenderableType:
     return Group(table, "")
 
 
-def names(groups: Mapping[str, Sequence[str]]) -> RenderableType:
-    """What there is, a line each."""
-    table = _table("", "", "")
-    for kind, values in groups.items():
-        table.add_row(kind, Text(", ".join(values) or "none"))
-    return table
+def listed(models: Sequence[str], summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
+    """The models, and what there is of each kind, a line each with its summary."""
+    table = _table("", "", "", "")
+    for kind, told in summaries.items():
+        for k, (name, text) in enumerate(told.items()):
+            table.add_row("" if k else kind, name, Text(text))
+    return Group(Text(f"models: {', '.join(models) or 'none'}"), table)
 
 
 def files(paths: Iterable[Any]) -> RenderableType:

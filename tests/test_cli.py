@@ -78,6 +78,11 @@ def test_list(here: Path):
     assert {"riccati", "high_gain"} <= set(found["observers"])
     assert {"rk4", "continuous_discrete"} <= set(found["methods"])
     assert "c99" in found["targets"]
+    assert {kind: list(told) for kind, told in found["summaries"].items()} == {
+        kind: names for kind, names in found.items() if kind not in ("models", "summaries")
+    }
+    assert found["summaries"]["observers"]["high_gain"] == "Standard high-gain observer with a constant gain."
+    assert all(len(text) > 40 for told in found["summaries"].values() for text in told.values())
     assert "models/neuron.py" in hgogen("list")[0]
 
 
