@@ -26,7 +26,7 @@ from hgogen.lmi import solver
 from hgogen.observer import BadGain, positive, real, reals
 
 _MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
-_DIGITS_K, _DIGITS_P = 6, 9
+_DIGITS = ((6, 9), (9, 12), (17, 17))  # of K and P
 _FACTORS, _BISECTIONS = 6, 6  # how far to relax a bound, by factors of 10, and how near to come to the edge
 
 
@@ -100,15 +100,24 @@ def adaptive_gain(
     deltas = None if given is None else (float(given.deltas[0]), float(given.deltas[1]))
     task = Task(n, float(slope), bounds, deltas, None if K is None else _column(K, n), _MARGINS[0])
     cp = solver("the design of an adaptive gain")
+    design = _designed(cp, task, given)
+    if design is None:
+        kept = {name: value for name, value in bounds.items() if value < math.inf}
+        raise Infeasible(n, kept, _enough(cp, task, given, kept))
+    return design
+
+
+def _designed(cp: Any, task: Task, given: Disturbance | None) -> Design | None:
+    """The best design within the bounds that is proved, in few digits if they are enough; None where there is none."""
     for margin in _MARGINS:
         found = best(cp, replace(task, margin=margin))
         if found is None:
-            break
-        design = _rounded(task, found, given)
+            return None
+        rounded = (_rounded(task, found, given, digits) for digits in _DIGITS)
+        design = next((one for one in rounded if one is not None), None)
         if design is not None:
             return design
-    kept = {name: value for name, value in bounds.items() if value < math.inf}
-    raise Infeasible(n, kept, _enough(cp, task, kept))
+    return None
 
 
 def _limit(name: str, value: Any) -> float:
@@ -123,11 +132,11 @@ def _column(K: Any, n: int) -> np.ndarray:
     return values[:, None]
 
 
-def _rounded(task: Task, found: Found, given: Disturbance | None) -> Design | None:
-    """Short numbers with what is proved of them; None where rounding lost it, or one of the bounds."""
-    P = [[_short(value, _DIGITS_P) for value in row] for row in found.P.tolist()]
+def _rounded(task: Task, found: Found, given: Disturbance | None, digits: tuple[int, int]) -> Design | None:
+    """K and P in so many digits with what is proved of them; None where rounding lost it, or one of the bounds."""
+    P = [[_short(value, digits[1]) for value in row] for row in found.P.tolist()]
     if task.K is None:
-        K = [_short(k, _DIGITS_K) for k in np.linalg.solve(found.P, found.Y).ravel().tolist()]
+        K = [_short(k, digits[0]) for k in np.linalg.solve(found.P, found.Y).ravel().tolist()]
     else:
         K = task.K.ravel().tolist()
     known = candidate(K, P, task.bounds["sigma"])
@@ -151,33 +160,33 @@ def _short(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _enough(cp: Any, task: Task, kept: Iterable[str]) -> dict[str, str]:
+def _enough(cp: Any, task: Task, given: Disturbance | None, kept: Iterable[str]) -> dict[str, str]:
     """For each bound that alone is in the way, a value that would do."""
     found = {}
     for name in kept:
-        loosest = best(cp, task.bounded(name, 0.0 if name == "sigma" else math.inf))
+
+        def at(value: float, name: str = name) -> Design | None:
+            return _designed(cp, task.bounded(name, value), given)
+
+        loosest = at(0.0 if name == "sigma" else math.inf)
         if loosest is None:
             continue
-        if name == "mu" or (name == "gamma" and task.deltas is None):
-            found[name] = up(float(getattr(loosest, name)))
+        if name == "mu" or (name == "gamma" and given is None):
+            found[name] = up(getattr(loosest, name))
             continue
-
-        def feasible(value: float, name: str = name) -> bool:
-            return best(cp, task.bounded(name, value)) is not None
-
-        value = _edge(feasible, task.bounds[name], 0.1 if name == "sigma" else 10.0)
+        value = _edge(at, task.bounds[name], 0.1 if name == "sigma" else 10.0)
         if value is not None:
             found[name] = (down if name == "sigma" else up)(value)
     return found
 
 
-def _edge(feasible: Callable[[float], bool], refused: float, factor: float) -> float | None:
-    """A feasible value in the direction of the factor, near the edge; None where it is too far."""
-    good = next((refused * factor**k for k in range(1, _FACTORS + 1) if feasible(refused * factor**k)), None)
+def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:
+    """A value in the direction of the factor at which there is a design, near the edge; None where it is too far."""
+    good = next((refused * factor**k for k in range(1, _FACTORS + 1) if at(refused * factor**k)), None)
     if good is None:
         return None
     bad = good / factor
     for _ in range(_BISECTIONS):
         middle = math.sqrt(good * bad)
-        good, bad = (middle, bad) if feasible(middle) else (good, middle)
+        good, bad = (middle, bad) if at(middle) else (good, middle)
     return good
