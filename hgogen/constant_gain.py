@@ -98,7 +98,7 @@ def _given(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -> Con
     for given, chain in zip(_split("gains", gains, sizes), each, strict=True):
         k = reals("gains", given)
         if k.shape != (len(chain),) or not np.isfinite(k).all():
-            raise BadGain(f"gains = {gains!r}", f"must be finite numbers, {' and '.join(map(str, sizes))}")
+            raise BadGain(f"gains = {gains!r}", f"must be {' and '.join(map(str, sizes))} finite numbers")
         found = corners(chain, form)
         if isinstance(found, str):
             raise BadGain(f"gains = {gains!r}", f"cannot be judged: {found}; declare ranges, or use riccati")
