@@ -14,8 +14,9 @@ from hgogen.errors import HgogenError
 from hgogen.machine import Machine
 from hgogen.method import Method
 from hgogen.observer import Observer
-from hgogen.program import dangling, places, scope
-from hgogen.step import BadStep, Step, plan
+from hgogen.program import dangling
+from hgogen.sensors import AT, ROUND
+from hgogen.step import BadStep, CannotUpdate, Step, plan
 
 Engine = Literal["c", "python"]
 
@@ -100,16 +101,31 @@ class CallableStep(Step):
         self._clock[0] += 1
         return self._sample(status)
 
-    def update(self, **y: float) -> Sample:
-        """Correct with the named outputs. Raises: `BadShape`, `CannotUpdate`."""
+    def update(self, at: int | None = None, /, **y: float) -> Sample:
+        """Correct with the named outputs.
+
+        `at`: the number of the period in which the samples were taken, counted from 0 at the first call after a reset;
+        None: now. A step made with `periods` takes it, and does not use a sample of another period.
+
+        Raises: `BadShape`, `CannotUpdate`.
+        """
         self._demand_sections()
         status, names = 0, [s.name for s in self.outputs]
         for name, value in y.items():
             if name not in names:
                 raise BadShape(f"update({name}=)", f"names no output; the outputs are {', '.join(names)}")
             self._machine.memory[f"output.{name}"][0] = float(value)
-            status |= self._machine.section(f"update_{name}")
+            status |= self._machine.section(f"update_{name}{'' if at is None else self._told(at)}")
         return self._sample(status)
+
+    def _told(self, at: int) -> str:
+        """The ending of a section that is told the number of the period."""
+        if not self.timed:
+            raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
+        if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
+            raise BadShape(f"update({at!r}, ..)", "must be told the number of a period, a whole number from 0")
+        self._machine.memory[AT][0] = int(at) % ROUND
+        return "_at"
 
     def adapt(self) -> Sample:
         """Adapt the gain, once after the updates of a sample; nothing to do for a constant one."""
@@ -199,13 +215,8 @@ class CallableStep(Step):
         return loaded
 
     def _demand_sections(self) -> None:
-        if not any(section.name.startswith("update_") for section in self.sections) or self.reads_output:
+        if not self.apart:
             raise CannotUpdate(self.observer.name, self.method.name)
-
-    @property
-    def reads_output(self) -> bool:
-        """Whether `predict` integrates with the measurement, so that prediction and correction cannot be told apart."""
-        return any(scope(place) == "output" for place, _ in places(self.sections[0].program))
 
     def _sample(self, status: int) -> Sample:
         machine = self._machine
@@ -244,36 +255,30 @@ class CallableStep(Step):
         return x, traces, status
 
 
-@dataclass(eq=False)
-class CannotUpdate(HgogenError):
-    """Prediction and correction asked for apart, of an observer that integrates with the measurement."""
-
-    observer: str
-    method: str
-
-    def __str__(self) -> str:
-        return (
-            f"{self.observer} by {self.method} integrates with the measurement, so it cannot predict and update apart; "
-            "call the step, or use riccati with methods.continuous_discrete"
-        )
-
-
 def sample(
-    observer: Observer, method: Method = methods.continuous_discrete, dt: float = 0.0, *, between: str = "line"
+    observer: Observer,
+    method: Method = methods.continuous_discrete,
+    dt: float = 0.0,
+    *,
+    between: str = "line",
+    periods: Mapping[str, float] | None = None,
 ) -> CallableStep:
     """The observer at the sampling period `dt` (s) by `method` (default: `methods.continuous_discrete`).
 
     `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the
-    one applied since the last call).
+    one applied since the last call). `periods`: for sensors of different rates, the time (s) between two samples of an
+    output, by name, a whole multiple of dt, by default dt: its noise R is taken for that time. Such a step counts its
+    periods and does not use a sample that `update` tells to be of another one, or gets a second time.
 
     Raises: `BadStep`; `StepTooLong`, with the admissible dt, where a constant linear core or the covariance equation
-    cannot be stable; `BadWindow`.
+    cannot be stable; `BadWindow`; `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates
+    with the measurement.
     """
     if not isinstance(observer, Observer):
         raise BadStep(f"{type(observer).__name__} given to sample", "is no observer; make one by hg.observers")
     if not hasattr(method, "riccati"):
         raise BadStep(f"method = {method!r}", "is no method; take one of hg.methods, and the time as dt=")
-    planned = plan(observer, method, dt, between)
+    planned = plan(observer, method, dt, between, periods)
     for section in planned.sections:
         if dangling(section.program):
             missing = ", ".join(sorted(dangling(section.program)))

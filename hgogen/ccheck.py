@@ -3,9 +3,8 @@
 from collections.abc import Iterable
 from string import Template
 
-from hgogen.cheader import arguments
 from hgogen.cprint import Real, literal
-from hgogen.ctext import indented, status_type
+from hgogen.ctext import arguments, indented, status_type
 from hgogen.program import lines_of
 from hgogen.step import Step
 from hgogen.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start

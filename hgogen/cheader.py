@@ -8,10 +8,11 @@ from string import Template
 from hgogen.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.cprint import Real
-from hgogen.ctext import comment, harmless, indented, member, status_type, struct
+from hgogen.ctext import arguments, comment, harmless, indented, member, status_type, struct
 from hgogen.observer import Observer
-from hgogen.program import Field, Group, Program, lines_of, places, scope
+from hgogen.program import Field, Group, Section, lines_of
 from hgogen.recheck_file import SHOWN
+from hgogen.sensors import OLDEST, ROUND
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.theorem import rows
@@ -19,20 +20,21 @@ from hgogen.theorem import rows
 
 @dataclass(frozen=True)
 class Prototype:
-    """A function of the interface: `name` without the prefix, and its C declaration, no semicolon."""
+    """A function: `name` without the prefix, and its C declaration, no semicolon; `public` in the interface."""
 
     name: str
     meaning: str
     text: str
+    public: bool = True
 
 
 def header(step: Step, real: Real, command: str) -> list[str]:
     """The header's lines."""
     guard = f"{step.name.upper()}_H"
     lines = [*_banner(step, command), f"#ifndef {guard}", f"#define {guard}", "", *_manual(step), ""]
-    lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" else []
+    lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
     lines += [*_status(step), "", *_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
-    for prototype in prototypes(step):
+    for prototype in (each for each in prototypes(step) if each.public):
         lines += [comment(prototype.meaning), f"{prototype.text};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
 
@@ -109,7 +111,7 @@ The period is compiled in: one call for each, with NaN for a sample that did not
 An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
 valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
 plausible value is not noticed. The status is 0 for ok, else an or of the bits below.
-$parts
+$parts$timed
 Change gains in p.gain, then call ${name}_tune,
 or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
 A gain whose largest value is its nominal one can only go down, because dt was admitted for it.
@@ -129,6 +131,48 @@ than the input. Without a sample leave its update out.
 """)
 
 
+_TIMED = Template("""
+Sensors of different rates: $rates. The noise R of an output is taken for that
+time. A period is then, instead of one step,
+
+$calls
+
+${name}_update_${last}_at($given, at), and the like of other outputs, is told
+the number of the period in which the sample was taken: 0 for that of the first predict after init or
+reset, modulo $round, which is (uint16_t)k of a counter k of 16 bits or more. The counter may wrap
+round: differences are taken modulo $round. A sample up to $oldest periods older than the state is
+late, any other that is not of now is early; neither is used. A sample older by a multiple of $round
+periods cannot be told from one of now.
+""")
+
+
+def _timed(step: Step) -> str:
+    """How to call the sections of a step for sensors of different rates."""
+    calls = [f"    status |= {_call(step, section)};" for section in step.sections]
+    notes = {f"update_{y}": f"    if {y} has a sample now" for y in step.outputs}
+    lines = [call + notes.get(section.name, "") for call, section in zip(calls, step.sections, strict=True)]
+    last = step.outputs[-1].name
+    given = ", ".join(_given(arguments(step, step.timed[-1].program))[:-1])
+    numbers = {"round": ROUND, "oldest": OLDEST}
+    return _TIMED.substitute(
+        name=step.name, rates=_rates(step), calls="\n".join(lines), last=last, given=given, **numbers
+    )
+
+
+def _call(step: Step, section: Section) -> str:
+    """The call of a section with a caller's own structs."""
+    return f"{step.name}_{section.name}({', '.join(_given(arguments(step, section.program)))})"
+
+
+def _given(declared: Iterable[str]) -> list[str]:
+    """Addresses of structs named as the parameters are."""
+    return [f"&{text.rsplit('*', 1)[1]}" if "*" in text else text.rsplit(" ", 1)[1] for text in declared]
+
+
+def _rates(step: Step) -> str:
+    return ", ".join(f"{y} every {period:g} s" for y, period in zip(step.outputs, step.periods, strict=True))
+
+
 def _manual(step: Step) -> list[str]:
     kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
@@ -138,9 +182,8 @@ def _manual(step: Step) -> list[str]:
         call=", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"]),
         structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),
         status=status_type(step),
-        parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections))
-        if len(step.sections) > 1
-        else "",
+        parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",
+        timed=_timed(step) if step.timed else "",
     )
     return _comment(text.strip("\n").split("\n"))
 
@@ -210,16 +253,9 @@ def _params(step: Step, real: Real) -> list[str]:
 # ---------------------------------------------------------------- functions
 
 
-def arguments(step: Step, program: Program | None = None) -> list[str]:
-    """The C parameters of the function of a section; of the whole step for None."""
-    used = {scope(place) for place, _ in places(program)} if program is not None else {"input", "output"}
-    kinds = [("input", "in", step.inputs), ("output", "out", step.outputs)]
-    given = [f"const {step.name}_{kind} *{short}" for kind, short, signals in kinds if signals and kind in used]
-    return [f"{step.name}_state *s", f"const {step.name}_params *p", *given]
-
-
 def prototypes(step: Step) -> tuple[Prototype, ...]:
-    """The interface, in the order of the header."""
+    """The interface, in the order of the header, and what it is made of: sections that cannot be called apart are none
+    of the caller's."""
     name, status = step.name, status_type(step)
     whole = "one sampling period: " + ", ".join(section.name for section in step.sections)
     limits = "after a change of parameters: limits them to their ranges" + (
@@ -240,9 +276,8 @@ def prototypes(step: Step) -> tuple[Prototype, ...]:
             f"void {name}_estimate(const {name}_state *s, const {name}_params *p, {name}_plant *x)",
         ),
     ]
-    if len(step.sections) > 1:
-        for section in step.sections:
-            given = ", ".join(arguments(step, section.program))
-            text = f"{status} {name}_{section.name}({given})"
-            result.append(Prototype(section.name, f"part of a step: {section.meaning}", text))
+    for section in (*step.sections, *step.timed) if len(step.sections) > 1 else ():
+        given = ", ".join(arguments(step, section.program))
+        text = f"{'' if step.apart else 'static '}{status} {name}_{section.name}({given})"
+        result.append(Prototype(section.name, f"part of a step: {section.meaning}", text, step.apart))
     return tuple(result)

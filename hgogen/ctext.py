@@ -16,12 +16,14 @@ from hgogen.cprint import Number, Printer, Real, Target, body, literal
 from hgogen.program import (
     INF,
     Block,
+    Call,
     Copy,
     Field,
     Group,
     Kernel,
     Loop,
     Program,
+    Section,
     Statement,
     When,
     address,
@@ -100,17 +102,19 @@ class Writer:
 
     @cached_property
     def _all(self) -> Program:
-        return (*self.step.program, *self.step.tuning)
+        timed = (s for section in self.step.timed for s in section.program)
+        return (*self.step.program, *self.step.tuning, *timed)
 
     def is_index(self, place: str) -> bool:
         """Whether C holds the place as `unsigned`."""
         known = self._fields.get(place)
-        return place in self._indices or (known is not None and known.kind == "index")
+        counts = known is not None and known.kind == "index"
+        return counts or place in self._indices or scope(place) == "argument"
 
     def lvalue(self, place: str, index: int, size: int) -> str:
         """C text of one element of a place."""
         kind, name = place.split(".", 1)
-        start = "" if kind == "work" else _STRUCTS.get(kind, f"{kind}->")
+        start = "" if kind in ("work", "argument") else _STRUCTS.get(kind, f"{kind}->")
         return f"{start}{name}" if size == 1 else f"{start}{name}[{index}]"
 
     def function(self, program: Program) -> list[str]:
@@ -151,6 +155,8 @@ class Writer:
                 return self._when(statement, taken)
             case Copy():
                 return self._copy(statement)
+            case Call():
+                return [called(self.step, statement.section)]
             case Kernel():
                 return self._kernel(statement)
 
@@ -269,6 +275,24 @@ def _copied(value: Any, places: set[str]) -> bool:
     """Whether each element of an SX is that of one of the places."""
     elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
     return all(element.is_symbolic() and address(element)[0] in places for element in elements)
+
+
+def arguments(step: Step, program: Program | None = None) -> list[str]:
+    """The C parameters of the function of a section; of the whole step for None."""
+    used = {"input", "output"}
+    if program is not None:
+        inner = (s.section.program for s in walk(program) if isinstance(s, Call))
+        used = {scope(place) for each in (program, *inner) for place, _ in places(each)}
+    kinds = [("input", "in", step.inputs), ("output", "out", step.outputs)]
+    given = [f"const {step.name}_{kind} *{short}" for kind, short, signals in kinds if signals and kind in used]
+    given += ["uint16_t at"] if "argument" in used else []
+    return [f"{step.name}_state *s", f"const {step.name}_params *p", *given]
+
+
+def called(step: Step, section: Section) -> str:
+    """The call of a section, its status taken over."""
+    given = ", ".join(text.rsplit("*", 1)[1] for text in arguments(step, section.program))
+    return f"status |= {step.name}_{section.name}({given});"
 
 
 def within(index: str, total: int) -> str:

@@ -77,8 +77,8 @@ class Moved:
         return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
     def variance(self, output: int) -> Any:
-        """r = R_theta/h."""
-        return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.dt)
+        """r = R_theta/h, h the sampling period of that output."""
+        return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
 
 def entries(name: str, matrix: Any) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
     noise, variances = part.nominal
     natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
     least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
-    natural[0] = min(natural[0], least / clock.dt)
+    natural[0] = min(natural[0], least / max(clock.period(j) for j in range(clock.outputs)))
     return np.maximum(SMALLEST * natural, TINY)
 
 

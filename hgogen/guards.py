@@ -29,6 +29,15 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
         "{} is implausible, outside its range by more than the range's width: predicted only",
         "check the sensor and the declared range",
     ),
+    "LATE": (
+        "the sample of {} was taken in a period before this one: not used",
+        "none if rare; a sensor that is always late needs its delay in the model",
+    ),
+    "EARLY": (
+        "the sample of {} is of a period to come: not used",
+        "call predict first; check the count of periods",
+    ),
+    "REPEATED": ("a second sample of {} in one period: not used", "give each sample once"),
     "REUSED": (
         "{} is not finite or absurd (beyond 1e15): the last valid one was used",
         "check the source of the input",
@@ -55,6 +64,7 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "a value was lost (not finite), and the whole state restarted",
         "treat the estimate as new; check parameters (tune was called?) and ranges",
     ),
+    "ADAPTED": ("adapt was called again in one period: nothing done", "call it once, after the updates"),
     "PARAMETER_LIMITED": (
         "tune only: a parameter was out of its range and was limited, or not finite and took its nominal value",
         "correct the parameter and tune again",

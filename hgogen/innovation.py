@@ -152,13 +152,14 @@ class Staggered:
 
         def accumulate(output: int) -> Program:
             error = sym("work.sample") - predictor.dynamics.output(z, clock.u_now)[output]
-            squared = ca.fmin(total[output] + clock.dt * error * error, HUGE * HUGE)
+            squared = ca.fmin(total[output] + clock.period(output) * error * error, HUGE * HUGE)
             more = ca.if_else(valid[output] < most, valid[output] + 1, most)
             add = Block("its squared output error", {"predictor.sum": _with(total, output, squared)})
             tally = Block("one more sample", {"predictor.samples": _with(valid, output, more)})
             return (Loop("predictor", members, (add, tally)),)
 
-        scaled = total * (count / ca.fmax(valid, count))
+        wanted = _wanted(count, clock)
+        scaled = total * (wanted / ca.fmax(valid, wanted))
         read = Block(
             "innovation: the sum of the oldest predictor, scaled to the window, never scaled up",
             {"state.innovation": _summed(self.weights, scaled)},
@@ -264,7 +265,8 @@ class Window:
 
         moved = predictor.moved(sym("work.zw", n), between, clock.dt)
         error = y - predictor.dynamics.output(moved, u)
-        added = _summed(self.weights, valid * (error * error))
+        rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
+        added = _summed(self.weights, rates * (error * error))
         squared = ca.fmin(sym("work.sum") + clock.dt * added, HUGE * HUGE)
         replay = {"work.zw": moved, "work.sum": squared} | ({"work.uw": u} if m else {})
         recent = Block("no sample yet", {"state.recent_valid": ca.SX.zeros(p)})
@@ -305,6 +307,12 @@ class Window:
                 Block("innovation", {"state.innovation": sym("work.sum")}),
             ),
         )
+
+
+def _wanted(count: int, clock: Clock) -> Any:
+    """How many samples of each output a window of `count` periods has; a number where all have as many."""
+    found = [max(1, count // every) for every in clock.every]
+    return ca.SX(ca.DM(found)) if len({*found}) > 1 else found[0] if found else count
 
 
 def staggered(

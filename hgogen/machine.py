@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.kernels import KERNELS
-from hgogen.program import Block, Copy, Field, Kernel, Loop, Program, When, lines_of, places, scope, walk
+from hgogen.program import Block, Call, Copy, Field, Kernel, Loop, Program, When, lines_of, places, scope, walk
 from hgogen.step import Step
 
 Action = Callable[[], None]
@@ -50,8 +50,8 @@ class Machine:
         self._groups = {line[-1].name: line for line in lines_of(step.groups)}
         self._bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
         self.status = 0
-        programs = (*step.program, *step.tuning)
-        for place, size in sorted(places(programs)):
+        programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
+        for place, size in sorted(places(programs), reverse=True):  # the largest size, of a name in several sections
             self.memory.setdefault(place, np.zeros(size, dtype))
         for kind, fields in (
             ("plant", step.plant),
@@ -71,6 +71,7 @@ class Machine:
             self._fill(kind, fields)
         self._tune = self._program(step.tuning)
         self._sections = {section.name: self._program(section.program) for section in step.sections}
+        self._timed = {section.name: self._program(section.program) for section in step.timed}
         self._estimate = self._program(step.estimate)
         self.tune()
         self.reset()
@@ -88,7 +89,7 @@ class Machine:
 
     def section(self, name: str) -> int:
         """Run one section; returns its status."""
-        return self._run(self._sections[name])
+        return self._run((self._sections | self._timed)[name])
 
     def call(self) -> int:
         """All sections, then the estimate; returns the status."""
@@ -117,6 +118,7 @@ class Machine:
             Loop: self._loop,
             When: self._when,
             Copy: self._copy,
+            Call: lambda call: self._sections[call.section.name],
             Kernel: self._kernel,
         }
         actions = [makers[type(statement)](statement) for statement in program]

@@ -13,6 +13,7 @@ import casadi as ca
 from hgogen.observer import Pieces
 from hgogen.program import (
     Block,
+    Call,
     Copy,
     Field,
     Group,
@@ -77,6 +78,8 @@ class Moved:
             case Copy():
                 group = self.groups.get(statement.group, statement.group)
                 return Copy(group, self.place(statement.source), self.place(statement.target))
+            case Call():
+                return statement
             case Kernel():
                 arguments = tuple((self.place(place), size) for place, size in statement.arguments)
                 result = statement.result and self.place(statement.result)

@@ -75,6 +75,11 @@ class Clock:
     inputs: int
     outputs: int
     nominal: Mapping[str, np.ndarray] = field(default_factory=dict)
+    every: tuple[int, ...] = ()
+
+    def period(self, output: int) -> float:
+        """The time (s) between two samples of an output: dt, or `every` so many of them."""
+        return self.dt * self.every[output] if self.every else self.dt
 
     def u(self, c: float) -> Any:
         """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""

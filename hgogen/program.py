@@ -6,6 +6,7 @@ places, `scope.name`:
     input, output     what a call is given            plant, gain, derived   parameters; derived by `tune`
     state             what the step remembers         <group>                a member of an array of structs
     estimate          what a call returns             work, status           values and flags of one section
+    argument          a counter given to one section
 
 An expression is an SX graph over the symbols of `sym`, so a block knows what it reads.
 """
@@ -185,7 +186,14 @@ class Kernel:
     result: str | None = None
 
 
-Statement = Block | Loop | When | Copy | Kernel
+@dataclass(frozen=True, eq=False)
+class Call:
+    """Run a section of the same step, whose work values are its own."""
+
+    section: "Section"
+
+
+Statement = Block | Loop | When | Copy | Kernel | Call
 Program = tuple[Statement, ...]
 
 
@@ -209,7 +217,7 @@ def walk(program: Sequence[Statement]) -> Iterator[Statement]:
 
 
 def places(program: Sequence[Statement]) -> set[tuple[str, int]]:
-    """Every (place, size) that a program reads or writes."""
+    """Every (place, size) that a program reads or writes, but for sections that it calls."""
     found: set[tuple[str, int]] = set()
     for statement in walk(program):
         if isinstance(statement, Block):
@@ -222,7 +230,7 @@ def places(program: Sequence[Statement]) -> set[tuple[str, int]]:
             found.update((place, 1) for place in (statement.start, statement.active, statement.index) if place)
         elif isinstance(statement, Copy):
             found.update((place, 1) for place in (statement.source, statement.target))
-        else:
+        elif isinstance(statement, When):
             found.add((statement.flag, 1))
     return found
 
@@ -239,7 +247,7 @@ def read(program: Sequence[Statement]) -> set[str]:
             found.update(place for place in (statement.start, statement.active) if place)
         elif isinstance(statement, Copy):
             found.update((statement.source, statement.target))
-        else:
+        elif isinstance(statement, When):
             found.add(statement.flag)
     return found
 

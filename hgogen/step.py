@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import casadi as ca
 
+from hgogen import sensors
 from hgogen.core import nominal
 from hgogen.errors import HgogenError
 from hgogen.guards import (
@@ -49,6 +50,7 @@ from hgogen.program import (
     sym,
     walk,
 )
+from hgogen.sensors import adapt_once, multiples, once, tick, timed, use
 from hgogen.signal import Signal, resting
 
 
@@ -94,7 +96,9 @@ class Step:
     """The program of an observer at the sampling period `dt` (s).
 
     `plant`, `gains`, `derived`: fields of the parameters; `state`, `groups`: what a call remembers; `bits`: the status;
-    `tuning`, `sections`, `estimate`: programs. `limit`: the largest dt that can be stable.
+    `tuning`, `sections`, `estimate`: programs. `limit`: the largest dt that can be stable. `timed`: the updates of
+    `sections` for samples that say when they were taken, of a step for sensors of different rates; `periods`: the time
+    (s) between two samples of each output.
     """
 
     name: str
@@ -112,6 +116,8 @@ class Step:
     sections: tuple[Section, ...]
     estimate: Program
     limit: float
+    timed: tuple[Section, ...] = ()
+    periods: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return f"<step of {self.name}: {self.observer.name} by {self.method.name}, dt = {self.dt:g}>"
@@ -131,23 +137,44 @@ class Step:
         """The plant's states: what a call estimates."""
         return tuple(signal for signal, _ in self.observer.form.estimates)
 
+    @property
+    def apart(self) -> bool:
+        """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
+        reads = any(scope(place) == "output" for place, _ in places(self.sections[0].program))
+        return not reads and any(section.name.startswith("update_") for section in self.sections)
+
     @cached_property
     def program(self) -> Program:
         """All sections and the estimate, one after the other."""
         return tuple(s for section in self.sections for s in section.program) + self.estimate
 
 
-def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
+@dataclass(eq=False)
+class CannotUpdate(HgogenError):
+    """Prediction and correction asked for apart, of an observer that integrates with the measurement."""
+
+    observer: str
+    method: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.observer} by {self.method} integrates with the measurement, so it cannot predict and update apart; "
+            "call the step, or use riccati with methods.continuous_discrete"
+        )
+
+
+def plan(observer: Observer, method: Method, dt: float, between: str, periods: Any = None) -> Step:
     """The step of an observer; see `hgogen.call.sample`, which also makes it callable.
 
-    Raises: `BadStep`, `StepTooLong`, `BadWindow`.
+    Raises: `BadStep`, `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`.
     """
     if not isinstance(dt, int | float) or not 0 < dt < INF:
         raise BadStep(f"dt = {dt!r}", "must be a positive time in seconds")
     if between not in ("line", "hold"):
         raise BadStep(f"between = {between!r}", 'must be "line" or "hold"')
     system = observer.form.system
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer))
+    every = () if periods is None else multiples(periods, system.outputs, float(dt))
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer), every)
     pieces = tuple(part.pieces(method, clock) for part in observer.parts)
     tightest = min(pieces, key=lambda piece: piece.limit)
     if dt > tightest.limit:
@@ -160,7 +187,10 @@ def plan(observer: Observer, method: Method, dt: float, between: str) -> Step:
             StepMayFail,
             stacklevel=3,
         )
-    return _assembled(observer, method, clock, pieces, tightest.limit)
+    step = _assembled(observer, method, clock, pieces, tightest.limit)
+    if every and not step.apart:
+        raise CannotUpdate(observer.name, method.name)
+    return step
 
 
 def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
@@ -171,16 +201,24 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
     for j, output in enumerate(system.outputs):
         program = _all(piece.update[j] for piece in pieces if piece.update)
         if program:
-            guarded = (measure(observer, clock, j), When("work.valid", (*program, *kept(program, state))))
+            valid = (*program, *kept(program, state), *((use(output),) if clock.every else ()))
+            guarded: Program = (measure(observer, clock, j), When("work.valid", valid))
+            guarded = once(output, guarded) if clock.every else guarded
             sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
     adapt = _all(piece.adapt for piece in pieces)
     if adapt:
         running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
         program = (running, When("work.running", (*adapt, *kept(adapt, state))))
+        program = adapt_once(program) if clock.every else program
         sections.append(Section("adapt", "adapt the gain; once after the updates", program))
     last = -2 if adapt and not _moves(adapt, observer) else -1  # after it the estimate of this call stands
-    told = (*sections[last].program, outside(observer), *unrecovered(observer), *observer.notices)
-    sections[last] = replace(sections[last], program=told)
+    told = (outside(observer), *unrecovered(observer), *observer.notices)
+    for k, section in enumerate(sections):
+        if k == len(sections) + last or (clock.every and section.name.startswith("update_")):
+            sections[k] = replace(section, program=(*section.program, *told))
+    sections = [replace(section, program=pruned(section.program)) for section in sections]
+    updates = {section.name: section for section in sections}
+    timed_ = (timed(updates[f"update_{y}"], y) for y in system.outputs if clock.every and f"update_{y}" in updates)
     step = Step(
         name=system.name,
         observer=observer,
@@ -194,9 +232,11 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         groups=_all(piece.groups for piece in pieces),
         bits=(),
         tuning=limit_parameters(plant, observer.gains, _all(piece.tune for piece in pieces)),
-        sections=tuple(replace(section, program=pruned(section.program)) for section in sections),
+        sections=tuple(sections),
         estimate=_estimate(observer),
         limit=limit,
+        timed=tuple(timed_),
+        periods=tuple(map(clock.period, range(clock.outputs))),
     )
     object.__setattr__(step, "bits", _bits(step, _all(piece.bits for piece in pieces)))
     return step
@@ -217,6 +257,7 @@ def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...]) -> tup
     system = observer.form.system
     fields = list(_all(piece.fields for piece in pieces))
     fields.append(scalar("calls", 0, kind="index", high=2, meaning="0 before the first call, 1 after it, then 2"))
+    fields += sensors.fields(system.outputs) if clock.every else ()
     if system.inputs:
         start = tuple(resting(signal) for signal in system.inputs)
         low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
@@ -234,6 +275,7 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state
     program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
     if uses_output:
         program.append(guard_outputs(observer, clock))
+    program += [tick(observer.form.system.outputs)] if clock.every else []
     calls = sym("state.calls")
     program.append(
         Block(
@@ -260,9 +302,13 @@ def _estimate(observer: Observer) -> Program:
 
 def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     """The status bits that some block raises, in a fixed order."""
-    raised = {place.split(".", 1)[1] for place, _ in places((*step.program, *step.tuning)) if scope(place) == "status"}
+    programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
+    raised = {place.split(".", 1)[1] for place, _ in places(programs) if scope(place) == "status"}
     bits = []
-    for signals, kinds in ((step.outputs, ("MISSING", "REJECTED")), (step.inputs, ("REUSED", "CLAMPED"))):
+    for signals, kinds in (
+        (step.outputs, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED")),
+        (step.inputs, ("REUSED", "CLAMPED")),
+    ):
         for signal in signals:
             for kind in kinds:
                 meaning, action = SIGNAL_BITS[kind]

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 from hgogen.ccheck import check as self_check
 from hgogen.cfold import folded
-from hgogen.cheader import Prototype, arguments, header, prototypes
+from hgogen.cheader import Prototype, header, prototypes
 from hgogen.ckernels import kernels
 from hgogen.cmath import functions, includes
 from hgogen.cprint import Real, literal
-from hgogen.ctext import Writer, indented, status_type
+from hgogen.ctext import Writer, called, indented, status_type
 from hgogen.errors import HgogenError
-from hgogen.program import Field, Group, Section
+from hgogen.program import Field, Group
 from hgogen.step import Step
 from hgogen.target import Files
 
@@ -58,9 +58,10 @@ def _source(step: Step, real: Real) -> list[str]:
     writer, name = Writer(step, real), step.name
     bodies = {section.name: writer.function(section.program) for section in step.sections}
     if len(step.sections) > 1:
-        bodies["step"] = [_part(step, section) for section in step.sections]
+        bodies["step"] = [called(step, section) for section in step.sections]
     else:
         bodies = {"step": bodies[step.sections[0].name]}
+    bodies |= {section.name: writer.function(section.program) for section in step.timed}
     bodies["estimate"] = writer.function(step.estimate)
     bodies["tune"] = writer.function(step.tuning)
     bodies["reset"] = _reset(step, writer)
@@ -98,18 +99,13 @@ def _includes(step: Step, chosen: list[str], text: list[str]) -> list[str]:
 
 def _function(step: Step, prototype: Prototype, lines: list[str]) -> list[str]:
     kind = status_type(step)
-    returns = prototype.text.startswith(f"{kind} ")
+    returns = prototype.text.removeprefix("static ").startswith(f"{kind} ")
     code = re.sub(r"/\*.*?\*/", "", "\n".join(lines))
     shorts = re.findall(r"\*(\w+)[,)]", prototype.text)
     idle = [short for short in shorts if not re.search(rf"(?<!->)(?<!\.)\b{short}\b", code)]
     inner = [f"(void){short};" for short in idle] + lines
     inner = [f"{kind} status = 0u;", *inner, "return status;"] if returns else inner
     return [prototype.text, "{", *indented(inner), "}"]
-
-
-def _part(step: Step, section: Section) -> str:
-    given = ", ".join(text.rsplit("*", 1)[1] for text in arguments(step, section.program))
-    return f"status |= {step.name}_{section.name}({given});"
 
 
 def _assign(start: str, item: Field, real: Real) -> list[str]:

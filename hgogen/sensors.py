@@ -1,0 +1,113 @@
+"""Sensors of different rates: what a step that counts its periods adds to its sections.
+
+`state.now` counts the calls of `predict` modulo 65536, the first one is number 0. A sample of output y may come with
+the number of the period in which it was taken, `update_y_at`: one of an earlier period is late, one of a period that
+`predict` has not reached is early; neither is used, and the status says which. The difference is taken modulo 65536,
+so the count may wrap round: up to 32768 periods back count as late, more as early. A second sample of y in one period
+and a second `adapt` do nothing but say so. The noise R of an output is taken for its own period, a whole multiple of
+dt.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+
+from hgogen.errors import HgogenError
+from hgogen.program import Block, Call, Field, Program, Section, When, scalar, sym
+from hgogen.signal import Signal
+
+ROUND = 1 << 16  # periods after which the count begins again: what the smallest `unsigned` of C holds
+OLDEST = ROUND // 2  # periods back that still count as late
+AT = "argument.at"  # the place of the number of the period in which a sample was taken
+
+
+@dataclass(eq=False)
+class BadRate(HgogenError):
+    """A sensor's period that cannot be used."""
+
+    what: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.reason}"
+
+
+def multiples(periods: Any, outputs: tuple[Signal, ...], dt: float) -> tuple[int, ...]:
+    """How many dt lie between two samples of each output; 1 of those that `periods` (s, by name) does not name.
+
+    Raises: `BadRate`.
+    """
+    names = [signal.name for signal in outputs]
+    if not isinstance(periods, Mapping):
+        raise BadRate(f"periods = {periods!r}", "must name outputs with their sampling periods in seconds")
+    for name in periods:
+        if name not in names:
+            raise BadRate(f"periods names {name!r},", f"which is no output; the outputs are {', '.join(names)}")
+    return tuple(_multiple(name, periods.get(name, dt), dt) for name in names)
+
+
+def _multiple(name: str, period: Any, dt: float) -> int:
+    what = f"the period {name} = {period!r}"
+    if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < float("inf"):
+        raise BadRate(what, "must be a positive time in seconds")
+    count = max(1, round(period / dt))
+    if abs(count * dt - period) > 1e-9 * period:
+        raise BadRate(what, f"is no whole multiple of dt = {dt:g}; take {count * dt:.6g}, or another dt")
+    return count
+
+
+def fields(outputs: tuple[Signal, ...]) -> tuple[Field, ...]:
+    """What the step remembers of time."""
+    used = (scalar(_used(s), 0, kind="index", high=1, meaning=f"1 when a sample of {s} was used now") for s in outputs)
+    return (
+        scalar("now", 0, kind="index", high=ROUND - 1, meaning=f"number of this period, modulo {ROUND}"),
+        scalar("adapted", 0, kind="index", high=1, meaning="1 when adapt was called now"),
+        *used,
+    )
+
+
+def _used(output: Signal) -> str:
+    return f"used_{output}"
+
+
+def tick(outputs: tuple[Signal, ...]) -> Block:
+    """The next period, before the first call's flag is raised."""
+    now = sym("state.now")
+    after = ca.if_else(now >= ROUND - 1, 0, now + 1)
+    fresh = {f"state.{name}": ca.SX(0) for name in ("adapted", *map(_used, outputs))}
+    return Block("the next period", {"state.now": ca.if_else(sym("state.calls") >= 1, after, now), **fresh})
+
+
+def once(output: Signal, correct: Program) -> Program:
+    """An update by one output, once a period; `correct` ends with what a valid sample does."""
+    used = sym(f"state.{_used(output)}")
+    test = {"work.fresh": used < 1, f"status.REPEATED_{output}": used >= 1}
+    return (Block(f"one sample of {output} a period", test), When("work.fresh", correct))
+
+
+def use(output: Signal) -> Block:
+    """What a valid sample leaves."""
+    return Block(f"{output} is used", {f"state.{_used(output)}": ca.SX(1)})
+
+
+def adapt_once(program: Program) -> Program:
+    """Adaptation, once a period."""
+    done = sym("state.adapted")
+    test = {"work.fresh": done < 1, "status.ADAPTED": done >= 1}
+    mark = Block("adapted", {"state.adapted": ca.SX(1)})
+    return (Block("one adaptation a period", test), When("work.fresh", (*program, mark)))
+
+
+def timed(section: Section, output: Signal) -> Section:
+    """The update section of an output for a sample that says when it was taken."""
+    now, at = sym("state.now"), sym(AT)
+    age = ca.if_else(now >= at, now - at, ROUND - 1 - at + now + 1)
+    test = {
+        "work.timely": age < 1,
+        f"status.LATE_{output}": ca.logic_and(age >= 1, age <= OLDEST),
+        f"status.EARLY_{output}": age > OLDEST,
+    }
+    program = (Block("is the sample of now?", test), When("work.timely", (Call(section),)))
+    return replace(section, name=f"{section.name}_at", meaning=f"{section.meaning} of period `at`", program=program)
