@@ -29,12 +29,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from flint import fmpq, fmpq_mat
 
+from hgogen.certified import Nothing, slope
 from hgogen.check import Check, Verdict
 from hgogen.definite import Matrix, exact, floats, largest, nonnegative, number, positive, smallest, unit
 from hgogen.digits import down, up
+from hgogen.integrators import Integrators
 from hgogen.observer import BadGain, reals
+from hgogen.proof import Proof
 
 _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)
 
@@ -145,6 +149,16 @@ def disturbance(given: Any, n: int) -> Disturbance:
     if not (np.isfinite(G).all() and np.isfinite(g).all()):
         raise BadGain("G_1 and G_2", "must be finite")
     return Disturbance(rational(G), tuple(map(Fraction, g.tolist())))
+
+
+def steepness(chain: Integrators, gamma: float) -> Proof | Nothing:
+    """k >= |T^-1 dc/dw T| on the box for every gamma from this one on, by outward-rounded intervals; or why there is
+    none."""
+    least = Fraction(gamma)
+    powers = (least ** -(i + 1) for i in range(chain.n))
+    return slope(
+        chain.form, [sp.Rational(x.numerator, x.denominator) * p for x, p in zip(powers, chain.products, strict=True)]
+    )
 
 
 def rational(matrix: np.ndarray) -> Matrix:

@@ -14,14 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.adaptive_gain import Disturbance, candidate, facts, root, share_of
+from hgogen.adaptive_gain import Disturbance, candidate, facts, root, share_of, steepness
 from hgogen.adaptive_gain import disturbance as as_disturbance
+from hgogen.certified import Nothing
 from hgogen.check import Check, Verdict
 from hgogen.digits import down, up
 from hgogen.errors import HgogenError
+from hgogen.form import Form
 from hgogen.gain_programs import Found, Task, best
 from hgogen.hurwitz import demand_hurwitz
 from hgogen.injection import companion
+from hgogen.integrators import integrators
 from hgogen.lmi import solver
 from hgogen.observer import BadGain, positive, real, reals
 
@@ -81,10 +84,10 @@ def adaptive_gain(
     """K and P for a chain of n integrators whose nonlinear part has the slope k, of a small bound on gamma, or with a
     `disturbance` of a small L2 gain.
 
-    Args: `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on (at gamma = 1, and for all
-    a_i = 1, it is the L_b of a form's check); `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the
-    smaller the bound and the larger K; `gamma`, `mu` what the bounds may be at most; `disturbance` (G_1 (n, m),
-    G_2 (m)) in the same coordinates; `K` (n) a given gain, for which P is sought.
+    Args: `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on, as `slope` finds it;
+    `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the smaller the bound and the larger K; `gamma`,
+    `mu` what the bounds may be at most; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a given
+    gain, for which P is sought.
 
     Raises: `Infeasible`, which says what bound to relax; `lmi.NoSolver`; `NotHurwitz` for a given K; `BadGain`.
     """
@@ -118,6 +121,20 @@ def _designed(cp: Any, task: Task, given: Disturbance | None) -> Design | None:
         if design is not None:
             return design
     return None
+
+
+def slope(form: Form, gamma: float = 1.0) -> float:
+    """The slope k of a form for every gamma from this one on, as `adaptive_gain` takes it; proved from above.
+
+    Raises: `BadGain` for a form that is no chain of integrators, or whose slope has no bound that is shown.
+    """
+    if not 1 <= real("gamma", gamma) < math.inf:
+        raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
+    found = steepness(integrators("adaptive_lmi", form), gamma)
+    if isinstance(found, Nothing) or found.high is None:
+        raise BadGain(f"the slope of {form.system.name}", f"has no bound: {found}")
+    near = float(found.high)
+    return near if near >= found.high else math.nextafter(near, math.inf)
 
 
 def _limit(name: str, value: Any) -> float:

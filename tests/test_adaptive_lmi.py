@@ -16,6 +16,7 @@ import hgogen as hg
 from hgogen import figure
 from hgogen.check import Refuted, Verdict
 from hgogen.core import core_numbers, nominal
+from hgogen.design import adaptive_gain, slope
 from hgogen.hurwitz import NotHurwitz
 from hgogen.model import load
 from hgogen.observer import BadGain
@@ -221,6 +222,28 @@ def test_a_chain_with_gains_and_a_parameter() -> None:
     true = simulate(geared().system, start, 5e-4)
     run = step.run(u=true.u, y=true.y, engine="python")
     assert np.abs(run.x[-1] - true.x[-1]).max() < 1e-6
+
+
+def test_from_a_form_to_a_proved_observer() -> None:
+    """The slope from gamma_inf on, K and P for it, and the observer takes them."""
+    pytest.importorskip("clarabel")
+    k = slope(geared(), 10)
+    assert k < slope(geared(), 1)
+    found = adaptive_gain(3, slope=k)
+    given = {**GIVEN, "K": found.K, "P": found.P, "gamma": (max(10, float(found.gamma)), 80)}
+    checks = {check.id: check.verdict for check in hg.observers.adaptive_lmi(geared(), **given).checks}
+    assert checks["adaptive_lmi.convergence"] is Verdict.PROVED
+    with pytest.raises(BadGain, match=r"^gamma = 0\.5 must be a finite number, at least 1"):
+        slope(geared(), 0.5)
+    with pytest.raises(BadGain, match=r"^adaptive_lmi takes one output"):
+        slope(hg.forms.original(two_outputs()))
+
+
+def test_a_slope_without_a_bound_is_said() -> None:
+    x1, x2 = hg.Signal("x1", low=-4, high=4), hg.Signal("x2")
+    plant = hg.System("open", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -(x2**3)], output=[x1])
+    with pytest.raises(BadGain, match=r"^the slope of open has no bound: the bound rests on triangular\.lipschitz"):
+        slope(hg.forms.triangular(plant))
 
 
 def test_below_the_bound_it_is_not_proved_and_built_all_the_same() -> None:

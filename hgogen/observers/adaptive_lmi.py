@@ -19,11 +19,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import sympy as sp
 
-from hgogen.adaptive_gain import Given, candidate, checks
+from hgogen.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.adaptive_gain import disturbance as as_disturbance
-from hgogen.certified import Nothing, slope
+from hgogen.certified import Nothing
 from hgogen.check import Verdict, demand
 from hgogen.dynamics import clamp
 from hgogen.form import Form
@@ -104,7 +103,7 @@ def adaptive_lmi(
         raise BadGain("sigma = 0", "would keep gamma from falling; design K and P for a positive sigma")
     gains = np.array([float(k) for k in found.K])
     demand_hurwitz("K", companion(gains), "take K and P of hgogen.design")
-    steep = slope(form, [_power(low, -i) * p for i, p in enumerate(chain.products)])
+    steep = steepness(chain, low)
     k, reason = (None, str(steep)) if isinstance(steep, Nothing) else (steep.high, "")
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
     own = checks("adaptive_lmi", found, Given(Fraction(low), Fraction(high), k, reason, disturbed))
@@ -159,8 +158,3 @@ def _wide(name: str, given: Any, meaning: str, unit: str) -> Field:
     """A gain above 0, tunable by a factor 1000."""
     value = positive(name, given)
     return gain(name, value, 1e-3 * value, 1e3 * value, meaning, unit)
-
-
-def _power(value: float, exponent: int) -> sp.Rational:
-    power = Fraction(value) ** exponent
-    return sp.Rational(power.numerator, power.denominator)
