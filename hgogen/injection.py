@@ -72,12 +72,8 @@ def moving_gain(
     K: np.ndarray,
     level: Field,
     law: Callable[[Any], Any] = lambda e: ca.SX(1, 1),
-    *,
-    model: bool = True,
 ) -> Ode:
-    """The observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump moves it. Without
-    `model`, c is 0.
-    """
+    """The observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump moves it."""
 
     def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
         w_ = values[w.name]
@@ -85,8 +81,7 @@ def moving_gain(
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         w_ = values[w.name]
-        c = chain.nonlinear(w_, u) if model else ca.SX.zeros(chain.n)
-        return {w.name: c, level.name: law(valid * (y - chain.offset(u) - w_[0]))}
+        return {w.name: chain.nonlinear(w_, u), level.name: law(valid * (y - chain.offset(u) - w_[0]))}
 
     return Ode((w, level), rest, linear, chain.offset, frozen={level.name: level.high})
 

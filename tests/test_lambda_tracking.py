@@ -52,6 +52,7 @@ def test_the_derivative_of_the_inflow_is_not_asked_for() -> None:
     assert [signal.name for signal in reactor().system.inputs] == ["u", "u_dot"]
     step = hg.sample(tuned(), hg.methods.rk4, dt=0.01)
     assert [signal.name for signal in step.inputs] == ["u"]
+    assert "lambda_tracking.lipschitz" not in {check.id for check in step.observer.checks}
 
 
 def test_at_the_start_the_inverse_is_taken_at_the_edge_of_the_ranges() -> None:
@@ -188,7 +189,7 @@ def modelled() -> hg.Observer:
 
 
 def test_the_gain_grows_outside_the_strip_only_and_a_missing_sample_leaves_it() -> None:
-    observer = tracking(k_0=5, gamma=100, strip=0.01, reach=1, model=True)
+    observer = tracking(k_0=5, gamma=100, strip=1e-4, reach=1, model=True)
     y = swing.gappy()
     step = hg.sample(observer, hg.methods.rk4, dt=swing.DT)
     run = step.run(u=swing.truth().u[: len(y)], y=y, engine="python")
@@ -197,6 +198,13 @@ def test_the_gain_grows_outside_the_strip_only_and_a_missing_sample_leaves_it() 
     assert k[-1] > 5
     missing = np.flatnonzero(np.isnan(y))
     assert (k[missing] == k[missing - 1]).all()
+
+
+def test_the_gain_grows_no_faster_beyond_its_reach() -> None:
+    """While |e| > reach, k' = gamma (reach - strip)^2."""
+    observer = tracking(k_0=5, gamma=100, strip=0.01, reach=0.02, model=True)
+    k = swing.run(observer, swing.truth().y[:50], engine="python").traces["k"]
+    assert np.diff(k) == pytest.approx(np.full(49, 100 * 0.01**2 * swing.DT), rel=1e-6)
 
 
 def test_a_gain_at_its_cap_is_said() -> None:

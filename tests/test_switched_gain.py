@@ -103,6 +103,13 @@ def test_a_low_gain_that_was_tuned_is_taken() -> None:
     assert set(run.traces["level"][1:]) == {5, 20}
 
 
+def test_a_high_gain_tuned_below_the_low_one_is_both() -> None:
+    step = hg.sample(observer(), hg.methods.rk4, dt=swing.DT)
+    step.tune(theta=8.0)
+    run = step.run(u=swing.truth().u, y=swing.truth().y, engine="python")
+    assert set(run.traces["level"][1:]) == {8}
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

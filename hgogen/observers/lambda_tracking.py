@@ -118,7 +118,7 @@ def lambda_tracking(
     return observer_on(
         chain,
         "lambda_tracking",
-        parts=(moving_gain(chain, w, p, k, law, model=model), capped(k)),
+        parts=(moving_gain(chain, w, p, k, law), capped(k)),
         gains=(
             gain("gamma", rate, 1e-3 * rate, 1e3 * rate, "how fast the gain grows", "1/(y^2 s^2)"),
             gain("strip", width, 1e-3 * width, 1e3 * width, "output error up to which the gain rests", "y"),
