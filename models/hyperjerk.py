@@ -41,6 +41,7 @@ tuning = {
     "filtered": {"theta": 10, "alpha": 3, "beta": 1, "poles": POLES},
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},
+    "peaking_free": {"theta": 10},
 }
 
 

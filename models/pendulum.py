@@ -29,6 +29,9 @@ tuning = {
         "threshold": 0.01,
     },
     "high_gain": {"theta": 20, "poles": (-1, -1)},
+    "low_power": {"theta": 20},
+    "peaking_free": {"theta": 20},
+    "cascade": {"theta": 100},
     "hamilton_jacobi": {"Q": (1e4, 1.0), "R": 1e9},  # R = 1/(v dt) for samples of variance v = 1e-6
     "switched_gain": {"theta": 40, "theta_low": 10, "threshold": 0.01, "hold": 0.2, "poles": (-1, -1)},
     "lambda_tracking": {
