@@ -55,6 +55,9 @@ def response(
     }
     if continuous.coordinates == "form":
         note("the plant's states are nonlinear in the observer's coordinates: the gains are those of the form's states")
+    for name, values in continuous.held.items():
+        at = ", ".join(f"{value:g}" for value in values)
+        note(f"{name} adapts: the gains are those at {at}, where the core is the fastest")
     show(as_json, value, tables.responses(continuous, sampled), *([tables.files(paths)] if paths else []))
 
 

@@ -11,7 +11,7 @@ noise of nonlinear high-gain observers", NOLCOS (2016).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -52,7 +52,7 @@ class BadFrequency(HgogenError):
 class Response:
     """H (K, n, p), complex, at the frequencies `omega` (K, rad/s), from the noise of each of the p `outputs` to each of
     the n `states`; `dt` (s) of the step, None in continuous time; `coordinates`: "plant", or "form" where the plant's
-    states are nonlinear in the form's, which `states` then names."""
+    states are nonlinear in the form's, which `states` then names; `held`: fields that adapt, at the values taken."""
 
     omega: np.ndarray
     H: np.ndarray
@@ -60,6 +60,7 @@ class Response:
     outputs: tuple[str, ...]
     dt: float | None
     coordinates: str
+    held: Mapping[str, tuple[float, ...]]
 
     @property
     def gain(self) -> np.ndarray:
@@ -89,7 +90,7 @@ def response(given: Observer | Step, omega: Any) -> Response:
         s = 1j * frequencies
     H = np.array([E @ np.linalg.solve(z * np.eye(len(M)) - M, before + z * now) for z in s])
     outputs = tuple(signal.name for signal in observer.form.system.outputs)
-    return Response(frequencies, H, states, outputs, step.dt if step else None, coordinates)
+    return Response(frequencies, H, states, outputs, step.dt if step else None, coordinates, part.frozen)
 
 
 def pace(observer: Observer) -> tuple[float, float]:
@@ -110,7 +111,7 @@ def _found(observer: Observer) -> tuple[Ode, Core]:
         if line is not None:
             return part, line
     reason = "it has no linear error core with constant coefficients; try it on a trial whose noise is a Sine"
-    if any(part.core is not None for part in odes):
+    if observer.form.jacobian is not None and any(part.core is not None for part in odes):
         reason = "its error core is linear in other coordinates only; build it on forms.phase without original"
     raise NoResponse(observer.name, reason)
 
@@ -161,7 +162,7 @@ def _linear(part: Ode) -> Ode:
     def nothing(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         return {field.name: ca.SX(field.size, 1) for field in moving}
 
-    return replace(part, fields=moving, rest=nothing, linear=lines, offset=None, frozen={})
+    return Ode(moving, nothing, lines, derived=part.derived, tune=part.tune)
 
 
 def _after(program: Program, memory: Values) -> dict[str, np.ndarray]:

@@ -81,7 +81,7 @@ class Sampled:
         if part.frozen:
             raise NoRealisation(self.name, f"here {min(part.frozen)} adapts, and the core with it: take rk4")
         if part.linear is None:
-            raise NoRealisation(self.name, "this observer has none in its coordinates: take rk4")
+            raise NoRealisation(self.name, "this observer has none: take rk4")
         if clock.outputs > MOST:
             raise NoRealisation(self.name, f"for at most {MOST} outputs, each of which may be missing: take rk4")
         updates = {seen: _update(self, part, clock, seen) for seen in product((False, True), repeat=clock.outputs)}

@@ -39,9 +39,19 @@ tuning = {
         "threshold": 0.3,
     },
     "filtered": {"theta": 10, "alpha": 3, "beta": 1, "poles": POLES},
+    "filtered_sampled": {
+        "kind": "filtered",
+        "method": "exponential",
+        "dt": 5e-3,
+        "theta": 10,
+        "alpha": 3,
+        "beta": 1,
+        "poles": POLES,
+    },
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},
     "peaking_free": {"theta": 10},
+    "low_power_sampled": {"kind": "low_power", "theta": 4, "method": "bilinear", "dt": 5e-3},
 }
 
 

@@ -28,6 +28,8 @@ tuning = {
         "rise": 50,
         "threshold": 0.01,
     },
+    "filtered": {"theta": 20, "alpha": 3, "beta": 1, "poles": (-1, -1)},
+    "filtered_injection": {"theta": 20, "F": ((-3, 0), (1, -3)), "G": (1, 0), "H": ((2, 0), (0, 1))},
     "high_gain": {"theta": 20, "poles": (-1, -1)},
     "low_power": {"theta": 20},
     "peaking_free": {"theta": 20},

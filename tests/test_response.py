@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plants import MODELS, fitzhugh_nagumo, two_outputs
+from plants import MODELS, fitzhugh_nagumo, pendulum, two_outputs
 from test_cli import as_json, hgogen
 from test_hyperjerk import OMEGA, TABLES
 
@@ -89,12 +89,26 @@ def test_estimates_in_other_coordinates_are_told() -> None:
     assert other.H[0, [1, 0], 0] == pytest.approx(found.H[0, :, 0] * [1, -1 / 4])
 
 
+def test_a_gain_that_adapts_is_taken_where_the_core_is_the_fastest() -> None:
+    """The updated gain at its cap is the standard one at theta = cap; the command says so."""
+    gains = {"p_1": 0.15, "p_2": 2, "p_3": 6, "cap": 10, "poles": (-1, -2)}
+    updated = hg.response(hg.observers.updated_gain(pendulum().form, **gains), 5.0)
+    standard = hg.response(pendulum(theta=10, poles=(-1, -2)), 5.0)
+    assert dict(updated.held) == {"L": (10.0,)}
+    assert not standard.held
+    assert np.abs(updated.H / standard.H - 1).max() < 1e-12
+    _, err = hgogen("response", str(MODELS / "pendulum.py"), "--observer", "updated_gain")
+    assert "hgogen: L adapts: the gains are those at 100, where the core is the fastest" in err
+
+
 # --- as discretised -----------------------------------------------------------------------------------------
 
 OBSERVERS: dict[str, Any] = {
     "filtered": {"theta": 4, "alpha": 3, "beta": 1, "poles": POLES},
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},
+    "peaking_free": {"theta": 4},
+    "cascade": {"theta": 4},
 }
 
 

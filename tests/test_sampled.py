@@ -296,7 +296,7 @@ def test_what_has_no_constant_core_is_refused(method: str) -> None:
     with pytest.raises(NoRealisation, match=start + "that of a Riccati observer moves with its covariance: take cont"):
         hg.sample(fitzhugh_nagumo(), way, dt=0.01)
     original = hg.forms.phase(model("pendulum"), original=True)
-    with pytest.raises(NoRealisation, match=start + "this observer has none in its coordinates: take rk4"):
+    with pytest.raises(NoRealisation, match=start + "this observer has none: take rk4"):
         hg.sample(hg.observers.high_gain(original, theta=4, poles=(-1, -1)), way, dt=0.01)
     observer = built("high_gain")
     adapting = replace(observer.parts[0], frozen={"z": (1.0,) * 4})

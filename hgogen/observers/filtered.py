@@ -22,6 +22,7 @@ from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.gains import coefficients, demand_parabola, filtered_core, parabola_advice
 from hgogen.hurwitz import demand_hurwitz
+from hgogen.injection import shifted
 from hgogen.integrators import integrators, observer_on
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, positive, reals
 from hgogen.program import Field, sym
@@ -82,9 +83,8 @@ def filtered(
 
     def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
         w, eta = values["w"], values["eta"]
-        above = ca.vertcat(*(w[i] for i in range(1, n)), 0)
         source = ca.vertcat(valid * (y - w[0]), *(eta[i] for i in range(n - 1)))
-        return {"w": above + ca.DM(L) * eta, "eta": level * (level * (b * source) - a * eta)}
+        return {"w": shifted(w) + ca.DM(L) * eta, "eta": level * (level * (b * source) - a * eta)}
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(n, 1)}

@@ -19,6 +19,7 @@ import numpy as np
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
+from hgogen.injection import scaled, shifted
 from hgogen.integrators import integrators, observer_on
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, reals
 from hgogen.program import Field, sym
@@ -75,9 +76,8 @@ def filtered_injection(
 
     def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
         w, eta = values["w"], values["eta"]
-        above = ca.vertcat(*(w[i] for i in range(1, n)), 0)
         return {
-            "w": above + _powers(level, n) * (_sparse(pushed) @ eta),
+            "w": shifted(w) + scaled(np.ones(n), level) * (_sparse(pushed) @ eta),
             "eta": level * (_sparse(filter_) @ eta + _sparse(source) * (valid * (y - w[0]))),
         }
 
@@ -111,14 +111,6 @@ def _core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
     n = len(pushed)
     measured = np.outer(G, np.eye(n)[0])
     return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-measured, F]])
-
-
-def _powers(level: Any, n: int) -> Any:
-    """level, level^2, .., level^n."""
-    powers = [level]
-    for _ in range(n - 1):
-        powers.append(powers[-1] * level)
-    return ca.vertcat(*powers)
 
 
 def _sparse(matrix: np.ndarray) -> Any:
