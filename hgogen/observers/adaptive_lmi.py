@@ -27,7 +27,7 @@ from hgogen.check import Verdict, demand
 from hgogen.dynamics import clamp
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import companion, listed, scaled
+from hgogen.injection import companion, scaled
 from hgogen.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, gain, positive, reals
 from hgogen.program import Field, scalar, sym
@@ -122,7 +122,11 @@ def adaptive_lmi(
         gains=tunable,
         w=sym("state.w", chain.n),
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"K = {listed(gains)}, gamma_inf = {low:g}, gamma_sup = {high:g}"),
+        equations=(
+            *EQUATIONS,
+            f"K = {tuple(gains.tolist())}, gamma_inf = {low:g}, gamma_sup = {high:g}",
+            f"P = {tuple(map(tuple, reals('P', P).tolist()))}",
+        ),
         reference=REFERENCE,
         checks=own,
         accepted=accept,
