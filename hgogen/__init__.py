@@ -8,6 +8,8 @@ from hgogen import forms, innovation, methods, observers, targets, theta, trial
 from hgogen.call import Run, Sample, sample
 from hgogen.casadi_model import from_casadi
 from hgogen.check import Check, Verdict
+from hgogen.dissipation import Dissipation, dissipation
+from hgogen.error_system import ErrorSystem, error_system
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.gramian import gramian
@@ -26,6 +28,8 @@ from hgogen.target import write
 
 __all__ = [
     "Check",
+    "Dissipation",
+    "ErrorSystem",
     "Form",
     "HgogenError",
     "Observer",
@@ -36,6 +40,8 @@ __all__ = [
     "System",
     "Verdict",
     "bound",
+    "dissipation",
+    "error_system",
     "forms",
     "from_casadi",
     "gramian",

@@ -1,0 +1,339 @@
+"""Inequality (38) of Alessandri 2020: known edges, counterexamples, and never proved where a sample violates it."""
+
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import model
+from scipy.linalg import eigh, solve_continuous_are, solve_continuous_lyapunov
+
+import hgogen as hg
+from hgogen import second_order
+from hgogen.check import Verdict
+from hgogen.door import Misfit
+from hgogen.error_system import BadErrorSystem
+
+e, f = sp.symbols("e f", real=True)
+x = sp.Symbol("x", real=True)
+
+
+def line(flow: Any, noise: Any = 1, **ranges: tuple[Any, Any]) -> hg.ErrorSystem:
+    return hg.ErrorSystem("line", (e,), (flow,), [[noise]], {sp.Symbol(s, real=True): r for s, r in ranges.items()})
+
+
+def verdicts(found: hg.Dissipation) -> dict[str, Verdict]:
+    return {check.id.removeprefix("dissipation."): check.verdict for check in found.checks}
+
+
+def left_side(found: hg.Dissipation) -> sp.Expr:
+    """(38), written down again."""
+    slope = sp.Matrix([[found.V.diff(one) for one in found.system.errors]])
+    pushed = slope * found.system.noise
+    return (
+        (slope * sp.Matrix(found.system.flow))[0, 0]
+        + sum(value**2 for value in pushed) / (2 * found.mu**2)
+        + sum(one**2 for one in found.system.errors) / 2
+    )
+
+
+def demand_witness(found: hg.Dissipation) -> None:
+    """The point is of the box, not e = 0, and the left side is not negative there, in exact arithmetic or 60 digits."""
+    point = {s: sp.Rational(v.numerator, v.denominator) for s, v in found.witness.items()}
+    assert any(point[one] for one in found.system.errors)
+    for symbol, (low, high) in {**found.system.box, **found.within}.items():
+        assert symbol not in point or low <= point[symbol] <= high
+    assert left_side(found).subs(point).evalf(60) >= 0
+
+
+# --- known edges ------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(0.5, 5.0), st.floats(0.2, 3.0), st.floats(0.3, 3.0))
+@settings(deadline=None, max_examples=8)
+def test_the_gain_of_a_line_is_known_to_one_percent(a: float, b: float, p: float) -> None:
+    """V = p e^2: e^2 (-2 p a + 2 p^2 b^2/mu^2 + 1/2) < 0 where mu^2 > 2 p^2 b^2/(2 p a - 1/2)."""
+    a += 1 / (2 * p)  # so that 2 p a - 1/2 >= 1/2
+    edge = np.sqrt(2 * p * p * b * b / (2 * p * a - 0.5))
+    above, below = (hg.dissipation(line(-a * e, b), p * e**2, mu=share * edge, within=[2]) for share in (1.01, 0.99))
+    assert above.proved
+    assert above.level == pytest.approx(4 * p, rel=1e-8)
+    assert above.level <= Fraction(repr(4 * p)) * (1 + Fraction(1, 2**50))
+    assert verdicts(below)["inequality"] is Verdict.REFUTED
+    demand_witness(below)
+
+
+@given(st.floats(1.0, 9.0), st.floats(0.8, 4.0))
+@settings(deadline=None, max_examples=8)
+def test_the_region_of_a_cubic_is_known_to_one_percent(a: float, mu: float) -> None:
+    """F = -a e + e^3, V = e^2: negative where e^2 < a - 1/4 - 1/mu^2; near e = 0 its second order is."""
+    edge = a - 0.25 - 1 / mu**2
+    if edge < 0.05:
+        return
+    inside, beyond = (
+        hg.dissipation(line(-a * e + e**3), e**2, mu=mu, within=[np.sqrt(share * edge)]) for share in (0.99, 1.01)
+    )
+    assert inside.proved
+    assert inside.level == pytest.approx(0.99 * edge, rel=1e-8)
+    assert verdicts(beyond)["inequality"] is Verdict.REFUTED
+    demand_witness(beyond)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_linear_system_with_the_v_of_its_riccati_equation(seed: int) -> None:
+    """A'P + P A + 2 P G G'P/mu^2 + I = 0: more than true at mu, and true down to a gain that an eigenvalue says."""
+    rng = np.random.default_rng(seed)
+    n = 2 + seed % 2
+    A = rng.normal(size=(n, n))
+    A -= (np.linalg.eigvals(A).real.max() + 1) * np.eye(n)
+    G, mu = rng.normal(size=(n, 2)), 20.0
+    P = solve_continuous_are(A, G, np.eye(n), -(mu**2 / 2) * np.eye(2))
+    P = np.round((P + P.T) / 2, 6)
+    edge = np.sqrt(eigh(2 * P @ G @ G.T @ P, -(A.T @ P + P @ A + np.eye(n) / 2), eigvals_only=True).max())
+    assert edge < mu
+    errors = sp.symbols(f"e1:{n + 1}", real=True)
+    system = hg.ErrorSystem("linear", errors, tuple(sp.Matrix(A) * sp.Matrix(errors)), sp.Matrix(G))
+    true, false = (hg.dissipation(system, P, mu=share * edge, within=[1] * n) for share in (1.01, 0.99))
+    assert true.proved
+    assert true.level == pytest.approx(1 / np.diag(np.linalg.inv(P)).max(), rel=1e-8)  # min of e'P e with e_i = 1
+    assert verdicts(false)["inequality"] is Verdict.REFUTED
+    demand_witness(false)
+
+
+def test_where_the_second_order_is_definite_on_a_part_slabs_cover_the_rest() -> None:
+    """-e - 3 sin 2e has a rising slope between pi/4 and 3 pi/4, and the sign of -e up to 2.2."""
+    system = line(-e - 3 * sp.sin(2 * e))
+    found = hg.dissipation(system, e**2, mu=3, within=[1.5])
+    assert found.proved
+    assert "1/2 of the box" in found.checks[1].reason
+    beyond = hg.dissipation(system, e**2, mu=3, within=[2.5])
+    assert verdicts(beyond)["inequality"] is Verdict.REFUTED
+    demand_witness(beyond)
+
+
+def test_other_functions_than_quadratic_ones() -> None:
+    quartic = hg.dissipation(line(-3 * e), e**2 + e**4, mu=3, within=[1])
+    assert quartic.proved
+    assert quartic.level == pytest.approx(2, rel=2e-2)
+    bent = hg.dissipation(line(-3 * e), e**2 - e**4 / 10, mu=3, within=[2])  # its Hessian is not definite on the box
+    assert bent.proved
+    assert bent.level == pytest.approx(2.4, rel=2e-2)
+
+
+# --- an observer of a plant -------------------------------------------------------------------------------------
+
+
+@cache
+def pendulum(theta: float) -> tuple[hg.ErrorSystem, np.ndarray]:
+    """The high-gain observer with both poles at -theta, and P for its linear part, states scaled by theta."""
+    L = [2 * theta, theta**2]
+    A = np.array([[-2 * theta, 1], [-(theta**2), -0.1]])
+    P = solve_continuous_lyapunov(A.T, -np.diag([1.5 * theta**2, 1.5]))
+    return hg.error_system(model("pendulum"), L), np.round(P, 3)
+
+
+def test_the_error_system_of_a_plant() -> None:
+    """e' = F(e, x) + G w, F the difference of plant and observer, G = (I, -L)."""
+    system, _ = pendulum(20)
+    (e_q, e_w), (q, _) = system.errors, system.states
+    assert [s.name for s in system.errors] == ["e_q", "e_w"]
+    assert system.noise == sp.Matrix([[1, 0, -40], [0, 1, -400]])
+    expected = -sp.Rational("19.6") * (sp.sin(q) - sp.sin(q - e_q)) - e_w / 10 - 400 * e_q
+    assert sp.expand(system.flow[1] - expected) == 0
+    assert sp.expand(system.flow[0] - e_w + 40 * e_q) == 0
+
+
+def test_a_high_gain_observer_of_the_pendulum() -> None:
+    """On all errors up to a radian and 10 rad/s; the gain to 2 %, by a sample that violates it below."""
+    system, P = pendulum(20)
+    found = hg.dissipation(system, P, mu=50, within={"e_q": 1, "e_w": 10})
+    assert found.proved
+    assert found.level == pytest.approx(1 / np.diag(np.linalg.inv(P) / [1, 100]).max(), rel=1e-8)
+    low, high = 10.0, 50.0
+    while high > 1.02 * low:
+        middle = hg.dissipation(system, P, mu=np.sqrt(low * high), within=(1, 10))
+        verdict = verdicts(middle)["inequality"]
+        assert verdict is not Verdict.UNKNOWN
+        low, high = (low, float(middle.mu)) if verdict is Verdict.PROVED else (float(middle.mu), high)
+    demand_witness(hg.dissipation(system, P, mu=low, within=(1, 10)))
+
+
+def test_the_error_stays_where_it_is_said_to_stay() -> None:
+    """Simulated from the edge of the level set, with the disturbance that the inequality fears most."""
+    system, P = pendulum(20)
+    mu = 50.0
+    found = hg.dissipation(system, P, mu=mu, within=(1, 10))
+    flow = sp.lambdify((*system.errors, *system.states), system.flow)
+    G, dt = np.array(system.noise, dtype=float), 1e-4
+    for angle in np.linspace(0, 2 * np.pi, 7):
+        error = np.array([np.cos(angle), 10 * np.sin(angle)])
+        error *= np.sqrt(0.5 * float(found.level) / (error @ P @ error))
+        start, supply, loss = error @ P @ error, 0.0, 0.0
+        for k in range(5000):
+            w = G.T @ P @ error * (2 / mu**2)
+            if mu**2 / 2 * (supply + dt * w @ w) > 0.4 * float(found.level):
+                w = 0 * w
+            supply, loss = supply + dt * w @ w, loss + dt * error @ error
+            error = error + dt * (np.array(flow(*error, np.sin(k * dt), 0.0)) + G @ w)
+            assert abs(error[0]) < 1
+            assert abs(error[1]) < 10
+        assert error @ P @ error - start <= mu**2 / 2 * supply - loss / 2 + 1e-2 * start  # of Euler's step
+
+
+# --- nothing is proved that is not so ---------------------------------------------------------------------------
+
+numbers = st.fractions(-2, 2, max_denominator=8)
+
+
+@given(st.lists(numbers, min_size=8, max_size=8), st.fractions(1, 6, max_denominator=4), st.booleans())
+@settings(deadline=None, max_examples=10)
+def test_a_dense_sample_never_violates_what_is_proved(c: list[Fraction], damping: Fraction, trig: bool) -> None:
+    a = [sp.Rational(v.numerator, v.denominator) for v in c]
+    d = sp.Rational(damping.numerator, damping.denominator)
+    curved = sp.sin(x) - sp.sin(x - e) if trig else x**2 - (x - e) ** 2
+    flow = (-d * e + a[0] * f + a[1] * curved, a[2] * e - d * f + a[3] * e * f + a[4] * f**3 / 4)
+    system = hg.ErrorSystem("random", (e, f), flow, [[1, 0], [a[5] * x, 1]], {x: (-1, 1)}, ())
+    V = e**2 + a[6] / 3 * e * f + f**2 + max(a[7] - 1, 0) / 8 * e**4  # now and then not quadratic
+    found = hg.dissipation(system, V, mu=2, within=[1, 1], boxes=200)
+    points = np.random.default_rng(0).uniform(-1, 1, size=(3, 20_000))
+    points[:2] *= 2.0 ** -np.random.default_rng(1).integers(0, 8, size=20_000)
+    left = sp.lambdify((e, f, x), left_side(found))(*points)
+    size = (points[:2] ** 2).sum(axis=0)
+    if verdicts(found)["inequality"] is Verdict.PROVED:
+        assert (left < 1e-12 * size).all()
+    if verdicts(found)["inequality"] is Verdict.REFUTED and verdicts(found)["positive"] is not Verdict.REFUTED:
+        demand_witness(found)
+    if verdicts(found)["positive"] is Verdict.PROVED:
+        assert (sp.lambdify((e, f), V)(*points[:2]) > 0).all()
+
+
+def rotated(angle: float) -> hg.ErrorSystem:
+    """Damped along one direction and driven along another: with V = e^2 + f^2 a full N, indefinite by its minor."""
+    c, s = sp.Rational(f"{np.cos(angle):.6f}"), sp.Rational(f"{np.sin(angle):.6f}")
+    T = sp.Matrix([[c, -s], [s, c]])
+    return hg.ErrorSystem("rotated", (e, f), tuple(T * sp.diag(-3, -1) * T.T * sp.Matrix([e, f])), T)
+
+
+EDGES: dict[str, Any] = {  # the system, V, the box, and the gain at which (38) turns false
+    "line": (line(-2 * e), e**2, [1], np.sqrt(2 / 3.5)),
+    "cubic": (line(-2 * e + e**3), e**2, [1], np.sqrt(2 / 1.5)),
+    "rotated": (rotated(0.7), e**2 + f**2, [1, 1], np.sqrt(2 / 1.5)),
+    "slabs": (line(-e - 3 * sp.sin(2 * e)), e**2, [1.6], np.sqrt(2 / (1.5 + 6 * np.sin(3.2) / 1.6))),
+    "state": (line(-2 * e + sp.sin(x) - sp.sin(x - e), x=(-3, 3)), e**2, [1], np.sqrt(2 / 1.5)),
+    "matrix": (
+        hg.ErrorSystem("matrix", (e, f), (-2 * e - x * f, -x * e - 2 * f), sp.eye(2), {x: (-0.5, 1.2)}),
+        e**2 + f**2,
+        [1, 1],
+        np.sqrt(2 / 1.1),
+    ),
+    "noise": (line(-2 * e, 1 + x * e, x=(-1, 1)), e**2, [1], np.sqrt(8 / 3.5)),
+}
+
+
+@pytest.mark.parametrize("name", EDGES)
+def test_the_proof_alone_says_nothing_false(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the samples that refute at once: proved above the edge, not proved below it."""
+    monkeypatch.setattr(second_order, "_samples", lambda program: iter(()))
+    system, V, within, edge = EDGES[name]
+    assert hg.dissipation(system, V, mu=1.02 * edge, within=within).proved
+    found = hg.dissipation(system, V, mu=0.98 * edge, within=within)
+    assert verdicts(found)["inequality"] is not Verdict.PROVED
+    if verdicts(found)["inequality"] is Verdict.REFUTED:
+        demand_witness(found)
+
+
+def test_a_left_side_that_only_touches_zero_is_not_proved() -> None:
+    """-e^2 (e^2 - 1/2)^2, which is 0 at the root of 1/2: no rational point refutes it, and no box proves it."""
+    flow = -e * (sp.Rational(1, 2) + (e**2 - sp.Rational(1, 2)) ** 2 / 2)
+    found = hg.dissipation(line(flow), e**2, mu=2, within=[1])
+    assert sp.expand(left_side(found) + e**2 * (e**2 - sp.Rational(1, 2)) ** 2) == 0
+    assert verdicts(found)["inequality"] is Verdict.UNKNOWN
+
+
+def test_a_narrow_violation_is_not_overlooked() -> None:
+    """Positive on some thousandth of the box only."""
+    bump = sp.exp(-(10**6) * (e - sp.Rational(7123, 10_000)) ** 2)
+    found = hg.dissipation(line(-e * (1 - sp.Rational(6, 5) * bump)), e**2, mu=3, within=[1])
+    assert verdicts(found)["inequality"] is not Verdict.PROVED
+    assert "nothing is concluded" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("V", "positive"),
+    [(e, Verdict.REFUTED), (-(e**2), Verdict.REFUTED), (e**2 - e**4, Verdict.REFUTED), (e**2 + 1, Verdict.REFUTED)],
+)
+def test_a_v_that_is_not_positive_is_refuted(V: sp.Expr, positive: Verdict) -> None:
+    found = hg.dissipation(line(-3 * e), V, mu=3, within=[2])
+    assert verdicts(found)["positive"] is positive
+    assert not found.proved
+
+
+@pytest.mark.parametrize(
+    ("system", "V", "said"),
+    [
+        (line(-e - sp.Abs(e) / 2), e**2, "kinks"),
+        (line(-2 * e - sp.sign(e)), e**2, "kinks or jumps"),
+        (line(-2 * e - sp.sqrt(sp.Abs(e)) * sp.sign(e)), e**2, "kinks or jumps"),
+        (line(-e + x - x), e**4, "second order does not decide"),
+        (line(-2 * e + x, x=(0, 1)), e**2, ""),
+        (line(-2 * e - 1 / (e - 3) - sp.Rational(1, 3)), e**2, "bounded slope"),
+    ],
+)
+def test_what_is_not_smooth_or_flat_is_not_proved(system: hg.ErrorSystem, V: sp.Expr, said: str) -> None:
+    found = hg.dissipation(system, V, mu=3, within=[3])
+    assert verdicts(found)["inequality"] is not Verdict.PROVED
+    assert any(said in check.reason for check in found.checks)
+
+
+def test_without_a_range_nothing_is_missed() -> None:
+    """The slope grows with x: refuted, unless it is bounded."""
+    rising = hg.ErrorSystem("wide", (e,), (-3 * e + x * e,), [[1]], {x: (-sp.oo, sp.oo)})
+    assert verdicts(hg.dissipation(rising, e**2, mu=3, within=[1]))["inequality"] is Verdict.REFUTED
+    bounded = hg.ErrorSystem("wide", (e,), (-3 * e + sp.sin(x) * e,), [[1]], {x: (-sp.oo, sp.oo)})
+    assert hg.dissipation(bounded, e**2, mu=3, within=[1]).proved
+
+
+# --- bad input --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"V": x}, "uses x; it is a function of the errors e alone"),
+        ({"V": [[1, 2], [2, 1]]}, "symmetric 1 x 1"),
+        ({"V": "much"}, "neither an expression"),
+        ({"mu": 0}, "mu = 0 must be a positive number"),
+        ({"mu": "x"}, "mu = 'x' must be a positive number"),
+        ({"within": [0]}, "the range 0 of e is none around 0"),
+        ({"within": [(1, 2)]}, "none around 0"),
+        ({"within": [1, 1]}, "within of length 2"),
+        ({"within": {"y": 1}}, "a range for each of e"),
+        ({"within": [float("nan")]}, "none around 0"),
+    ],
+)
+def test_bad_questions_are_met_with_a_sentence(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadErrorSystem, match=said):
+        hg.dissipation(line(-e), **{"V": e**2, "mu": 1, "within": [1], **changes})
+
+
+def test_bad_systems_are_met_with_a_sentence() -> None:
+    with pytest.raises(BadErrorSystem, match="uses x, which is no error and has no range"):
+        line(-e + x)
+    with pytest.raises(BadErrorSystem, match="1 errors, 2 rows of flow"):
+        hg.ErrorSystem("two", (e,), (-e, -f), [[1]])
+    with pytest.raises(BadErrorSystem, match="no real symbols"):
+        hg.ErrorSystem("complex", (sp.Symbol("c"),), (0,), [[1]])
+    with pytest.raises(Misfit, match=r"hg\.error_system"):
+        hg.dissipation(model("pendulum"), e**2, mu=1, within=[1])
+    with pytest.raises(Misfit, match="boxes"):
+        hg.dissipation(line(-e), e**2, mu=1, within=[1], boxes=0)
+    with pytest.raises(BadErrorSystem, match=r"gain of shape \(3, 1\) must be 2 x 1"):
+        hg.error_system(model("pendulum"), [1, 2, 3])
+    with pytest.raises(BadErrorSystem, match="gain uses strange"):
+        hg.error_system(model("pendulum"), [sp.Symbol("strange"), 1])
+    with pytest.raises(BadErrorSystem, match=r"G2 of shape .* must be 1 x 2"):
+        hg.error_system(model("pendulum"), [1, 2], G1=sp.eye(2), G2=[[1, 2, 3]])
