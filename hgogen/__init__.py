@@ -4,7 +4,7 @@ plant : System --form--> Form --observer--> Observer --method, dt--> Step --targ
                                                                        --call------> numbers
 """
 
-from hgogen import forms, innovation, methods, observers, targets, theta, trial
+from hgogen import design, forms, innovation, methods, observers, targets, theta, trial
 from hgogen.call import Run, Sample, sample
 from hgogen.casadi_model import from_casadi
 from hgogen.check import Check, Verdict
@@ -40,6 +40,7 @@ __all__ = [
     "System",
     "Verdict",
     "bound",
+    "design",
     "dissipation",
     "error_system",
     "forms",
