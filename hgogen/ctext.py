@@ -238,11 +238,14 @@ class Writer:
 
     def _read(self, place: str, size: int, element: int, real: Number) -> str:
         text = self.lvalue(place, element, size)
-        return f"({real}){text}" if self.is_index(place) and real != "unsigned" else text
+        narrow = scope(place) == "argument" or (self.is_index(place) and real != "unsigned")
+        return f"({real}){text}" if narrow else text
 
     def _local(self, place: str, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""
         kind, name = place.split(".", 1)
+        if kind == "argument":
+            return f"{name}_given"
         if (
             kind != "work" and f"work.{name}" in self._work
         ):  # u: the input now; u_given: as it came; u_before: at the last call

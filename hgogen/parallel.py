@@ -137,12 +137,13 @@ class Parallel:
     def _choose(self, period: int) -> Program:
         """Of the members that stay the one with the smallest score, if it is better by the hysteresis."""
         tick, selected, score = sym("state.tick") + 1, sym("state.selected"), sym("member.score")
-        due, best, after = sym("work.due"), sym("work.best"), self._after_the_oldest()
+        best, after = sym("work.best"), self._after_the_oldest()
         clock = {"work.due": tick >= period, "state.tick": ca.if_else(tick >= period, 0, tick)}
-        stay = {
-            "work.first": ca.if_else(due, after, 0),
-            "work.staying": ca.if_else(due, self.count - 1, self.count),
-            "state.selected": ca.if_else(ca.logic_and(due, selected == sym("state.oldest")), after, selected),
+        every = {"work.first": ca.SX(0), "work.staying": ca.SX(self.count)}
+        others = {
+            "work.first": after,
+            "work.staying": ca.SX(self.count - 1),
+            "state.selected": ca.if_else(selected == sym("state.oldest"), after, selected),
         }
         compare = (
             Block("is it better than the best so far?", {"work.better": score < best}),
@@ -154,7 +155,8 @@ class Parallel:
         clearly = Block("by the hysteresis", {"work.clear": best < sym("gain.hysteresis") * score})
         return (
             Block(f"one member restarts every {period} samples", clock),
-            Block("the one to restart is not to choose", stay),
+            Block("every member may be chosen", every),
+            When("work.due", (Block("but the one that restarts", others),)),
             Block("none is chosen yet", {"work.choice": selected}),
             Block("any score is better", {"work.best": ca.SX(2 * HUGE * HUGE)}),
             Loop("member", self.count, compare, "work.first", "work.staying", "work.at"),

@@ -74,6 +74,16 @@ def integrated() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4_covariance, dt=0.01)
 
 
+def bank() -> hg.Step:
+    """Structs in structs, and sensors that say when they sampled."""
+    a, b, y, v = signals("a b y v")
+    plant = hg.System("bank", states=(a, b), outputs=(y, v), flow=[b, -sp.sin(a) - b / 5], output=[a, b])
+    member = hg.observers.riccati(hg.forms.original(plant), Q=[0.1, 0.1], R=[0.1, 0.2])
+    score = hg.innovation.staggered(0.08, predictors=2)
+    around = hg.observers.bank(member, count=3, period=0.1, innovation=score)
+    return hg.sample(around, dt=0.01, periods={"v": 0.02})
+
+
 def tunable() -> hg.Step:
     """A parameter of the plant that is tuned and has the name of a gain."""
     a, b, y = signals("a b y")
@@ -131,6 +141,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "one_state": one_state,
     "many_states": many_states,
     "integrated": integrated,
+    "bank": bank,
     "tunable": tunable,
     "sin": lambda: names("sin"),
     "x": lambda: names("x"),
