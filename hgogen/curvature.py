@@ -61,7 +61,7 @@ class Curved:
     def _pull(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
         """D (n, n)."""
         dynamics = self.plain.dynamics
-        pull = ca.if_else(valid, (y - dynamics.output(z, u)) / self.plain.R, 0)
+        pull = valid * (y - dynamics.output(z, u)) / self.plain.R
         return sum(
             (pull[j] * slope for j, slope in enumerate(dynamics.output_curvature(z, u))),
             ca.SX(dynamics.n, dynamics.n),
