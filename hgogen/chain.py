@@ -221,7 +221,7 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
     """The row as a link to the first of the new states; the others are strays."""
     state, strays = new[0], tuple(new[1:])
     clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
-    slope = _slope(clean, state)
+    slope = slope_in(clean, state)
     gain, rest, affine = _line(row, clean, state, slope, rows)
     varies, may_vary = rows.reads(gain, rows.states)
     if affine is False and not varies:
@@ -231,7 +231,7 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
     return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
 
 
-def _slope(row: sp.Expr, state: sp.Symbol) -> sp.Expr:
+def slope_in(row: sp.Expr, state: sp.Symbol) -> sp.Expr:
     """d row/d state over the reals: SymPy's |x| of a complex x has another derivative."""
     plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
     slope = row.xreplace(plain).diff(plain.get(state, state))

@@ -174,16 +174,17 @@ class Dynamics:
             raise NoDeterminant(self.form.system.name)
         return float(np.abs(finite).max())
 
-    def linearised(self, samples: int = 64, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    def linearised(self, samples: int = 64, seed: int = 1, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and
-        inputs.
+        inputs; F = A(u, z) alone where that is `affine`.
 
         Parameters are nominal; where a signal has no range the sample is its nominal value, or 0.
 
         Raises: `Singular` where one of them is not finite.
         """
         points = self._points(samples, seed)
-        F = self._numbers(self.jacobian(self._z, self._u), points)
+        slope = ca.densify(self.affine(self._z, self._u)[0]) if affine else self.jacobian(self._z, self._u)
+        F = self._numbers(slope, points)
         H = self._numbers(self.output_jacobian(self._z, self._u), points)
         finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
         if not finite.all():

@@ -29,6 +29,13 @@ CAPPED = Bit(
 )
 
 
+HIDDEN = Bit(
+    "COVARIANCE_LIMITED",
+    "the covariance reached its cap: samples are missing, or the input shows too little of the state",
+    "excite the plant; if it stays while the input varies, lower rho, or scale R down",
+)
+
+
 @dataclass(frozen=True)
 class Moved:
     """z over one step, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
@@ -92,11 +99,17 @@ def common(part: Riccati, clock: Clock) -> dict[str, Any]:
     """What the pieces of every factored covariance have: the status bit of the cap, the growth exp(rho h), and the step
     lengths. P has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h
     lambda."""
-    limits = decay_limits(part.dynamics.linearised(POINTS)[0], HEUN.polynomial)
+    limits = decay_limits(part.slopes(POINTS)[0], HEUN.polynomial)
     why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
-    found = {"limit": float(limits.max()), "caution": float(limits.min()), "why": why, "bits": (CAPPED,)}
+    found: dict[str, Any] = {
+        "limit": float(limits.max()),
+        "caution": float(limits.min()),
+        "why": why,
+        "bits": (CAPPED,),
+    }
     found["uses_output"] = part.known is not None
     if part.forgetting is not None:
+        found["bits"] = (HIDDEN,)
         growth = ca.exp(part.forgetting[0] * clock.dt)
         found["derived"] = (scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),)
         found["tune"] = (Block("growth of the covariance over one step", {"derived.growth": growth}),)

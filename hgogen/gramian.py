@@ -93,19 +93,19 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
         raise BadWindows(windows, f"must be times in seconds, above 0 and at most the trial's {trial.duration:g}")
     grid = min(windows) / _PIECES
     truth = simulate(plant, trial, grid)
-    steps = _steps(plant, trial, truth.x, grid)
-    return tuple(_window(plant, steps, grid, max(1, round(one / grid))) for one in windows)
+    steps, names = _steps(plant, trial, truth.x, grid), tuple(s.name for s in plant.states)
+    return tuple(window(names, steps, grid, max(1, round(one / grid))) for one in windows)
 
 
 @dataclass(frozen=True, eq=False)
-class _Steps:
+class Steps:
     """Over each piece of the trajectory: the transition matrix (N, n, n) and its Gramian (N, n, n)."""
 
     transition: np.ndarray
     gramian: np.ndarray
 
 
-def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> _Steps:
+def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> Steps:
     n, pieces = len(plant.states), len(x) - 1
     state, Phi, W = ca.SX.sym("x", n), ca.SX.sym("Phi", n, n), ca.SX.sym("W", n, n)
     begin, share = ca.SX.sym("begin"), ca.SX.sym("share")
@@ -121,12 +121,13 @@ def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> _Steps:
     starts = np.vstack([x[:-1].T, np.tile(fresh[:, None], pieces)])
     ends = np.array(solver(x0=starts, p=grid * np.arange(pieces)[None, :])["xf"])
     Phi_end, W_end = (ends[n + k * n * n : n + (k + 1) * n * n].T.reshape(pieces, n, n) for k in (0, 1))
-    return _Steps(Phi_end.transpose(0, 2, 1), W_end.transpose(0, 2, 1))  # CasADi counts by columns
+    return Steps(Phi_end.transpose(0, 2, 1), W_end.transpose(0, 2, 1))  # CasADi counts by columns
 
 
-def _window(plant: System, steps: _Steps, grid: float, pieces: int) -> Gramian:
-    """W over several pieces: sum of Phi' W_k Phi, Phi the product of the transitions before piece k."""
-    n, count = len(plant.states), len(steps.transition) - pieces + 1
+def window(states: tuple[str, ...], steps: Steps, grid: float, pieces: int) -> Gramian:
+    """W over `pieces` steps of length `grid` (s): sum of Phi' W_k Phi, Phi the product of the transitions before step
+    k; one value for each step at which a whole window begins."""
+    n, count = len(states), len(steps.transition) - pieces + 1
     sums = np.empty((count, n, n))
     for k in range(count):
         before = accumulate(steps.transition[k : k + pieces - 1], lambda Phi, step: step @ Phi, initial=np.eye(n))
@@ -134,7 +135,7 @@ def _window(plant: System, steps: _Steps, grid: float, pieces: int) -> Gramian:
     values, vectors = np.linalg.eigh(sums)
     return Gramian(
         d=pieces * grid,
-        states=tuple(s.name for s in plant.states),
+        states=states,
         start=grid * np.arange(count),
         smallest=values[:, 0],
         direction=vectors[:, :, 0],

@@ -59,7 +59,7 @@ class Riccati:
     Q_theta = theta^(1+g) Delta^-1 G diag(weights) G' Delta^-1, R_theta = theta^(g-1) delta R delta by `scaling`, where
     `weights` (k) and `R` (p) are SX, `factor` G (n, k), unit lower triangular where k = n; k = 0 is no noise.
     `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii;
-    `nominal`: (Q, R) as numbers. `forgetting`: rho, SX, and its number. `known`: of (z, y, valid), z with what is
+    `nominal`: (Q, R) as numbers. `forgetting`: rho, SX, and its number. `known`: of (z, u, y, valid), z with what is
     measured in the place of its estimate, where A(u, z) and b(z, u) are taken and F = A; without it F is the Jacobian.
     """
 
@@ -73,7 +73,7 @@ class Riccati:
     cap: np.ndarray
     nominal: tuple[np.ndarray, np.ndarray]
     forgetting: tuple[Any, float] | None = None
-    known: Callable[[Any, Any, Any], Any] | None = None
+    known: Callable[[Any, Any, Any, Any], Any] | None = None
 
     def pieces(self, method: "Method", clock: Clock) -> Pieces:
         """By the method's rule for the covariance."""
@@ -88,18 +88,22 @@ class Riccati:
         """f (n)."""
         if self.known is None:
             return self.dynamics.flow(z, u)
-        A, b = self.dynamics.affine(self.known(z, y, valid), u)
+        A, b = self.dynamics.affine(self.known(z, u, y, valid), u)
         return A @ z + b
 
     def jacobian(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
         """F, n x n SX."""
         if self.known is None:
             return self.dynamics.jacobian(z, u)
-        return self.dynamics.affine(self.known(z, y, valid), u)[0]
+        return self.dynamics.affine(self.known(z, u, y, valid), u)[0]
+
+    def slopes(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """F (k, n, n) and dh/dz (k, p, n) at points of the box."""
+        return self.dynamics.linearised(samples, affine=self.known is not None)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: of P, rho is a growth of the model."""
-        F, C = self.dynamics.linearised(samples)
+        F, C = self.slopes(samples)
         return (F if self.forgetting is None else F + self.forgetting[1] / 2 * np.eye(len(self.covariance))), C
 
     def noise(self) -> Any:

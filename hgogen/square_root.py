@@ -49,8 +49,10 @@ def triangle(stack: Any) -> Any:
     rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Any]()
     for j in range(n):
         S[j, j] = ca.sqrt(ca.dot(rows[j], rows[j]))
-        unit = rows[j] / S[j, j]
-        names |= {f"s{j + 1}{j + 1}": S[j, j]} | {f"q{j + 1}_{k + 1}": unit[k] for k in range(unit.shape[0])}
+        inverse = 1 / S[j, j]
+        unit = rows[j] * inverse
+        names |= {f"s{j + 1}{j + 1}": S[j, j]} | ({f"s{j + 1}{j + 1}_inverse": inverse} if j < n - 1 else {})
+        names |= {f"q{j + 1}_{k + 1}": unit[k] for k in range(unit.shape[0])}
         for i in range(j + 1, n):
             S[i, j] = ca.dot(rows[i], unit)
             names[f"s{i + 1}{j + 1}"] = S[i, j]

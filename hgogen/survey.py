@@ -26,12 +26,13 @@ _WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verd
 @dataclass(frozen=True)
 class Case:
     """How a form is asked: the options of each variant, the least and most outputs it is for (0: any number), whether
-    it takes seconds."""
+    it takes seconds, whether it may be the best: one that says nothing of observability may not."""
 
     options: tuple[Mapping[str, Any], ...] = ({},)
     least: int = 1
     most: int = 0
     dear: bool = False
+    candidate: bool = True
 
     def refusal(self, outputs: int) -> str:
         """Why a plant with so many outputs is not asked, "" if it is."""
@@ -47,6 +48,7 @@ CASES: Mapping[str, Case] = MappingProxyType(
         "uniform": Case(most=1),
         "block_triangular": Case(({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2),
         "phase": Case(most=1, dear=True),
+        "state_affine": Case(dear=True, candidate=False),
         "original": Case(dear=True),  # its Lipschitz constant is dear, and no theorem covers it
     }
 )
@@ -95,7 +97,8 @@ class Survey:
     def best(self) -> Form:
         """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
         else its own coordinates."""
-        found = [(row.verdict, row.form) for row in self.answered if row.form is not None]
+        candidates = [row for row in self.answered if row.form and CASES.get(row.form.kind, Case()).candidate]
+        found = [(row.verdict, row.form) for row in candidates if row.form is not None]
         proved = [form for verdict, form in found if verdict is Verdict.PROVED]
         structured = [form for _, form in found if form.structured]
         return next(iter([*proved, *structured, *(form for _, form in found)]), None) or forms.original(self.plant)

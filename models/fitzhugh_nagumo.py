@@ -41,6 +41,14 @@ tuning = {
         ),
         "accept": ("triangular.a_2",),
     },
+    # a_2 = -u vanishes, and the plant is state-affine all the same: sin x1 and x1^3 are of the measured state
+    "kalman_like": {
+        "form": "state_affine",
+        "rho": 0.3,
+        "R": 0.008,  # 2 sigma^2 tau of the trial's noise
+        "inputs": {"u": sp.sin(t)},
+        "period": 2 * sp.pi,
+    },
 }
 tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(8.0, 0.1)}
 tuning["bank"] = {"member": "decaying", "count": 5, "period": 10.0}

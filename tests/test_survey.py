@@ -37,6 +37,7 @@ def test_the_pendulum_is_in_every_form_for_one_output() -> None:
         "uniform": PROVED,
         "block_triangular": None,
         "phase": None,
+        "state_affine": None,
         "original": None,
         "Gauthier-Bornard": GENERIC,
     }
@@ -92,7 +93,7 @@ def test_the_proved_form_comes_before_the_one_with_a_refuted_gain() -> None:
 def test_deep_asks_the_dear_forms_too(name: str) -> None:
     found = hg.survey(load(MODELS / name).plant, deep=True)
     dear = {name for name, case in CASES.items() if case.dear}
-    assert dear == {"phase", "original"}
+    assert dear == {"phase", "original", "state_affine"}
     assert {row.name for row in found.answered} >= dear
     assert found["original"].verdict is not PROVED  # no theorem covers it
 

@@ -1,0 +1,151 @@
+"""Kalman-like observer with forgetting, for plants that are state-affine up to output injection.
+
+    z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d),   S' = -rho S - A' S - S A + C' R^-1 C
+    P = S^-1:   P' = rho P + A P + P A' - P C' R^-1 C P
+
+e' S e decays like exp(-rho t) whatever the plant does; where the input is regularly persistent S stays above a multiple
+of the unit matrix, so that |e| decays like exp(-rho t/2) from any initial state. No gain needs to be large, and no a_i
+needs to keep off zero. Where the input is not persistent P grows like exp(rho t) up to its cap, which the status tells;
+with `rk4` (S) or `rk4_covariance` there is no cap, and what is lost restarts. The measurement enters A and b as it is,
+with its noise. Source: H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC
+(1990); G. Besancon, G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.affine import known
+from hgogen.check import Check, Verdict, demand
+from hgogen.dynamics import Dynamics
+from hgogen.form import Form
+from hgogen.kalman import positive, spd
+from hgogen.observer import HUGE, BadGain, Observer, founded, gain, state_field
+from hgogen.persistence import persistent
+from hgogen.program import sym
+from hgogen.riccati import Riccati
+from hgogen.theorem import OPERATION, Hypothesis, Theorem
+from hgogen.theta import constant
+
+REFERENCE = "Hammouri, de Leon Morales, Observer synthesis for state-affine systems, CDC 1990"
+EQUATIONS = (
+    "z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d)",
+    "S' = -rho S - A' S - S A + C' R^-1 C,   P = S^-1",
+)
+PERSISTENCE = "kalman_like.persistence"
+THEOREM = Theorem(
+    "the estimate converges from any initial state, |error| like exp(-rho t/2)",
+    (
+        Hypothesis("x' = A(u, y) x + b(u, y), y = C(u) x + d(u)", ("state_affine.structure",)),
+        Hypothesis("A(u, y) x + b(u, y) is Lipschitz in x, so that A is bounded", ("state_affine.lipschitz",)),
+        Hypothesis("z is a change of coordinates, and its ranges hold the plant's", ("recast.*",), optional=True),
+        Hypothesis(
+            "the input is regularly persistent: over some time the outputs show every state, again and again",
+            (PERSISTENCE,),
+        ),
+        Hypothesis("S(0), R are positive definite, rho > 0", verdict=Verdict.PROVED, reason="else it is refused"),
+        *OPERATION,
+        Hypothesis(
+            "the covariance does not touch its cap",
+            reason="watch the status COVARIANCE_LIMITED: it is touched where the input shows too little",
+        ),
+    ),
+    REFERENCE,
+)
+
+
+def kalman_like(
+    form: Form,
+    *,
+    rho: float,
+    R: float | Sequence[float],
+    inputs: Mapping[str, Any] | None = None,
+    period: Any = None,
+    initial: Mapping[str, float] | Sequence[float] | None = None,
+    covariance: Sequence[float] | np.ndarray | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The Kalman-like observer of `forms.state_affine(plant)`, any number of outputs.
+
+    Args: `rho` > 0 (1/s), the rate at which the past is forgotten; `R` positive, one for each output, unit y^2 s: the
+    noise's own (for white noise of variance v per sample, v dt), so that P can be told from its cap; `inputs`,
+    `period`: the inputs as they will be, where that is known, for the check of persistence (see `hgogen.persistence`; a
+    record is judged by `hgogen.excitation`); `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n),
+    default the squares of the half-widths of the ranges, 1 without one; `accept` ids of refuted checks to build on all
+    the same.
+
+    Checks: `kalman_like.persistence`.
+
+    Raises: `Refuted`; `BadGain`.
+    """
+    if isinstance(form, Form) and form.kind != "state_affine":
+        raise BadGain("kalman_like", f"takes forms.state_affine(plant), not a form of kind {form.kind}")
+    accept = (accept,) if isinstance(accept, str) else tuple(accept)
+    founded("kalman_like", form, [id for id in accept if id != PERSISTENCE])
+    check = _persistence(form, inputs, period)
+    demand((*form.checks, check), accept, form)
+    (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)
+    variances = positive("R", R, outputs)
+    dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
+    half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
+    start = spd("covariance", half**2 if covariance is None else covariance, n)
+    top, bottom = 1e6, 1e-6
+    gains = (
+        gain("rho", rate, 1e-3 * rate, 1e3 * rate, "rate at which the past is forgotten", "1/s"),
+        gain(
+            "R",
+            variances if outputs > 1 else variances[0],
+            bottom * min(variances),
+            top * max(variances),
+            "output noise",
+            "y^2 s",
+        ),
+    )
+    part = Riccati(
+        dynamics=dynamics,
+        z=z,
+        theta=constant(1.0),
+        weights=ca.SX(0, 1),
+        factor=np.zeros((n, 0)),
+        R=sym("gain.R", outputs),
+        covariance=start,
+        cap=_cap(z.box, start),
+        nominal=(np.zeros((n, n)), np.array(variances)),
+        forgetting=(sym("gain.rho"), rate),
+        known=known(dynamics),
+    )
+    return Observer(
+        form=form,
+        name="kalman_like",
+        parts=(part,),
+        gains=gains,
+        z=sym("state.z", n),
+        dynamics=dynamics,
+        checks=(*form.checks, check),
+        accepted=accept,
+        theorem=THEOREM,
+        equations=EQUATIONS,
+        reference=REFERENCE,
+    )
+
+
+def _cap(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarray:
+    """The largest P_ii (n): the square of the outer box's half-width, and four times P(0); without a range, 1e12
+    P(0)."""
+    half = np.array([(high - low) / 2 for low, high in box])
+    wide = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
+    return np.asarray(np.minimum(np.maximum(wide, 4 * np.diag(start)), HUGE * HUGE))
+
+
+def _persistence(form: Form, inputs: Mapping[str, Any] | None, period: Any) -> Check:
+    if inputs is not None or not form.system.inputs:
+        return persistent(PERSISTENCE, form, inputs or {}, period)
+    return Check(
+        PERSISTENCE,
+        "the input is regularly persistent",
+        Verdict.UNKNOWN,
+        "the input is not known beforehand",
+        fix="Give inputs= and period= where it is, or judge a record by hgogen.excitation.along.",
+    )

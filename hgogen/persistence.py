@@ -1,0 +1,126 @@
+"""Whether an input shows every state of a state-affine plant: regular persistence.
+
+    x' = A(u, y) x + b(u, y),  y = C(u) x + d(u),   Phi' = A Phi,  Phi(s) = I,   W(s, T) = integral_s^(s+T) Phi' C'C Phi
+
+The input is regularly persistent if some T, a > 0 have W(s, T) >= a I for every s.
+
+A known input, constant or periodic, is proved so where A(t), C(t) depend on nothing else: the rows N_0 = C,
+N_(k+1) = N_k A + N_k' have rank n at one time t_0. For then no x but 0 has C Phi x = 0 near t_0, W over any window with
+t_0 inside is positive definite, and every window of two periods has such a time in it. A constant input without that
+rank is refuted. Along a record, see `hgogen.excitation`. Source: G. Besancon, G. Bornard, H. Hammouri, European Journal
+of Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for the rank.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import sympy as sp
+
+from hgogen.bounds import box, nonzero
+from hgogen.check import Check, Verdict
+from hgogen.determinant import determinant
+from hgogen.form import Form
+from hgogen.identity import is_zero
+from hgogen.observer import BadGain
+from hgogen.points import exact
+from hgogen.signal import Signal
+from hgogen.slope import JUMPS, KINKS
+from hgogen.tape import NoTape
+
+t = Signal("t", "s", "time")  # equal to that of a trial
+_SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the period, at which the rank is asked
+
+
+def persistent(id: str, form: Form, inputs: Mapping[str, Any], period: Any = None) -> Check:
+    """The check that the known inputs are regularly persistent, for all parameter values.
+
+    Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, or a number; `period` (s) of them all, as
+    2*sympy.pi, where one varies.
+
+    proved, refuted (a constant input), or unknown: as the module says.
+
+    Raises: `BadGain` for names that are not the plant's inputs, or expressions of something else.
+    """
+    given = _given(form, inputs)
+    told = ", ".join(f"{name} = {expression}" for name, expression in given.items()) or "no input"
+    check = Check(id, f"regularly persistent: {told}", Verdict.UNKNOWN, "")
+
+    def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
+        return Check(id, check.claim, verdict, reason, fix=fix)
+
+    A, C = _along_time(form, given)
+    symbols = A.free_symbols | C.free_symbols
+    measured = ", ".join(sorted(str(z) for z in symbols & {*form.states}))
+    if measured:
+        fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
+        return answer(Verdict.UNKNOWN, f"A depends on {measured}, which is measured, not known beforehand", fix)
+    if t not in symbols:
+        return _constant(answer, form, A, C)
+    if period is None:
+        return answer(Verdict.UNKNOWN, "the input varies, and no period is given", "Give its period, as 2*sympy.pi.")
+    length, rough = exact(sp.sympify(period)), (*JUMPS, *KINKS)
+    if not length.is_positive or any(e.has(*rough) for e in given.values()):
+        return answer(Verdict.UNKNOWN, "the period is no positive number, or the input has kinks or jumps")
+    if not all(is_zero(e.xreplace({t: t + length}) - e) for e in given.values()):
+        return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", "Write it as 2*sympy.pi.")
+    for share in _SHARES:
+        when = sp.Rational(str(round(float(share * length), 3)))
+        if _full(form, A, C, when):
+            reason = f"rank {form.n} of C, C A + C', .. at t = {float(when):g}, and so in every period"
+            return answer(Verdict.PROVED, reason)
+    return answer(Verdict.UNKNOWN, f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times")
+
+
+def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
+    names = [u.name for u in form.system.inputs]
+    for name in (*(n for n in inputs if n not in names), *(n for n in names if n not in inputs)):
+        raise BadGain(f"inputs {name!r}", f"must be given, each of {', '.join(names) or 'none'} and no other")
+    given = {name: exact(sp.sympify(inputs[name])) for name in names}
+    for name, expression in given.items():
+        if expression.free_symbols - {t}:
+            raise BadGain(f"inputs {name} = {expression}", "must be an expression of hgogen.trial.t alone")
+    return given
+
+
+def _along_time(form: Form, given: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
+    """A (n, n) and C (p, n) with inputs as expressions of time and fixed parameters at their values."""
+    system = form.system
+    values = {u: given[u.name] for u in system.inputs}
+    values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
+    C = sp.Matrix([[sp.diff(row, z) for z in form.states] for row in form.output])
+    return tuple(matrix.applyfunc(exact).xreplace(values) for matrix in (sp.Matrix(form.A), C))
+
+
+def _rows(A: sp.Matrix, C: sp.Matrix, count: int) -> sp.Matrix:
+    """N_0 = C, N_(k+1) = N_k A + N_k', one below the other."""
+    rows = [C]
+    for _ in range(count - 1):
+        rows.append(rows[-1] * A + rows[-1].diff(t))
+    return sp.Matrix.vstack(*rows)
+
+
+def _size(rows: sp.Matrix) -> sp.Expr:
+    """The sum of squares of the minors of n rows, which is det(N'N): 0 where the rank is below n."""
+    if rows.rows == rows.cols:
+        return determinant(rows.tolist()).value
+    return determinant((rows.T * rows).tolist()).value
+
+
+def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational) -> bool:
+    """Whether the rows have rank n at that time, for all parameter values: proved."""
+    around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
+    try:
+        return nonzero(_size(_rows(A, C, form.n)), around).verdict is Verdict.PROVED
+    except NoTape:
+        return False
+
+
+def _constant(answer: Any, form: Form, A: sp.Matrix, C: sp.Matrix) -> Check:
+    if _full(form, A, C, sp.S.Zero):
+        check: Check = answer(Verdict.PROVED, f"the pair (C, A) has rank {form.n}")
+    elif is_zero(_size(_rows(A, C, form.n)), box(form.system.parameters, form.system.nominal)):
+        fix = "Vary the input, so that it shows the states that a constant one hides."
+        check = answer(Verdict.REFUTED, f"the pair (C, A) has a rank below {form.n}", fix)
+    else:
+        check = answer(Verdict.UNKNOWN, f"it is not shown that the pair (C, A) has rank {form.n}")
+    return check
