@@ -106,6 +106,7 @@ def test_tables_1_and_2_by_simulation(name: str) -> None:
 
 
 @compiled
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "rel"), [("filtered", 6e-3), ("high_gain", 0.033)])
 def test_the_models_observers_have_the_tables_first_three_rows(name: str, rel: float) -> None:
     exact, step = truth(30, 5e-4), hg.sample(MODEL.step(name).observer, dt=5e-4)
