@@ -262,7 +262,8 @@ def proved(name: str, folder: Path, source: str, precision: int) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "precision"), [("fitzhugh_nagumo", 3), ("pendulum", 5), ("cascaded_tanks", 3), ("one_state", 3)]
+    ("name", "precision"),
+    [("fitzhugh_nagumo", 3), ("pendulum", 5), ("cascaded_tanks", 3), ("one_state", 3), ("bank", 3)],
 )
 def test_no_input_takes_the_state_out_of_its_box(name: str, precision: int, tmp_path: Path) -> None:
     """By induction, for float: the state after init is in its box, and from any state in the box, with any tuned

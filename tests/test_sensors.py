@@ -1,7 +1,9 @@
 """Sensors of different rates, late, early, repeated and missing samples, in Python and C."""
 
 import ctypes
+import re
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import emitted
@@ -11,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from native_step import NativeStep
-from plants import kalman, pendulum, two_outputs, van_der_pol
+from plants import MODELS, kalman, pendulum, two_outputs, van_der_pol
 
 import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
@@ -239,6 +241,45 @@ def test_theta_adapts_once() -> None:
         assert made.flags(native.adapt()) == ("ADAPTED",)
         assert made.save() == before
         assert (native.state == native_before).all()
+
+
+# --- the README ---------------------------------------------------------------------------------------------
+
+README = (MODELS.parent / "README.md").read_text()
+PROGRAM = """
+#include <stdio.h>
+#include "pendulum.h"
+static unsigned status, number;
+static int running(pendulum_input *in) { in->tau = 0.1f; return number < 66000u; }
+static int arrived(pendulum_output *out, uint16_t *taken)
+{
+    out->y = 0.02f;
+    *taken = (uint16_t)(number % 30u == 0u ? number - 1u : number);
+    return number++ % 10u == 0u && number > 1u;
+}
+int main(void)
+{
+    uint16_t taken;
+    unsigned late = 0u;
+    pendulum_state s; pendulum_params p; pendulum_input in; pendulum_output out; pendulum_plant x;
+    pendulum_init(&s, &p);
+LOOP
+    (void)printf("%u late\\n", late);
+    return x.q < 0.1f ? 0 : 1;
+}
+"""
+
+
+def test_the_loop_of_the_readme(tmp_path: Path) -> None:
+    """66,000 periods, more than the count holds: a third of the samples is late, no other one is refused."""
+    loop = next(block for block in re.findall(r"^```c\n(.*?)^```", README, re.MULTILINE | re.DOTALL) if "_at(" in block)
+    count = "    late += (status & PENDULUM_LATE_y) != 0u;\n    if ((status & PENDULUM_EARLY_y) != 0u) { return 2; }\n"
+    loop = loop.replace("    pendulum_estimate", f"{count}    pendulum_estimate")
+    made = hg.sample(hg.observers.riccati(pendulum().form, Q=(1, 10), R=1e-6), dt=1e-3, periods={"y": 0.01})
+    files = hg.targets.c99(made, check=False)
+    texts = {name: files[name] for name in ("pendulum.h", "pendulum.c")}
+    program = emitted.compiled(emitted.tool("cc"), {**texts, "main.c": PROGRAM.replace("LOOP", loop)}, tmp_path, "-O2")
+    assert emitted.run([str(program)], tmp_path) == f"{len(range(30, 66000, 30))} late\n"
 
 
 # --- with others --------------------------------------------------------------------------------------------
