@@ -211,6 +211,19 @@ def test_the_dissipation_inequality_holds(share: float, speed: float, slopes: li
     assert found.sigma == Fraction(SIGMA)
 
 
+@given(st.lists(st.floats(-9, 9), min_size=10, max_size=10), st.floats(1, 50), st.floats(1, 10))
+@settings(deadline=None, max_examples=100)
+def test_the_slope_at_gamma_inf_serves_every_larger_gamma(slopes: list[float], low: float, more: float) -> None:
+    J = np.zeros((4, 4))
+    J[np.tril_indices(4)] = slopes
+
+    def k(gamma: float) -> float:
+        T = gamma ** np.arange(1.0, 5)
+        return float(np.linalg.norm(J * T / T[:, None], 2))
+
+    assert k(more * low) <= k(low) * (1 + 1e-12)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
