@@ -38,32 +38,30 @@ plant = hg.System(
     output=[m],
 )
 
+PHASE: dict[str, Any] = {"form": "phase", "method": "rk4", "dt": 0.01}
+TRACKING: dict[str, Any] = {
+    "k_0": 0.1,
+    "k_max": 5,
+    "gamma": 100,
+    "strip": 0.02,
+    "reach": 0.5,
+    "gains": (1, 0.2),
+    "start": (0, 0),
+}
 tuning: dict[str, dict[str, Any]] = {
-    "lambda_tracking": {
-        "form": "phase",
-        "method": "rk4",
-        "dt": 0.01,
-        "k_0": 0.1,
-        "k_max": 5,
-        "gamma": 100,
-        "strip": 0.02,
-        "reach": 0.5,
-        "gains": (1, 0.2),
-        "start": (0, 0),
-    },
-    "high_gain": {
-        "form": {"kind": "phase", "original": True},
-        "method": "rk4",
-        "theta": 1,
-        "poles": (-0.5, -0.5),
-    },
+    "lambda_tracking": {**PHASE, **TRACKING},
+    "lambda_tracking_model": {"kind": "lambda_tracking", **PHASE, **TRACKING, "model": True},
+    "switched_gain": {**PHASE, "theta": 2, "theta_low": 1, "threshold": 0.02, "hold": 2, "gains": (0.6, 0.1)},
+    "updated_gain": {**PHASE, "p_1": 0.15, "p_2": 1, "p_3": 0.05, "cap": 5, "gains": (1, 0.25)},
+    "stubborn": {**PHASE, "theta": 1, "decay": 0.1, "r": 3, "gains": (1, 0.25)},
+    "dead_zone": {**PHASE, "theta": 1, "decay": 0.2, "r": 0.06, "gains": (1, 0.25)},
+    "high_gain": {"form": {"kind": "phase", "original": True}, "method": "rk4", "theta": 1, "poles": (-0.5, -0.5)},
 }
 
 
 def step() -> hg.Step:
-    gains = {key: value for key, value in tuning["lambda_tracking"].items() if key not in ("form", "method", "dt")}
-    observer = hg.observers.lambda_tracking(hg.forms.phase(plant), **gains)
-    return hg.sample(observer, hg.methods.rk4, dt=0.01)
+    observer = hg.observers.lambda_tracking(hg.forms.phase(plant), **TRACKING)
+    return hg.sample(observer, hg.methods.rk4, dt=PHASE["dt"])
 
 
 def trial() -> Trial:

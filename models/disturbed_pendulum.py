@@ -42,6 +42,27 @@ tuning = {
     },
     "high_gain": {"theta": 20, "poles": (-1, -1, -1), "initial": START},
     "low_power": {"theta": 10, "initial": START},
+    "switched_gain": {
+        "theta": 40,
+        "theta_low": 10,
+        "threshold": 0.01,
+        "hold": 0.5,
+        "poles": (-1, -1, -1),
+        "initial": START,
+    },
+    "updated_gain": {"p_1": 0.035, "p_2": 10, "p_3": 1, "cap": 100, "poles": (-1, -1, -1), "initial": START},
+    "stubborn": {"theta": 20, "decay": 0.5, "r": 10, "poles": (-1, -1, -1), "initial": START},
+    "dead_zone": {"theta": 20, "decay": 1, "r": 0.1, "poles": (-1, -1, -1), "initial": START},
+    "lambda_tracking": {
+        "k_0": 2,
+        "k_max": 100,
+        "gamma": 1e3,
+        "strip": 1e-3,
+        "reach": 0.5,
+        "poles": (-1, -1, -1),
+        "model": True,
+        "initial": START,
+    },
 }
 
 

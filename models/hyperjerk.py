@@ -52,6 +52,19 @@ tuning = {
     "low_power": {"theta": 4},
     "peaking_free": {"theta": 10},
     "low_power_sampled": {"kind": "low_power", "theta": 4, "method": "bilinear", "dt": 5e-3},
+    "switched_gain": {"theta": 3, "theta_low": 1, "threshold": 0.3, "hold": 3, "poles": POLES},
+    "updated_gain": {"p_1": 0.02, "p_2": 1, "p_3": 0.005, "cap": 10, "b": 2, "poles": POLES},
+    "stubborn": {"theta": 4, "decay": 0.5, "r": 30, "poles": POLES},
+    "dead_zone": {"theta": 4, "decay": 1, "r": 0.03, "poles": POLES},
+    "lambda_tracking": {
+        "k_0": 1,
+        "k_max": 20,
+        "gamma": 2,
+        "strip": 0.15,
+        "reach": 1,
+        "poles": POLES,
+        "model": True,
+    },
 }
 
 
