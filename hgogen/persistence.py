@@ -19,6 +19,7 @@ import sympy as sp
 from hgogen.bounds import box, nonzero
 from hgogen.check import Check, Verdict
 from hgogen.determinant import determinant
+from hgogen.expression import parse
 from hgogen.form import Form
 from hgogen.identity import is_zero
 from hgogen.observer import BadGain
@@ -26,24 +27,25 @@ from hgogen.points import exact
 from hgogen.signal import Signal
 from hgogen.slope import JUMPS, KINKS
 from hgogen.tape import NoTape
+from hgogen.tokens import BadExpression
 
 t = Signal("t", "s", "time")  # equal to that of a trial
 _SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the period, at which the rank is asked
 
 
-def persistent(id: str, form: Form, inputs: Mapping[str, Any], period: Any = None) -> Check:
-    """The check that the known inputs are regularly persistent, for all parameter values.
+def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:
+    """The check that the inputs are regularly persistent, for all parameter values; any are where A, C read none.
 
-    Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, or a number; `period` (s) of them all, as
-    2*sympy.pi, where one varies.
+    Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, its text, or a number, None where they are
+    not known beforehand; `period` (s) of them all, as 2*sympy.pi or "2*pi", where one varies.
 
     proved, refuted (a constant input), or unknown: as the module says.
 
     Raises: `BadGain` for names that are not the plant's inputs, or expressions of something else.
     """
-    given = _given(form, inputs)
-    told = ", ".join(f"{name} = {expression}" for name, expression in given.items()) or "no input"
-    check = Check(id, f"regularly persistent: {told}", Verdict.UNKNOWN, "")
+    given = None if inputs is None else _given(form, inputs)
+    told = ", ".join(f"{name} = {expression}" for name, expression in (given or {}).items())
+    check = Check(id, f"the input is regularly persistent{': ' + told if told else ''}", Verdict.UNKNOWN, "")
 
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
         return Check(id, check.claim, verdict, reason, fix=fix)
@@ -54,13 +56,16 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any], period: Any = Non
     if measured:
         fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
         return answer(Verdict.UNKNOWN, f"A depends on {measured}, which is measured, not known beforehand", fix)
-    if t not in symbols:
+    if given is None and symbols & {*form.system.inputs}:
+        fix = "Give inputs= and period= where it is, or judge a record by hgogen.excitation.along."
+        return answer(Verdict.UNKNOWN, "the input is not known beforehand", fix)
+    if given is None or t not in symbols:
         return _constant(answer, form, A, C)
     if period is None:
         return answer(Verdict.UNKNOWN, "the input varies, and no period is given", "Give its period, as 2*sympy.pi.")
-    length, rough = exact(sp.sympify(period)), (*JUMPS, *KINKS)
-    if not length.is_positive or any(e.has(*rough) for e in given.values()):
-        return answer(Verdict.UNKNOWN, "the period is no positive number, or the input has kinks or jumps")
+    length, rough = _expression("period", period), (*JUMPS, *KINKS)
+    if not length.is_positive or A.has(*rough) or C.has(*rough):
+        return answer(Verdict.UNKNOWN, "the period is no positive number, or A(t), C(t) have kinks or jumps")
     if not all(is_zero(e.xreplace({t: t + length}) - e) for e in given.values()):
         return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", "Write it as 2*sympy.pi.")
     for share in _SHARES:
@@ -75,17 +80,24 @@ def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
     names = [u.name for u in form.system.inputs]
     for name in (*(n for n in inputs if n not in names), *(n for n in names if n not in inputs)):
         raise BadGain(f"inputs {name!r}", f"must be given, each of {', '.join(names) or 'none'} and no other")
-    given = {name: exact(sp.sympify(inputs[name])) for name in names}
-    for name, expression in given.items():
-        if expression.free_symbols - {t}:
-            raise BadGain(f"inputs {name} = {expression}", "must be an expression of hgogen.trial.t alone")
-    return given
+    return {name: _expression(f"inputs {name}", inputs[name]) for name in names}
 
 
-def _along_time(form: Form, given: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
+def _expression(name: str, value: Any) -> sp.Expr:
+    """A number, a text or an expression, of the time alone, with exact numbers."""
+    try:
+        found = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
+    except (BadExpression, sp.SympifyError) as error:
+        raise BadGain(f"{name} = {value!r}", f"is no expression of the time: {error}") from None
+    if not isinstance(found, sp.Expr) or found.free_symbols - {t}:
+        raise BadGain(f"{name} = {value}", "must be an expression of hgogen.trial.t alone")
+    return exact(found)
+
+
+def _along_time(form: Form, given: Mapping[str, sp.Expr] | None) -> tuple[sp.Matrix, sp.Matrix]:
     """A (n, n) and C (p, n) with inputs as expressions of time and fixed parameters at their values."""
     system = form.system
-    values = {u: given[u.name] for u in system.inputs}
+    values = {} if given is None else {u: given[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
     C = sp.Matrix([[sp.diff(row, z) for z in form.states] for row in form.output])
     return tuple(matrix.applyfunc(exact).xreplace(values) for matrix in (sp.Matrix(form.A), C))

@@ -109,6 +109,7 @@ def one_input(rate: Any, *parameters: hg.Signal) -> hg.Form:
     ("expression", "period", "verdict", "said"),
     [
         (sp.sin(t), 2 * sp.pi, "proved", "and so in every period"),
+        ("sin(t)", "2*pi", "proved", "and so in every period"),
         (sp.Rational(3, 10), None, "proved", "the pair (C, A) has rank 3"),
         (0, None, "refuted", "the pair (C, A) has a rank below 3"),  # det = -eps u^2
         (sp.sin(t), None, "unknown", "no period is given"),
@@ -140,6 +141,15 @@ def test_what_is_measured_is_not_known_beforehand() -> None:
         persistent("p", form, {"u": 0})
     with pytest.raises(BadGain, match=r"must be an expression of hgogen\.trial\.t alone"):
         persistent("p", form, {"u": x1, "v": 0})
+    with pytest.raises(BadGain, match=r"is no expression of the time"):
+        persistent("p", form, {"u": "__import__('os')", "v": 0})
+
+
+def test_an_input_that_a_does_not_read_need_not_be_known() -> None:
+    check = persistent("p", hg.forms.state_affine(model("pendulum")))
+    assert (check.verdict, check.reason) == (Verdict.PROVED, "the pair (C, A) has rank 2")
+    assert persistent("p", neuron()).verdict is Verdict.UNKNOWN
+    assert persistent("p", one_input(0 * x2)).verdict is Verdict.REFUTED
 
 
 def test_a_rank_that_time_gives() -> None:

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.affine import known
-from hgogen.check import Check, Verdict, demand
+from hgogen.check import Verdict, demand
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.kalman import positive, spd
@@ -84,7 +84,7 @@ def kalman_like(
         raise BadGain("kalman_like", f"takes forms.state_affine(plant), not a form of kind {form.kind}")
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
     founded("kalman_like", form, [id for id in accept if id != PERSISTENCE])
-    check = _persistence(form, inputs, period)
+    check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)
     (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)
     variances = positive("R", R, outputs)
@@ -137,15 +137,3 @@ def _cap(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarray:
     half = np.array([(high - low) / 2 for low, high in box])
     wide = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
     return np.asarray(np.minimum(np.maximum(wide, 4 * np.diag(start)), HUGE * HUGE))
-
-
-def _persistence(form: Form, inputs: Mapping[str, Any] | None, period: Any) -> Check:
-    if inputs is not None or not form.system.inputs:
-        return persistent(PERSISTENCE, form, inputs or {}, period)
-    return Check(
-        PERSISTENCE,
-        "the input is regularly persistent",
-        Verdict.UNKNOWN,
-        "the input is not known beforehand",
-        fix="Give inputs= and period= where it is, or judge a record by hgogen.excitation.along.",
-    )
