@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
 from math import isqrt
+from typing import Protocol
 
 import numpy as np
 import sympy as sp
@@ -175,7 +176,20 @@ def suggested(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Noth
     return Nothing(f"no gain up to {largest:g} was found") if K is None else tuple(map(float, K))
 
 
-def checks(id: str, theta: float, found: ThetaBound | Nothing) -> tuple[Check, Check]:
+class Bound(Protocol):
+    """Every theta above `theta` converges, the error at the `rate` (1/s) of a theta above it."""
+
+    @property
+    def theta(self) -> Fraction:
+        """The bound."""
+        ...
+
+    def rate(self, theta: float) -> float:
+        """r with |error(t)| <= c exp(-r t) |error(0)|."""
+        ...
+
+
+def checks(id: str, theta: float, found: Bound | Nothing) -> tuple[Check, Check]:
     """`ID.convergence`, that there is a bound, and `ID.theta`, that theta is above it."""
     exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
     above = f"theta = {theta:g} is above that bound"
@@ -185,7 +199,7 @@ def checks(id: str, theta: float, found: ThetaBound | Nothing) -> tuple[Check, C
             Check(f"{id}.theta", above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
         )
     proof = f"above {found}; exact arithmetic and outward-rounded intervals"
-    proofs = (replace(found, chosen=Fraction(theta)),)
+    proofs = (replace(found, chosen=Fraction(theta)),) if isinstance(found, ThetaBound) else ()
     convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof, proofs=proofs)
     if Fraction(theta) > found.theta:
         rate = f"above {up(found.theta)}; the error decays at least like exp(-{down(found.rate(theta), 2)} t)"

@@ -6,12 +6,15 @@ The linear error core is `lines` without saturation, c = 0. While a saturation a
 saturated estimate at least as near as the estimate itself.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from hgogen.core import core_numbers
 from hgogen.form import Form
 from hgogen.integrators import Integrators
 from hgogen.observer import BadGain, Ode
@@ -19,6 +22,7 @@ from hgogen.program import Field
 
 Saturate = Callable[[Any, int], Any]  # an SX scalar to the range of w_i
 Model = Callable[[Any], Any]  # c (n) of w (n)
+Lines = Callable[[Mapping[str, Any], Any, Any, Saturate, Model], Mapping[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +41,7 @@ class Saturating(Ode):
 def saturating(
     chain: Integrators,
     fields: tuple[Field, ...],
-    lines: Callable[[Mapping[str, Any], Any, Any, Saturate, Model], Mapping[str, Any]],
+    lines: Lines,
 ) -> Saturating:
     """field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of w_i, c(w) the
     chain's nonlinear terms (n)."""
@@ -53,6 +57,19 @@ def saturating(
         return {name: all_[name] - core[name] for name in core}
 
     return Saturating(fields, rest, linear, chain.offset, whole=whole)
+
+
+def vertices(
+    chain: Integrators, fields: tuple[Field, ...], lines: Lines, places: Mapping[str, np.ndarray]
+) -> Iterator[np.ndarray]:
+    """The linear error core (N, N) with every saturation passing all, or nothing, of the estimate's error: what a
+    saturated estimate of a state inside its range obeys is between them."""
+    for shares in product((1.0, 0.0), repeat=chain.n - 1):
+
+        def linear(values: Mapping[str, Any], y: Any, valid: Any, shares: Any = (1.0, *shares)) -> Mapping[str, Any]:
+            return lines(values, y, valid, lambda value, i: shares[i] * value, lambda _: ca.SX.zeros(chain.n))
+
+        yield core_numbers(Ode(fields, lambda *_: {}, linear), 1, places)
 
 
 def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:

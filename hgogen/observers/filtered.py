@@ -18,7 +18,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.certified import checks
+from hgogen.certified_core import Layout, of_core
 from hgogen.check import Verdict
+from hgogen.core import core_numbers
 from hgogen.form import Form
 from hgogen.gains import coefficients, demand_parabola, filtered_core, parabola_advice
 from hgogen.hurwitz import demand_hurwitz
@@ -43,7 +46,7 @@ THEOREM = Theorem(
             reason="in exact arithmetic; others are refused",
             reference="Lemma 1",
         ),
-        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis("theta is large enough", ("filtered.theta",), reason="of its declared value"),
         *OPERATION,
     ),
     f"{REFERENCE}, Theorem 1",
@@ -62,6 +65,8 @@ def filtered(
     accept: Iterable[str] = (),
 ) -> Observer:
     """The observer with filtered output injection on a form of one output with constant a_i.
+
+    Checks: `filtered.convergence` (a bound on theta is proved), `filtered.theta` (theta is above it).
 
     Args: `theta` >= 1, the paper's k; `alpha`, `beta` > 0 of the filters, which decay at theta alpha; `poles` (n) of
     A - L C inside the parabola, or `gains` L (n) in their place; `initial` the plant's state; `accept` ids of refuted
@@ -89,15 +94,18 @@ def filtered(
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(n, 1)}
 
+    part, layout = Ode(fields, rest, linear, chain.offset), Layout((*range(n), *range(n)), (True,) * n + (False,) * n)
+    core = core_numbers(part, 1, {"gain.theta": np.ones(1)})
     return observer_on(
         chain,
         "filtered",
-        parts=(Ode(fields, rest, linear, chain.offset),),
+        parts=(part,),
         gains=(high,),
         w=sym("state.w", n),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"alpha = {a:g}, beta = {b:g}, L = ({', '.join(f'{value:g}' for value in L)})"),
         reference=REFERENCE,
+        checks=checks("filtered", high.initial[0], of_core(chain, layout, [core])),
         accepted=accept,
     )
 

@@ -17,6 +17,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.certified import checks
+from hgogen.certified_core import Layout, of_core
 from hgogen.check import Verdict
 from hgogen.core import core_numbers
 from hgogen.form import Form
@@ -37,7 +39,7 @@ THEOREM = Theorem(
     (
         *FORM,
         Hypothesis("the linear error core is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
-        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis("theta is large enough", ("low_power.theta",), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,
@@ -54,6 +56,8 @@ def low_power(
     accept: Iterable[str] = (),
 ) -> Observer:
     """The low-power observer on a form of one output with constant a_i, at least two states.
+
+    Checks: `low_power.convergence` (a bound on theta is proved), `low_power.theta` (theta is above it).
 
     Args: `theta` >= 1; `gains` k (n - 1, 2), or the 2n - 2 `poles` of the linear error core at theta = 1, by default
     all at -1; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
@@ -83,7 +87,9 @@ def low_power(
         return {"p": c[:pairs], "q": c[1:]}
 
     part = Ode(fields, rest, linear, chain.offset)
-    demand_hurwitz("gains", core_numbers(part, 1, {"gain.theta": np.ones(1)}), "leave them out: (2, (n - i)/i)")
+    core = core_numbers(part, 1, {"gain.theta": np.ones(1)})
+    demand_hurwitz("gains", core, "leave them out: (2, (n - i)/i)")
+    layout = Layout((*range(pairs), *range(1, n)), (True,) * (2 * pairs))
     return observer_on(
         chain,
         "low_power",
@@ -93,5 +99,6 @@ def low_power(
         theorem=THEOREM,
         equations=EQUATIONS,
         reference=REFERENCE,
+        checks=checks("low_power", high.initial[0], of_core(chain, layout, [core])),
         accepted=accept,
     )

@@ -18,6 +18,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.certified import checks
+from hgogen.certified_core import Layout, of_core
 from hgogen.check import Verdict
 from hgogen.core import core_numbers
 from hgogen.form import Form
@@ -26,7 +28,7 @@ from hgogen.integrators import integrators, observer_on, rows, shifted
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, positive
 from hgogen.pairs import errors, injected, pair_gains
 from hgogen.program import sym
-from hgogen.saturating import Model, Saturate, demand_ranges, saturating
+from hgogen.saturating import Model, Saturate, demand_ranges, saturating, vertices
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, Praly, Teel, Low-power peaking-free high-gain observers, Automatica 98 (2018)"
@@ -43,11 +45,10 @@ THEOREM = Theorem(
         Hypothesis("the linear error core is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
         Hypothesis("alpha_i, beta_i > 0, each pair by itself is Hurwitz", verdict=Verdict.PROVED, reason="as the last"),
         Hypothesis(
-            "every saturation between its pairs leaves the core stable",
-            verdict=Verdict.UNKNOWN,
-            reason="the paper's condition on the gains is not computed",
+            "one P > 0 has N'P + P N < 0 for the core N with every saturation open or shut",
+            ("peaking_free.convergence",),
         ),
-        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis("theta is large enough", ("peaking_free.theta",), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,
@@ -65,6 +66,9 @@ def peaking_free(
     accept: Iterable[str] = (),
 ) -> Observer:
     """The peaking-free low-power observer on a form of one output with constant a_i, at least two states with ranges.
+
+    Checks: `peaking_free.convergence` (a bound on theta is proved, saturations and all; it takes cvxpy, and up to five
+    states), `peaking_free.theta` (theta is above it).
 
     Args: `theta` >= 1; `gains` (alpha_i, beta_i) (n - 1, 2), or 2n - 2 `poles` at theta = 1, by default (2, (n - i)/i):
     all at -1; `last` alpha_n > 0; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
@@ -95,7 +99,9 @@ def peaking_free(
         return {"p": ca.vertcat(q + onto_p, last) + c, "q": shifted(sat) + onto_q + c[1:]}
 
     part = saturating(chain, fields, lines)
-    demand_hurwitz("gains", core_numbers(part, 1, {"gain.theta": np.ones(1)}), "leave them out: (2, (n - i)/i)")
+    one = {"gain.theta": np.ones(1)}
+    demand_hurwitz("gains", core_numbers(part, 1, one), "leave them out: (2, (n - i)/i)")
+    layout = Layout((*range(n), *range(1, n)), (True,) * (n + pairs))
     return observer_on(
         chain,
         "peaking_free",
@@ -105,5 +111,6 @@ def peaking_free(
         theorem=THEOREM,
         equations=EQUATIONS,
         reference=REFERENCE,
+        checks=checks("peaking_free", high.initial[0], of_core(chain, layout, vertices(chain, fields, lines, one))),
         accepted=accept,
     )
