@@ -22,16 +22,13 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.bounds import bound
-from hgogen.box import box
-from hgogen.check import Check, Verdict
-from hgogen.digits import up
+from hgogen.bounded import bounded
+from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.injection import capped, injection_gains, listed, moving_gain
 from hgogen.integrators import Integrators, integrators, observer_on
 from hgogen.observer import BadGain, Observer, founded, gain, positive, reals
 from hgogen.program import Field, scalar, sym
-from hgogen.tape import NoTape
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"
@@ -39,7 +36,6 @@ EQUATIONS = (
     "xhat_i' = xhat_(i+1) + p_i k^i e, xhat_n' = {phi}p_n k^n e, e = y - xhat_1",
     "k' = gamma d(e)^2, d(e) = |e| - strip limited to [0, reach - strip]",
 )
-BOXES = 500  # mu need not be the least
 THEOREM = Theorem(
     "the gain converges, the output error tends to the strip |e| <= strip, and the error of the estimate is of order "
     "1/k: it does not tend to 0",
@@ -96,7 +92,7 @@ def lambda_tracking(
     """
     accept = founded("lambda_tracking", form, accept)
     chain = integrators("lambda_tracking", form)
-    checks = (_bounded(form),)
+    checks = (bounded("lambda_tracking.phi", form),)
     if not model:
         chain = integrators("lambda_tracking", _unmodelled(form))
     p = injection_gains("lambda_tracking", poles, gains, chain.n)
@@ -163,25 +159,3 @@ def _unmodelled(form: Form) -> Form:
     read = tuple(u for u in system.inputs if any(u in sp.sympify(row).free_symbols for row in rows))
     behind = None if form.behind is None else none
     return replace(form, system=replace(system, inputs=read), b=none, behind=behind)
-
-
-def _bounded(form: Form) -> Check:
-    """phi, and what else b holds, on the whole box; an input without a range has no bound."""
-    id, claim = "lambda_tracking.phi", "phi is bounded on the declared ranges of states and inputs"
-    rows = form.b if form.behind is None else form.behind
-    states = form.states if form.behind is None else form.system.states
-    read = {s for row in rows for s in row.free_symbols}
-    loose = [s.name for s in (*states, *form.system.inputs) if s in read and not s.bounded]
-    if loose:
-        fix = f"Declare a range for {', '.join(loose)}; of an input's derivative by rates=((low, high), ..)."
-        reason = f"no range is declared for {', '.join(loose)}; an input that steps has none"
-        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
-    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
-    try:
-        found = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
-    except NoTape as missing:
-        return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
-    if not all(values.finite and values.defined for values in found):
-        return Check(id, claim, Verdict.UNKNOWN, "no bound was found; it may have poles on the box")
-    mu = max((max(abs(values.low), abs(values.high)) for values in found), default=0.0)
-    return Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")
