@@ -15,6 +15,7 @@ from hgogen.exact import machine
 from hgogen.native import run_check
 from hgogen.observer import BadGain
 from hgogen.square_root import carlson, triangle
+from hgogen.stability import Limit
 
 EPS = np.finfo(float).eps
 NAN = float("nan")
@@ -40,7 +41,7 @@ sizes, seeds = st.integers(1, 6), st.integers(0, 2**32 - 1)
 
 
 @given(sizes, seeds)
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 def test_the_triangle_is_that_of_the_stack(n: int, seed: int) -> None:
     """Modified Gram-Schmidt is backward stable in its triangle: some n^2 eps of each row's size."""
     stack = np.random.default_rng(seed).standard_normal((n, 2 * n)) * 10 ** np.linspace(-2, 2, n)[:, None]
@@ -51,7 +52,7 @@ def test_the_triangle_is_that_of_the_stack(n: int, seed: int) -> None:
 
 
 @given(sizes, seeds)
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 def test_the_measurement_update_is_the_dense_one(n: int, seed: int) -> None:
     """P - K c P loses no more than some n^2 eps of P, and K as much of itself."""
     rng = np.random.default_rng(seed)
@@ -100,8 +101,9 @@ def test_it_is_the_factored_step_but_for_rounding(name: str) -> None:
     assert (runs[0].status == runs[1].status).all()
 
 
-def test_all_views_agree_at_constant_theta() -> None:
+def test_all_views_agree_at_constant_theta(monkeypatch: pytest.MonkeyPatch) -> None:
     """S, P, L D L' and S S' of one observer against its continuous equations: orders 4, 4, 1, 1 with one constant."""
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
     observer, errors = fitzhugh_nagumo(theta=3.0), {}
     for dt in (0.02, 0.01):
         given_ = record(1, dt, 1.0)
@@ -116,19 +118,20 @@ def test_all_views_agree_at_constant_theta() -> None:
     assert errors["cholesky"][1] < 0.1
 
 
+@pytest.mark.slow
 def test_a_long_loss_of_samples_is_capped_and_comes_back_in_float() -> None:
     """The chain's truth is its rest."""
     form = hg.forms.triangular(chain(3))
-    observer = hg.observers.riccati(form, Q=(10.0,) * 3, R=0.01, initial={"x1": 1.0, "x3": -1.0})
+    observer = hg.observers.riccati(form, Q=(100.0,) * 3, R=0.01, initial={"x1": 1.0, "x3": -1.0})
     step = hg.sample(observer, hg.methods.cholesky, dt=0.01)
     reader, capped = machine(step, "float"), 0
     reader.memory["output.y"][0] = NAN
-    for _ in range(1000):
+    for _ in range(500):
         capped += "COVARIANCE_LIMITED" in step.flags(reader.call())
         assert np.isfinite(reader.memory["state.root"]).all()
     assert capped
     reader.memory["output.y"][0] = 0.0
-    for _ in range(800):
+    for _ in range(500):
         reader.call()
     assert np.abs(reader.memory["state.z"]).max() < 0.1
 

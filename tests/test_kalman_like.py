@@ -301,7 +301,7 @@ def test_the_weighted_error_forgets_at_its_rate() -> None:
 
 @needs_compiler
 @given(st.floats(-3.5, 3.5), st.floats(-10, 10), st.floats(-8, 8))
-@settings(deadline=None, max_examples=6)
+@settings(deadline=None, max_examples=4)
 def test_it_converges_from_anywhere(a: float, b: float, c: float) -> None:
     """Without noise, rho = 1: exp(-rho t/2) of some 10 is below 1e-5 after 30, where a_2(u) = -u keeps crossing 0.
     What is left is the line between two samples, which misses y by y'' dt^2/8."""
