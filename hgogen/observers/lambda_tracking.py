@@ -44,8 +44,7 @@ THEOREM = Theorem(
         Hypothesis(
             "phi is bounded along the plant's motion",
             ("lambda_tracking.phi",),
-            reason="where an input steps, the derivatives of y jump: phi is not bounded there, and the theorem starts "
-            "again",
+            reason="where an input steps that a derivative of y reads, phi has no bound, and the theorem starts again",
             reference="Theorem 2",
         ),
         Hypothesis("s^n + p_1 s^(n-1) + .. + p_n is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
