@@ -227,13 +227,12 @@ def trials(each: Iterable[Summary]) -> RenderableType:
 
 def compared(title: str, each: Sequence[Measured]) -> RenderableType:
     """Observers side by side, one a row."""
-    events, states = range(len(each[0].settled)), list(each[0].rms)
-    after = [f"settled after event {k + 1} (s)" for k in events] if len(events) > 1 else ["settled after (s)"]
-    costs = ("operations", "functions", "bytes of state")
-    whole = _table(title, "observer", *after, *costs, numbers=len(events) + len(costs))
+    states = list(each[0].rms)
+    columns = ("settled after each event (s)", "operations", "functions", "bytes of state")
+    whole = _table(title, "observer", *columns, numbers=len(columns))
     for one in each:
-        cost = (one.cost.operations, one.cost.functions, one.cost.state)
-        whole.add_row(one.name, *map(_number, one.settled), *map(str, cost))
+        settled = ", ".join(map(_number, one.settled))
+        whole.add_row(one.name, settled, *map(str, (one.cost.operations, one.cost.functions, one.cost.state)))
     rms = _table("steady error, root mean square", "observer", *states, numbers=len(states))
     peak = _table("largest error over the state's range", "observer", *states, numbers=len(states))
     for one in each:
