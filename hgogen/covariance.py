@@ -113,14 +113,20 @@ def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
     )
 
 
-def solve(S: Any, right: Any) -> Any:
-    """S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
+def pivots(S: Any) -> tuple[Any, list[Any]]:
+    """L, unit lower triangular, and the diagonal of D of a symmetric SX matrix (n, n) = L D L'."""
     n = S.shape[0]
     L, d = ca.SX.eye(n), list[Any]()
     for j in range(n):
         d.append(S[j, j] - sum(L[j, k] ** 2 * d[k] for k in range(j)))
         for i in range(j + 1, n):
             L[i, j] = (S[i, j] - sum(L[i, k] * L[j, k] * d[k] for k in range(j))) / d[j]
+    return L, d
+
+
+def solve(S: Any, right: Any) -> Any:
+    """S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
+    n, (L, d) = S.shape[0], pivots(S)
     x = [right[i] for i in range(n)]
     for i in range(n):
         x[i] = x[i] - sum(L[i, k] * x[k] for k in range(i))

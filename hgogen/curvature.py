@@ -6,21 +6,29 @@
 
 With s = 1 a large error takes more from Pi than there is, and Pi loses positive definiteness. As it stands, s D lies
 between -rate Pi and rate Pi: P' <= F P + P F' + Q^-1 + rate P and Pi' <= -Pi F - F'Pi + C'R C + rate Pi, so both stay
-finite and positive definite. Up to nu = rate the term is whole.
+finite and positive definite. Up to nu = rate the term is whole. A step of finite length need not follow: what is no
+longer positive definite after it restarts at its first value, and the status says so.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import casadi as ca
 
-from hgogen.covariance import covariance_ode, information_ode, pack, solve, unpack
+from hgogen.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
 from hgogen.method import Explicit
 from hgogen.observer import Clock, Ode, Pieces
+from hgogen.program import Bit, Block, Field, Program, When, sym
 from hgogen.riccati import Riccati
 from hgogen.runge_kutta import RK4
 
+RESTARTED = Bit(
+    "COVARIANCE_RESTARTED",
+    "a step left the covariance without positive variances: it restarted at its first value",
+    "none if rare; if it comes again, shorten dt, lower curvature or raise Q",
+)
 VIEWS = {"information": ("S", information_ode), "covariance": ("P", covariance_ode)}
 
 
@@ -40,7 +48,12 @@ class Curved:
         if 1 / self.fastest < plain.limit:
             why = "beyond it the second derivatives of the output can take all of Pi in one step"
             plain = replace(plain, limit=1 / self.fastest, why=why)
-        return replace(plain, predict=moves.predict)
+        covariance = next(field for field in plain.fields if field.name == VIEWS[explicit.view][0])
+        return replace(
+            plain,
+            bits=(*plain.bits, RESTARTED),
+            predict=(*moves.predict, *_kept_definite(covariance, self.plain.dynamics.n)),
+        )
 
     def equation(self, view: str) -> Ode:
         """z and Pi (its name is S), or z and P."""
@@ -66,3 +79,14 @@ class Curved:
             (pull[j] * slope for j, slope in enumerate(dynamics.output_curvature(z, u))),
             ca.SX(dynamics.n, dynamics.n),
         )
+
+
+def _kept_definite(covariance: Field, n: int) -> Program:
+    """The packed symmetric matrix (n, n) as it was first where a pivot of L D L' is not positive."""
+    place = f"state.{covariance.name}"
+    found = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(place, covariance.size), n))[1]))
+    first = {place: ca.SX(ca.DM(covariance.initial)), "status.COVARIANCE_RESTARTED": ca.SX(1)}
+    return (
+        Block("is it positive definite?", {"work.broken": ca.logic_not(found)}),
+        When("work.broken", (Block("a covariance that is none restarts", first),)),
+    )

@@ -178,6 +178,20 @@ def test_it_stays_positive_definite_whatever_the_error(rate: float, start: float
         assert np.isfinite(found.x).all()
 
 
+def test_a_covariance_that_a_step_loses_restarts() -> None:
+    """At x = 0 nothing is seen and P grows like exp(7 t), x with it, until one step is too long for what is seen."""
+    step = square("rk4_covariance")
+    step.params["gain"]["curvature"] = 7.0
+    step.tune()
+    step.reset()
+    step.state["z"] = 1e-38
+    found = step.run(np.zeros((200, 0)), np.full((200, 1), 5.0))
+    bit = next(1 << k for k, b in enumerate(step.step.bits) if b.name == "COVARIANCE_RESTARTED")
+    assert (found.status & bit).any()
+    assert not (found.status[-50:] & bit).any()
+    assert abs(found.x[-1, 0]) == pytest.approx(np.sqrt(5), rel=1e-3)
+
+
 def test_without_the_limit_it_would_not() -> None:
     """Pi' = -Pi^2/Q + 4 x^2 R - 2 R (y - x^2) from Pi = 1, x = 0, y = 5: below zero at once."""
     scalar = Model(
