@@ -244,7 +244,7 @@ def try_out(
     step: CallableStep, trial: Trial, engine: Engine | None = None, seeds: Sequence[int] | None = None
 ) -> Iterator[Trajectory]:
     """The step over the trial from its reset state, one trajectory for each seed; the step is left at the
-    last one's end.
+    last one's end. A slower sensor has its first sample at 0.
 
     `engine`: as in `Step.run`, "c", "python" or None for C where there is a compiler.
 
@@ -255,10 +255,16 @@ def try_out(
     truth = simulate(plant, trial, step.dt)
     u = _sampled(system, trial, truth.t)
     for seed in trial.seeds if seeds is None else seeds:
-        y = noisy(plant, truth, trial, seed)
+        y = _at_their_times(step, noisy(plant, truth, trial, seed))
         step.reset()
         run = step.run(u=u, y=y, engine=engine)
         yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
+
+
+def _at_their_times(step: CallableStep, y: np.ndarray) -> np.ndarray:
+    """y (N, p) with NaN between the samples of a slower sensor."""
+    every = [round(period / step.dt) for period in step.periods]
+    return np.where(np.arange(len(y))[:, None] % every == 0, y, np.nan)
 
 
 def _validate(plant: System, trial: Trial, dt: float) -> None:

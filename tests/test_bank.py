@@ -5,6 +5,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import emitted
 import neuron
 import numpy as np
@@ -13,14 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import bank as oracle
 from oracle import fitzhugh_nagumo as trial
-from plants import chain, model, pendulum, two_outputs
+from plants import MODELS, chain, model, pendulum, two_outputs
 
 import hgogen as hg
 from hgogen.decay import error_bound, log_growth
+from hgogen.model import load
 from hgogen.native import run_check
 from hgogen.observer import BadGain
 from hgogen.parallel import BadPeriod
-from hgogen.program import Block, Loop, walk
+from hgogen.program import Block, Loop, address, walk
 
 NAN = float("nan")
 WINDOW = hg.innovation.staggered(3.0, predictors=4)
@@ -158,6 +160,7 @@ MEMBERS: dict[str, tuple[Callable[[], Any], dict[str, Any]]] = {
 }
 
 
+PENDULUM = [name for name in load(MODELS / "pendulum.py").tuning.tables if name != "bank"]
 QUICK = [("newest", "float"), ("adaptive", "float"), ("low_power", "double")]
 
 
@@ -212,6 +215,35 @@ def test_a_bank_that_never_switches_is_its_member(name: str) -> None:
     one, bank = alone.run(**given_, engine="python"), made.run(**given_, engine="python")
     assert np.array_equal(one.x, bank.x)
     assert [alone.flags(s) for s in one.status] == [made.flags(s) for s in bank.status]
+
+
+FREE = [name for name in PENDULUM if name not in ("high_gain", "cascade", "lambda_tracking")]
+
+
+@pytest.mark.parametrize(
+    "name", ["high_gain", "cascade", "lambda_tracking", *(pytest.param(n, marks=pytest.mark.slow) for n in FREE)]
+)
+def test_every_observer_of_the_pendulum_can_be_a_member(name: str) -> None:
+    """The first restart leaves the restarted member with the selected estimate, whatever it is made of."""
+    alone = load(MODELS / "pendulum.py").step(name)
+    around_ = hg.observers.bank(alone.observer, count=2, period=10 * alone.dt, selection="newest")
+    made = hg.sample(around_, alone.method, dt=alone.dt, between=alone.between)
+    given_ = waves(made, 10)
+    assert np.array_equal(made.run(**given_, engine="python").x, alone.run(**given_, engine="python").x)
+    made(0.1, 0.2)
+    memory, n = made._machine.memory, made.observer.form.n
+    assert (memory["state.oldest"][0], memory["state.selected"][0]) == (1, 1)
+    symbols = ca.symvar(made.observer.z)
+    state = ca.Function("z", symbols, [made.observer.z])
+
+    def estimate(k: int) -> Any:
+        known = {p.replace("member.", "state."): a[k] for p, a in memory.items() if p.startswith("member.")}
+        parameters = {p: a for p, a in memory.items() if p.split(".")[0] in ("plant", "gain", "derived")}
+        return state(*(({**parameters, **known})[p][i] for p, i, _ in map(address, symbols))).full()
+
+    assert np.array_equal(estimate(0), estimate(1))
+    assert np.abs(estimate(0)).max() > 0
+    assert estimate(0).shape == (n, 1)
 
 
 def test_a_member_restarts_from_the_selected_estimate_with_its_first_gain() -> None:

@@ -2,6 +2,7 @@
 
 import ctypes
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,10 @@ from plants import MODELS, kalman, pendulum, two_outputs, van_der_pol
 import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
 from hgogen.exact import machine
+from hgogen.model import load
 from hgogen.native import run_check
 from hgogen.sensors import BadRate
+from hgogen.trial import try_out
 
 NAN = float("nan")
 EVERY = 5  # samples of y1 to one of y2
@@ -37,6 +40,12 @@ def adaptive() -> Any:
     """One output, every 2 dt, theta by staggered predictors."""
     innovation = hg.innovation.staggered(0.4, predictors=2)
     return hg.sample(neuron.observer(neuron.adaptive(innovation=innovation)), dt=0.01, periods={"y": 0.02})
+
+
+@cache
+def pendulum_filter() -> Any:
+    """That of the README."""
+    return hg.observers.riccati(pendulum().form, Q=(1, 10), R=1e-6)
 
 
 def fresh(made: Any) -> Any:
@@ -243,6 +252,18 @@ def test_theta_adapts_once() -> None:
         assert (native.state == native_before).all()
 
 
+def test_a_trial_samples_a_slow_sensor_seldom() -> None:
+    made = hg.sample(pendulum_filter(), dt=1e-3, periods={"y": 0.01})
+    tried = next(
+        try_out(
+            made, replace(load(MODELS / "pendulum.py").trials()[0], jumps=(), steady=None, duration=0.5), seeds=(0,)
+        )
+    )
+    there = np.arange(501) % 10 == 0
+    assert np.array_equal(np.isfinite(tried.y[:, 0]), there)
+    assert np.array_equal([made.flags(status) == () for status in tried.status], there)
+
+
 # --- the README ---------------------------------------------------------------------------------------------
 
 README = (MODELS.parent / "README.md").read_text()
@@ -275,7 +296,7 @@ def test_the_loop_of_the_readme(tmp_path: Path) -> None:
     loop = next(block for block in re.findall(r"^```c\n(.*?)^```", README, re.MULTILINE | re.DOTALL) if "_at(" in block)
     count = "    late += (status & PENDULUM_LATE_y) != 0u;\n    if ((status & PENDULUM_EARLY_y) != 0u) { return 2; }\n"
     loop = loop.replace("    pendulum_estimate", f"{count}    pendulum_estimate")
-    made = hg.sample(hg.observers.riccati(pendulum().form, Q=(1, 10), R=1e-6), dt=1e-3, periods={"y": 0.01})
+    made = hg.sample(pendulum_filter(), dt=1e-3, periods={"y": 0.01})
     files = hg.targets.c99(made, check=False)
     texts = {name: files[name] for name in ("pendulum.h", "pendulum.c")}
     program = emitted.compiled(emitted.tool("cc"), {**texts, "main.c": PROGRAM.replace("LOOP", loop)}, tmp_path, "-O2")

@@ -6,10 +6,11 @@
         "window"   I = integral over the last d of |y - yhat|^2, yhat predicted by the model from the estimate d ago
         "newest"   I = |y - h(z)|^2 of the newest sample, the slides' choice, which picks the youngest and noisiest
 
-around any member; it is made for one whose theta decays, a high-gain observer when it is young and a Kalman filter when
-it is old. A member that restarts keeps the selected one's I, so that it is judged by the same past. When the oldest is
-dropped while it is selected, the next oldest takes its place. Source: Busvelle, "Parallel high-gain and non high-gain
-extended Kalman filters" (slides), after Boizot, Busvelle, Gauthier 2010; the window and the hysteresis are ours.
+around any member; it is made for one whose theta decays, a high-gain observer when it is young and a Kalman filter
+when it is old. A member that restarts keeps the selected one's I, so that it is judged by the same past. When the
+oldest is dropped while it is selected, the next oldest takes its place. The bit OUTSIDE_BOX of the status is of the
+selected member, other bits are of any. Source: Busvelle, "Parallel high-gain and non high-gain extended Kalman
+filters" (slides), after Boizot, Busvelle, Gauthier 2010; the window and the hysteresis are ours.
 """
 
 from dataclasses import replace
