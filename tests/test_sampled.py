@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import casadi as ca
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -32,7 +33,7 @@ OBSERVERS: dict[str, Any] = {
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},
 }
-NAN = float("nan")
+NAN, EPS = float("nan"), np.finfo(float).eps
 methods = pytest.mark.parametrize("method", METHODS)
 compiled = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -63,30 +64,42 @@ def line(observer: hg.Observer, seen: float = 1.0) -> tuple[np.ndarray, np.ndarr
 # --- the matrices -------------------------------------------------------------------------------------------
 
 elements = st.integers(-60, 60).map(lambda k: k / 8)
+matrices = st.integers(2, 4).flatmap(lambda n: st.lists(elements, min_size=n * n, max_size=n * n))
 
 
-@given(st.integers(2, 6).flatmap(lambda n: st.lists(elements, min_size=n * n, max_size=n * n)), st.floats(-3, 3))
+@given(matrices)
 @settings(deadline=None, max_examples=25)
-def test_phi_functions(values: list[float], power: float) -> None:
-    """Against scipy's exponential of [[X, 1, 0], [0, 0, 1], [0, 0, 0]], whose first rows are phi_0, phi_1, phi_2; with
-    rows and columns scaled by powers of a high gain, which balancing takes out again. Scaling and squaring loses some
-    |X| eps."""
+def test_phi_functions(values: list[float]) -> None:
+    """Against the exponential of [[X, 1, 0], [0, 0, 1], [0, 0, 0]] to 30 digits, whose first rows are phi_0, phi_1,
+    phi_2. Each of the log2 |X| doublings doubles a rounding error, so that |X| eps is lost."""
     n = int(np.sqrt(len(values)))
-    X, D = np.array(values).reshape(n, n), (10.0**power) ** np.arange(n)
-    scaled, scale = (D[:, None] * X / D).ravel(), np.zeros(n)
-    balance(scaled, scale)
-    assert (np.frexp(scale)[0] == 0.5).all()  # powers of two
-    phi = [np.zeros(n * n) for _ in range(3)]
-    exponential(scaled, *phi)
+    X, phi = np.array(values), [np.zeros(n * n) for _ in range(3)]
+    exponential(X.copy(), *phi)
     one, null = np.eye(n), np.zeros((n, n))
-    whole = expm(np.block([[X, one, null], [null, null, one], [null, null, null]]))[:n]
-    for found, expected in zip(phi, np.split(whole, 3, axis=1), strict=True):
-        back = found.reshape(n, n) * scale[:, None] / scale / D[:, None] * D
-        room = 1e-12 * max(1.0, np.abs(X).sum()) * np.abs(whole).max()
-        assert back == pytest.approx(expected, abs=room)
+    with mpmath.workdps(30):
+        whole = mpmath.expm(mpmath.matrix(np.block([[X.reshape(n, n), one, null], [null, null, one], [null] * 3])))
+    exact = np.array(whole.tolist(), dtype=float)[:n]
+    for found, expected in zip(phi, np.split(exact, 3, axis=1), strict=True):
+        room = 16 * n * EPS * max(1.0, np.abs(X).sum()) * np.abs(exact).max()
+        assert found.reshape(n, n) == pytest.approx(expected, abs=room)
 
 
-@given(st.integers(2, 6).flatmap(lambda n: st.lists(elements, min_size=n * n, max_size=n * n)))
+@given(st.integers(2, 8), st.integers(0, 99), st.floats(-2, 2))
+@settings(deadline=None, max_examples=25)
+def test_balancing_is_a_similarity_by_powers_of_two(n: int, seed: int, power: float) -> None:
+    """Exactly; and it takes out the powers of a high gain: of rows that hang together what is left is as large as
+    without them, but for the last power of two in each element."""
+    X = np.random.default_rng(seed).uniform(0.5, 2, (n, n)) * (np.eye(n, k=1) + np.eye(n) + np.eye(n)[:1])
+    D = (10.0**power) ** np.arange(n)
+    given_ = D[:, None] * X / D
+    found, scale = given_.ravel().copy(), np.zeros(n)
+    balance(found, scale)
+    assert (np.frexp(scale)[0] == 0.5).all()
+    assert np.array_equal(found.reshape(n, n), given_ * scale / scale[:, None])
+    assert np.abs(found).sum() < 4 * np.abs(X).sum()
+
+
+@given(matrices)
 @settings(deadline=None, max_examples=25)
 def test_the_resolvent(values: list[float]) -> None:
     n = int(np.sqrt(len(values)))
