@@ -78,7 +78,7 @@ def of_core(chain: Integrators, layout: Layout, vertices: Iterable[np.ndarray]) 
     if any(unit_ <= 0 for unit_ in units):
         return Nothing("the bound is for a_i shown to be positive")
     best: CoreBound | Nothing = Nothing("no scale was tried")
-    for growth in _GROWTHS:
+    for growth in _GROWTHS[: 4 if len(cores) == 1 else 2]:  # each costs a convex program where there are several
         found = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)))
         if isinstance(found, Nothing):
             return best if isinstance(best, CoreBound) else found
