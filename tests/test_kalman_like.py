@@ -60,6 +60,8 @@ def structure(flow: list[Any], *output: Any) -> tuple[str, str]:
         ([u * x2, sp.sin(x2)], (x1,), "refuted", "x2' has the slope cos(x2) in x2, which varies with x2"),
         ([u * x2 * x3, 0, 0], (x1,), "refuted", "varies with"),
         ([x2, sp.sign(x2)], (x1,), "unknown", "x2"),
+        ([x2, sp.floor(x2)], (x1,), "unknown", "x2' is not shown to be affine in x2"),
+        ([x2, sp.Piecewise((1, x2 > 0), (0, True))], (x1,), "refuted", "x2' is not affine in x2"),  # its slope is 0
         ([x2, -x1], (x1**2,), "refuted", "y1 has the slope 2*x1 in x1, which varies with x1"),
         ([x2 + sp.sin(x1), 0], (u * x1,), "unknown", "x1' has the slope cos(x1)"),
         ([sp.sin(x1 + x2), 0], (x1 + x2,), "unknown", "varies with"),  # of y: recast
@@ -143,6 +145,14 @@ def test_what_is_measured_is_not_known_beforehand() -> None:
         persistent("p", form, {"u": x1, "v": 0})
     with pytest.raises(BadGain, match=r"is no expression of the time"):
         persistent("p", form, {"u": "__import__('os')", "v": 0})
+
+
+def test_a_rank_that_only_the_derivative_gives() -> None:
+    """x1' = u x2 + v x3: N_1 = (0, u, v), N_2 = (0, u', v'), and u v' - v u' = -1 for sin, cos; 0 for a multiple."""
+    form = hg.forms.state_affine(plant([u * x2 + v * x3, 0, 0], x1))
+    turning = persistent("p", form, {"u": sp.sin(t), "v": sp.cos(t)}, 2 * sp.pi)
+    assert turning.verdict is Verdict.PROVED
+    assert persistent("p", form, {"u": sp.sin(t), "v": 2 * sp.sin(t)}, 2 * sp.pi).verdict is Verdict.UNKNOWN
 
 
 def test_an_input_that_a_does_not_read_need_not_be_known() -> None:
