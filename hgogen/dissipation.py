@@ -86,7 +86,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     if not isinstance(system, ErrorSystem):
         raise Misfit("dissipation", system, "an error system: hg.error_system(plant, gain)")
     limits("dissipation", boxes)
-    around, level, mu = error_box(system.errors, within), _function(system, V), _positive("mu", mu)
+    around, level, mu = error_box(system, within), _function(system, V), _positive("mu", mu)
     obstacle = _obstacle(system, level, around, boxes)
     answers = (
         _zero(level, system) or negative(_positive_function(system, level, around), boxes, obstacle),

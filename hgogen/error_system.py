@@ -3,8 +3,9 @@
     x' = f(x, u) + G1(x) w,   y = h(x, u) + G2(x) w,   xhat' = f(xhat, u) + l(xhat, u) (y - h(xhat, u))
     e = x - xhat:   e' = f(x) - f(x - e) - l(x - e) (h(x) - h(x - e)) + (G1(x) - l(x - e) G2(x)) w
 
-Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems
-in Engineering (2020), (19), (24), (25).
+Nothing is saturated: where x - e leaves the ranges of x, f, h and l are taken as their expressions are there. Source:
+Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in
+Engineering (2020), (19), (24), (25).
 """
 
 from collections.abc import Mapping, Sequence
@@ -124,15 +125,16 @@ def _matrix(name: str, given: Any, shape: tuple[int, int | None], plant: System)
     return matrix
 
 
-def error_box(errors: Sequence[sp.Symbol], within: Any) -> Box:
-    """The box of the errors: of half widths (n) or ranges (low, high), low < 0 < high, in their order or by symbol or
-    name.
+def error_box(system: ErrorSystem, within: Any) -> Box:
+    """The box of the errors: of half widths (n) or ranges (low, high), low < 0 < high, in their order, or by the name
+    of the error or of its state.
 
     Raises: `BadErrorSystem`.
     """
-    names = [e.name for e in errors]
+    errors, names = system.errors, [e.name for e in system.errors]
     if isinstance(within, Mapping):
-        given = {str(key): value for key, value in within.items()}
+        own = {x.name: e.name for x, e in zip(system.states, errors, strict=bool(system.states))}
+        given = {own.get(str(key), str(key)): value for key, value in within.items()}
         if {*given} != {*names}:
             raise BadErrorSystem("within", f"must have a range for each of {', '.join(names)}, and no other")
         values = [given[name] for name in names]

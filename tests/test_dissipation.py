@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,9 @@ from hgogen import second_order
 from hgogen.check import Verdict
 from hgogen.door import Misfit
 from hgogen.error_system import BadErrorSystem
+from hgogen.model import load
 
+MODELS = Path(__file__).resolve().parents[1] / "models"
 e, f = sp.symbols("e f", real=True)
 x = sp.Symbol("x", real=True)
 
@@ -150,7 +153,7 @@ def test_the_error_system_of_a_plant() -> None:
 def test_a_high_gain_observer_of_the_pendulum() -> None:
     """On all errors up to a radian and 10 rad/s; the gain to 2 %, by a sample that violates it below."""
     system, P = pendulum(20)
-    found = hg.dissipation(system, P, mu=50, within={"e_q": 1, "e_w": 10})
+    found = hg.dissipation(system, P, mu=50, within={"q": 1, "e_w": 10})
     assert found.proved
     assert found.level == pytest.approx(1 / np.diag(np.linalg.inv(P) / [1, 100]).max(), rel=1e-8)
     low, high = 10.0, 50.0
@@ -160,6 +163,22 @@ def test_a_high_gain_observer_of_the_pendulum() -> None:
         assert verdict is not Verdict.UNKNOWN
         low, high = (low, float(middle.mu)) if verdict is Verdict.PROVED else (float(middle.mu), high)
     demand_witness(hg.dissipation(system, P, mu=low, within=(1, 10)))
+
+
+def test_the_gain_that_theorem_6_promises_is_one_by_theorem_1() -> None:
+    """The pendulum (91) with the printed K and P at gamma = 20.53: (89) says 31364 (gamma/20.519)^3, far from sharp."""
+    numbers = load(MODELS / "disturbed_pendulum.py").module.tuning["adaptive_lmi"]
+    gamma = sp.Rational("20.53")
+    gain = [gamma ** (i + 1) * sp.Rational(str(k)) for i, k in enumerate(numbers["K"])]
+    scale = sp.diag(gamma**2, gamma, 1)  # gamma^3 T^-1
+    V = scale * sp.Matrix(3, 3, lambda i, j: sp.Rational(str(numbers["P"][i][j]))) * scale
+    system = hg.error_system(model("disturbed_pendulum"), gain, G1=[[0, 0], [0, 0], [0, 1]], G2=[[1, 0]])
+    promised = 31364 * (20.53 / 20.519) ** 3
+    assert hg.dissipation(system, V, mu=promised, within=(2, 50, 1000)).proved
+    assert hg.dissipation(system, V, mu=5000, within=(2, 50, 1000)).proved
+    far = hg.dissipation(system, V, mu=1000, within=(2, 50, 1000))
+    assert verdicts(far)["inequality"] is Verdict.REFUTED
+    demand_witness(far)
 
 
 def test_the_error_stays_where_it_is_said_to_stay() -> None:
