@@ -115,7 +115,7 @@ $parts$timed
 Change gains in p.gain, then call ${name}_tune,
 or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
 A gain whose largest value is its nominal one can only go down, because dt was admitted for it.
-The state may be copied, saved and restored, by the same version of this file; write s.z after init or
+The state may be copied, saved and restored, by the same version of this file; write $own after init or
 reset to start from an estimate of yours.
 
 No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
@@ -178,6 +178,7 @@ def _manual(step: Step) -> list[str]:
     text = _MANUAL.substitute(
         name=step.name,
         dt=f"{step.dt:g}",
+        own=" and ".join(f"s.{field.name}" for field in step.state if field.outer) or "the estimates in s",
         fill=" ".join([*(f"in.{s.name} = ...;" for s in step.inputs), *(f"out.{s.name} = ...;" for s in step.outputs)]),
         call=", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"]),
         structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),

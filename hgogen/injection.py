@@ -15,6 +15,7 @@ import numpy as np
 from hgogen.gains import coefficients
 from hgogen.hurwitz import demand_hurwitz
 from hgogen.integrators import Integrators
+from hgogen.integrators import shifted as shifted
 from hgogen.observer import BadGain, Clock, Jump, Ode, Pieces, reals
 from hgogen.program import Bit, Block, Field, sym
 
@@ -50,11 +51,6 @@ def companion(K: Any) -> Any:
     N = np.diag(K[1:] * 0 + 1, 1)
     N[:, 0] -= K
     return N
-
-
-def shifted(w: Any) -> Any:
-    """A w (n): w_2, .., w_n, 0."""
-    return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
 
 
 def scaled(K: Sequence[float] | np.ndarray, level: Any) -> Any:

@@ -25,8 +25,7 @@ from hgogen.core import core_numbers
 from hgogen.form import Form
 from hgogen.gains import coefficients, demand_parabola, filtered_core, parabola_advice
 from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import shifted
-from hgogen.integrators import integrators, observer_on
+from hgogen.integrators import integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, positive, reals
 from hgogen.program import Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

@@ -19,8 +19,8 @@ import numpy as np
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import scaled, shifted
-from hgogen.integrators import integrators, observer_on
+from hgogen.injection import scaled
+from hgogen.integrators import integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, reals
 from hgogen.program import Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
