@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import hgogen as hg
 from hgogen import native
 from hgogen.answers import answers
 from hgogen.cli import app
+from hgogen.cost import cost
 from hgogen.entry import entry
+from hgogen.model import load
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text()
@@ -84,6 +87,25 @@ def test_the_checks_print_what_is_shown(line: str, wanted: str, monkeypatch: pyt
     assert [row for row in wanted.splitlines() if row not in printed] == []
 
 
+def test_the_comparison_prints_what_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("COLUMNS", "200")
+    ((line, wanted),) = re.findall(r"^\$ (hgogen compare models/.*)\n((?:[^$`\n].*\n)+)", TEXT, re.MULTILINE)
+    result = CliRunner().invoke(app, [*shlex.split(line)[1:], "-o", str(tmp_path)])
+    printed = [row.rstrip() for row in result.stdout.splitlines()]
+    assert [row for row in wanted.splitlines() if row not in printed] == []
+
+
+def test_the_table_of_observers_is_complete_and_its_costs_are_counted() -> None:
+    """Each observer, with the operations of the pendulum's tuning."""
+    told = dict(re.findall(r"^\| `(\w+)` \|.*\| (\d+) \|$", TEXT, re.MULTILINE))
+    assert set(told) == set(hg.observers.__all__)
+    pendulum = load(ROOT / "models" / "pendulum.py")
+    assert {name: cost(pendulum.step(name)).operations for name in told} == {k: int(v) for k, v in told.items()}
+
+
 def test_the_json_is_a_model_of_a_library() -> None:
     found = dict(answers(entry(json.loads(blocks("json")[0]))))
     assert (found["triangular"], found["bounds"]) == (True, [[0, 1]])
@@ -95,6 +117,13 @@ def test_the_plain_text_model_is_generated(tmp_path: Path, monkeypatch: pytest.M
     assert CliRunner().invoke(app, ["generate", "oscillator.toml"]).exit_code == 0
     assert (tmp_path / "generated" / "oscillator" / "oscillator.c").is_file()
     assert "defines no trial" in CliRunner().invoke(app, ["build", "oscillator.toml"]).stderr
+
+
+def test_the_tunings_in_plain_text_are_observers(tmp_path: Path) -> None:
+    model, tunings = blocks("toml")
+    (tmp_path / "oscillator.toml").write_text(model + tunings)
+    loaded = load(tmp_path / "oscillator.toml")
+    assert [loaded.step(name).observer.name for name in ("high_gain", "quiet")] == ["high_gain", "filtered"]
 
 
 def test_links_lead_somewhere() -> None:
