@@ -14,12 +14,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.certified import checks
 from hgogen.form import Form
-from hgogen.injection import companion, injection_gains, listed, scaled, shifted
-from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.injection import companion, injection_gains, listed, scaled
+from hgogen.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, gain, high_gain_parameter, positive, real
 from hgogen.program import Block, Field, scalar, sym
-from hgogen.sector import Adaptation, Shape, decays
+from hgogen.sector import Adaptation, Shape, core_check, decays, theta_bound
 from hgogen.theorem import Theorem
 
 EQUATIONS: dict[Shape, str] = {
@@ -45,7 +46,7 @@ def limited(
     theorem: Theorem,
     reference: str,
 ) -> Observer:
-    """The observer of that name and shape; its check `NAME.core` is that of `sector`.
+    """The observer of that name and shape; its checks `NAME.core`, `NAME.convergence` and `NAME.theta` are by `sector`.
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
     """
@@ -60,6 +61,8 @@ def limited(
         if not fast < slow:
             raise BadGain(f"r = {r!r}", f"must be below decay = {slow:g}, or nothing would ever be injected")
         least = (slow + fast) / 2  # so that r stays below it however they are tuned
+    adaptation = Adaptation(shape, Fraction(slow), Fraction(fast))
+    proofs = decays(adaptation, K)
     return observer_on(
         chain,
         name,
@@ -73,7 +76,10 @@ def limited(
         theorem=theorem,
         equations=(EQUATIONS[shape], LEVEL, f"K = {listed(K)}"),
         reference=reference,
-        checks=(decays(f"{name}.core", Adaptation(shape, Fraction(slow), Fraction(fast)), K),),
+        checks=(
+            core_check(f"{name}.core", adaptation, proofs),
+            *checks(name, high.initial[0], theta_bound(chain, proofs)),
+        ),
         accepted=accept,
         traces=("sigma",),
     )

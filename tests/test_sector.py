@@ -5,13 +5,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import swing
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracle.swing import c
 from scipy.linalg import solve_continuous_lyapunov
 
+import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.injection import companion
-from hgogen.sector import Adaptation, decays
+from hgogen.integrators import integrators
+from hgogen.sector import Adaptation, SectorBound, core_check, decays, theta_bound
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -37,9 +41,9 @@ def test_the_form_of_the_dead_zone_bounds_the_derivative(seed: int) -> None:
     rate = companion(K) @ eps + K * s
     derivative = 2 * eps @ P @ rate + mu * (r * eps[0] ** 2 - decay * sigma)
     z = np.append(eps, s)
-    assert derivative <= z @ adaptation.form(K, P, mu, tau) @ z + 1e-9
+    assert derivative <= z @ adaptation.form(companion(K), K, P, mu, tau) @ z + 1e-9
     slack = mu * decay * (sigma - s * s) + 2 * tau * s * (eps[0] - s)
-    assert z @ adaptation.form(K, P, mu, tau) @ z == pytest.approx(derivative + slack, abs=1e-9)
+    assert z @ adaptation.form(companion(K), K, P, mu, tau) @ z == pytest.approx(derivative + slack, abs=1e-9)
 
 
 @given(seeds)
@@ -55,7 +59,7 @@ def test_the_form_of_the_saturation_bounds_the_derivative(seed: int) -> None:
     if e * e > sigma:
         derivative += mu * (2 * e * rate[0] - (r * e * e - decay * sigma))
         z = np.append(eps, q)
-        form = z @ adaptation.form(K, P, mu, tau) @ z
+        form = z @ adaptation.form(companion(K), K, P, mu, tau) @ z
         assert form == pytest.approx(derivative + 2 * tau * q * sat, abs=1e-9)
         assert q * sat >= 0
     else:
@@ -69,9 +73,59 @@ def test_the_form_that_is_proved_is_the_float_one(shape: Any, r: float) -> None:
     exactly = np.array([Fraction(k) for k in K])
     P = solve_continuous_lyapunov(companion(K).T, -np.eye(3))
     rational = np.array([[Fraction(value) for value in row] for row in P])
-    exact = adaptation.form(exactly, rational, Fraction(1, 2), Fraction(8)).astype(float)
-    assert exact == pytest.approx(adaptation.form(K, P, 0.5, 8.0), rel=1e-12)
-    check = decays("x.core", adaptation, K)
-    assert check.verdict is Verdict.PROVED
-    mu, tau = (float(word.rstrip(",")) for word in check.reason.split("mu = ")[1].replace("tau = ", "").split()[:2])
-    assert np.linalg.eigvalsh(adaptation.form(K, P, mu, tau))[-1] < 0
+    exact = adaptation.form(companion(exactly), exactly, rational, Fraction(1, 2), Fraction(8)).astype(float)
+    assert exact == pytest.approx(adaptation.form(companion(K), K, P, 0.5, 8.0), rel=1e-12)
+    assert core_check("x.core", adaptation, decays(adaptation, K)).verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(("shape", "r"), [("dead zone", 0.1), ("saturation", 10.0)])
+@pytest.mark.parametrize("poles", [(-1, -1), (-1, -2, -1.5)])
+def test_every_proof_holds_in_its_coordinates(shape: Any, r: float, poles: tuple[float, ...]) -> None:
+    """The eigenvalues of the form with a P of scipy's; peak >= lambda_max(P), and not much larger."""
+    adaptation, K = Adaptation(shape, Fraction(1), Fraction(r)), np.poly(poles)[1:]
+    found = decays(adaptation, K)
+    assert len(found) >= 2
+    for one in found:
+        S = np.diag(float(one.growth) ** np.arange(len(K)))
+        N = S @ companion(K) @ np.linalg.inv(S)
+        P = solve_continuous_lyapunov(N.T, -np.eye(len(K)))
+        form = adaptation.form(N, S @ K, P, float(one.mu), float(one.tau))
+        assert np.linalg.eigvalsh(form)[-1] < -float(one.margin) * (1 - 1e-3) < 0
+        assert np.linalg.eigvalsh(P)[-1] == pytest.approx(float(one.peak), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["stubborn", "dead_zone"])
+def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: str) -> None:
+    """d/dt of V along the error of the pendulum, anywhere in the box, at a theta 1% above the bound: V' <= 0 by finite
+    differences of the equations, for the V that the proof has."""
+    r = {"stubborn": 10.0, "dead_zone": 0.1}[kind]
+    build = getattr(hg.observers, kind)
+    checks = {c.id: c for c in build(swing.form(), theta=20, decay=1, r=r, poles=(-1, -1)).checks}
+    assert checks[f"{kind}.convergence"].verdict is Verdict.PROVED
+    assert checks[f"{kind}.theta"].verdict is Verdict.UNKNOWN
+    theta = 1.01 * float(checks[f"{kind}.convergence"].reason.split()[1])
+    high = {c.id: c for c in build(swing.form(), theta=theta, decay=1, r=r, poles=(-1, -1)).checks}
+    assert high[f"{kind}.theta"].verdict is Verdict.PROVED
+    shape: Any = {"stubborn": "saturation", "dead_zone": "dead zone"}[kind]
+    adaptation, K = Adaptation(shape, Fraction(1), Fraction(r)), np.array([2.0, 1.0])
+    bound = theta_bound(integrators(kind, swing.form()), decays(adaptation, K))
+    assert isinstance(bound, SectorBound)
+    S, mu = np.array([1.0, float(bound.decay.growth)]), float(bound.decay.mu)
+    P = solve_continuous_lyapunov((np.diag(S) @ companion(K) @ np.diag(1 / S)).T, -np.eye(2))
+    rng = np.random.default_rng(0)
+    for _ in range(2000):
+        x, w = rng.uniform((-4, -20), (4, 20), (2, 2))
+        x = w + (x - w) * 10.0 ** rng.uniform(-4, 0)
+        error = x - w
+        sigma = (error[0] * rng.uniform(0, 2)) ** 2
+        sat = np.clip(error[0], -np.sqrt(sigma), np.sqrt(sigma))
+        injected = sat if kind == "stubborn" else error[0] - sat
+        rate = np.array([error[1], 0]) - np.array([theta, theta**2]) * K * injected + c(x, 0.0) - c(w, 0.0)
+        eps, moved = S * error / [1, theta], S * rate / [1, theta]
+        derivative = 2 * eps @ P @ moved
+        growth = theta * (r * error[0] ** 2 - sigma)
+        if kind == "dead_zone":
+            derivative += mu * growth
+        elif error[0] ** 2 > sigma:
+            derivative += mu * (2 * error[0] * rate[0] - growth)
+        assert derivative < 0

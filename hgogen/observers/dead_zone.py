@@ -30,7 +30,7 @@ THEOREM = Theorem(
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
         Hypothesis("r < lambda", verdict=Verdict.PROVED, reason="others are refused, and tuning keeps it"),
         Hypothesis("the linear core decays with its dead zone", ("dead_zone.core",)),
-        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis("theta is large enough", ("dead_zone.theta",), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,
@@ -51,7 +51,8 @@ def dead_zone(
 ) -> Observer:
     """The dead-zone observer on a form of one output with constant a_i.
 
-    Check: `dead_zone.core` (the linear core decays with the dead zone, for these lambda, r and K).
+    Checks: `dead_zone.core` (the linear core decays with the dead zone, for these lambda, r and K);
+    `dead_zone.convergence` (a bound on theta is proved), `dead_zone.theta` (theta is above it).
 
     Args: `theta` >= 1; `decay` lambda > 0 and `r`, 0 < r < lambda, both without unit; `poles` (n) of A - K C, or
     `gains` K (n) in their place; `sigma` its value at the start >= 0 (y^2); `initial` the plant's state; `accept` ids

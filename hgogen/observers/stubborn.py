@@ -29,7 +29,7 @@ THEOREM = Theorem(
         *FORM,
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
         Hypothesis("the linear core decays with its saturation: r is large enough", ("stubborn.core",)),
-        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis("theta is large enough", ("stubborn.theta",), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,
@@ -50,7 +50,8 @@ def stubborn(
 ) -> Observer:
     """The stubborn observer on a form of one output with constant a_i.
 
-    Check: `stubborn.core` (the linear core decays with the saturation, for these lambda, r and K).
+    Checks: `stubborn.core` (the linear core decays with the saturation, for these lambda, r and K);
+    `stubborn.convergence` (a bound on theta is proved), `stubborn.theta` (theta is above it).
 
     Args: `theta` >= 1; `decay` lambda > 0 and `r` > 0, both without unit; `poles` (n) of A - K C, or `gains` K (n) in
     their place; `sigma` its value at the start >= 0 (y^2); `initial` the plant's state; `accept` ids of refuted checks
