@@ -48,7 +48,7 @@ CASES: Mapping[str, Case] = MappingProxyType(
         "uniform": Case(most=1),
         "block_triangular": Case(({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2),
         "phase": Case(most=1, dear=True),
-        "state_affine": Case(dear=True, candidate=False),
+        "state_affine": Case(candidate=False),
         "original": Case(dear=True),  # its Lipschitz constant is dear, and no theorem covers it
     }
 )
