@@ -46,7 +46,7 @@ tuning = {
         "theta": 40,
         "theta_low": 10,
         "threshold": 0.01,
-        "hold": 0.5,
+        "hold": 1.1,
         "poles": (-1, -1, -1),
         "initial": START,
     },

@@ -14,7 +14,9 @@ from math import ceil
 import casadi as ca
 import numpy as np
 
+from hgogen.certified import of_poles
 from hgogen.check import Verdict
+from hgogen.dwell import switching
 from hgogen.form import Form
 from hgogen.injection import injection_gains, last_error, listed, moving_gain
 from hgogen.integrators import Integrators, integrators, observer_on
@@ -37,11 +39,11 @@ THEOREM = Theorem(
     (
         *FORM,
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
-        Hypothesis("theta and theta_low are large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis("theta and theta_low are large enough", ("switched_gain.theta",), reason="of their declared values"),
         Hypothesis(
-            "hold is long enough for the error to settle under theta before the gain is low",
-            verdict=Verdict.UNKNOWN,
-            reason="no bound is computed; some ten times 1/theta",
+            "hold is long enough for the error to decay from switch to switch",
+            ("switched_gain.hold",),
+            reason="some ten times 1/theta often are",
         ),
         Hypothesis(
             "the threshold is above what noise makes of e under either gain",
@@ -66,6 +68,9 @@ def switched_gain(
     accept: Iterable[str] = (),
 ) -> Observer:
     """The switched-gain observer on a form of one output with constant a_i.
+
+    Checks: `switched_gain.convergence` (a bound on a gain is proved), `switched_gain.theta` (both gains are above it),
+    `switched_gain.hold` (the time in the high gain makes up for every switch).
 
     Args: `theta` > `theta_low` >= 1; `threshold` d > 0 (unit of y); `hold` T_d > 0 (s), rounded up to whole samples;
     `poles` (n) of A - K C, or `gains` K (n) in their place; `initial` the plant's state; `accept` ids of refuted checks
@@ -96,6 +101,7 @@ def switched_gain(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"K = {listed(K)}, hold = {time:g} s"),
         reference=REFERENCE,
+        checks=switching("switched_gain", top, low, time, of_poles(form, K)),
         accepted=accept,
         traces=("level",),
     )

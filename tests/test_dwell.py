@@ -1,0 +1,108 @@
+"""How long a high gain must hold: by the norms of the jumps between two gains, and along switchings that are bad."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from plants import model
+
+import hgogen as hg
+from hgogen.certified import Nothing, ThetaBound, of_poles
+from hgogen.check import Check, Verdict
+from hgogen.dwell import switching
+
+HIGH, LOW, POLES = 40.0, 20.0, (3.0, 3.0, 1.0)  # s^3 + 3 s^2 + 3 s + 1
+
+
+@cache
+def form() -> hg.Form:
+    return hg.forms.triangular(model("disturbed_pendulum"))
+
+
+@cache
+def bound() -> ThetaBound:
+    found = of_poles(form(), POLES)
+    assert isinstance(found, ThetaBound)
+    return found
+
+
+def checks(theta: float, low: float, hold: float) -> dict[str, Check]:
+    return {check.id: check for check in switching("x", theta, low, hold, bound())}
+
+
+def shortest(theta: float, low: float) -> float:
+    """Of what V gains in both jumps at most, by the eigenvalues of pencils, and loses in between."""
+    P = np.array([[float(x) for x in row] for row in bound().lyapunov.P])
+    D = np.diag((theta / low) ** np.arange(3))
+    down = np.linalg.eigvals(np.linalg.solve(P, D @ P @ D)).real.max()
+    up = np.linalg.eigvals(np.linalg.solve(P, np.linalg.inv(D) @ P @ np.linalg.inv(D))).real.max()
+    peak = np.linalg.eigvalsh(P)[-1]
+    return float(np.log(down * up) / ((theta - 2 * peak * float(bound().lipschitz)) / peak))
+
+
+def test_the_time_is_enough_and_not_far_above_what_the_jumps_ask() -> None:
+    fix = checks(HIGH, LOW, 1e-3)["x.hold"].fix
+    least = float(fix.split()[3].rstrip(","))
+    assert checks(HIGH, LOW, 1.001 * least)["x.hold"].verdict is Verdict.PROVED
+    assert checks(HIGH, LOW, 0.99 * least)["x.hold"].verdict is Verdict.UNKNOWN
+    assert shortest(HIGH, LOW) < least < 4 * shortest(HIGH, LOW)
+
+
+def test_a_low_gain_below_the_bound_proves_nothing() -> None:
+    low = 0.99 * float(bound().theta)
+    found = checks(HIGH, low, 100.0)
+    assert found["x.convergence"].verdict is Verdict.PROVED
+    assert (found["x.theta"].verdict, found["x.hold"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
+    assert "theta_low" in found["x.theta"].fix
+    nothing = {check.id: check.verdict for check in switching("x", HIGH, LOW, 1.0, Nothing("no form"))}
+    assert set(nothing.values()) == {Verdict.UNKNOWN}
+
+
+@pytest.mark.parametrize("low_time", [0.001, 0.02, 0.2])
+def test_cycles_of_the_proved_time_contract(low_time: float) -> None:
+    """The pendulum's error over one cycle, as the proof has it: V in the coordinates of the high gain falls, whatever
+    the time in the low one, from random states of plant and estimate."""
+    hold = 1.001 * float(checks(HIGH, LOW, 1e-3)["x.hold"].fix.split()[3].rstrip(","))
+    P = np.array([[float(x) for x in row] for row in bound().lyapunov.P])
+    S = np.array([float(s.subs(form().system.nominal)) for s in bound().scale])
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        x = rng.uniform((-1, -1, -1), (1, 1, 1))
+        w = x + 0.1 * rng.standard_normal(3)
+        start = value(P, S, x - w)
+        for level, time in ((HIGH, hold), (LOW, low_time)):
+            steps = max(20, round(time * 4000))
+            for _ in range(steps):
+                x, w = moved(x, w, level, time / steps)
+        assert value(P, S, x - w) < start
+
+
+def value(P: np.ndarray, S: np.ndarray, error: np.ndarray) -> float:
+    eps = S * error / HIGH ** np.arange(3)
+    return float(eps @ P @ eps)
+
+
+def moved(x: np.ndarray, w: np.ndarray, level: float, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Plant and estimate a time h later, by Heun."""
+
+    def rate(both: np.ndarray) -> np.ndarray:
+        x, w = both[:3], both[3:]
+        K = level ** np.arange(1, 4) * np.array(POLES)
+        return np.concatenate([plant(x), plant(w) + K * (x[0] - w[0])])
+
+    both = np.concatenate([x, w])
+    first = rate(both)
+    both = both + h / 2 * (first + rate(both + h * first))
+    return both[:3], both[3:]
+
+
+def plant(x: np.ndarray) -> np.ndarray:
+    """x' by the form's own equations, at the nominal parameters; the states stay in the box."""
+    return np.asarray(_flow()(*x), dtype=float)
+
+
+@cache
+def _flow() -> Callable[..., list[float]]:
+    return sp.lambdify(form().states, [e.subs(form().system.nominal) for e in form().flow], "math")
