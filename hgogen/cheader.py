@@ -173,12 +173,19 @@ def _rates(step: Step) -> str:
     return ", ".join(f"{y} every {period:g} s" for y, period in zip(step.outputs, step.periods, strict=True))
 
 
+def _own(step: Step) -> list[str]:
+    """The fields that hold the estimate, in C: of the state, else of the members of a group."""
+    members = ((group.name, field) for group in step.groups for field in group.fields)
+    inside = [f"s.{name}[k].{field.name} of every k" for name, field in members if field.outer]
+    return [f"s.{field.name}" for field in step.state if field.outer] or inside
+
+
 def _manual(step: Step) -> list[str]:
     kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
         name=step.name,
         dt=f"{step.dt:g}",
-        own=" and ".join(f"s.{field.name}" for field in step.state if field.outer) or "the estimates in s",
+        own=" and ".join(_own(step)) or "the estimates in s",
         fill=" ".join([*(f"in.{s.name} = ...;" for s in step.inputs), *(f"out.{s.name} = ...;" for s in step.outputs)]),
         call=", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"]),
         structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),

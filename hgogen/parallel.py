@@ -73,7 +73,7 @@ class Parallel:
         updates = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
         return replace(
             every,
-            fields=(*shown, *self._counters(period)),
+            fields=(*map(_copy, shown), *self._counters(period)),
             groups=(Group("member", self.count, every.fields, "the observers in parallel", every.groups),),
             predict=(*loop(every.predict), show),
             update=tuple((*loop(self._update(clock, j, *both)), show) for j, both in enumerate(updates)),
@@ -179,6 +179,11 @@ class Parallel:
     def _after_the_oldest(self) -> Any:
         after = sym("state.oldest") + 1
         return ca.if_else(after >= self.count, 0, after)
+
+
+def _copy(field: Field) -> Field:
+    """What the step shows of a member's field; its box, too, is the member's."""
+    return replace(field, outer=False, meaning=f"{field.meaning} (the selected member's)")
 
 
 def _show(shown: tuple[Field, ...]) -> Loop:

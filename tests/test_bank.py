@@ -309,6 +309,16 @@ def text_of(made: Any, folder: Any) -> int:
     return int(emitted.run([size, "step.o"], folder).splitlines()[1].split()[0])
 
 
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [("decaying", "s.member[k].z of every k"), ("low_power", "s.member[k].p of every k and s.member[k].q of every k")],
+)
+def test_the_header_says_where_the_estimate_starts(name: str, place: str) -> None:
+    made = around(name)
+    text = hg.targets.c99(made, check=False)[f"{made.name}.h"]
+    assert f"write {place} after init or reset" in re.sub(r"\s+\*\s+", " ", text)
+
+
 def test_every_place_of_a_member_is_in_its_struct() -> None:
     """No part of a member that moves is left among what the step remembers once."""
     made = around("adaptive")
