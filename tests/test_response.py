@@ -11,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import MODELS, fitzhugh_nagumo, pendulum, two_outputs
 from test_cli import as_json, hgogen
+from test_every_observer import MODELS as EVERY
+from test_every_observer import step
 from test_hyperjerk import OMEGA, TABLES
 
 import hgogen as hg
@@ -137,6 +139,23 @@ def test_a_steps_response_tends_to_the_continuous_one() -> None:
     ]
     assert errors[0] == pytest.approx((20 * 2e-2) ** 2 / 12, rel=0.05)
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
+
+
+@pytest.mark.slow
+def test_every_shipped_observer_has_a_response_or_says_why_not() -> None:
+    """Where a step is short, h omega = .01, its response is the continuous one to (h omega)^2/12 and little more."""
+    done = []
+    for model in EVERY:
+        for tuned in EVERY[model].tuning.tables:
+            made = step(model, tuned)
+            omega = 0.01 / made.dt
+            try:
+                exact, found = hg.response(made.observer, omega), hg.response(made, omega)
+            except NoResponse:
+                continue
+            assert np.abs(found.H / exact.H - 1).max() < 2e-4
+            done.append(made.observer.name)
+    assert set(done) >= {"cascade", "filtered", "high_gain", "low_power", "peaking_free", "updated_gain"}
 
 
 # --- the command --------------------------------------------------------------------------------------------

@@ -12,15 +12,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from oracle import realised as oracle
-from plants import MODELS, fitzhugh_nagumo, model, pendulum, two_outputs
+from plants import fitzhugh_nagumo, model, pendulum, two_outputs
 from scipy.linalg import expm
+from test_every_observer import MODELS, record, step
 
 import hgogen as hg
 from hgogen import native
 from hgogen.core import core, nominal, numbers
 from hgogen.integrators import integrators
 from hgogen.kernels import balance, exponential, resolvent
-from hgogen.model import load
 from hgogen.observer import Ode
 from hgogen.program import sym
 from hgogen.sampled import NoRealisation
@@ -217,7 +217,7 @@ def test_the_rest_has_order_2(method: str, between: str) -> None:
 @pytest.mark.parametrize("name", ["filtered", "low_power"])
 def test_it_converges_at_ten_times_the_step_that_a_model_has(name: str, method: str) -> None:
     """The hyperjerk plant at 10 ms without noise: what is left is the line between samples and order 2."""
-    loaded = load(MODELS / "hyperjerk.py")
+    loaded = MODELS["hyperjerk"]
     trial = replace(loaded.trials()[0], noise={}, duration=15)
     step = hg.sample(loaded.step(name).observer, getattr(hg.methods, method), dt=0.01)
     (done,) = hg.trial.try_out(step, trial, engine="python")
@@ -261,7 +261,7 @@ def test_several_outputs_have_matrices_for_each_pattern_of_samples(method: str) 
 def test_c_is_python(name: str, method: str) -> None:
     y = np.sin(np.arange(300) * 0.03)
     y[50:60] = NAN
-    step = hg.sample(load(MODELS / "hyperjerk.py").step(name).observer, getattr(hg.methods, method), dt=0.01)
+    step = hg.sample(MODELS["hyperjerk"].step(name).observer, getattr(hg.methods, method), dt=0.01)
     python = step.run(y=y, engine="python")
     step.reset()
     c = step.run(y=y, engine="c")
@@ -315,3 +315,27 @@ def test_what_has_no_constant_core_is_refused(method: str) -> None:
     adapting = replace(observer.parts[0], frozen={"z": (1.0,) * 4})
     with pytest.raises(NoRealisation, match=start + "here z adapts, and the core with it: take rk4"):
         hg.sample(replace(observer, parts=(adapting,)), way, dt=0.01)
+
+
+# --- every observer that has a linear core -----------------------------------------------------------------
+
+
+@pytest.mark.slow
+@methods
+def test_every_shipped_observer_with_a_linear_core_does_what_runge_kutta_does(method: str) -> None:
+    """At the step of its model, whose h |lambda| is some 1e-2: an error of order 2, below 1%."""
+    done = []
+    for name in MODELS:
+        for tuned in MODELS[name].tuning.tables:
+            made = step(name, tuned)
+            try:
+                sampled = hg.sample(made.observer, getattr(hg.methods, method), dt=made.dt, between=made.between)
+            except NoRealisation:
+                continue
+            u, y = record(made)
+            rk4 = hg.sample(made.observer, hg.methods.rk4, dt=made.dt, between=made.between)
+            expected = rk4.run(u=u, y=y, engine="python").x
+            found = sampled.run(u=u, y=y, engine="python").x
+            assert np.abs(found - expected).max() < 1e-2 * np.abs(expected).max()
+            done.append(made.observer.name)
+    assert set(done) >= {"cascade", "filtered", "filtered_injection", "high_gain", "low_power", "peaking_free"}
