@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.dynamics import Dynamics
-from hgogen.observer import HUGE, BadGain, reals
+from hgogen.observer import HUGE, BadGain, gain, reals
 from hgogen.program import Field
 from hgogen.scaling import Scaling
 from hgogen.stability import steady_covariance
@@ -64,3 +64,9 @@ def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
     if any(not HUGE**-2 <= number <= HUGE**2 for number in numbers):
         raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {HUGE**2:g}")
     return numbers
+
+
+def wide(name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str) -> Field:
+    """A gain of positive numbers, tunable by six decades either way."""
+    numbers = tuple(map(float, values))
+    return gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)

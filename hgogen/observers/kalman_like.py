@@ -21,7 +21,7 @@ from hgogen.affine import known
 from hgogen.check import Verdict, demand
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import positive, spd
+from hgogen.kalman import positive, spd, wide
 from hgogen.observer import HUGE, BadGain, Observer, founded, gain, state_field
 from hgogen.persistence import persistent
 from hgogen.program import sym
@@ -91,17 +91,9 @@ def kalman_like(
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else covariance, n)
-    top, bottom = 1e6, 1e-6
     gains = (
         gain("rho", rate, 1e-3 * rate, 1e3 * rate, "rate at which the past is forgotten", "1/s"),
-        gain(
-            "R",
-            variances if outputs > 1 else variances[0],
-            bottom * min(variances),
-            top * max(variances),
-            "output noise",
-            "y^2 s",
-        ),
+        wide("R", variances, "output noise", "y^2 s"),
     )
     part = Riccati(
         dynamics=dynamics,

@@ -20,9 +20,9 @@ from hgogen.clamped import clamped
 from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import cap, positive, spd
+from hgogen.kalman import cap, positive, spd, wide
 from hgogen.kalman_theorems import of_form
-from hgogen.observer import BadGain, Observer, founded, gain, state_field
+from hgogen.observer import BadGain, Observer, founded, state_field
 from hgogen.program import sym
 from hgogen.riccati import Riccati
 from hgogen.scaling import ALIGNED, noise_equation, scaling
@@ -71,24 +71,9 @@ def riccati(
     noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
     variances = positive("R", R, outputs)
     shape, weights = factor(noise)
-    top, bottom = 1e6, 1e-6
     gains = (
-        gain(
-            "Q",
-            weights,
-            bottom * weights.min(),
-            top * weights.max(),
-            "process noise, diagonal factor",
-            "z^2/s",
-        ),
-        gain(
-            "R",
-            variances if outputs > 1 else variances[0],
-            bottom * min(variances),
-            top * max(variances),
-            "output noise",
-            "y^2 s",
-        ),
+        wide("Q", weights, "process noise, diagonal factor", "z^2/s"),
+        wide("R", variances, "output noise", "y^2 s"),
         *theta.gains,
     )
     dynamics = Dynamics(form)
