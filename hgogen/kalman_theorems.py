@@ -10,6 +10,8 @@ Busvelle, Gauthier, Automatica 46 (2010), with the numbers of its equations; Gau
 Theory and Applications" (2001); Busvelle's slides on decaying theta.
 """
 
+from dataclasses import replace
+
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -111,6 +113,12 @@ SCALED_AS = {  # by what theta scales
     ),
 }
 
+_LATE = replace(
+    SCALED_AS["process"],
+    verdict=Verdict.UNKNOWN,
+    reason="the slides are of one output; chains of unequal length, aligned at their ends, have delta R delta",
+)
+
 SMOOTHSTEP = Hypothesis(
     "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",
     verdict=Verdict.PROVED,
@@ -166,5 +174,8 @@ def of_form(theorem: Theorem, form: Form) -> Theorem:
     work."""
     if form.kind == "block_triangular":
         more = ALIGNMENTS.get(form.alignment)
-        return theorem.with_chains().under(*((more,) if more else ()))
+        chains = theorem.with_chains().under(*((more,) if more else ()))
+        late = form.alignment == "end" and len(set(form.blocks)) > 1
+        instead = {SCALED_AS["process"]: _LATE} if late else {}
+        return replace(chains, hypotheses=tuple(instead.get(each, each) for each in chains.hypotheses))
     return theorem if form.jacobian is None else theorem.under(OTHER_COORDINATES)

@@ -263,6 +263,14 @@ def test_the_motors_theorem_asks_its_alignment() -> None:
     assert found["b_(i,j) reads z_(k,l) for l <= j or j + n_k - n_i only"].standing == "unknown"
 
 
+@pytest.mark.parametrize(("align", "standing"), [("top", "proved"), ("end", "unknown")])
+def test_the_slides_theorem_knows_no_delta(align: str, standing: str) -> None:
+    """R is not scaled where delta = 1 alone."""
+    observer = hg.observers.riccati(form(align), Q=Q5, R=R2, theta=hg.theta.decaying(3.0, 1.0))
+    found = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
+    assert found["R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"] == standing
+
+
 def test_the_motors_load_is_found_sooner_where_theta_adapts() -> None:
     """Nor is the error larger by more than a tenth, once the load is found."""
     (trial,) = MOTOR.trials()
