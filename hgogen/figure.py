@@ -114,7 +114,7 @@ def response(continuous: Response, sampled: Response) -> Figure:
         for i, (axis, state) in enumerate(zip(axes, continuous.states, strict=True)):
             for j, output in enumerate(continuous.outputs):
                 for one, name, look in drawn:
-                    label = f"{name}, noise of {output}" if several else name
+                    label = f"{output}, {name}" if several else name
                     axis.loglog(one.omega, one.gain[:, i, j], label=label, alpha=0.7**j, **look)
             axis.axhline(1, color=MEASURED, linewidth=0.6)
             axis.set_ylabel(f"|H| to {_symbol(state)}")

@@ -16,6 +16,7 @@ from test_every_observer import step
 from test_hyperjerk import OMEGA, TABLES
 
 import hgogen as hg
+from hgogen import figure
 from hgogen.model import load
 from hgogen.observer import BadGain
 from hgogen.response import BadFrequency, NoResponse
@@ -71,6 +72,26 @@ def test_the_filtered_observer_rolls_off_one_power_faster_from_each_estimate_to_
     slopes = [np.log10(hg.response(each, ends).gain[:, :, 0]) @ np.eye(4) for each in (filtered, standard)]
     assert slopes[0][1] - slopes[0][0] == pytest.approx([-2, -3, -4, -5], abs=1e-3)
     assert slopes[1][1] - slopes[1][0] == pytest.approx([-1] * 4, abs=1e-3)
+
+
+def test_several_outputs() -> None:
+    """Two chains of a high-gain observer: each is the standard one of its length, and takes up nothing of the other's
+    noise."""
+    gains = {"theta": 5, "poles": ((-1, -2), (-1,))}
+    observer = hg.observers.high_gain(hg.forms.block_triangular(two_outputs()), **gains)
+    found = hg.response(observer, [3.0, 30.0])
+    assert (found.states, found.outputs) == (("x1", "x2", "x3"), ("y1", "y2"))
+    for rows, column, poles in ((slice(0, 2), 0, (-1, -2)), (slice(2, 3), 1, (-1,))):
+        alone = hg.observers.high_gain(integrators(len(poles)), theta=5, poles=poles)
+        assert found.H[:, rows, column] == pytest.approx(hg.response(alone, [3.0, 30.0]).H[:, :, 0], rel=1e-12)
+        assert not found.H[:, rows, 1 - column].any()
+    span = np.geomspace(0.1, 300, 20)
+    drawn = figure.response(
+        hg.response(observer, span), hg.response(hg.sample(observer, hg.methods.rk4, dt=0.01), span)
+    )
+    assert [text.get_text() for text in drawn.legends[0].get_texts()] == [
+        *("y1, continuous", "y1, step", "y2, continuous", "y2, step")
+    ]
 
 
 def test_estimates_in_other_coordinates_are_told() -> None:
