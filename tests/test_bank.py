@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -244,6 +245,17 @@ def test_every_observer_of_the_pendulum_can_be_a_member(name: str) -> None:
     assert np.array_equal(estimate(0), estimate(1))
     assert np.abs(estimate(0)).max() > 0
     assert estimate(0).shape == (n, 1)
+
+
+def test_an_estimate_is_carried_over_whatever_its_box() -> None:
+    alone = pendulum()
+    (part,) = alone.parts
+    bare = replace(alone, parts=(replace(part, fields=tuple(replace(f, outer=False) for f in part.fields)),))
+    made = hg.sample(hg.observers.bank(bare, count=2, period=0.01, selection="newest"), hg.methods.rk4, dt=0.001)
+    made.run(**waves(made, 11), engine="python")
+    memory = made._machine.memory
+    assert memory["state.oldest"][0] == 1
+    assert np.array_equal(memory["member.z"][0], memory["member.z"][1])
 
 
 def test_a_member_restarts_from_the_selected_estimate_with_its_first_gain() -> None:
