@@ -40,6 +40,18 @@ tuning = {
         "disturbance": (((0, 0), (0, 0), (0, 1)), (1, 0)),  # of the measurement, and of x3'
         "initial": START,
     },
+    "filtered": {"theta": 40, "alpha": 3, "beta": 1, "poles": (-1, -1, -1), "initial": START},
+    "filtered_injection": {
+        "theta": 40,
+        "F": ((-3, 0, 0), (1, -3, 0), (0, 1, -3)),
+        "G": (1, 0, 0),
+        "H": ((3, 0, 0), (0, 3, 0), (0, 0, 1)),
+        "initial": START,
+    },
+    "peaking_free": {"theta": 20, "initial": START},
+    "cascade": {"theta": 40, "initial": START},
+    "riccati": {"Q": (1e-6, 1e-3, 10), "R": 1e-9, "covariance": (1, 1000, 10), "initial": START},
+    "hamilton_jacobi": {"Q": (1e6, 1e3, 0.1), "R": 1e9, "P0": (1, 1e-3, 0.1), "initial": START},
     "high_gain": {"theta": 20, "poles": (-1, -1, -1), "initial": START},
     "low_power": {"theta": 10, "initial": START},
     "switched_gain": {

@@ -48,6 +48,16 @@ tuning = {
         "beta": 1,
         "poles": POLES,
     },
+    "filtered_injection": {
+        "theta": 10,
+        "F": ((-3, 0, 0, 0), (1, -3, 0, 0), (0, 1, -3, 0), (0, 0, 1, -3)),
+        "G": (1, 0, 0, 0),
+        "H": ((4, 0, 0, 0), (0, 6, 0, 0), (0, 0, 4, 0), (0, 0, 0, 1)),
+    },
+    "cascade": {"theta": 5},  # practical: the last row, which it does not know, is large here
+    # a tone is no white noise: R stands for its power over the filter's bandwidth
+    "riccati": {"Q": (0.4, 0.6, 1, 6), "R": 1e-3, "covariance": (9, 20, 40, 100)},
+    "hamilton_jacobi": {"Q": (2.5, 1.7, 1, 0.17), "R": 1e3, "P0": (0.11, 0.05, 0.025, 0.01)},
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},
     "peaking_free": {"theta": 10},

@@ -462,6 +462,40 @@ def test_the_installed_command(here: Path):
     assert bad.stderr.count("\n") == 1
 
 
+# --- observers by name --------------------------------------------------------------------------------------------
+
+PENDULUM = MODELS / "pendulum.py"
+
+
+def test_every_command_takes_an_observer_by_name(here: Path):
+    found = as_json("check", str(PENDULUM), "--observer", "low_power")
+    assert found["theorem"]["reference"].startswith("Astolfi, Marconi")
+    (trial,) = as_json("simulate", str(PENDULUM), "--observer", "low_power", "--seeds", "1")["trials"]
+    assert trial["rms"]["w"] < 0.01
+    (written,) = as_json("generate", str(PENDULUM), "--observer", "low_power", "-o", "c")["models"]
+    assert str(Path("c/pendulum_low_power/pendulum.c")) in written["files"]
+    header = (here / "c" / "pendulum_low_power" / "pendulum.h").read_text()
+    assert "hgogen generate pendulum --observer low_power" in header
+    assert "low_power" in header
+
+
+@pytest.mark.parametrize("command", ["check", "simulate", "build", "generate"])
+def test_an_observer_without_a_tuning_is_a_sentence(here: Path, command: str):
+    bare = here / "bare.py"
+    bare.write_text(PENDULUM.read_text().replace('"low_power": {"theta": 20},', ""))
+    _, err = hgogen(command, str(bare), "--observer", "low_power", status=2)
+    assert f"{bare}: it has tunings for " in err
+    assert "none for low_power; add 'low_power': {...} to tuning, with theta" in err
+
+
+def test_a_theory_that_refuses_says_why(here: Path):
+    """The observer's own sentence, with file and key."""
+    text = PENDULUM.read_text().replace('"low_power": {"theta": 20}', '"low_power": {"theta": 0.5}')
+    (here / "low.py").write_text(text)
+    _, err = hgogen("simulate", "low.py", "--observer", "low_power", status=2)
+    assert err == "hgogen: low.py, tuning.low_power: theta = 0.5 must be a finite number, at least 1\n"
+
+
 # --- names --------------------------------------------------------------------------------------------------------
 
 NAMES = """name = "names"

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from inspect import signature
+from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import hgogen as hg
 from hgogen import native
 from hgogen.call import CallableStep
 from hgogen.cprint import Real
+from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.trial import Trial, try_out
 from hgogen.tuning import Tuning
@@ -153,3 +155,62 @@ def test_no_number_harms_it(model: str, name: str) -> None:
     run = made.run(u=u, y=y, engine="python")
     assert np.isfinite(run.x).all()
     assert all(np.isfinite(trace).all() for trace in run.traces.values())
+
+
+def generic(n: int) -> dict[str, dict[str, Any]]:
+    """Gains by observer that say nothing of the plant, for n states and one output; a bank has those of its member."""
+    poles, eye, down = (-1.0,) * n, np.eye(n), np.eye(n, k=-1)
+    return {
+        **{name: {"theta": 10} for name in ("low_power", "peaking_free", "cascade")},
+        "high_gain": {"theta": 10, "poles": poles},
+        "filtered": {"theta": 10, "alpha": 3, "beta": 1, "poles": poles},
+        "filtered_injection": {"theta": 10, "F": -3 * eye + down, "G": eye[0], "H": np.diag(LINE[n])},
+        "switched_gain": {"theta": 10, "theta_low": 5, "threshold": 0.1, "hold": 0.2, "poles": poles},
+        "updated_gain": {"p_1": 0.15, "p_2": 5, "p_3": 6, "cap": 100, "poles": poles, "b": n / 2},
+        "stubborn": {"theta": 10, "decay": 0.5, "r": 3, "poles": poles},
+        "dead_zone": {"theta": 10, "decay": 1, "r": 0.3, "poles": poles},
+        "lambda_tracking": {
+            "k_0": 5,
+            "k_max": 50,
+            "gamma": 100,
+            "strip": 0.01,
+            "reach": 0.5,
+            "poles": poles,
+            "model": True,
+        },
+        "adaptive_lmi": {**LMI.get(n, LMI[2]), "gamma": (20.53, 80), "rise": 20, "threshold": 0.1},
+        "riccati": {"Q": (1.0,) * n, "R": 1.0},
+        "hamilton_jacobi": {"Q": (1.0,) * n, "R": 1.0},
+        "kalman_like": {"rho": 1.0, "R": 1.0},
+    }
+
+
+LINE = {n: [comb(n, i) for i in range(1, n + 1)] for n in range(1, 9)}  # all poles at -1
+LMI = {
+    len(table["K"]): {key: table[key] for key in ("K", "P", "sigma")}
+    for table in (
+        MODELS[name].tuning.tables["adaptive_lmi"] for name in ("pendulum", "disturbed_pendulum", "hyperjerk")
+    )
+}
+
+
+def refusal(plant: hg.System, name: str, gains: dict[str, Any]) -> str:
+    """Why there is no such observer on the triangular form of the plant; empty where there is one."""
+    try:
+        hg.sample(getattr(hg.observers, name)(hg.forms.triangular(plant), **gains), dt=1e-6)
+    except HgogenError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", MODELS)
+def test_what_has_no_tuning_is_refused_by_the_theory(model: str) -> None:
+    """On the triangular form, which an observer takes unless its tuning says another."""
+    plant = MODELS[model].plant
+    tuned = {kind(model, name) for name in MODELS[model].tuning.tables}
+    gains = generic(len(plant.states))
+    assert set(gains) | {"bank"} == set(hg.observers.__all__)
+    told = {name: refusal(plant, name, gains[name]) for name in sorted(set(gains) - tuned)}
+    built = [name for name, sentence in told.items() if not sentence]
+    assert not built, f"add a tuning of {', '.join(built)} to {MODELS[model].path}"
