@@ -16,6 +16,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.certified import checks
+from hgogen.certified_core import Layout, of_core
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
@@ -37,7 +39,7 @@ THEOREM = Theorem(
             reason="in exact arithmetic; others are refused",
             reference="(19)",
         ),
-        Hypothesis("theta is large enough", verdict=Verdict.UNKNOWN, reason="no bound is computed"),
+        Hypothesis("theta is large enough", ("filtered_injection.theta",), reason="of its declared value"),
         *OPERATION,
     ),
     f"{REFERENCE}, Theorem 2",
@@ -58,6 +60,9 @@ def filtered_injection(
 ) -> Observer:
     """The observer with a filter of the user's in its output injection, on a form of one output with constant a_i.
 
+    Checks: `filtered_injection.convergence` (a bound on theta is proved), `filtered_injection.theta` (theta is above
+    it).
+
     Args: `theta` >= 1, the paper's k; `F` (m, m), `G` (m), `H` (n, m) of the filter, `N` (n, n), by default the unit
     matrix; `initial` the plant's state; `accept` ids of refuted checks to build on all the same.
 
@@ -70,7 +75,8 @@ def filtered_injection(
     m = source.size
     source, filter_ = _matrix("G", source, (m,)), _matrix("F", F, (m, m))
     pushed = _matrix("N", np.eye(n) if N is None else N, (n, n)) @ _matrix("H", H, (n, m))
-    demand_hurwitz("N, F, G, H", _core(filter_, source, pushed), "choose them such that Q decays")
+    core = _core(filter_, source, pushed)
+    demand_hurwitz("N, F, G, H", core, "choose them such that Q decays")
     eta = Field("eta", (0.0,) * m, meaning="state of the injection's filter")
     fields = (chain.field(initial, high.initial[0]), eta)
 
@@ -84,6 +90,7 @@ def filtered_injection(
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(m, 1)}
 
+    layout = Layout((*range(n), *[0] * m), (True,) * n + (False,) * m)
     return observer_on(
         chain,
         "filtered_injection",
@@ -93,6 +100,7 @@ def filtered_injection(
         theorem=THEOREM,
         equations=EQUATIONS,
         reference=REFERENCE,
+        checks=checks("filtered_injection", high.initial[0], of_core(chain, layout, [core])),
         accepted=accept,
     )
 
