@@ -39,6 +39,12 @@ class ConstantGain:
     vertices: np.ndarray
     bound: ThetaBound | Nothing
 
+    def __str__(self) -> str:
+        heads = [sum(self.sizes[:i]) for i in range(len(self.sizes))]
+        texts = [str(k.evalf(6) if k.free_symbols else f"{float(k):g}") for k in self.K]
+        each = (", ".join(texts[head : head + size]) for head, size in zip(heads, self.sizes, strict=True))
+        return ", ".join(f"({chain})" for chain in each)
+
     @property
     def labels(self) -> tuple[str, ...]:
         """theta K_1, theta^2 K_2, ..; chain by chain of several."""

@@ -10,6 +10,7 @@
  * Form: triangular, z1 = q, z2 = w
  * Observer
  *   z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)
+ *   K = (2, 1)
  *   theta = 20
  * Method: classical Runge-Kutta, dt = 0.001 s
  * Between samples the input is on a line

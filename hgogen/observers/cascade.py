@@ -25,6 +25,7 @@ from hgogen.check import Verdict
 from hgogen.core import numbers
 from hgogen.form import Form
 from hgogen.gains import BadPoles, coefficients
+from hgogen.injection import listed
 from hgogen.integrators import Integrators, integrators, observer_on
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, reals, tunable
 from hgogen.program import INF, Field, sym
@@ -103,7 +104,7 @@ def cascade(
         gains=(high,),
         w=ca.vertcat(*estimates(sym("state.v", n), chain.saturated, lambda w: chain.nonlinear(w, u))),
         theorem=THEOREM,
-        equations=EQUATIONS,
+        equations=(*EQUATIONS, f"alpha = {listed(alpha)}"),
         reference=REFERENCE,
         accepted=accept,
     )

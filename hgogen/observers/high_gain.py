@@ -105,10 +105,14 @@ def high_gain(
         checks=(*form.checks, *clamped("high_gain", form), *checks("high_gain", theta, chosen.bound)),
         accepted=accept,
         theorem=_theorem(form, chosen),
-        equations=(_ORIGINAL if form.jacobian is not None else _SEVERAL if len(form.blocks) > 1 else _STANDARD,),
+        equations=(_equation(form), f"K = {chosen}"),
         reference=REFERENCE,
         notices=_notices(dynamics, least) if least > 0 else (),
     )
+
+
+def _equation(form: Form) -> str:
+    return _ORIGINAL if form.jacobian is not None else _SEVERAL if len(form.blocks) > 1 else _STANDARD
 
 
 def _theorem(form: Form, chosen: ConstantGain) -> Theorem:

@@ -23,6 +23,7 @@ from hgogen.check import Verdict
 from hgogen.core import core_numbers
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
+from hgogen.injection import listed
 from hgogen.integrators import integrators, observer_on, rows, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter
 from hgogen.pairs import errors, injected, pair_gains
@@ -97,7 +98,7 @@ def low_power(
         gains=(high,),
         w=ca.vertcat(sym("state.p", pairs)[0], sym("state.q", pairs)),
         theorem=THEOREM,
-        equations=EQUATIONS,
+        equations=(*EQUATIONS, f"(k_i1, k_i2) = {', '.join(map(listed, k))}"),
         reference=REFERENCE,
         checks=checks("low_power", high.initial[0], of_core(chain, layout, [core])),
         accepted=accept,

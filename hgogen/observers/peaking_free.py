@@ -24,6 +24,7 @@ from hgogen.check import Verdict
 from hgogen.core import core_numbers
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
+from hgogen.injection import listed
 from hgogen.integrators import integrators, observer_on, rows, shifted
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, positive
 from hgogen.pairs import errors, injected, pair_gains
@@ -109,7 +110,7 @@ def peaking_free(
         gains=(high,),
         w=sym("state.p", n),
         theorem=THEOREM,
-        equations=EQUATIONS,
+        equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {alpha:g}"),
         reference=REFERENCE,
         checks=checks("peaking_free", high.initial[0], of_core(chain, layout, vertices(chain, fields, lines, one))),
         accepted=accept,
