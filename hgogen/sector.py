@@ -39,6 +39,7 @@ from hgogen.digits import down, up
 from hgogen.injection import companion
 from hgogen.integrators import Integrators
 from hgogen.lmi import lyapunov
+from hgogen.polytope import chains
 
 Shape = Literal["dead zone", "saturation"]
 
@@ -136,9 +137,10 @@ def core_check(id: str, adaptation: Adaptation, found: Iterable[Decay]) -> Check
 def theta_bound(chain: Integrators, found: Iterable[Decay]) -> SectorBound | Nothing:
     """The smallest bound on theta that the proofs give with c."""
     best: SectorBound | Nothing = Nothing("the linear core is not shown to decay")
+    (a,) = chains(chain.form)
     for one in found:
-        powers = (sp.Rational(one.growth.numerator, one.growth.denominator) ** i for i in range(chain.n))
-        steep = slope(chain.form, [power * product for power, product in zip(powers, chain.products, strict=True)])
+        g = sp.Rational(one.growth.numerator, one.growth.denominator)
+        steep = slope(chain.form, [g**i * sp.Mul(*a[: i + 1]) for i in range(chain.n)])
         if isinstance(steep, Nothing):
             return steep
         assert steep.high is not None

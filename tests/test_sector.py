@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import swing
+import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle.swing import c
@@ -92,6 +93,19 @@ def test_every_proof_holds_in_its_coordinates(shape: Any, r: float, poles: tuple
         form = adaptation.form(N, S @ K, P, float(one.mu), float(one.tau))
         assert np.linalg.eigvalsh(form)[-1] < -float(one.margin) * (1 - 1e-3) < 0
         assert np.linalg.eigvalsh(P)[-1] == pytest.approx(float(one.peak), rel=1e-3)
+
+
+def test_parameters_in_the_chain_have_their_values_in_the_bound() -> None:
+    """a_2 = 2, a_3 = k: w_3 = 2 k z_3, and with w_i' = w_(i+1) + .. the slope of c_3 = -2 k sin z_1 is 2 k."""
+    x = [hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2, 3)]
+    y, k = hg.Signal("y"), hg.Signal("k", nominal=0.5)
+    flow = [2 * x[1], k * x[2], -sp.sin(x[0])]
+    plant = hg.System("scaled", states=x, outputs=(y,), parameters=(k,), flow=flow, output=[x[0]])
+    chain = integrators("x", hg.forms.triangular(plant))
+    found = decays(Adaptation("saturation", Fraction(1), Fraction(10)), np.array([3.0, 3.0, 1.0]))
+    bound = theta_bound(chain, found[:1])
+    assert isinstance(bound, SectorBound)
+    assert float(bound.lipschitz) == pytest.approx(1, rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["stubborn", "dead_zone"])
