@@ -206,6 +206,10 @@ def _whole_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence
     return _steep(form, (*form.flow, *form.output), check.proofs[0], _LOOSE) if check.proofs else None
 
 
+def _flow_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    return _steep(form, form.flow, check.proofs[0], _LOOSE) if check.proofs else None
+
+
 def _steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
     """A bound of the rows' Jacobian in the spectral norm, which an order and signs of the states do not change."""
     if proof.high is None:
@@ -279,6 +283,8 @@ _MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
     (Verdict.PROVED, r"uniform\.slope_(\d+)", _slope),
     (Verdict.REFUTED, r"uniform\.slope_(\d+)", _no_slope),
     (Verdict.PROVED, r"uniform\.lipschitz", _whole_lipschitz),
+    (Verdict.PROVED, r"state_affine\.structure", _nothing),
+    (Verdict.PROVED, r"state_affine\.lipschitz", _flow_lipschitz),
     (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),
     (Verdict.PROVED, r"phase\.chain", _chain),
     (Verdict.PROVED, r"phase\.rank", _rank),

@@ -20,6 +20,7 @@ from hgogen.recheck_context import (
     on,
     only,
     short,
+    value_of,
 )
 from hgogen.recheck_file import Certificate, Claim, FormFile, part
 from hgogen.recheck_phase import phases, rank
@@ -210,6 +211,33 @@ def _uniform_lipschitz(context: Context, claim: Claim, place: Row) -> Shown:
     return _steep(context, claim, (*context.rates, *context.form.output), "d(F, h)/dz")
 
 
+def _affine_structure(context: Context, claim: Claim, place: Row) -> Shown:
+    """y = d + sum c_k z_k with d = y(0), c_k = y(z_k = 1) - y(0) for every z, so that both are of no state; A, b read
+    states that an output shows alone, with a number for c_k."""
+    _ = context.equations
+    z, measured = context.z, list[str]()
+    zero, one = context.algebra.number(Fraction(0)), context.algebra.number(Fraction(1))
+    rest = {**context.letters, **dict.fromkeys(z, zero)}
+    for j, output in enumerate(context.form.output, 1):
+        d = value_of(output, rest, context.algebra)
+        slopes = {name: value_of(output, {**rest, name: one}, context.algebra) - d for name in z}
+        line = sum((slopes[name] * context.letters[name] for name in z), start=d)
+        if not context.algebra.is_zero(context.value(output) - line):
+            raise NotShown(f"output {j} is not affine in the states")
+        seen = [name for name in z if not context.algebra.is_zero(slopes[name])]
+        measured += seen if len(seen) == 1 and slopes[seen[0]].number is not None else []
+    for i, (entries, rest_) in enumerate(zip(context.form.A, context.form.b, strict=True), 1):
+        for row in (*entries, rest_):
+            only(row.names & set(z), measured, f"row {i} of A or b")
+    _ranges(context)
+    return Shown(f"A and b read {', '.join(measured) or 'no state'}, and the form's equations are the plant's")
+
+
+def _affine_lipschitz(context: Context, claim: Claim, place: Row) -> Shown:
+    """|d(A z + b)/dz| <= bound in the spectral norm, on the box."""
+    return _steep(context, claim, context.rates, "d(A z + b)/dz")
+
+
 def _inverse(context: Context, claim: Claim, place: Row) -> Shown:
     """z = Z(x) and x = X(z) undo each other and have finite derivatives on their boxes."""
     _ = context.equations
@@ -281,6 +309,8 @@ RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
     ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope, _RANGE),
     ("uniform", r"uniform\.slope_(\d{1,4})", "refuted", _no_slope, (*_POINT, "other")),
     ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz, _STEEP),
+    ("state_affine", r"state_affine\.structure", "proved", _affine_structure, _NONE),
+    ("state_affine", r"state_affine\.lipschitz", "proved", _affine_lipschitz, _STEEP),
     ("triangular", r"high_gain\.convergence", "proved", convergence, (*_STEEP, "scale", "core", "P", "peak")),
     ("triangular", r"high_gain\.theta", "proved", theta, _NONE),
     ("*", r"phase\.chain", "proved", phases, ("chain",)),
@@ -316,12 +346,14 @@ def required(certificate: Certificate) -> tuple[str, ...]:
     and what a form of proved structure needs beside."""
     form = certificate.form
     kind, blocks = form.kind, form.blocks
-    if kind not in ("triangular", "uniform", "block_triangular"):
+    if kind not in ("triangular", "uniform", "block_triangular", "state_affine"):
         return ()
     structure = f"{kind}.structure"
     if not any(claim.id == structure and claim.verdict == "proved" for claim in certificate.claims):
         return (structure,)
-    if kind == "block_triangular":
+    if kind == "state_affine":
+        rows = []
+    elif kind == "block_triangular":
         rows = [f"a_{k}_{i}" for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
     else:
         rows = [f"{'a' if kind == 'triangular' else 'slope'}_{i}" for i in range(1, len(form.states) + 1)]

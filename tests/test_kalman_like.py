@@ -1,5 +1,6 @@
 """The Kalman-like observer: its form, the persistence of inputs, and the observer where a_2(u) vanishes."""
 
+import json
 import sys
 from dataclasses import replace
 from functools import cache
@@ -18,12 +19,14 @@ from plants import MODELS, chain, model
 import hgogen as hg
 from hgogen import excitation, layout, native
 from hgogen.affine import measurements
-from hgogen.check import Refuted, Verdict
+from hgogen.certificate import certificate
+from hgogen.check import Check, Refuted, Verdict
 from hgogen.covariance import unpack
 from hgogen.model import load
 from hgogen.native import run_check
 from hgogen.observer import BadGain
 from hgogen.persistence import persistent
+from hgogen.recheck import recheck
 from hgogen.stability import Limit
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, t, try_out
@@ -410,3 +413,32 @@ def test_a_form_or_an_input_that_does_not_fit_is_refused() -> None:
     with pytest.raises(Refuted, match=r"kalman_like\.persistence.*Vary the input"):
         kalman_like(inputs={"u": 0}, period=None)
     assert kalman_like(inputs={"u": 0}, period=None, accept="kalman_like.persistence").accepted
+
+
+# --- certificates -------------------------------------------------------------------------------------------
+
+
+def rechecked(form: hg.Form, checks: tuple[Check, ...]) -> dict[str, str]:
+    return {row.id: row.found for row in recheck(json.dumps(certificate(form, checks))).rows}
+
+
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "lorenz", "pmsm"])
+def test_a_second_arithmetic_verifies_the_form(name: str) -> None:
+    (path,) = MODELS.glob(f"{name}.*")
+    form = hg.forms.state_affine(load(path).plant)
+    assert set(rechecked(form, form.checks).values()) == {"verified"}
+
+
+@pytest.mark.parametrize(
+    ("flow", "output"),
+    [
+        ([u * x2, sp.sin(x2)], (x1,)),  # a rate of what is hidden
+        ([x2, -x1], (x1**2,)),  # an output that is not affine
+        ([x2 + sp.sin(x1), 0], (u * x1,)),  # measured, where u is not 0
+        ([x2 * x3, x1, 0], (x1 + x3,)),  # nothing is shown alone
+    ],
+)
+def test_a_structure_that_is_not_there_is_not_verified(flow: list[Any], output: tuple[Any, ...]) -> None:
+    form = hg.forms.state_affine(plant(flow, *output))
+    said = replace(form.checks[0], verdict=Verdict.PROVED)
+    assert rechecked(form, (said,))["state_affine.structure"] == "open"
