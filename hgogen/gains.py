@@ -32,18 +32,20 @@ class BadPoles(HgogenError):
 
 @dataclass(eq=False)
 class OutsideParabola(HgogenError):
-    """Poles of A - L C at which a filtered output injection does not decay: `poles` are those outside S, `ratio` is
-    alpha^2/beta, and any ratio above `least` admits them."""
+    """Poles of A - L C at which a filtered output injection does not decay: `poles` are those outside S, `eigenvalue`
+    the worst that M has of them, `ratio` is alpha^2/beta, and any ratio above `least` admits them."""
 
     poles: tuple[complex, ...]
+    eigenvalue: complex
     ratio: Fraction
     least: Fraction
 
     def __str__(self) -> str:
         return (
             f"poles {', '.join(f'{p:g}' for p in self.poles)}: outside the parabola alpha^2 Re + beta Im^2 < 0, so "
-            f"that the filtered error core does not decay; alpha^2/beta = {float(self.ratio):.6g} must be above "
-            f"{up(self.least, 6)} to admit them: raise alpha, lower beta, or give them smaller imaginary parts"
+            f"that the filtered error core has the eigenvalue {self.eigenvalue:.6g}; alpha^2/beta = "
+            f"{float(self.ratio):.6g} must be above {up(self.least, 6)} to admit them: raise alpha, lower beta, "
+            "or give them smaller imaginary parts"
         )
 
 
@@ -83,7 +85,8 @@ def demand_parabola(poles: Iterable[complex], alpha: float, beta: float) -> None
     outside = {complex(pole): least_ratio(complex(pole)) for pole in poles}
     outside = {pole: least for pole, least in outside.items() if least >= ratio}
     if outside:
-        raise OutsideParabola(tuple(outside), ratio, max(outside.values()))
+        worst = max(filtered_spectrum(outside, alpha, beta), key=lambda value: value.real)
+        raise OutsideParabola(tuple(outside), complex(worst), ratio, max(outside.values()))
 
 
 def filtered_spectrum(poles: Iterable[complex], alpha: float, beta: float) -> np.ndarray:

@@ -53,6 +53,8 @@ def test_example_2() -> None:
     ) as caught:
         demand_parabola(SECOND, 0.1, 0.1)
     assert caught.value.poles == SECOND[-2:]
+    assert abs(caught.value.eigenvalue) == pytest.approx(abs(0.0421480641 + 0.3255630j), abs=1e-7)
+    assert caught.value.eigenvalue.real == pytest.approx(0.0421480641, abs=1e-9)
     assert float(caught.value.least) == pytest.approx(0.36, rel=1e-15)
 
 
