@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import high_gain as oracle
 from oracle.sampled import run
-from plants import chain, fitzhugh_nagumo, two_outputs
+from plants import chain, fitzhugh_nagumo, two_outputs, van_der_pol
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 
@@ -22,7 +22,7 @@ from hgogen.certified import Nothing, ThetaBound, of_gains, of_poles, suggested
 from hgogen.check import Verdict
 from hgogen.core import core_numbers, nominal
 from hgogen.gains import BadPoles, coefficients
-from hgogen.hurwitz import NotHurwitz
+from hgogen.hurwitz import NotHurwitz, hurwitz
 from hgogen.observer import BadGain
 from hgogen.runge_kutta import RK4
 from hgogen.scaling import exponents
@@ -86,6 +86,24 @@ def test_the_gains_of_1992(n: int) -> None:
     given_ = hg.observers.high_gain(form, theta=10, gains=K)
     found = core_numbers(given_.parts[0], 1, nominal(given_))
     assert np.poly(found) == pytest.approx([comb(n, i) * 10.0**i for i in range(n + 1)], rel=1e-9)
+
+
+def test_a_power_of_theta_less_would_be_unstable() -> None:
+    """diag(1, .., theta^(n-1)) K in its place: s^3 + 3 s^2 + 3 theta s + theta^2, by Routh, wants theta < 9."""
+    for theta, decays in ((8.0, True), (10.0, False)):
+        matrix = np.diag(np.ones(2), 1) - np.outer([3, 3 * theta, theta**2], [1, 0, 0])
+        assert hurwitz(matrix) is decays
+    observer = hg.observers.high_gain(hg.forms.triangular(chain(3)), theta=10, poles=[-1] * 3)
+    assert hurwitz(core_numbers(observer.parts[0], 1, nominal(observer)))
+
+
+def test_gains_in_the_plants_own_coordinates() -> None:
+    form, y = hg.forms.phase(van_der_pol(), original=True), np.sin(np.arange(200) * 0.01)
+    each = ({"poles": (-1, -2)}, {"gains": (3, 2)})
+    found = [
+        hg.sample(hg.observers.high_gain(form, theta=5, **kind), dt=0.01).run(y=y, engine="python").x for kind in each
+    ]
+    assert np.array_equal(*found)
 
 
 def test_gains_and_poles_are_the_same_observer() -> None:
