@@ -44,12 +44,12 @@ class Scaling:
         """theta^(1+g)."""
         return power(theta, 1 + self.gauge)
 
-    def variance(self, R: Any, theta: Any, output: int, period: Any = 1) -> Any:
+    def variance(self, R: Any, theta: Any, output: int, period: float = 1.0) -> Any:
         """R_theta/period of an output, whose own R is given."""
         exponent = self._exponents[output]
         if exponent < 0:
             return R / (power(theta, -exponent) * period)
-        return (R if exponent == 0 else R * power(theta, exponent)) / period
+        return (R if exponent == 0 else R * power(theta, exponent)) * (1 / period)
 
     def weight(self, R: Any, theta: Any, output: int) -> Any:
         """1/R_theta of an output."""
