@@ -64,6 +64,15 @@ def test_the_linear_core_limits_the_step() -> None:
     assert hg.sample(observer(decay=8), hg.methods.rk4, dt=1e-3).limit == pytest.approx(2.785 / 160, rel=1e-3)
 
 
+def test_what_one_sample_adds_to_the_level() -> None:
+    """2 theta r e^2 dt/3, from both its sides; the level of before is some 1e-5 times that, its decay 1%."""
+    y = swing.noisy(0)
+    quiet = swing.run(observer(), y, engine="python").traces["sigma"][2001]
+    y[2000] += 3
+    after = swing.run(observer(), y, engine="python").traces["sigma"][2001]
+    assert after - quiet == pytest.approx(2 * 20 * 3 * 3**2 * swing.DT / 3, rel=0.05)
+
+
 def test_a_level_of_0_opens() -> None:
     """From sigma = 0 nothing is injected at first; sigma grows with e^2 and never becomes negative."""
     run = swing.run(observer(sigma=0), swing.truth().y, engine="python")

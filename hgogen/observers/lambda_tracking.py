@@ -36,6 +36,10 @@ EQUATIONS = (
     "xhat_i' = xhat_(i+1) + p_i k^i e, xhat_n' = {phi}p_n k^n e, e = y - xhat_1",
     "k' = gamma d(e)^2, d(e) = |e| - strip limited to [0, reach - strip]",
 )
+MODELLED = (
+    "the gain converges, the output error tends to the strip |e| <= strip, and the error of the estimate is of order "
+    "1/k; it tends to 0 where the gain ends above what the slope of phi asks for, of which the law knows nothing"
+)
 THEOREM = Theorem(
     "the gain converges, the output error tends to the strip |e| <= strip, and the error of the estimate is of order "
     "1/k: it does not tend to 0",
@@ -120,7 +124,7 @@ def lambda_tracking(
             gain("reach", end, 1e-3 * end, 1e3 * end, "output error from which it grows no faster", "y"),
         ),
         w=sym("state.w", chain.n),
-        theorem=THEOREM,
+        theorem=replace(THEOREM, conclusion=MODELLED) if model else THEOREM,
         equations=(
             *(line.format(phi="c_n + " if model else "") for line in EQUATIONS),
             f"p = {listed(p)}, k(0) = {least:g}, k <= {most:g}",

@@ -1,11 +1,12 @@
-"""Stubborn high-gain observer: an output error that leaps, as an outlier does, is injected no more than what was usual.
+"""Stubborn high-gain observer: of an output error that leaps, as an outlier does, no more than the usual is injected.
 
     w' = A w + c(w, u) + diag(theta, .., theta^n) K sat e,   e = y - w_1,   |sat e| <= sqrt sigma
     sigma' = theta (-lambda sigma + r e^2),   sigma >= 0,   lambda > 0,   r > 0
 
 in the coordinates of `integrators`, the argument of c saturated to the declared box; l of the paper is theta. An error
-that lasts opens the saturation at the rate theta r. Source: Astolfi, Alessandri, Zaccarian, "Stubborn and dead-zone
-redesign for nonlinear observers and filters", IEEE TAC 66(2) (2021).
+that lasts opens the saturation: one sample of it, on lines to its neighbours, adds 2 theta r e^2 dt/3 to sigma. Source:
+Astolfi, Alessandri, Zaccarian, "Stubborn and dead-zone redesign for nonlinear observers and filters", IEEE TAC 66(2)
+(2021).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,8 +24,8 @@ REFERENCE = (
     "IEEE TAC 66(2) (2021)"
 )
 THEOREM = Theorem(
-    "the estimate converges exponentially from any initial state, for theta large enough; a brief outlier, however "
-    "large, is injected at the level that errors had before it",
+    "the estimate converges exponentially from any initial state, for theta large enough; of an outlier no more than "
+    "sqrt sigma is injected, which one sample of it raises by 2 theta r e^2 dt/3 under the root",
     (
         *FORM,
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
