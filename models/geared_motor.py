@@ -39,6 +39,13 @@ plant = hg.System(
 )
 
 tuning = {
+    "high_gain": {
+        "form": {"kind": "block_triangular", "align": "end"},
+        "method": "rk4",
+        "dt": 1e-3,
+        "theta": 30,
+        "poles": ((-1,), (-1, -1, -1)),
+    },
     "riccati": {
         "form": {"kind": "block_triangular", "align": "end"},
         "dt": 1e-3,
