@@ -128,6 +128,16 @@ def test_a_pair_is_the_standard_observer() -> None:
     assert found.theta <= standard.theta * 1.001
 
 
+def test_only_what_is_fed_counts() -> None:
+    """|P G| in floats: of the filtered observer the columns of w; of the low-power one p_2 and q_1 get c_2 together."""
+    for kind, groups in (("filtered", [[0], [1], [2]]), ("low_power", [[0], [1, 2], [3]])):
+        found = bound_of(kind, "3")
+        P = np.array([[float(x) for x in row] for row in found.lyapunov.P])
+        G = np.array([[float(k in group) for group in groups] for k in range(len(P))])
+        assert float(found.push) == pytest.approx(np.linalg.norm(P @ G, 2), rel=1e-4)
+        assert float(found.push) >= np.linalg.norm(P @ G, 2)
+
+
 def test_the_error_decays_as_proved_through_saturations() -> None:
     """The peaking-free observer of the pendulum, from the far corner of the box: V(t) <= exp(-2 r t) V(0)."""
     found = bound_of("peaking_free", "pendulum")

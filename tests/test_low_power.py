@@ -4,6 +4,7 @@ from functools import cache
 from math import comb
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
@@ -19,8 +20,10 @@ from hgogen import native
 from hgogen.core import core_numbers, nominal
 from hgogen.gains import BadPoles
 from hgogen.hurwitz import NotHurwitz, hurwitz
+from hgogen.integrators import integrators
 from hgogen.observer import BadGain
 from hgogen.pairs import from_poles
+from hgogen.program import sym
 from hgogen.theorem import rows
 
 NAN = float("nan")
@@ -292,6 +295,18 @@ def test_forms_it_does_not_take(kind: str) -> None:
         observer(hg.forms.original(two_outputs()), theta=2)
     with pytest.raises(BadGain, match=r"a_2 = -u depends on the input"):
         observer(fitzhugh_nagumo().form, theta=2, accept="triangular.a_2")
+
+
+@pytest.mark.parametrize("nominal", [-1.0, 0.5])
+def test_a_range_turns_with_the_sign_of_its_scale(nominal: float) -> None:
+    """w_2 = a x2, x2 in [-1, 3], a of a sign that is not shown."""
+    x = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=3)
+    a = hg.Signal("a", "", "", nominal, low=-2, high=1)
+    data = {"states": x, "parameters": (a,), "outputs": [hg.Signal("y")], "output": [x[0]]}
+    either = hg.forms.triangular(hg.System("either", **data, flow=[a * x[1], -x[0]]))
+    held, place = integrators("peaking_free", either), sym("plant.a")
+    found = ca.Function("sat", [place], [ca.vertcat(*(held.saturated(ca.SX(end), 1) for end in (-9, 9)))])(nominal)
+    assert np.array(found).reshape(-1) == pytest.approx(sorted((-nominal, 3 * nominal)))
 
 
 def test_a_saturation_wants_a_range() -> None:
