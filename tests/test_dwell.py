@@ -50,6 +50,16 @@ def test_the_time_is_enough_and_not_far_above_what_the_jumps_ask() -> None:
     assert shortest(HIGH, LOW) < least < 4 * shortest(HIGH, LOW)
 
 
+def test_the_time_is_the_formulas() -> None:
+    """log(kappa^2 (theta/theta_low)^(2 (n - 1)))/a(theta), to the four digits of the fix."""
+    P = np.array([[float(x) for x in row] for row in bound().lyapunov.P])
+    values, ratio = np.linalg.eigvalsh(P), HIGH / LOW
+    speed = HIGH / values[-1] - 2 * float(bound().lipschitz)
+    expected = np.log((values[-1] / values[0]) ** 2 * ratio**4) / speed
+    least = float(checks(HIGH, LOW, 1e-3)["x.hold"].fix.split()[3].rstrip(","))
+    assert least == pytest.approx(expected, rel=1e-3)
+
+
 def test_a_low_gain_below_the_bound_proves_nothing() -> None:
     low = 0.99 * float(bound().theta)
     found = checks(HIGH, low, 100.0)

@@ -108,6 +108,22 @@ def test_parameters_in_the_chain_have_their_values_in_the_bound() -> None:
     assert float(bound.lipschitz) == pytest.approx(1, rel=1e-3)
 
 
+@pytest.mark.parametrize(("shape", "r"), [("dead zone", 0.1), ("saturation", 10.0)])
+def test_the_bound_is_the_formulas(shape: Any, r: float) -> None:
+    """Of the pendulum, in the coordinates g^(i-1) eps_i: L_b = |(19.6 g, .1)|."""
+    chain, K = integrators("x", swing.form()), np.array([2.0, 1.0])
+    found = decays(Adaptation(shape, Fraction(1), Fraction(r)), K)
+    assert len({one.growth for one in found}) >= 2
+    for one in found:
+        bound = theta_bound(chain, [one])
+        assert isinstance(bound, SectorBound)
+        assert float(bound.lipschitz) == pytest.approx(np.hypot(19.6 * float(one.growth), 0.1), rel=1e-3)
+        weight = float(one.peak + (one.mu if shape == "saturation" else 0))
+        expected = 2 * float(bound.lipschitz) * max(weight / float(one.margin), float(one.peak))
+        assert float(bound.theta) == pytest.approx(max(1.0, expected), rel=1e-12)
+        assert bound.rate(float(bound.theta) * (1 - 1e-9)) <= 0 < bound.rate(float(bound.theta) * (1 + 1e-9))
+
+
 @pytest.mark.parametrize("kind", ["stubborn", "dead_zone"])
 def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: str) -> None:
     """d/dt of V along the error of the pendulum, anywhere in the box, at a theta 1% above the bound: V' <= 0 by finite
