@@ -56,6 +56,8 @@ tuning: dict[str, dict[str, Any]] = {
     "stubborn": {**PHASE, "theta": 1, "decay": 0.1, "r": 3, "gains": (1, 0.25)},
     "dead_zone": {**PHASE, "theta": 1, "decay": 0.2, "r": 0.06, "gains": (1, 0.25)},
     "high_gain": {"form": {"kind": "phase", "original": True}, "method": "rk4", "theta": 1, "poles": (-0.5, -0.5)},
+    "riccati": {"form": "uniform", "Q": (1e-6, 1e-6), "R": 2.5e-7, "covariance": (0.1, 0.1)},
+    "hamilton_jacobi": {"form": "uniform", "Q": (1e6, 1e6), "R": 4e6, "P0": (10, 10)},
 }
 
 

@@ -60,6 +60,13 @@ tuning = {
             innovation=hg.innovation.staggered(0.02, predictors=4, weights=(1e8, 1e3)),
         ),
     },
+    "hamilton_jacobi": {  # its weights are the inverses of riccati's noises
+        "form": {"kind": "block_triangular", "align": "end"},
+        "dt": 1e-3,
+        "Q": (1e3, 1.0, 0.1, 1e5),
+        "R": (1e8, 1e6),
+        "P0": (1.0, 1.0, 0.01, 100.0),
+    },
 }
 
 
