@@ -1,5 +1,6 @@
 """The certified bound on theta of estimators with a linear core of their own."""
 
+import sys
 from functools import cache
 from itertools import product
 from typing import Any
@@ -195,3 +196,15 @@ def test_no_bound_without_its_hypotheses() -> None:
     )
     assert isinstance(unstable, Nothing)
     assert "no P" in unstable.reason
+
+
+def test_without_a_solver_nothing_is_proved_and_nothing_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cvxpy", None)
+    x, u = [hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2)], hg.Signal("u", low=0, high=1)
+    data = {"states": x, "inputs": (u,), "outputs": [hg.Signal("y")], "output": [x[0]]}
+    driven = hg.forms.triangular(hg.System("driven", **data, flow=[(1 + u) * x[1], -sp.sin(x[0])]))
+    observers = build("peaking_free", "pendulum", 100), hg.observers.high_gain(driven, theta=5, gains=(3, 1))
+    for observer in observers:
+        found = {check.id: check for check in observer.checks}[f"{observer.name}.convergence"]
+        assert found.verdict is Verdict.UNKNOWN
+        assert "install" in found.reason
