@@ -2,7 +2,7 @@
 
     tuning = {"high_gain": {"theta": 20, "poles": (-1, -1)}}      # Python: an observer's name, and its arguments
 
-    [tuning.high_gain]                # plain text; a complex pole is [re, im]
+    [tuning.high_gain]                # plain text; a complex pole is [re, im]; of several outputs a list each
     theta = 20
     poles = [[-1, 0.5], [-1, -0.5]]
     form = "triangular"               # one of hg.forms, or {kind = "phase", original = true} with its arguments
@@ -168,7 +168,7 @@ def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...
 def _value(key: str, value: Any) -> Any:
     """What text stands for: pairs [re, im] for complex poles, a table with `kind` for the value that it makes."""
     if key == "poles" and isinstance(value, list):
-        return [complex(*v) if _pair(v) else v for v in value]
+        return [complex(*v) if _pair(v) else _value(key, v) for v in value]  # of several outputs a list for each
     if key in _VALUES and isinstance(value, Mapping):
         makers = {make.__name__: make for make in _VALUES[key]}
         if value.get("kind") not in makers:

@@ -28,6 +28,7 @@ from hgogen.runge_kutta import RK4
 from hgogen.scaling import exponents
 from hgogen.stability import core_limit
 from hgogen.theorem import rows
+from hgogen.tuning import Tuning
 
 NAN = float("nan")
 
@@ -375,3 +376,10 @@ def test_forms_it_does_not_take() -> None:
     loose = hg.System("loose", **data, flow=[(1 + v**2) * x[1], -x[0]])
     with pytest.raises(BadGain, match=r"cannot be judged: a_2 = .* has no finite range on the box; declare ranges"):
         hg.observers.high_gain(hg.forms.triangular(loose), theta=2, gains=(2, 1), accept=())
+
+
+def test_poles_of_several_outputs_in_plain_text() -> None:
+    """A list for each output; two real poles are written as pairs, which else would be one complex pole."""
+    each = {"theta": 10, "poles": [[-1, [-1, 0.5], [-1, -0.5]], [[-1, 0], [-2, 0]]]}
+    read = Tuning("text", blocks("top").system, {"high_gain": {"form": "block_triangular", "dt": 1e-3, **each}})
+    assert read.observer("high_gain").equations == several().equations
