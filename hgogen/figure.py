@@ -57,7 +57,7 @@ GREEK = (
     *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
 )
 WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
-COLUMNS = 5  # of a legend
+COLUMNS, ROW = 4, 0.18  # of a legend; inches of its rows
 PARTS = 300  # of the time axis, where errors are drawn by their largest: they cross 0
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
 
@@ -93,13 +93,14 @@ def errors(states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray]
     line for each observer; `of`: errors (N, n) by name."""
     parts = np.array_split(np.arange(len(t)), min(PARTS, len(t)))
     with rc_context(STYLE):
-        figure, axes = _figure(len(states), t)
+        figure, axes = _figure(len(states), t, top=0.4 + ROW * ((len(of) - 1) // COLUMNS))
         for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
             axis.set_yscale("log")
             for k, (name, error) in enumerate(of.items()):
                 size = np.array([np.abs(error[part, i]).max() for part in parts])
                 shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
-                axis.plot([t[part[0]] for part in parts], shown, color=f"C{k % 10}", label=name)
+                style = ("-", "--", ":")[k // 10 % 3]  # ten colours
+                axis.plot([t[part[0]] for part in parts], shown, style, color=f"C{k % 10}", label=name)
             _name(axis, signal.name, signal.unit, f"error of {signal.meaning or signal.name}")
         _legend(figure, axes, tuple(of))
     return figure
