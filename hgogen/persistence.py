@@ -6,17 +6,20 @@ The input is regularly persistent if some T, a > 0 have W(s, T) >= a I for every
 
 A known input, constant or periodic, is proved so where A(t), C(t) depend on nothing else: the rows N_0 = C,
 N_(k+1) = N_k A + N_k' have rank n at one time t_0. For then no x but 0 has C Phi x = 0 near t_0, W over any window with
-t_0 inside is positive definite, and every window of two periods has such a time in it. A constant input without that
-rank is refuted. Along a record, see `hgogen.excitation`. Source: G. Besancon, G. Bornard, H. Hammouri, European Journal
-of Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for the rank.
+t_0 inside is positive definite, and every window of two periods has such a time in it. The observer clamps an input to
+its declared range: what it takes is periodic as well, and is the input around a t_0 where that is inside the range. A
+and C are shown to be finite for every input in its range, so that Phi exists. A constant input without that rank is
+refuted. Along a record, see `hgogen.excitation`. Source: G. Besancon, G. Bornard, H. Hammouri, European Journal of
+Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for the rank.
 """
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
 import sympy as sp
 
-from hgogen.bounds import box, nonzero
+from hgogen.bounds import Box, bound, box, nonzero
 from hgogen.check import Check, Verdict
 from hgogen.determinant import determinant
 from hgogen.expression import parse
@@ -50,7 +53,10 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
         return Check(id, check.claim, verdict, reason, fix=fix)
 
-    A, C = _along_time(form, given)
+    if not form.structured:
+        return answer(Verdict.UNKNOWN, "it is not shown that the plant is state-affine, with this A and C")
+    read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
+    A, C = _along_time(form, given or {})
     symbols = A.free_symbols | C.free_symbols
     measured = ", ".join(sorted(str(z) for z in symbols & {*form.states}))
     if measured:
@@ -60,20 +66,25 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
         fix = "Give inputs= and period= where it is, or judge a record by hgogen.excitation.along."
         return answer(Verdict.UNKNOWN, "the input is not known beforehand", fix)
     if given is None or t not in symbols:
-        return _constant(answer, form, A, C)
+        doubt = _doubt(form, A, C, {u: given[u.name] for u in form.system.inputs if u in read} if given else {})
+        return answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
     if period is None:
         return answer(Verdict.UNKNOWN, "the input varies, and no period is given", "Give its period, as 2*sympy.pi.")
     length, rough = _expression("period", period), (*JUMPS, *KINKS)
-    if not length.is_positive or A.has(*rough) or C.has(*rough):
+    if not (length.is_positive and length.is_finite) or A.has(*rough) or C.has(*rough):
         return answer(Verdict.UNKNOWN, "the period is no positive number, or A(t), C(t) have kinks or jumps")
     if not all(is_zero(e.xreplace({t: t + length}) - e) for e in given.values()):
         return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", "Write it as 2*sympy.pi.")
+    doubt = _unbounded(form, given, length)
+    if doubt:
+        return answer(Verdict.UNKNOWN, doubt)
     for share in _SHARES:
         when = sp.Rational(str(round(float(share * length), 3)))
-        if _full(form, A, C, when):
+        if _inside(form, given, when) and _full(form, A, C, when):
             reason = f"rank {form.n} of C, C A + C', .. at t = {float(when):g}, and so in every period"
             return answer(Verdict.PROVED, reason)
-    return answer(Verdict.UNKNOWN, f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times")
+    reason = f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times with the input inside its range"
+    return answer(Verdict.UNKNOWN, reason)
 
 
 def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
@@ -94,13 +105,62 @@ def _expression(name: str, value: Any) -> sp.Expr:
     return exact(found)
 
 
-def _along_time(form: Form, given: Mapping[str, sp.Expr] | None) -> tuple[sp.Matrix, sp.Matrix]:
-    """A (n, n) and C (p, n) with inputs as expressions of time and fixed parameters at their values."""
+def _along_time(form: Form, given: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
+    """A (n, n) and C (p, n) with the given inputs as expressions of time and fixed parameters at their values."""
     system = form.system
-    values = {} if given is None else {u: given[u.name] for u in system.inputs}
+    values = {u: given[u.name] for u in system.inputs if u.name in given}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
     C = sp.Matrix([[sp.diff(row, z) for z in form.states] for row in form.output])
     return tuple(matrix.applyfunc(exact).xreplace(values) for matrix in (sp.Matrix(form.A), C))
+
+
+def _unbounded(form: Form, given: Mapping[str, sp.Expr], length: sp.Expr) -> str:
+    """What is not shown to be finite and real over a period: an input, or an entry of A, C for inputs in their ranges;
+    "" if nothing."""
+    period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
+    rough = next((f"{name} = {e}" for name, e in given.items() if not _finite(e, period)), "")
+    loose = {u.name: given[u.name] for u in form.system.inputs if not u.bounded}
+    ranged = [u for u in form.system.inputs if u.bounded]
+    around = box((*ranged, *form.system.parameters), form.system.nominal) | period
+    entries = (e for matrix in _along_time(form, loose) for e in matrix)
+    rough = rough or next((str(e) for e in entries if not _finite(e, around)), "")
+    return f"{rough} is not shown to be a finite real number over the whole period" if rough else ""
+
+
+def _doubt(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> str:
+    """What is in the way of a constant input: it is no real number, the observer clamps it, or A, C are not finite; ""
+    if nothing."""
+    for u, value in constants.items():
+        if not _finite(value, {}):
+            return f"{u} = {value} is not shown to be a finite real number"
+        if u.bounded and not _within(value, *box((u,))[u]):
+            return f"{u} = {value} is not shown to be in the range of {u}, to which the observer clamps it"
+    around = box(form.system.parameters, form.system.nominal)
+    rough = next((str(e) for matrix in (A, C) for e in matrix if not _finite(e, around)), "")
+    return f"{rough} is not shown to be a finite real number" if rough else ""
+
+
+def _finite(e: sp.Expr, around: Box) -> bool:
+    try:
+        found = bound(e, around)
+    except NoTape:
+        return False
+    return found.defined and found.finite
+
+
+def _within(value: sp.Expr, low: Any, high: Any) -> bool:
+    """Whether a constant is in the closed range: exactly for a rational, else strictly by rigorous bounds."""
+    if value.is_Rational:
+        return bool(low <= Fraction(int(value.p), int(value.q)) <= high)
+    found = bound(value, {})
+    return bool(low < found.low and found.high < high)
+
+
+def _inside(form: Form, given: Mapping[str, sp.Expr], when: sp.Rational) -> bool:
+    """Whether each input that the observer clamps is strictly inside its range at that time, and so around it."""
+    found = {u: bound(given[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
+    ranges = box(found)
+    return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in found.items())
 
 
 def _rows(A: sp.Matrix, C: sp.Matrix, count: int) -> sp.Matrix:

@@ -122,6 +122,15 @@ def one_input(rate: Any, *parameters: hg.Signal) -> hg.Form:
         (sp.sin(t) * sp.exp(-t), 2 * sp.pi, "unknown", "not shown that"),
         (sp.Abs(sp.sin(t)), 2 * sp.pi, "unknown", "kinks"),
         (sp.sin(t), -2 * sp.pi, "unknown", "no positive number"),
+        (2 + sp.sin(t), 2 * sp.pi, "unknown", "with the input inside its range"),  # the observer clamps it to 1
+        (sp.sin(t) / 2 + sp.Rational(3, 4), 2 * sp.pi, "proved", "and so in every period"),  # clamped in part
+        (2, None, "unknown", "the range of u, to which the observer clamps it"),
+        (1, None, "proved", "the pair (C, A) has rank 3"),
+        (sp.I, None, "unknown", "u = I is not shown to be a finite real number"),
+        (sp.sqrt(sp.sin(t)), 2 * sp.pi, "unknown", "sqrt(sin(t)) is not shown to be a finite real number"),
+        (sp.log(sp.sin(t)), 2 * sp.pi, "unknown", "log(sin(t)) is not shown to be a finite real number"),
+        (1 / sp.sin(t), 2 * sp.pi, "unknown", "1/sin(t) is not shown to be a finite real number"),
+        (sp.tan(t), 2 * sp.pi, "unknown", "tan(t) is not shown to be a finite real number"),
     ],
 )
 def test_persistence_of_a_known_input(expression: Any, period: Any, verdict: str, said: str) -> None:
@@ -136,6 +145,15 @@ def test_persistence_is_for_all_parameters() -> None:
         k = hg.Signal("k", "", "", 1.0, low=low, high=2)
         check = persistent("p", one_input(k * u * x2, k), {"u": sp.cos(t)}, 2 * sp.pi)
         assert check.verdict == verdict
+
+
+def test_persistence_wants_the_structure_proved() -> None:
+    """u x2 of a Piecewise row stands in b, not in A, whose pair with C has rank 1; the plant shows x2 where u > 0."""
+    flow = [sp.Piecewise((u * x2, u > 0), (0, True)), -x2]
+    form = hg.forms.state_affine(hg.System("p", states=(x1, x2), inputs=(u,), outputs=(y1,), flow=flow, output=[x1]))
+    check = persistent("p", form, {"u": 1})
+    assert check.verdict is Verdict.UNKNOWN
+    assert "not shown that the plant is state-affine" in check.reason
 
 
 def test_what_is_measured_is_not_known_beforehand() -> None:
