@@ -145,7 +145,8 @@ class Ode:
     `linear`: the terms linear in the fields and the measurement with coefficients free of states and inputs, the error
     core; None where there is none. `frozen`: fields that those coefficients may hold, such as a gain that adapts, each
     with the values at which the core is the fastest. `core`: the error core as numbers, of an estimator that has one in
-    other coordinates only. An invalid output must leave no trace in the right-hand side.
+    other coordinates only, or (k, n, n) where it moves with the input. An invalid output must leave no trace in the
+    right-hand side.
     """
 
     fields: tuple[Field, ...]
