@@ -123,8 +123,9 @@ def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float 
     return _range(problem, problem.search(tight(relative), boxes), relative)
 
 
-def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT) -> Sign:
-    """Whether the expression is finite and has one sign on the whole box.
+def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool = True) -> Sign:
+    """Whether the expression is finite and has one sign on the whole box; without `refute`, which may take long, proved
+    or unknown.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -135,7 +136,7 @@ def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT) -> Sign:
         found = problem.search(one_sign, limit)
         if found.defined and (found.low > 0 or found.high < 0):
             return _proved(problem, found)
-        refuted = _refutation(problem, found, limit)
+        refuted = _refutation(problem, found, limit) if refute else None
         if refuted:
             reason, witness = refuted
             return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, _range(problem, found, 0.0))

@@ -4,8 +4,9 @@ S(e, x) is no difference of positive numbers near e = 0, where it and its slope 
 let N(c, x), a symmetric matrix, be such that S(e, x) <= - e'N e, N the average of N(c, x) over copies c of e in any
 box around 0 that holds e. Positive definite N for every c in the box then gives S < 0 for every e of it but 0. So N is
 tried on the whole box, and where that fails on smaller ones, half as wide each time; what is left of the box is covered
-by slabs on which S keeps off 0 (`bounds.nonzero`). Positive definite by its leading principal minors (Sylvester), each
-of one sign on the box, of T'N T with a constant T that makes it nearly the unit matrix in the middle.
+by slabs on which S keeps off 0 (`bounds.nonzero`). Positive definite by |I - T'N T/s| < 1 (`slope.lipschitz_bound` of
+the field (I - T'N T/s) t of t), with a constant T that makes T'N T the unit matrix in the middle, and s in the middle
+of its eigenvalues.
 
 Refuted by a point, exact and rational, where S >= 0 and e is not 0: from samples, from a direction along which N is not
 positive, or from a slab.
@@ -21,16 +22,19 @@ import numpy as np
 import sympy as sp
 
 from hgogen.bounds import Sign, nonzero
-from hgogen.box import Box, Point, Sides, rational
+from hgogen.box import Box, Point, Sides
 from hgogen.check import Verdict
 from hgogen.pointwise import values
 from hgogen.proof import Proof, ends
+from hgogen.slope import lipschitz_bound
 from hgogen.tape import Tape, tape
 
 _GRID = 1024  # of a side: samples are exact
 _SCALES = 10  # halvings of the box at which samples are taken
 _SAMPLES, _ROUNDS, _BEST = 2000, 12, 6
 _SMALLEST = 10  # halvings after which N is not tried further
+_RELATIVE = (0.05, 0.002)  # of the norm
+_FEW = 100
 _BITS = 128
 _FAR = Fraction(10)  # for samples of what has no range
 
@@ -70,21 +74,16 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
         return _refuted(program, found)
     if obstacle:
         return Answer(Verdict.UNKNOWN, obstacle)
-    share, proofs = Fraction(1), None
-    tried: list[Point] = []
-    while proofs is None and share >= Fraction(1, 2**_SMALLEST):
-        proofs = _definite(*_near(asked, share), boxes, tried)
-        share /= 2
+    share, proofs = _largest(asked, boxes)
     if proofs is None:
-        found = next(program.violations(_along(program, tried, boxes)), None)
+        found = next(program.violations(_along(program)), None)
         if found:
             return _refuted(program, found)
         reason = "near e = 0 the second order does not decide it"
         return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for a sign")
-    share *= 2
     if share == 1:
         return Answer(Verdict.PROVED, "its second order is definite on the whole box of errors", proofs=proofs)
-    left = tuple(nonzero(asked.value, slab, boxes=boxes) for slab in _slabs(asked, share))
+    left = tuple(nonzero(asked.value, slab, boxes=boxes, refute=False) for slab in _slabs(asked, share))
     for sign in left:
         found = next(program.violations(_of(sign)), None)
         if found:
@@ -174,8 +173,12 @@ def _floats(program: _Program) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sampled(program: _Program, symbol: sp.Symbol) -> tuple[Fraction, Fraction]:
-    """The symbol's range, cut where it is not bounded."""
-    low, high = {**program.asked.box, **program.asked.around}[symbol]
+    return _cut({**program.asked.box, **program.asked.around}[symbol])
+
+
+def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
+    """A range for samples, cut where it is not bounded."""
+    low, high = ends
     first = Fraction(low) if abs(low) != float("inf") else min(-_FAR, Fraction(min(high, 0)) - _FAR)
     last = Fraction(high) if abs(high) != float("inf") else max(_FAR, first + _FAR)
     return first, last
@@ -190,45 +193,49 @@ def _exactly(program: _Program, grid: np.ndarray, scale: Fraction) -> Point:
     return point
 
 
-def _along(program: _Program, tried: list[Point], boxes: int) -> Iterator[Point]:
+def _along(program: _Program) -> Iterator[Point]:
     """Short steps e from points x where N of zero copies is not positive definite, along its worst direction."""
     asked, n = program.asked, len(program.asked.errors)
-    matrix = asked.matrix.xreplace({c: sp.S.Zero for copy in asked.copies for c in copy})
-    for found in (*_indefinite(matrix, asked.box, boxes), *tried):
-        x = {s: found[s] if s in found else _sampled(program, s)[0] for s in program.symbols[n:]}
-        there = _numbers(matrix, x)
-        if not np.isfinite(there).all():
-            continue
-        direction = np.linalg.eigh(there)[1][:, 0]
+    matrix, box = _near(asked, Fraction(0))
+    eigenvalues = _Eigenvalues.of(matrix, box)
+    reach = min(min(-Fraction(a), Fraction(b)) for a, b in asked.around.values())
+    for found in eigenvalues.worst():
+        x = {s: found[s] if s in found else _cut(asked.box[s])[0] for s in program.symbols[n:]}
+        direction = np.linalg.eigh(eigenvalues.matrix(found))[1][:, 0]
         e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
-        reach = min(min(-Fraction(a), Fraction(b)) for a, b in asked.around.values())
         for k, sign in product(range(0, 40, 3), (1, -1)):
             yield x | {s: sign * d * reach / 2**k for s, d in zip(asked.errors, e, strict=True)}
 
 
-def _indefinite(matrix: sp.Matrix, box: Box, boxes: int) -> Iterator[Point]:
-    """Points where a leading minor is least."""
-    for minor in _minors(matrix):
-        least = nonzero(minor, box, boxes=boxes).range.least
-        if least is not None:
-            yield dict(least.point)
-
-
 def _of(sign: Sign) -> Iterator[Point]:
-    """Where a search met the largest value, and its witness."""
+    """Where a search met the largest value."""
     if sign.range.most is not None:
         yield dict(sign.range.most.point)
-    if sign.witness:
-        yield dict(sign.witness)
 
 
 # --- positive definite --------------------------------------------------------------------------------------
+
+
+def _largest(asked: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, ...] | None]:
+    """The share of the box of e on which N is proved positive definite, halved as often as it takes; none where it is
+    not even at e = 0."""
+    share, proofs = Fraction(1), None
+    if _definite(*_near(asked, Fraction(0)), boxes) is None:
+        return share, None
+    for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
+        proofs = _definite(*_near(asked, share), boxes)
+        if proofs is not None:
+            break
+    return share, proofs
 
 
 def _near(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
     """N and its box, every copy in `share` of the box of e; where N reads x and a copy by their difference alone, it
     is one symbol."""
     box, matrix = dict(asked.box), asked.matrix
+    if not share:
+        matrix = matrix.xreplace({c: sp.S.Zero for copy in asked.copies for c in copy})
+        return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
     for copy in asked.copies:
         for e, c in zip(asked.errors, copy, strict=True):
             low, high = (Fraction(end) * share for end in asked.around[e])
@@ -242,42 +249,108 @@ def _near(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
     return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
 
 
-def _definite(matrix: sp.Matrix, box: Box, boxes: int, tried: list[Point]) -> tuple[Proof, ...] | None:
-    """The proofs that N is positive definite on the whole box, or None."""
-    order = tuple(box)
-    middle = Sides(order, tuple(box[s] for s in order)).centre() if order else {}
-    there = _numbers(matrix, middle)
-    if not np.isfinite(there).all() or np.linalg.eigvalsh(there).min() <= 0:
-        tried.append(middle)
+def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, ...] | None:
+    """The proof that N is positive definite on the whole box, or None."""
+    n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
+    if not eigenvalues.least > 0:
         return None
-    proofs = []
-    for minor in _minors(_preconditioned(matrix, there)):
-        sign = nonzero(minor, box, boxes=boxes)
-        if sign.verdict is not Verdict.PROVED or sign.sign < 0:
-            return None
-        proofs.append(_proof(minor, box, sign))
-    return tuple(proofs)
+    T = np.linalg.inv(np.linalg.cholesky(eigenvalues.middle)).T
+    short = sp.Matrix(n, n, [_short(value) for value in T.ravel()])
+    moved = _Eigenvalues.of(short.T * matrix * short, box)
+    if not moved.least > 0:
+        return None
+    t = tuple(sp.Dummy(f"t{i + 1}", real=True) for i in range(n))
+    rows = (sp.eye(n) - short.T * matrix * short / _short((moved.least + moved.most) / 2)) * sp.Matrix(t)
+    whole: Box = {**box, **dict.fromkeys(t, (Fraction(-1), Fraction(1)))}
+    for relative in _RELATIVE:
+        found = lipschitz_bound(rows, t, whole, boxes=boxes, relative=relative)
+        if found.verdict is Verdict.PROVED and found.high < 1:
+            return (Proof("slope", tuple(rows), whole, None, Fraction(found.high), found.variables, found.tree, t),)
+        if found.verdict is not Verdict.PROVED or found.low >= 1:
+            break
+    return None
 
 
-def _numbers(matrix: sp.Matrix, point: Mapping[sp.Symbol, Fraction]) -> np.ndarray:
-    """The matrix at a point in floats, nan where it is not real."""
-    try:
-        return np.array(matrix.xreplace({s: rational(v) for s, v in point.items()}).evalf(), dtype=float)
-    except (TypeError, ValueError):
-        return np.full(matrix.shape, np.nan)
+def _short(value: float) -> sp.Rational:
+    return sp.Rational(f"{float(value):.4g}")
 
 
-def _preconditioned(matrix: sp.Matrix, there: np.ndarray) -> sp.Matrix:
-    """T'N T, T rational and upper triangular with a positive diagonal, near the inverse of Cholesky's factor of N in
-    the middle."""
-    T = np.linalg.inv(np.linalg.cholesky(there)).T
-    short = sp.Matrix(*T.shape, [sp.Rational(*float(f"{v:.4g}").as_integer_ratio()) for v in T.ravel()])
-    return (short.T * matrix * short).applyfunc(sp.expand)
+@dataclass(frozen=True)
+class _Eigenvalues:
+    """Those of a symmetric matrix of symbols, at sample points of their box, in floats: nothing is proved here.
+
+    `least`, `most`: the extremes; `middle`: the matrix in the middle.
+    """
+
+    symbols: tuple[sp.Symbol, ...]
+    sides: tuple[tuple[Fraction, Fraction], ...]
+    floats: Any
+    grid: np.ndarray
+    found: np.ndarray
+
+    @classmethod
+    def of(cls, matrix: sp.Matrix, box: Box) -> "_Eigenvalues":
+        symbols = tuple(box)
+        sides = tuple(_cut(box[s]) for s in symbols)
+        graph = sp.lambdify(symbols, list(matrix), "numpy")
+        rng, size = np.random.default_rng(1), len(symbols)
+        corners = rng.integers(0, 2, size=(size, _FEW)) * _GRID
+        inner = rng.integers(0, _GRID + 1, size=(size, _FEW))
+        grid = np.concatenate((np.full((size, 1), _GRID // 2), corners, inner), axis=1)
+        n = matrix.rows
+
+        def floats(grid: np.ndarray) -> np.ndarray:
+            low = np.array([float(a) for a, _ in sides]).reshape(-1, 1)
+            high = np.array([float(b) for _, b in sides]).reshape(-1, 1)
+            with np.errstate(all="ignore"):
+                entries = graph(*(low + (high - low) * (grid / _GRID)))
+            whole = np.array([np.broadcast_to(np.asarray(entry, dtype=float), grid.shape[1:]) for entry in entries])
+            return whole.T.reshape(-1, n, n)
+
+        return cls(symbols, sides, floats, grid, _spectrum(floats(grid)))
+
+    @property
+    def least(self) -> float:
+        """-inf where the matrix is not finite."""
+        return float(self.found[:, 0].min())
+
+    @property
+    def most(self) -> float:
+        """The largest."""
+        return float(self.found[:, -1].max())
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(n, n)."""
+        return np.asarray(self.floats(self.grid[:, :1])[0])
+
+    def matrix(self, point: Point) -> np.ndarray:
+        """(n, n) at a point of the grid."""
+        shares = [(point[s] - a) / (b - a) * _GRID for s, (a, b) in zip(self.symbols, self.sides, strict=True)]
+        return np.asarray(self.floats(np.array([[float(share)] for share in shares]).reshape(-1, 1))[0])
+
+    def worst(self) -> Iterator[Point]:
+        """Points with small eigenvalues, each moved downhill, while they are finite."""
+        rng = np.random.default_rng(2)
+        for k in np.argsort(self.found[:, 0], kind="stable")[:_BEST]:
+            best, least = self.grid[:, k], self.found[k, 0]
+            if not np.isfinite(least):
+                continue
+            for step in range(_ROUNDS):
+                reach = max(1, _GRID >> (step + 2))
+                near = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(len(best), 48)), 0, _GRID)
+                found = _spectrum(self.floats(near))[:, 0]
+                j = int(np.argmin(np.where(np.isfinite(found), found, np.inf)))
+                if np.isfinite(found[j]) and found[j] < least:
+                    best, least = near[:, j], found[j]
+            yield {s: a + (b - a) * int(i) / _GRID for s, (a, b), i in zip(self.symbols, self.sides, best, strict=True)}
 
 
-def _minors(matrix: sp.Matrix) -> Iterator[sp.Expr]:
-    for k in range(1, matrix.rows + 1):
-        yield sp.expand(matrix[:k, :k].det(method="berkowitz"))
+def _spectrum(matrices: np.ndarray) -> np.ndarray:
+    """Eigenvalues (k, n) of matrices (k, n, n), -inf where they are not finite."""
+    good = np.isfinite(matrices).all(axis=(1, 2))
+    values = np.linalg.eigvalsh(np.where(good[:, None, None], matrices, 0.0))
+    return np.where(good[:, None], values, -np.inf)
 
 
 def _slabs(asked: SecondOrder, share: Fraction) -> Iterator[Box]:

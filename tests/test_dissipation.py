@@ -209,7 +209,7 @@ numbers = st.fractions(-2, 2, max_denominator=8)
 
 
 @given(st.lists(numbers, min_size=8, max_size=8), st.fractions(1, 6, max_denominator=4), st.booleans())
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=6)
 def test_a_dense_sample_never_violates_what_is_proved(c: list[Fraction], damping: Fraction, trig: bool) -> None:
     a = [sp.Rational(v.numerator, v.denominator) for v in c]
     d = sp.Rational(damping.numerator, damping.denominator)
@@ -217,7 +217,7 @@ def test_a_dense_sample_never_violates_what_is_proved(c: list[Fraction], damping
     flow = (-d * e + a[0] * f + a[1] * curved, a[2] * e - d * f + a[3] * e * f + a[4] * f**3 / 4)
     system = hg.ErrorSystem("random", (e, f), flow, [[1, 0], [a[5] * x, 1]], {x: (-1, 1)}, ())
     V = e**2 + a[6] / 3 * e * f + f**2 + max(a[7] - 1, 0) / 8 * e**4  # now and then not quadratic
-    found = hg.dissipation(system, V, mu=2, within=[1, 1], boxes=200)
+    found = hg.dissipation(system, V, mu=2, within=[1, 1], boxes=100)
     points = np.random.default_rng(0).uniform(-1, 1, size=(3, 20_000))
     points[:2] *= 2.0 ** -np.random.default_rng(1).integers(0, 8, size=20_000)
     left = sp.lambdify((e, f, x), left_side(found))(*points)
@@ -273,10 +273,11 @@ def test_a_left_side_that_only_touches_zero_is_not_proved() -> None:
     assert verdicts(found)["inequality"] is Verdict.UNKNOWN
 
 
-def test_a_narrow_violation_is_not_overlooked() -> None:
-    """Positive on some thousandth of the box only."""
-    bump = sp.exp(-(10**6) * (e - sp.Rational(7123, 10_000)) ** 2)
-    found = hg.dissipation(line(-e * (1 - sp.Rational(6, 5) * bump)), e**2, mu=3, within=[1])
+@pytest.mark.parametrize(("where", "size"), [(e, 1.2), (x, 0.7)], ids=["error", "state"])
+def test_a_narrow_violation_is_not_overlooked(where: sp.Symbol, size: float) -> None:
+    """Positive on some thousandth of the box only, where samples do not fall; in the state, by a little."""
+    bump = sp.exp(-(10**6) * (where - sp.Rational(7123, 10_000)) ** 2)
+    found = hg.dissipation(line(-e * (1 - size * bump), x=(0, 1)), e**2, mu=3, within=[1])
     assert verdicts(found)["inequality"] is not Verdict.PROVED
     assert "nothing is concluded" in str(found)
 
