@@ -22,6 +22,7 @@ from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.trial import Trial, try_out
 from hgogen.tuning import Tuning
+from hgogen.vectors import start
 
 FOLDER = Path(__file__).resolve().parents[1] / "models"
 FIRST = "pendulum"  # small, and with nearly every observer: its pairs run always
@@ -92,6 +93,16 @@ def test_its_c_compiles_clean_and_has_the_bits_of_python(model: str, name: str, 
     made = step(model, name)
     files = hg.targets.c99(made, real=real)
     assert native.run_check(files, ("-O2", f"-D{made.name.upper()}_EXACT")).endswith("samples as recorded\n")
+
+
+@each
+def test_its_recorded_vectors_start_off_rest(model: str, name: str) -> None:
+    """Where the estimate is known to lie in the state, whatever the observer calls it."""
+    made = step(model, name)
+    rest = {f"state.{field.name}": list(field.initial) for field in made.state}
+    moved = {place: values for place, values in start(made).items() if place in rest}
+    assert moved
+    assert all(values != rest[place] for place, values in moved.items())
 
 
 def worst_corner(model: Model, trial: Trial) -> dict[str, float]:
