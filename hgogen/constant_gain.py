@@ -22,6 +22,8 @@ from hgogen.form import Form
 from hgogen.gains import coefficients
 from hgogen.graph import to_casadi
 from hgogen.hurwitz import demand_hurwitz
+from hgogen.injection import companion
+from hgogen.integrators import no_chain
 from hgogen.lmi import NoSolver
 from hgogen.observer import BadGain, reals
 from hgogen.polytope import Corner, chains, corners
@@ -91,10 +93,17 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
                     f"{name} = {a}", "depends on the input, poles want it constant; give gains, or use riccati"
                 )
     sizes = tuple(map(len, each))
-    p = [x for given, n in zip(_split("poles", poles, sizes), sizes, strict=True) for x in coefficients(given, n)]
+    p = [x for given, n in zip(_split("poles", poles, sizes), sizes, strict=True) for x in _polynomial(given, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
     return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), of_poles(form, p))
+
+
+def _polynomial(poles: Any, n: int) -> np.ndarray:
+    """Their coefficients as doubles, which decay as well: proved, since poles at the edge may not survive rounding."""
+    p = coefficients(poles, n)
+    demand_hurwitz("poles, rounded to doubles", companion(p), "take them further to the left")
+    return p
 
 
 def _given(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -> ConstantGain:
@@ -169,7 +178,7 @@ def _chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
     heads = np.cumsum([0, *map(len, each)])
     off = [(i, j) for i in range(form.n) for j in range(form.n) if form.A[i, j] != 0 and (j != i + 1 or j in heads)]
     if off or any(a == 0 for chain in each for a in chain):
-        raise BadGain(observer, f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati")
+        raise BadGain(observer, no_chain(form))
     for names, chain in zip(_names(each), each, strict=True):
         for name, a in zip(names, chain, strict=True):
             if a.free_symbols & {*form.states}:

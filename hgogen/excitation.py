@@ -21,7 +21,7 @@ from hgogen.kalman import positive
 from hgogen.observer import BadGain, reals
 from hgogen.program import sym
 
-HIDDEN = 1e-12  # of a variance of the box: what a window shows no better is hidden
+HIDDEN = 1e-12  # of the direction seen best: what a window shows no better is lost in the rounding of its sum
 
 
 def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
@@ -47,11 +47,12 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 def shown(id: str, found: Gramian) -> Check:
     """What windows along a record say: refuted where one hides a direction; never proved."""
     claim = f"every window of {found.d:g} s of the record shows every state"
-    k = int(np.argmin(found.smallest))
+    share = found.smallest / np.maximum(found.largest, np.finfo(float).tiny)
+    k = int(np.argmin(share))
     least, direction = float(found.smallest[k]), found.direction[k]
     weak = found.states[int(np.argmax(np.abs(direction)))]
     told = f"the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
-    if least > HIDDEN:
+    if share[k] > HIDDEN:
         return Check(id, claim, Verdict.UNKNOWN, f"{told}; a record proves nothing of another")
     return Check(id, claim, Verdict.REFUTED, told, {"t": float(found.start[k])}, "Excite the plant, or wait longer.")
 

@@ -76,7 +76,7 @@ def rises(proof: Lyapunov, spread: np.ndarray, p_3: float) -> Check:
 
 def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
     """p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 at every point of the declared ranges, to which Gamma is clamped."""
-    id, claim = "updated_gain.cap", "L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap"
+    id, claim = "updated_gain.cap", "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap"
     form, n = chain.form, chain.n
     unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Raise cap, or watch the status GAIN_LIMITED.")
     if form.behind is not None:

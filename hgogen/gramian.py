@@ -41,14 +41,15 @@ class BadWindows(HgogenError):
 class Gramian:
     """The window d (s) along a trajectory.
 
-    `start` (N): where each window begins; `smallest` (N): its Gramian's smallest eigenvalue; `direction` (N, n): the
-    unit eigenvector; `states`: names.
+    `start` (N): where each window begins; `smallest`, `largest` (N): eigenvalues of its Gramian; `direction` (N, n):
+    the unit eigenvector of the smallest; `states`: names.
     """
 
     d: float
     states: tuple[str, ...]
     start: np.ndarray
     smallest: np.ndarray
+    largest: np.ndarray
     direction: np.ndarray
 
     @property
@@ -138,5 +139,6 @@ def window(states: tuple[str, ...], steps: Steps, grid: float, pieces: int) -> G
         states=states,
         start=grid * np.arange(count),
         smallest=values[:, 0],
+        largest=values[:, -1],
         direction=vectors[:, :, 0],
     )

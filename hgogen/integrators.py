@@ -190,7 +190,7 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
     gains = chain_gains(form)
     chain = {(h + j, h + j + 1) for h, c in zip(_heads(form), gains, strict=True) for j in range(len(c) - 1)}
     if any(form.A[i, j] != 0 and (i, j) not in chain for i in range(form.n) for j in range(form.n)):
-        raise BadGain(observer, f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati")
+        raise BadGain(observer, no_chain(form))
     for i, each in enumerate(gains, 1):
         for j, a in enumerate(each, 1):
             name = f"a_{j}" if len(gains) == 1 else f"a_({i},{j})"
@@ -200,6 +200,14 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
                 what = "input" if a.free_symbols & {*form.system.inputs} else "state"
                 raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
     return Integrators(form, gains)
+
+
+def no_chain(form: Form) -> str:
+    """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
+    if form.structured:
+        return f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati"
+    why = next((f": {c.reason}" for c in form.checks if c.id.endswith(".structure")), "")
+    return f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form{why}; use riccati"
 
 
 def _heads(form: Form) -> tuple[int, ...]:

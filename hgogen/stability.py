@@ -48,6 +48,7 @@ Rise = Callable[[float, float], float]
 
 AXIS = 1e-9  # for eig's rounding: |Re z| below which a unit z is imaginary, |z|/max below which it is 0
 ZERO = 1e-6  # the same for the Hamiltonian, whose double zeros rounding splits by the root of eps
+GRAPH = 1e12  # condition of the Hamiltonian's stable subspace from which on it is no graph: a growing mode is hidden
 STEPS = 60  # of a transient, once theta has risen; over random equations all losses came within 40
 PATIENCE = 3000  # steps of a transient in all
 COARSE, FINE = 1.2, 1.02  # ratios of the step lengths tried in turn; the limit is low by less than FINE
@@ -240,8 +241,10 @@ def _steady_covariance(riccati: _Riccati, theta: float) -> Array:
         values, vectors = np.linalg.eig(H)
         stable = np.argsort(values.real)[:n]
         if values[stable].real.max() < -ZERO * np.abs(values).max():
-            X = np.linalg.solve(vectors[:n, stable].T, vectors[n:, stable].T).real
-            P[i] = (X + X.T) / 2.0 / np.outer(delta, delta)
+            basis = vectors[:n, stable]
+            if np.linalg.cond(basis) < GRAPH:
+                X = np.linalg.solve(basis.T, vectors[n:, stable].T).real
+                P[i] = (X + X.T) / 2.0 / np.outer(delta, delta)
     return P
 
 

@@ -197,6 +197,8 @@ def test_windows_of_a_record() -> None:
     assert found.smallest == pytest.approx(np.linalg.eigvalsh(W)[0], rel=1e-9)  # cubic: Simpson's rule is exact
     assert excitation.shown("p", found).verdict is Verdict.UNKNOWN
     hidden = excitation.along(form, 0.1, np.zeros(N), np.zeros(N), 0.01, 2.0)
+    quiet = replace(found, smallest=1e-20 * found.smallest, largest=1e-20 * found.largest)
+    assert excitation.shown("p", quiet).verdict is Verdict.UNKNOWN  # a larger R hides nothing
     check = excitation.shown("p", hidden)
     assert (check.verdict, hidden.weakest[0]) == (Verdict.REFUTED, "x2")
     for bad in ({"d": 9.0}, {"R": -1.0}, {"y": np.full(N, NAN)}, {"u": np.zeros((N, 2))}):

@@ -20,6 +20,7 @@ from hgogen.check import Refuted, UnknownCheck
 from hgogen.core import core_numbers, nominal
 from hgogen.dynamics import Singular
 from hgogen.gains import BadPoles, coefficients
+from hgogen.hurwitz import NotHurwitz
 from hgogen.innovation import BadWindow, BadWindowSize
 from hgogen.observer import BadGain, Clock
 from hgogen.theta import rise
@@ -291,6 +292,20 @@ def test_high_gain_has_the_poles_it_was_given() -> None:
     (part,) = observer.parts
     core = core_numbers(part, 1, nominal(observer))
     assert np.sort_complex(np.linalg.eigvals(core)) == pytest.approx(7 * np.sort_complex(poles), rel=1e-9)
+
+
+def test_a_growing_mode_that_is_hidden_at_a_point_of_the_box() -> None:
+    """x1' = u x2, x2' = x2: at u = 0 no covariance is steady; the filter is built, and its step."""
+    u, x = hg.Signal("u", low=-1, high=1), [hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2)]
+    plant = hg.System("hidden", states=x, inputs=(u,), outputs=(hg.Signal("y"),), flow=[u * x[1], x[1]], output=[x[0]])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(1, 1), R=1.0)
+    assert np.isfinite(hg.sample(observer, hg.methods.rk4, dt=0.01).run(u=np.zeros(9), y=np.ones(9)).x).all()
+
+
+@pytest.mark.parametrize("poles", [(-1e-9 + 1j, -1e-9 - 1j) * 2, (-1e-200,) * 4])
+def test_poles_that_decay_only_before_they_are_rounded(poles: tuple[complex, ...]) -> None:
+    with pytest.raises(NotHurwitz, match=r"^poles, rounded to doubles: .* take them further to the left$"):
+        hg.observers.high_gain(hg.forms.triangular(chain(4)), theta=2, poles=poles)
 
 
 def test_coefficients_of_poles() -> None:

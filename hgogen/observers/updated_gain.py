@@ -58,7 +58,11 @@ THEOREM = Theorem(
             verdict=Verdict.UNKNOWN,
             reason="the Jacobian there bounds them to first order in the error; a larger p_3 leaves room",
         ),
-        Hypothesis("the gain does not reach its cap", ("updated_gain.cap",), reason="between samples; the status GAIN_LIMITED tells"),
+        Hypothesis(
+            "in continuous time the gain does not reach its cap",
+            ("updated_gain.cap",),
+            reason="a step holds Gamma over a sample, and with it the gain may reach the cap: watch GAIN_LIMITED",
+        ),
         *OPERATION,
     ),
     REFERENCE,
