@@ -5,15 +5,17 @@ duration = 10                    # s
 start = {x1 = 1, x2 = 0}
 inputs = {u = "sin(t)"}          # expressions of the time t
 noise = {y = 0.01}               # standard deviation
+settled = {state = "x2", band = 0.1, hold = 0.5}   # the error's band, kept to for so long (s)
 seeds = 4                        # how many records of the noise
 """
 
 from hgogen.expression import parse
 from hgogen.modelfile import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
-from hgogen.trial import OrnsteinUhlenbeck, Trial, t
+from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t
 
 _TRIAL = {"name": TEXT, "duration": NUMBER, "steady": NUMBER, "seeds": NUMBER}
-_TRIAL |= dict.fromkeys(("start", "inputs", "noise"), TABLE)
+_TRIAL |= dict.fromkeys(("start", "inputs", "noise", "settled"), TABLE)
+_SETTLED = {"state": TEXT, "band": NUMBER, "hold": NUMBER}
 _SEEDS = 1000  # at most
 
 
@@ -31,6 +33,9 @@ def trial_of(model: PlainModel) -> Trial:
     }
     for key, names in known.items():
         demand_keys(file, f"trial.{key}", table.get(key, {}), names)
+    if "settled" in table:
+        for key in _SETTLED:
+            demand_keys(file, "trial.settled", table["settled"], _SETTLED, key)
     count = table.get("seeds", 12)
     if not isinstance(count, int) or not 1 <= count <= _SEEDS:
         raise BadModelFile(file, "trial.seeds", f"is {count!r}; write a whole number from 1 to {_SEEDS}")
@@ -44,6 +49,7 @@ def trial_of(model: PlainModel) -> Trial:
         table.get("start", {}),
         inputs,
         {name: OrnsteinUhlenbeck(sigma) for name, sigma in table.get("noise", {}).items()},
+        settled=Settled(**table["settled"]) if "settled" in table else None,
         steady=table.get("steady"),
         seeds=tuple(range(count)),
     )

@@ -348,6 +348,9 @@ def test_its_trial_is_the_one_written(tmp_path: Path) -> None:
     assert (trial.duration, dict(trial.start), trial.seeds) == (2, {"x1": 1, "x2": 0}, (0, 1))
     assert trial.inputs["u"] == sp.sin(2 * hg.trial.t)
     assert trial.noise["y"].sigma == 0.001
+    assert trial.settled is None
+    table = TOML.replace("[trial]\n", "[trial]\nsettled = {state = 'x2', band = 0.1, hold = 0.5}\n")
+    assert load(written(tmp_path, table)).trials()[0].settled == hg.trial.Settled("x2", 0.1, 0.5)
 
 
 def test_missing_tables_are_named(tmp_path: Path) -> None:
@@ -376,6 +379,8 @@ RECIPES: list[tuple[str, Any, str, str]] = [
     ("trial.start.x3", 1, "trial.start.x3", "there is no key 'x3' here; the keys are x2, x1"),
     ("trial.inputs.u", "sin(x1)", "trial.inputs.u", "the name 'x1' is not declared"),
     ("trial.noise.y", "small", "trial.noise.y", "is 'small', text; write a number"),
+    ("trial.settled", {"state": "x2", "band": 0.1}, "trial.settled", "the key 'hold' is missing"),
+    ("trial.settled", {"state": 2, "band": 0.1, "hold": 1}, "trial.settled.state", "write text"),
     ("trial.seeds", 1.5, "trial.seeds", "is 1.5; write a whole number from 1 to 1000"),
     ("trial.seeds", 10**9, "trial.seeds", "write a whole number from 1 to 1000"),
 ]
