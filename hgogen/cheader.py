@@ -58,7 +58,7 @@ def _banner(step: Step, command: str) -> list[str]:
     lines += [f"Form: {form.kind}, " + ", ".join(f"{z} = {e}" for z, e in zip(form.states, form.to_form, strict=True))]
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
     lines += [f"  {f.name} = {', '.join(f'{v:g}' for v in f.initial)}" for f in step.gains]
-    lines += [f"Method: {step.method.name}, dt = {step.dt:g} s"]
+    lines += [f"Method: {step.rule}, dt = {step.dt:g} s"]
     lines += ["Between samples the input " + ("is held" if step.between == "hold" else "is on a line")]
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {_claimed(check, observer.accepted)}" for check in observer.checks]

@@ -70,7 +70,7 @@ def measured(
     return Measured(
         name=name,
         observer=step.observer.name,
-        method=step.method.name,
+        method=step.rule,
         states=step.states,
         settled=tuple(median(event) for event in zip(*settled, strict=True)),
         rms={state: float(np.median([m.rms[state] for m in told])) for state in names},

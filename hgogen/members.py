@@ -130,6 +130,7 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         limit=tightest.limit,
         caution=min(piece.caution for piece in pieces),
         why=tightest.why,
+        rule=next((piece.rule for piece in pieces if piece.rule), ""),
     )
 
 

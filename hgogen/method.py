@@ -64,6 +64,7 @@ class Explicit:
             tune=part.tune,
             predict=(block,),
             uses_output=True,
+            rule=self.tableau.name,
             limit=paced(part, clock, self.tableau),
             why=f"beyond it the linear error core leaves the stability region of {self.tableau.name}",
         )
@@ -77,6 +78,7 @@ class Explicit:
             fields=pieces.fields,
             predict=pieces.predict,
             uses_output=True,
+            rule=self.name,
             limit=limits[-1].dt,
             caution=limits[0].dt,
             why=f"nowhere in the declared box is the covariance equation stable beyond it ({limits[-1].why})",

@@ -98,7 +98,8 @@ class Step:
     `plant`, `gains`, `derived`: fields of the parameters; `state`, `groups`: what a call remembers; `bits`: the status;
     `tuning`, `sections`, `estimate`: programs. `limit`: the largest dt that can be stable. `timed`: the updates of
     `sections` for samples that say when they were taken, of a step for sensors of different rates; `periods`: the time
-    (s) between two samples of each output.
+    (s) between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
+    another.
     """
 
     name: str
@@ -118,9 +119,10 @@ class Step:
     limit: float
     timed: tuple[Section, ...] = ()
     periods: tuple[float, ...] = ()
+    rule: str = ""
 
     def __repr__(self) -> str:
-        return f"<step of {self.name}: {self.observer.name} by {self.method.name}, dt = {self.dt:g}>"
+        return f"<step of {self.name}: {self.observer.name} by {self.rule}, dt = {self.dt:g}>"
 
     @property
     def inputs(self) -> tuple[Signal, ...]:
@@ -237,6 +239,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         limit=limit,
         timed=tuple(timed_),
         periods=tuple(map(clock.period, range(clock.outputs))),
+        rule=next((piece.rule for piece in pieces if piece.rule), method.name),
     )
     object.__setattr__(step, "bits", _bits(step, _all(piece.bits for piece in pieces)))
     return step

@@ -93,3 +93,16 @@ def test_a_gain_is_to_be_lowered_only_where_there_is_one_to_lower(name: str) -> 
     told = words(make(), 0.01 if name == "adaptive" else 1e-3)
     suspended = "the convergence theorem, where it applies, is suspended"
     assert f"{suspended}. To do: none if brief; if it stays, {advice}" in told
+
+
+@pytest.mark.parametrize(
+    ("observer", "rule"),
+    [
+        (pendulum(theta=5), "classical Runge-Kutta"),
+        (hg.observers.bank(pendulum(theta=5), count=2, period=1.0), "classical Runge-Kutta"),
+        (adaptive(), "continuous-discrete, L D L'"),
+    ],
+)
+def test_the_method_is_the_one_that_carries_it_out(observer: hg.Observer, rule: str) -> None:
+    """An observer without a covariance goes by classical Runge-Kutta under the default method, too."""
+    assert f"Method: {rule}, dt = " in words(observer, dt=0.01 if rule[0] == "c" else 1e-3)
