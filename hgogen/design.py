@@ -2,7 +2,9 @@
 
 `hgogen.gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54), D P + P D >= 0
 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is computed and
-proved of them, by `hgogen.adaptive_gain`. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction
+proved of them, by `hgogen.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one on, falls as
+gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of k(1) can be
+many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction
 for dynamic systems" (2020), section 4.
 """
 
@@ -19,6 +21,7 @@ from hgogen.adaptive_gain import disturbance as as_disturbance
 from hgogen.certified import Nothing
 from hgogen.check import Check, Verdict
 from hgogen.digits import down, up
+from hgogen.door import Misfit
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.gain_programs import Found, Task, best
@@ -31,6 +34,8 @@ from hgogen.observer import BadGain, positive, real, reals
 _MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
 _DIGITS = ((6, 9), (9, 12), (17, 17))  # of K and P
 _FACTORS, _BISECTIONS = 6, 6  # how far to relax a bound, by factors of 10, and how near to come to the edge
+_STARTS = (1.0, 1e2, 1e4)  # from which gamma on a form's slope is taken first: a huge one is more than a solver takes
+_SLOPES = 12  # how many are tried from there
 
 
 @dataclass(frozen=True)
@@ -71,9 +76,9 @@ class Infeasible(HgogenError):
 
 
 def adaptive_gain(
-    n: int,
+    n: int | Form,
     *,
-    slope: float,
+    slope: float | None = None,
     sigma: float = 0.05,
     largest: float = 10.0,
     gamma: float = math.inf,
@@ -84,30 +89,87 @@ def adaptive_gain(
     """K and P for a chain of n integrators whose nonlinear part has the slope k, of a small bound on gamma, or with a
     `disturbance` of a small L2 gain.
 
-    Args: `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on, as `slope` finds it;
-    `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the smaller the bound and the larger K; `gamma`,
+    Args: `n` the number of integrators, with their slope; or a form, whose slope is then found at the gamma from which
+    on it is needed; `slope` k >= |T^-1 dc/dw T| in the coordinates of integrators, from gamma_inf on, as `slope` finds
+    it; `sigma` > 0 how fast gamma may fall; `largest` |Y|: the larger, the smaller the bound and the larger K; `gamma`,
     `mu` what the bounds may be at most; `disturbance` (G_1 (n, m), G_2 (m)) in the same coordinates; `K` (n) a given
     gain, for which P is sought.
 
-    Raises: `Infeasible`, which says what bound to relax; `lmi.NoSolver`; `NotHurwitz` for a given K; `BadGain`.
+    Raises: `Infeasible`, which says what bound to relax; `lmi.NoSolver`; `NotHurwitz` for a given K; `BadGain`, also
+    for a form that is no chain of integrators, or whose slope has no bound that is shown.
     """
-    if isinstance(n, bool) or not isinstance(n, int) or n < 2:
-        raise BadGain(f"n = {n!r}", "must be a whole number of integrators, at least 2; K = P = 1 do for one")
-    given = None if disturbance is None else as_disturbance(disturbance, n)
+    count = _count(n, slope)
+    given = None if disturbance is None else as_disturbance(disturbance, count)
     if given is None and mu != math.inf:
         raise BadGain(f"mu = {mu!r}", "bounds the gain from a disturbance; give the disturbance")
-    if not 0 <= real("slope", slope) < math.inf:
-        raise BadGain(f"slope = {slope!r}", "must be a finite number, at least 0")
     bounds = {"sigma": positive("sigma", sigma)}
     bounds |= {name: _limit(name, x) for name, x in (("largest", largest), ("gamma", gamma), ("mu", mu))}
     deltas = None if given is None else (float(given.deltas[0]), float(given.deltas[1]))
-    task = Task(n, float(slope), bounds, deltas, None if K is None else _column(K, n), _MARGINS[0])
+    steep = 0.0 if slope is None else float(slope)
+    task = Task(count, steep, bounds, deltas, None if K is None else _column(K, count), _MARGINS[0])
     cp = solver("the design of an adaptive gain")
+    task = _where_needed(cp, n, task, given) if isinstance(n, Form) else task
     design = _designed(cp, task, given)
     if design is None:
         kept = {name: value for name, value in bounds.items() if value < math.inf}
-        raise Infeasible(n, kept, _enough(cp, task, given, kept))
+        raise Infeasible(count, kept, _enough(cp, task, given, kept))
     return design
+
+
+def _count(n: Any, slope: Any) -> int:
+    """The number of integrators, where it and the slope are as they must be."""
+    if isinstance(n, Form):
+        if slope is not None:
+            raise BadGain("slope", f"is found of {n.system.name} itself; leave it out, or give n in place of the form")
+        if n.n < 2:
+            raise BadGain(f"{n.system.name} of one state", "needs no design: K = P = 1 do")
+        return n.n
+    if isinstance(n, bool) or not isinstance(n, int | float):
+        raise Misfit("adaptive_gain", n, "a form, or a whole number of integrators with slope=")
+    if not isinstance(n, int) or n < 2:
+        raise BadGain(f"n = {n!r}", "must be a whole number of integrators, at least 2; K = P = 1 do for one")
+    if slope is None:
+        raise BadGain("slope", "must be given with n; or give the form in place of n")
+    if isinstance(slope, Form):
+        raise BadGain(f"slope = the form of {slope.system.name}", "must be a number; adaptive_gain(form) finds it")
+    if not 0 <= real("slope", slope) < math.inf:
+        raise BadGain(f"slope = {slope!r}", "must be a finite number, at least 0")
+    return n
+
+
+def _where_needed(cp: Any, form: Form, task: Task, given: Disturbance | None) -> Task:
+    """The task with the form's slope from the gamma on that gives the best design, all but mu's bound kept.
+
+    k(gamma) falls as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma serves,
+    and else a smaller one may.
+    """
+    free = task.bounded("mu", math.inf)
+
+    def at(gamma: float) -> tuple[Task, Design | None]:
+        asked = replace(free, slope=slope(form, gamma), least=gamma)
+        return asked, _designed(cp, asked, given)
+
+    starts = _STARTS if math.isinf(task.bounds["gamma"]) else (max(1.0, task.bounds["gamma"]),)
+    tried = map(at, starts)
+    best, design = next((one for one in tried if one[1] is not None), (replace(task, slope=slope(form)), None))
+    if design is None:
+        return best
+    low, high = 1.0, float(design.gamma)
+    for _ in range(_SLOPES):
+        middle = _short(math.sqrt(low * high), 4)
+        asked, found = at(middle)
+        if found is None:
+            low = middle
+            continue
+        if _worth(found) < _worth(design):
+            best, design = asked, found
+        low, high = (low, middle) if found.gamma <= middle else (middle, min(high, float(found.gamma)))
+    return replace(best, bounds=task.bounds)
+
+
+def _worth(design: Design) -> Fraction:
+    """What is to be small."""
+    return design.gamma if design.mu is None else design.mu
 
 
 def _designed(cp: Any, task: Task, given: Disturbance | None) -> Design | None:
@@ -126,8 +188,11 @@ def _designed(cp: Any, task: Task, given: Disturbance | None) -> Design | None:
 def slope(form: Form, gamma: float = 1.0) -> float:
     """The slope k of a form for every gamma from this one on, as `adaptive_gain` takes it; proved from above.
 
-    Raises: `BadGain` for a form that is no chain of integrators, or whose slope has no bound that is shown.
+    The larger gamma, the smaller the slope: `adaptive_gain(form)` finds the gamma that it takes. Raises: `BadGain` for
+    a form that is no chain of integrators, or whose slope has no bound that is shown; `Misfit` for no form.
     """
+    if not isinstance(form, Form):
+        raise Misfit("slope", form, "a form: hg.forms.triangular(plant)")
     if not 1 <= real("gamma", gamma) < math.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
     found = steepness(integrators("adaptive_lmi", form), gamma)
@@ -160,10 +225,11 @@ def _rounded(task: Task, found: Found, given: Disturbance | None, digits: tuple[
     proved = facts("adaptive_gain", known)
     if any(check.verdict is not Verdict.PROVED for check in proved):
         return None
-    slope, gamma, mu = Fraction(task.slope), Fraction(found.gamma), None
+    slope, least, mu = Fraction(task.slope), Fraction(task.least), None
     if given is None:
-        gamma = known.least(slope)
+        gamma = max(known.least(slope), least)
     else:
+        gamma = max(Fraction(found.gamma), least)
         share = share_of(known, (4 * slope * known.peak + 1) / (2 * gamma), given)
         if share is None:
             return None

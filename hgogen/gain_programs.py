@@ -30,7 +30,8 @@ class Task:
     """What is asked of a chain of `n` integrators with the slope k.
 
     `bounds`: "sigma", "largest" of |Y|, and what "gamma" and "mu" may be at most, inf for no bound; `deltas` None
-    without a disturbance; `K` (n, 1) where the gain is given and only P is sought; D P + P D >= `margin` lambda.
+    without a disturbance; `K` (n, 1) where the gain is given and only P is sought; D P + P D >= `margin` lambda;
+    `least` what gamma may be at least, from where k holds.
     """
 
     n: int
@@ -39,6 +40,7 @@ class Task:
     deltas: tuple[float, float] | None
     K: np.ndarray | None
     margin: float
+    least: float = 1.0
 
     def bounded(self, name: str, value: float) -> "Task":
         """With another bound of that name."""
@@ -65,7 +67,8 @@ def best(cp: Any, task: Task) -> Found | None:
         return None
     if task.deltas is None:
         return found
-    low, high = found.gamma * (1 + 1e-6), min(task.bounds["gamma"], _REACH * found.gamma)
+    low = max(task.least, found.gamma * (1 + 1e-6))
+    high = min(task.bounds["gamma"], _REACH * low)
     if low > high:
         return None
     at = _attenuation(cp, task)

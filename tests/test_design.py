@@ -1,22 +1,45 @@
 """K and P from linear matrix inequalities: known answers, an independent look at what was found, what is refused."""
 
 import sys
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from oracle.adaptive_lmi import SIGMA, K
 
+import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.design import Design, Infeasible, adaptive_gain
+from hgogen.design import Design, Infeasible, adaptive_gain, slope
+from hgogen.door import Misfit
 from hgogen.hurwitz import NotHurwitz
 from hgogen.lmi import NoSolver
+from hgogen.model import load
 from hgogen.observer import BadGain
 
 pytest.importorskip("clarabel")
 pytest.importorskip("cvxpy")
 
 TORQUE = (((0, 0), (0, 0), (0, 1)), (1, 0))
+
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+
+
+@cache
+def pendulum() -> hg.Form:
+    return hg.forms.triangular(load(MODELS / "pendulum.py").plant)
+
+
+def proved(design: Design, form: hg.Form, **more: Any) -> bool:
+    """Whether the observer proves convergence from the design's gamma on."""
+    low = np.nextafter(float(design.gamma), np.inf)
+    found = hg.observers.adaptive_lmi(
+        form, gamma=(low, 2 * low), K=design.K, P=design.P, sigma=design.sigma, rise=50, threshold=0.01, **more
+    )
+    (check,) = (check for check in found.checks if check.id == "adaptive_lmi.convergence")
+    return check.verdict is Verdict.PROVED
 
 
 def stands(design: Design, slope: float, largest: float = 10.0) -> None:
@@ -128,3 +151,68 @@ def test_without_a_solver_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cvxpy", None)
     with pytest.raises(NoSolver, match=r"the design of an adaptive gain needs cvxpy and clarabel; install them"):
         adaptive_gain(3, slope=0.71)
+
+
+# --- of a form ----------------------------------------------------------------------------------------------
+
+
+def test_of_a_form_the_slope_is_taken_where_gamma_is() -> None:
+    """The pendulum's slope from gamma = 1 on is 19.6, and asks gamma >= 45; near sqrt(45) it is 2.9, and asks that."""
+    far = adaptive_gain(2, slope=slope(pendulum()))
+    assert float(far.gamma) > 44
+    near = adaptive_gain(pendulum())
+    assert float(near.gamma) < 6.8
+    stands(near, slope(pendulum(), float(near.gamma)))
+    assert proved(near, pendulum())
+    below = 0.99 * float(near.gamma)
+    assert adaptive_gain(2, slope=slope(pendulum(), below)).gamma > below
+    assert adaptive_gain(pendulum()) == near
+
+
+def test_of_a_form_the_bounds_hold() -> None:
+    """One on gamma that the slope from 1 on forbids is met; one that none meets is refused, with what would do."""
+    assert adaptive_gain(pendulum(), gamma=10.0).gamma <= 10
+    for bound in (5.0, 0.5):
+        with pytest.raises(Infeasible) as caught:
+            adaptive_gain(pendulum(), gamma=bound)
+        assert adaptive_gain(pendulum(), gamma=float(caught.value.enough["gamma"])).gamma > 6
+
+
+def test_of_a_form_with_a_disturbance() -> None:
+    push = (((0,), (1,)), (1,))
+    far = adaptive_gain(2, slope=slope(pendulum()), disturbance=push)
+    near = adaptive_gain(pendulum(), disturbance=push)
+    assert near.mu is not None
+    assert 10 * near.mu < far.mu
+    assert proved(near, pendulum(), disturbance=push)
+    stands(near, slope(pendulum(), float(near.gamma)))
+    with pytest.raises(Infeasible) as caught:
+        adaptive_gain(pendulum(), disturbance=push, mu=float(near.mu) / 2)
+    assert adaptive_gain(pendulum(), disturbance=push, mu=float(caught.value.enough["mu"])).mu <= near.mu * (1 + 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("asked", "options", "said"),
+    [
+        (lambda: pendulum(), {"slope": 1.0}, r"slope is found of pendulum itself; leave it out"),
+        (lambda: 2, {}, r"slope must be given with n; or give the form in place of n"),
+        (lambda: 2, {"slope": None}, r"slope must be given with n"),
+        (lambda: pendulum().system, {}, r"adaptive_gain was given .*, of type System; give a form, or a whole number"),
+    ],
+)
+def test_neither_a_form_nor_n_with_its_slope(asked: Any, options: dict[str, Any], said: str) -> None:
+    with pytest.raises((BadGain, Misfit), match=f"^{said}") as caught:
+        adaptive_gain(asked(), **options)
+    assert len(str(caught.value)) < 250
+
+
+def test_an_error_names_a_form_in_short() -> None:
+    with pytest.raises(
+        BadGain, match=r"^slope = the form of pendulum must be a number; adaptive_gain\(form\) finds it"
+    ):
+        adaptive_gain(2, slope=pendulum())
+    with pytest.raises(
+        Misfit, match=r"^slope was given System.*give a form: hg\.forms\.triangular\(plant\)$"
+    ) as caught:
+        slope(pendulum().system)
+    assert len(str(caught.value)) < 250
