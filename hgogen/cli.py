@@ -99,7 +99,7 @@ def build(
     the trials run in Python, one seed each, and the C is written but not tried.
 
     JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, theorem, notes (as in `check`),
-    compiler, self_check (what it printed), trials (trial, seeds, engine, times, settled, worst, peak, calm,
+    compiler, self_check (what it printed), trials (trial, criterion, seeds, engine, times, settled, worst, peak, calm,
     triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial, seed, until, before, after, settled, dt,
     agreed), files.
     """
@@ -203,11 +203,11 @@ def simulate(
 ) -> None:
     """Try a model's observer on its trials and print the metrics.
 
-    JSON keys: model, trials (trial, seeds, engine, times of the events, settled and worst time to settle after each,
-    peak of theta as [smallest, largest], calm: time until theta < 1.05, triggered: share of seeds, loud: share of the
-    last fifth before the next event with theta > 1.5, latched: seeds in which theta does not come back, alarm_ratio:
-    innovation at the largest theta over its threshold, rms by state, clamped: samples outside the box after the first
-    5%, each: the same by seed).
+    JSON keys: model, trials (trial, criterion: what settled means, seeds, engine, times of the events, settled and
+    worst time to settle after each, peak of theta as [smallest, largest], calm: time until theta < 1.05, triggered:
+    share of seeds, loud: share of the last fifth before the next event with theta > 1.5, latched: seeds in which theta
+    does not come back, alarm_ratio: innovation at the largest theta over its threshold, rms by state, clamped: samples
+    outside the box after the first 5%, each: the same by seed).
     """
     loaded = load(model)
     step, trials = loaded.step(observer), loaded.trials()

@@ -20,7 +20,8 @@ from hgogen.command import (
     save_figures,
     show,
 )
-from hgogen.compare import Measured, criterion, measured
+from hgogen.compare import Measured, measured
+from hgogen.metrics import criterion
 from hgogen.model import MissingPart, Model, load
 from hgogen.trial import Trial
 

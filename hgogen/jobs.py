@@ -150,7 +150,7 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 def summaries(step: CallableStep, done: Iterable[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
     """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
     ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
-    told = [summary(one.trial.name, one.each, ratio) for one, ratio in ratios]
+    told = [summary(one.trial, one.each, ratio) for one, ratio in ratios]
     for sentence in alarm.complaints(told):
         say(sentence)
     return told

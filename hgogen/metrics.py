@@ -2,7 +2,8 @@
 was active.
 
 The events of a trial are its start (the initial state is wrong) and its jumps. An event lasts until the
-next one.
+next one. A trial without a band of its own is settled when every error stays within `SHARE` of its state's range, the
+declared one, else that of the truth along the trial.
 """
 
 import math
@@ -13,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from hgogen.step import Step
-from hgogen.trial import Settled, Trajectory
+from hgogen.trial import Settled, Trajectory, Trial
 
+SHARE = 0.05  # of a state's range
 TRIGGERED = 1.5  # theta above this: the adaptation has been triggered
 CALM = 1.05  # theta under this: Kalman mode again
 LATE = 5  # the last fifth of the time between two events is late
@@ -61,17 +63,13 @@ class Metrics:
 def metrics(step: Step, trajectory: Trajectory) -> Metrics:
     """The trajectory in numbers; `step` is the one that made it."""
     trial, t = trajectory.trial, trajectory.truth.t
-    names = [s.name for s in step.states]
     error = trajectory.error
     ends = (*trial.events[1:], math.inf)
     responses = []
     for begin, end in zip(trial.events, ends, strict=True):
         span = (t >= begin - 1e-9) & (t < end - 1e-9)
-        settled = None
-        if trial.settled:
-            settled = settling(error[span, names.index(trial.settled.state)], trial.settled, step.dt)
         theta = trajectory.traces["theta"][span] if "theta" in trajectory.traces else None
-        responses.append(Response(begin, settled, *_theta(theta, step.dt)))
+        responses.append(Response(begin, _settled(step, trajectory, span), *_theta(theta, step.dt)))
     steady = error[t >= trial.steady_from - 1e-9]
     rms = np.sqrt(np.mean(steady**2, axis=0))
     outside = sum(1 << k for k, bit in enumerate(step.bits) if bit.name in ("OUTSIDE_BOX", "STATE_LIMITED"))
@@ -80,9 +78,33 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
         seed=trajectory.seed,
         engine=trajectory.engine,
         responses=tuple(responses),
-        rms=dict(zip(names, map(float, rms), strict=True)),
+        rms={s.name: float(value) for s, value in zip(step.states, rms, strict=True)},
         clamped=int(np.count_nonzero(late & np.uint32(outside))),
     )
+
+
+def criterion(trial: Trial) -> str:
+    """What settled means, in words."""
+    if trial.settled is None:
+        return f"every error within {100 * SHARE:g}% of its state's range until the next event"
+    return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} s"
+
+
+def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
+    """The width (n) of each state's range."""
+    seen = np.ptp(trajectory.truth.x, axis=0)
+    widths = [s.interval[1] - s.interval[0] if s.bounded else seen[i] or 1.0 for i, s in enumerate(step.states)]
+    return np.array(widths, dtype=float)
+
+
+def _settled(step: Step, trajectory: Trajectory, span: np.ndarray) -> float | None:
+    """Time (s) to settle from the first sample of a span, a mask (N,), by the trial's criterion."""
+    error, wanted = trajectory.error[span], trajectory.trial.settled
+    if wanted:
+        return settling(error[:, [s.name for s in step.states].index(wanted.state)], wanted, step.dt)
+    outside = np.flatnonzero(~((np.abs(error) / ranges(step, trajectory)).max(axis=1) <= SHARE))
+    first = int(outside[-1]) + 1 if len(outside) else 0
+    return first * step.dt if first < len(error) else None
 
 
 def settling(error: np.ndarray, settled: Settled, dt: float) -> float | None:
@@ -118,10 +140,11 @@ class Summary:
     `settled`, `worst`: median and largest time to settle after each event; `peak`: (smallest, largest) peak
     of theta; `calm`: median; `triggered`: share of seeds in which theta rose through 1.5; `loud`: mean;
     `latched`: seeds in which theta did not come back after some event; `alarm_ratio`: see `hgogen.alarm`;
-    `rms`: median by state.
+    `rms`: median by state; `criterion`: what settled means.
     """
 
     trial: str
+    criterion: str
     seeds: int
     engine: str
     times: tuple[float, ...]
@@ -141,14 +164,15 @@ class Summary:
         return asdict(self)
 
 
-def summary(trial: str, each: Sequence[Metrics], alarm_ratio: float | None = None) -> Summary:
+def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None) -> Summary:
     """The metrics of all seeds (at least one) in one."""
     events = list(zip(*(m.responses for m in each), strict=True))
     peaks = [_present(r.peak for r in event) for event in events]
     triggers = [_present(r.triggers for r in event) for event in events]
     louds = [_present(r.loud for r in event) for event in events]
     return Summary(
-        trial=trial,
+        trial=trial.name,
+        criterion=criterion(trial),
         seeds=len(each),
         engine=each[0].engine,
         times=tuple(event[0].time for event in events),

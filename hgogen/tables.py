@@ -200,7 +200,8 @@ def trials(each: Iterable[Summary]) -> RenderableType:
     parts: list[RenderableType] = []
     for one in each:
         table = _table(
-            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}",
+            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}; "
+            f"settled: {one.criterion}",
             *("event at (s)", "settled after (s)", "worst (s)", "peak theta", "theta < 1.05 after (s)"),
             *("triggered", "still > 1.5"),
             numbers=7,

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.cli import app
-from hgogen.compare import SHARE, criterion, measured
+from hgogen.compare import measured
 from hgogen.cost import cost
+from hgogen.metrics import SHARE, criterion
 from hgogen.model import load
 from hgogen.program import Block, Kernel, Loop, Statement, When, sym
 from hgogen.step import Step
@@ -109,6 +110,22 @@ def test_what_never_settles_is_none() -> None:
     short = replace(TRIAL, duration=0.2)
     found = measured("filtered", step("filtered"), short, "python", (0,), lambda: None)
     assert found.settled == (None,)
+
+
+def test_one_observer_is_settled_as_beside_others(tmp_path: Path) -> None:
+    """Without a band of its own the trial has one criterion for both commands, and both print it."""
+    path = tmp_path / "hyperjerk.py"
+    text = (ROOT / "models" / "hyperjerk.py").read_text()
+    path.write_text(text.replace('settled=Settled("x4", band=0.5, hold=3)', "settled=None"))
+    common = ["--seeds", "1", "--engine", "python", "--json"]
+    one = CliRunner().invoke(app, ["simulate", str(path), "--observer", "filtered", *common])
+    beside = CliRunner().invoke(app, ["compare", str(path), "--observers", "filtered", "-o", str(tmp_path), *common])
+    (alone,), (trial,) = json.loads(one.stdout)["trials"], json.loads(beside.stdout)["trials"]
+    assert alone["settled"] == trial["observers"][0]["settled"] != [None]
+    assert alone["criterion"] == trial["criterion"] == criterion(TRIAL)
+    table = CliRunner().invoke(app, ["simulate", str(path), "--observer", "filtered", *common[:4]])
+    assert criterion(TRIAL) in " ".join(table.stdout.split())
+    assert "never" not in table.stdout
 
 
 def test_the_command_prints_and_draws(tmp_path: Path) -> None:

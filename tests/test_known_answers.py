@@ -41,7 +41,7 @@ def tried(step: Any, trial: Trial, seeds: int = 12) -> list[Trajectory]:
 
 
 def summed(step: Any, trajectories: list[Trajectory]) -> Any:
-    return summary(trajectories[0].trial.name, [metrics(step, each) for each in trajectories])
+    return summary(trajectories[0].trial, [metrics(step, each) for each in trajectories])
 
 
 def rms(trajectories: list[Trajectory], begin: float, end: float) -> float:

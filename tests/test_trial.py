@@ -210,24 +210,26 @@ def trajectory(theta, error, status):
 def test_metrics_of_a_made_up_trajectory():
     error = [1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 5, 5, 5, 0, 0, 3, 4, 3, 4, 3, 4]
     theta = [1, 1, 3, 1.04, 1, 1, 1, 1, 1, 1, 1, 2, 1.2, 1.6, 1.2, 1.1, 1.01, 1, 1, 1, 1]
-    found = metrics(*trajectory(theta, error, [2, 2, *[1] * 8, 2, *[0] * 9, 3]))
+    step, made = trajectory(theta, error, [2, 2, *[1] * 8, 2, *[0] * 9, 3])
+    found = metrics(step, made)
     first, second = found.responses
     assert (first.settled, first.peak, first.calm, first.triggers) == (2.0, 3.0, 3.0, 1)
     assert (second.settled, second.peak, second.calm, second.triggers) == (None, 2.0, 6.0, 2)
     assert found.rms["x"] == pytest.approx(math.sqrt((3 * 9 + 3 * 16) / 6))
     assert found.clamped == 2  # the two after the first 5% with bit 1
-    told = summary("made_up", [found])
+    told = summary(made.trial, [found])
     assert told.settled == (2.0, None)
     assert told.triggered == (1.0, 1.0)
 
 
 def test_a_seed_that_never_settles_is_not_forgotten():
     calm = [1.0] * 21
-    good = metrics(*trajectory(calm, [0.0] * 21, [0] * 21))
+    step, made = trajectory(calm, [0.0] * 21, [0] * 21)
+    good = metrics(step, made)
     bad = metrics(*trajectory(calm, [1.0] * 21, [0] * 21))
-    assert summary("made_up", [good, good, bad]).settled == (0.0, 0.0)
-    assert summary("made_up", [good, good, bad]).worst == (None, None)
-    assert summary("made_up", [good, bad, bad]).settled == (None, None)
+    assert summary(made.trial, [good, good, bad]).settled == (0.0, 0.0)
+    assert summary(made.trial, [good, good, bad]).worst == (None, None)
+    assert summary(made.trial, [good, bad, bad]).settled == (None, None)
 
 
 # --- a step on its trial --------------------------------------------------------------------------------------
@@ -238,7 +240,7 @@ needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C comp
 @needs_compiler
 def test_the_reference_trial_in_c():
     step = NEURON.step()
-    told = summary("one_jump", [metrics(step, one) for one in try_out(step, ONE_JUMP, "c")])
+    told = summary(ONE_JUMP, [metrics(step, one) for one in try_out(step, ONE_JUMP, "c")])
     assert 9.5 <= told.worst[1] <= 14.0
     assert 7.9 <= told.peak[1][0] <= told.peak[1][1] <= 8.0
     assert told.triggered == (1.0, 1.0)
