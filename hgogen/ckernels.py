@@ -219,10 +219,10 @@ static void PREFIX_exponential(REAL x[SQUARE], REAL phi_0[SQUARE], REAL phi_1[SQ
             x[i] = x[i]/TWO;
         }
     }
-    for (unsigned j = DEGREE; j > 0u; --j) {
+    for (unsigned j = DEGREE + 2u; j > 2u; --j) {
         PREFIX_product(c, x, phi_2);
         for (unsigned i = 0u; i < SQUARE; ++i) {
-            phi_2[i] = ((i % LINE == 0u) ? ONE : ZERO) + c[i]/(REAL)(j + 2u);
+            phi_2[i] = ((i % LINE == 0u) ? ONE : ZERO) + c[i]/(REAL)j;
         }
     }
     for (unsigned i = 0u; i < SQUARE; ++i) {

@@ -74,6 +74,12 @@ def integrated() -> hg.Step:
     return hg.sample(observer, hg.methods.rk4_covariance, dt=0.01)
 
 
+def exponential() -> hg.Step:
+    """The matrix exponential, a kernel, in tune."""
+    observer = hg.observers.high_gain(hg.forms.triangular(plants.chain(2)), theta=5, poles=(-1, -1))
+    return hg.sample(observer, hg.methods.exponential, dt=0.01)
+
+
 def bank() -> hg.Step:
     """Structs in structs, and sensors that say when they sampled."""
     a, b, y, v = signals("a b y v")
@@ -141,6 +147,7 @@ STEPS: Mapping[str, Callable[[], hg.Step]] = {
     "one_state": one_state,
     "many_states": many_states,
     "integrated": integrated,
+    "exponential": exponential,
     "bank": bank,
     "tunable": tunable,
     "sin": lambda: names("sin"),
