@@ -32,7 +32,9 @@ def _fold(line: str) -> list[str]:
 
 def _filled(text: str, indent: str, hanging: str) -> list[str]:
     text = re.sub(r" \*/$", f"{_GLUE}*/", text)  # the end of a comment stays with its last word
-    lines = textwrap.wrap(text, COLUMNS, initial_indent=indent, subsequent_indent=indent + hanging)
+    lines = textwrap.wrap(
+        text, COLUMNS, initial_indent=indent, subsequent_indent=indent + hanging, break_on_hyphens=False
+    )
     return [line.replace(_GLUE, " ") for line in lines]
 
 

@@ -1,5 +1,6 @@
 """NAME.h, the manual of emitted C: banner with the mathematics and its claims, structs, status bits, prototypes."""
 
+import re
 from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -193,7 +194,8 @@ def _manual(step: Step) -> list[str]:
         parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",
         timed=_timed(step) if step.timed else "",
     )
-    return _comment(text.strip("\n").split("\n"))
+    flowing = re.sub(r"(?<=\S)\n(?=\S)", " ", text.strip("\n"))  # a paragraph is one line, which is filled later
+    return _comment(flowing.split("\n"))
 
 
 def _status(step: Step) -> list[str]:

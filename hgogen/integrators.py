@@ -26,6 +26,7 @@ from hgogen.program import INF, Field, sym
 from hgogen.theorem import Theorem
 
 T = TypeVar("T")
+PLANT = "in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges"
 
 
 def chain_gains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
@@ -149,7 +150,7 @@ def observer_on(
         checks=(*form.checks, *clamped(name, form), *checks),
         accepted=accepted,
         theorem=theorem,
-        equations=equations,
+        equations=(*equations, PLANT),
         reference=reference,
         traces=traces,
     )

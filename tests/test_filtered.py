@@ -256,6 +256,16 @@ def test_what_filtered_injection_refuses(changes: dict[str, Any], said: str) -> 
         injected(**changes)
 
 
+def test_the_header_prints_the_matrices_and_what_they_stand_in() -> None:
+    step = hg.sample(injected(N=np.diag([1, 2, 3, 4.5])), dt=1e-3)
+    told = " ".join(hg.targets.c99(step, check=False)[f"{step.name}.h"].replace("\n *", "\n").split())
+    matrices = {name: np.array(FREE[name]) for name in ("F", "G", "H")} | {"N": np.diag([1, 2, 3, 4.5])}
+    for name, matrix in matrices.items():
+        rows = ", ".join(f"({', '.join(f'{v:g}' for v in row)})" for row in np.atleast_2d(matrix))
+        assert f" {name} = {rows if matrix.ndim == 1 else f'({rows})'} " in told
+    assert "in chains of integrators the plant is w' = A w + c(w, u), A the shift" in told
+
+
 @pytest.mark.parametrize("build", [hg.observers.filtered, hg.observers.filtered_injection])
 def test_other_forms_are_refused(build: Any) -> None:
     gains = {"alpha": 3, "beta": 1, "poles": POLES} if build is hg.observers.filtered else FREE

@@ -81,20 +81,18 @@
  *     }
  *
  * The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
- * The period is compiled in: one call for each, with NaN for a sample that did not come.
- * An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
- * valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
- * plausible value is not noticed. The status is 0 for ok, else an or of the bits below.
+ * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
+ * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
+ * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
+ * noticed. The status is 0 for ok, else an or of the bits below.
  *
- * cascaded_tanks_step is predict, update_y, adapt:
- * in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later
- * than the input. Without a sample leave its update out.
+ * cascaded_tanks_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
+ * and or their statuses, where a sample comes later than the input. Without a sample leave its update out.
  *
- * Change gains in p.gain, then call cascaded_tanks_tune,
- * or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
- * A gain whose largest value is its nominal one can only go down, because dt was admitted for it.
- * The state may be copied, saved and restored, by the same version of this file; write s.z after init or
- * reset to start from an estimate of yours.
+ * Change gains in p.gain, then call cascaded_tanks_tune, or the change is neither limited nor complete.
+ * Ranges are those of the model: to widen one, generate anew. A gain whose largest value is its nominal one
+ * can only go down, because dt was admitted for it. The state may be copied, saved and restored, by the same
+ * version of this file; write s.z after init or reset to start from an estimate of yours.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check;

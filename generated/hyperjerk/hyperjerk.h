@@ -10,10 +10,11 @@
  *   y = x1
  * Form: triangular, z1 = x1, z2 = x2, z3 = x3, z4 = x4
  * Observer
- *   x_i' = x_(i+1) + c_i(x, u) + l_i eta_i
- *   eta_1' = -theta alpha eta_1 + theta^2 beta (y - x_1), eta_i' = -theta alpha eta_i + theta^2 beta
+ *   w_i' = w_(i+1) + c_i(w, u) + l_i eta_i
+ *   eta_1' = -theta alpha eta_1 + theta^2 beta (y - w_1), eta_i' = -theta alpha eta_i + theta^2 beta
  *     eta_(i-1)
  *   alpha = 3, beta = 1, L = (6, 15, 18, 10)
+ *   in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges
  *   theta = 10
  * Method: classical Runge-Kutta, dt = 0.001 s
  * Between samples the input is on a line
@@ -65,16 +66,15 @@
  *     }
  *
  * The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
- * The period is compiled in: one call for each, with NaN for a sample that did not come.
- * An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
- * valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
- * plausible value is not noticed. The status is 0 for ok, else an or of the bits below.
+ * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
+ * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
+ * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
+ * noticed. The status is 0 for ok, else an or of the bits below.
  *
- * Change gains in p.gain, then call hyperjerk_tune,
- * or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
- * A gain whose largest value is its nominal one can only go down, because dt was admitted for it.
- * The state may be copied, saved and restored, by the same version of this file; write s.w after init or
- * reset to start from an estimate of yours.
+ * Change gains in p.gain, then call hyperjerk_tune, or the change is neither limited nor complete. Ranges are
+ * those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can only go
+ * down, because dt was admitted for it. The state may be copied, saved and restored, by the same version of
+ * this file; write s.w after init or reset to start from an estimate of yours.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check;

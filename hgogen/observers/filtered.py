@@ -32,8 +32,8 @@ from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
 EQUATIONS = (
-    "x_i' = x_(i+1) + c_i(x, u) + l_i eta_i",
-    "eta_1' = -theta alpha eta_1 + theta^2 beta (y - x_1), eta_i' = -theta alpha eta_i + theta^2 beta eta_(i-1)",
+    "w_i' = w_(i+1) + c_i(w, u) + l_i eta_i",
+    "eta_1' = -theta alpha eta_1 + theta^2 beta (y - w_1), eta_i' = -theta alpha eta_i + theta^2 beta eta_(i-1)",
 )
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, for theta large enough",

@@ -21,14 +21,14 @@ from hgogen.certified_core import Layout, of_core
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import scaled
+from hgogen.injection import listed, scaled
 from hgogen.integrators import integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, reals
 from hgogen.program import Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
-EQUATIONS = ("x' = A x + c(x, u) + diag(theta, .., theta^n) N H eta, eta' = theta F eta + theta G (y - x_1)",)
+EQUATIONS = ("w' = A w + c(w, u) + diag(theta, .., theta^n) N H eta, eta' = theta F eta + theta G (y - w_1)",)
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, for theta large enough",
     (
@@ -74,7 +74,8 @@ def filtered_injection(
     n, level, source = chain.n, sym("gain.theta"), reals("G", G)
     m = source.size
     source, filter_ = _matrix("G", source, (m,)), _matrix("F", F, (m, m))
-    pushed = _matrix("N", np.eye(n) if N is None else N, (n, n)) @ _matrix("H", H, (n, m))
+    outer, inner = _matrix("N", np.eye(n) if N is None else N, (n, n)), _matrix("H", H, (n, m))
+    pushed = outer @ inner
     core = _core(filter_, source, pushed)
     demand_hurwitz("N, F, G, H", core, "choose them such that Q decays")
     eta = Field("eta", (0.0,) * m, meaning="state of the injection's filter")
@@ -98,7 +99,13 @@ def filtered_injection(
         gains=(high,),
         w=sym("state.w", n),
         theorem=THEOREM,
-        equations=EQUATIONS,
+        equations=(
+            *EQUATIONS,
+            f"F = {_printed(filter_)}",
+            f"G = {listed(source)}",
+            f"N = {_printed(outer)}",
+            f"H = {_printed(inner)}",
+        ),
         reference=REFERENCE,
         checks=checks("filtered_injection", high.initial[0], of_core(chain, layout, [core])),
         accepted=accept,
@@ -112,6 +119,11 @@ def _matrix(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
         reason = f"must be {size} finite numbers; the length of G is the filter's size"
         raise BadGain(f"{name} of shape {matrix.shape}", reason)
     return matrix
+
+
+def _printed(matrix: np.ndarray) -> str:
+    """A matrix for a banner, row by row."""
+    return f"({', '.join(map(listed, matrix))})"
 
 
 def _core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:

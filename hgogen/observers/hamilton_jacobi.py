@@ -39,8 +39,9 @@ REFERENCE = (
 EQUATIONS = (
     "xhat' = f + Pi^-1 h_x' R (y - h)",
     "Pi' = -Pi f_x - f_x' Pi - Pi Q^-1 Pi + h_x' R h_x",
+    "P = Pi^-1",
 )
-CURVED = (*EQUATIONS[:1], f"{EQUATIONS[1]} - s sum_j R_j (y_j - h_j) d2h_j")
+CURVED = (*EQUATIONS[:1], f"{EQUATIONS[1]} - s sum_j R_j (y_j - h_j) d2h_j", EQUATIONS[2])
 THEOREM = KALMAN.under(
     Hypothesis(
         "the value function is quadratic, so that the estimate minimises the cost",
