@@ -365,3 +365,7 @@ def list_(as_json: Json = False) -> None:
     names = {kind: list(getattr(hg, kind).__all__) for kind in kinds}
     told = {kind: summaries(f"hgogen.{kind}", names[kind]) for kind in kinds}
     show(as_json, {"models": list(listed()), **names, "summaries": told}, tables.listed(listed(), told))
+
+
+if __name__ == "__main__":
+    main()

@@ -564,3 +564,9 @@ def test_a_reader_that_stops_early_is_no_error(options: tuple[str, ...]):
     process.stdout = None
     assert process.communicate() == (None, "")
     assert process.returncode == command_.UNREAD
+
+
+@pytest.mark.parametrize("module", ["hgogen", "hgogen.cli"])
+def test_python_runs_the_command_as_a_module(module: str) -> None:
+    done = subprocess.run([sys.executable, "-m", module, "list", "--json"], capture_output=True, text=True, check=True)
+    assert "low_power" in json.loads(done.stdout)["observers"]
