@@ -324,7 +324,10 @@ def text_of(made: Any, folder: Any) -> int:
 
 @pytest.mark.parametrize(
     ("name", "place"),
-    [("decaying", "s.member[k].z of every k"), ("low_power", "s.member[k].p of every k and s.member[k].q of every k")],
+    [
+        ("decaying", "s.member[k].z of every k"),
+        ("low_power", "s.member[k].xi_p of every k and s.member[k].xi_q of every k"),
+    ],
 )
 def test_the_header_says_where_the_estimate_starts(name: str, place: str) -> None:
     made = around(name)

@@ -5,10 +5,11 @@
     q_(n-1)' = c_n(xhat, u) + l^2 k_(n-1)2 e_(n-1)
     e_1 = y - p_1,   e_i = q_(i-1) - p_i,   xhat = (p_1, q_1, .., q_(n-1)),   l = theta
 
-in the coordinates of `integrators`, the argument of c saturated to the declared box. The linear error core has the
-2n - 2 poles asked for, times l; k_i = (2, (n - i)/i) puts them all at -l (`pairs`). Source: Astolfi, Marconi, "A
-high-gain nonlinear observer with limited gain power", IEEE TAC 60 (2015), with c_n alone; the rows c_1..c_(n-1) of a
-triangular form are an extension: c_i/l^(i-1) is Lipschitz in the scaled errors, uniformly in l >= 1.
+in the coordinates of `integrators`, the argument of c saturated to the declared box. p and q are the fields `xi_p` and
+`xi_q`, of the paper's pairs xi_i = (p_i, q_i): p_i estimates w_i, q_i w_(i+1). The linear error core has the 2n - 2
+poles asked for, times l; k_i = (2, (n - i)/i) puts them all at -l (`pairs`). Source: Astolfi, Marconi, "A high-gain
+nonlinear observer with limited gain power", IEEE TAC 60 (2015), with c_n alone; the rows c_1..c_(n-1) of a triangular
+form are an extension: c_i/l^(i-1) is Lipschitz in the scaled errors, uniformly in l >= 1.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,7 +34,7 @@ from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 REFERENCE = "Astolfi, Marconi, A high-gain nonlinear observer with limited gain power, IEEE TAC 60 (2015)"
 EQUATIONS = (
     "p_i' = q_i + c_i + theta k_i1 e_i, q_i' = q_(i+1) + c_(i+1) + theta^2 k_i2 e_i, q_n = 0",
-    "e_1 = y - p_1, e_i = q_(i-1) - p_i, xhat = (p_1, q_1, .., q_(n-1))",
+    "e_1 = y - p_1, e_i = q_(i-1) - p_i, xhat = (p_1, q_1, .., q_(n-1)), p = xi_p, q = xi_q",
 )
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, for theta large enough",
@@ -74,18 +75,18 @@ def low_power(
     k = pair_gains("low_power", n, gains, poles)
     w, level = chain.field(initial, high.initial[0]), sym("gain.theta")
     fields = (
-        rows(w, "p", range(pairs), "estimate of the states but the last, corrected first"),
-        rows(w, "q", range(1, n), "estimate of the states but the first"),
+        rows(w, "xi_p", range(pairs), "p_i, first of the pair xi_i: estimate of the states but the last"),
+        rows(w, "xi_q", range(1, n), "q_i, second of the pair xi_i: estimate of the states but the first"),
     )
 
     def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
-        p, q = values["p"], values["q"]
+        p, q = values["xi_p"], values["xi_q"]
         onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, q))
-        return {"p": q + onto_p, "q": shifted(q) + onto_q}
+        return {"xi_p": q + onto_p, "xi_q": shifted(q) + onto_q}
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
-        c = chain.nonlinear(ca.vertcat(values["p"][0], values["q"]), u)
-        return {"p": c[:pairs], "q": c[1:]}
+        c = chain.nonlinear(ca.vertcat(values["xi_p"][0], values["xi_q"]), u)
+        return {"xi_p": c[:pairs], "xi_q": c[1:]}
 
     part = Ode(fields, rest, linear, chain.offset)
     core = core_numbers(part, 1, {"gain.theta": np.ones(1)})
@@ -96,7 +97,7 @@ def low_power(
         "low_power",
         parts=(part,),
         gains=(high,),
-        w=ca.vertcat(sym("state.p", pairs)[0], sym("state.q", pairs)),
+        w=ca.vertcat(sym("state.xi_p", pairs)[0], sym("state.xi_q", pairs)),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(k_i1, k_i2) = {', '.join(map(listed, k))}"),
         reference=REFERENCE,

@@ -7,9 +7,10 @@
     e_1 = y - p_1,   e_i = sat q_(i-1) - p_i,   xhat = p,   l = theta
 
 in the coordinates of `integrators`; sat q_i is q_i clamped to the declared range of w_(i+1), the argument of c to the
-declared box. Without saturation the linear error core is that of the low-power observer beside the pole -l alpha_n.
-Source: Astolfi, Marconi, Praly, Teel, "Low-power peaking-free high-gain observers", Automatica 98 (2018), with c_n
-alone; the rows c_1..c_(n-1) of a triangular form are an extension.
+declared box. p and q are the fields `xi_p` and `xi_q`, of the pairs xi_i = (p_i, q_i): p_i estimates w_i, q_i w_(i+1).
+Without saturation the linear error core is that of the low-power observer beside the pole -l alpha_n. Source: Astolfi,
+Marconi, Praly, Teel, "Low-power peaking-free high-gain observers", Automatica 98 (2018), with c_n alone; the rows
+c_1..c_(n-1) of a triangular form are an extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,7 +37,7 @@ REFERENCE = "Astolfi, Marconi, Praly, Teel, Low-power peaking-free high-gain obs
 EQUATIONS = (
     "p_i' = q_i + c_i + theta alpha_i e_i, p_n' = c_n + theta alpha_n e_n",
     "q_i' = sat q_(i+1) + c_(i+1) + theta^2 beta_i e_i, q_n = 0",
-    "e_1 = y - p_1, e_i = sat q_(i-1) - p_i, xhat = p",
+    "e_1 = y - p_1, e_i = sat q_(i-1) - p_i, xhat = p, p = xi_p, q = xi_q, sat to the declared range of the state",
 )
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, its peak bounded whatever theta, for theta large "
@@ -88,16 +89,16 @@ def peaking_free(
         raise BadGain(f"gains = {k.tolist()}", "must all be positive: a pair behind a saturation decays by itself")
     w, level = chain.field(initial, high.initial[0]), sym("gain.theta")
     fields = (
-        rows(w, "p", range(n), "estimate"),
-        rows(w, "q", range(1, n), "rates of the states but the last"),
+        rows(w, "xi_p", range(n), "p_i, first of the pair xi_i: estimate"),
+        rows(w, "xi_q", range(1, n), "q_i, second of the pair xi_i: estimate of the states but the first"),
     )
 
     def lines(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate, model: Model) -> dict[str, Any]:
-        p, q, c = values["p"], values["q"], model(values["p"])
+        p, q, c = values["xi_p"], values["xi_q"], model(values["xi_p"])
         sat = ca.vertcat(*(saturate(q[i - 1], i) for i in range(1, n)))
         onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, sat))
         last = level * alpha * (sat[pairs - 1] - p[pairs])
-        return {"p": ca.vertcat(q + onto_p, last) + c, "q": shifted(sat) + onto_q + c[1:]}
+        return {"xi_p": ca.vertcat(q + onto_p, last) + c, "xi_q": shifted(sat) + onto_q + c[1:]}
 
     part = saturating(chain, fields, lines)
     one = {"gain.theta": np.ones(1)}
@@ -108,7 +109,7 @@ def peaking_free(
         "peaking_free",
         parts=(part,),
         gains=(high,),
-        w=sym("state.p", n),
+        w=sym("state.xi_p", n),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {alpha:g}"),
         reference=REFERENCE,
