@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.form import Form
 from hgogen.gains import coefficients
 from hgogen.hurwitz import demand_hurwitz
 from hgogen.integrators import Integrators
@@ -86,6 +87,19 @@ def capped(level: Field) -> Jump:
     """The status bit of a gain that has reached its cap, the upper end of its field."""
     reached = {"status.GAIN_LIMITED": sym(f"state.{level.name}") >= level.high[0]}
     return Jump(lambda clock: Pieces(bits=(GAIN_LIMITED,), adapt=(Block("has the gain reached its cap?", reached),)))
+
+
+def unmodelled(form: Form) -> Jump:
+    """What a missing sample means to an observer without the last row of the model, which has nothing to predict by."""
+    bits = tuple(
+        Bit(
+            f"MISSING_{y}",
+            f"{y} is not finite: the estimate goes on at its last rates, without a model of them",
+            "do not act on it for longer than those rates hold; watch for a sensor that stays silent",
+        )
+        for y in form.system.outputs
+    )
+    return Jump(lambda clock: Pieces(bits=bits))
 
 
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Any:

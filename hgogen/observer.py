@@ -112,8 +112,8 @@ class Pieces:
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
     the measurement; `limit` is the largest step length that can be stable, `why` the condition behind it; from
-    `caution` on it may fail in a part of the declared box; `rule`: what carries the part out, where the method leaves
-    that to another.
+    `caution` on it may fail in a part of the declared box; `bits`: its own, or its words for the step's; `rule`:
+    what carries the part out, where the method leaves that to another.
     """
 
     fields: tuple[Field, ...] = ()

@@ -16,11 +16,16 @@ from hgogen.guards import kept
 from hgogen.innovation import Innovation, staggered
 from hgogen.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.observer import HUGE, Clock, Observer, Pieces, state_field
-from hgogen.program import Block, Copy, Field, Group, Loop, Program, When, scalar, sym
+from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Program, When, scalar, sym
 
 if TYPE_CHECKING:
     from hgogen.method import Method
 
+RESTARTED = Bit(
+    "RESTARTED",
+    "a value of a member was lost (not finite), and all of that member restarted",
+    "treat the estimate as new; check parameters (tune was called?) and ranges",
+)
 SHARE, PREDICTORS = 0.3, 4  # of the restart period the window where none is given, and its predictors
 
 
@@ -74,6 +79,7 @@ class Parallel:
         return replace(
             every,
             fields=(*map(_copy, shown), *self._counters(period)),
+            bits=(*every.bits, RESTARTED),
             groups=(Group("member", self.count, every.fields, "the observers in parallel", every.groups),),
             predict=(*loop(every.predict), show),
             update=tuple((*loop(self._update(clock, j, *both)), show) for j, both in enumerate(updates)),

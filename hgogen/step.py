@@ -304,7 +304,7 @@ def _estimate(observer: Observer) -> Program:
 
 
 def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
-    """The status bits that some block raises, in a fixed order."""
+    """The status bits that some block raises, in a fixed order; of one name the last, a part's own words for it."""
     programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
     raised = {place.split(".", 1)[1] for place, _ in places(programs) if scope(place) == "status"}
     bits = []
@@ -319,7 +319,7 @@ def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     lower = or_lower(step.observer)
     bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
     bits += extra
-    kept = tuple(bit for bit in dict.fromkeys(bits) if bit.name in raised)
+    kept = tuple(bit for bit in {bit.name: bit for bit in bits}.values() if bit.name in raised)
     if len(kept) > STATUS:
         raise BadStep(f"{step.name} with {len(kept)} status bits", f"has more than {STATUS}; drop inputs or outputs")
     return kept

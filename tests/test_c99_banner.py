@@ -1,8 +1,11 @@
 """What a header says of claims, of the theorem behind its observer, and what to do when a status bit is raised."""
 
+import itertools
+import re
 from collections.abc import Callable
 
 import emitted
+import plants
 import pytest
 from plants import fitzhugh_nagumo, kalman, pendulum, van_der_pol
 
@@ -106,3 +109,28 @@ def test_a_gain_is_to_be_lowered_only_where_there_is_one_to_lower(name: str) -> 
 def test_the_method_is_the_one_that_carries_it_out(observer: hg.Observer, rule: str) -> None:
     """An observer without a covariance goes by classical Runge-Kutta under the default method, too."""
     assert f"Method: {rule}, dt = " in words(observer, dt=0.01 if rule[0] == "c" else 1e-3)
+
+
+def test_in_a_bank_a_member_restarts_alone() -> None:
+    bank = words(hg.observers.bank(pendulum(theta=5), count=2, period=1.0))
+    assert "a value of a member was lost (not finite), and all of that member restarted. To do" in bank
+    assert "the whole state restarted" in words(pendulum())
+    assert "the whole state restarted" not in bank
+
+
+def test_without_a_model_there_is_nothing_to_predict_by() -> None:
+    held = "y is not finite: the estimate goes on at its last rates, without a model of them. To do: do not act on it"
+    form, tracking = hg.forms.triangular(plants.chain(2)), {"k_0": 1, "k_max": 9, "gamma": 1, "strip": 0.1, "reach": 1}
+    without = [hg.observers.cascade(form, theta=5), hg.observers.lambda_tracking(form, poles=(-1, -1), **tracking)]
+    assert [held in words(observer) for observer in without] == [True, True]
+    modelled = hg.observers.lambda_tracking(form, poles=(-1, -1), model=True, **tracking)
+    assert "y is not finite: predicted only" in words(modelled)
+
+
+@pytest.mark.parametrize("name", ["bank", "pendulum"])
+def test_the_lines_of_a_paragraph_are_full(name: str) -> None:
+    text = emitted.files(name)[f"{emitted.step(name).name}.h"]
+    manual = text.split("How to use it")[1].split(" */")[0].splitlines()
+    flowing = [pair for pair in itertools.pairwise(manual) if all(re.match(r" \* \S", line) for line in pair)]
+    assert len(flowing) >= 8
+    assert all(len(first) + len(second.split()[1]) >= 110 for first, second in flowing)

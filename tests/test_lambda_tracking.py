@@ -157,6 +157,16 @@ def tracking(**changes: Any) -> hg.Observer:
     return hg.observers.lambda_tracking(swing.form(), **{**gains, **changes})
 
 
+def test_tuning_keeps_strip_below_reach() -> None:
+    """Else the gain would never grow."""
+    step = hg.sample(tracking(), hg.methods.rk4, dt=swing.DT)
+    assert step.flags(step.tune(strip=5.4)) == ()
+    assert step.flags(step.tune(strip=6.0)) == ("PARAMETER_LIMITED",)
+    assert step.flags(step.tune(strip=5.0, reach=4.0)) == ("PARAMETER_LIMITED",)
+    ranges = {field.name: field.box[0] for field in step.gains}
+    assert ranges["strip"][1] < ranges["reach"][0]
+
+
 def test_the_linear_core_has_the_poles_at_the_cap() -> None:
     gains: dict[str, Any] = {"k_0": 20, "k_max": 400, "gamma": 1, "strip": 5, "reach": 6, "poles": (-1, -2)}
     assert swing.core_poles(hg.observers.lambda_tracking, **gains) == pytest.approx([-800, -400], rel=1e-12)

@@ -25,7 +25,7 @@ from hgogen.check import Verdict
 from hgogen.core import numbers
 from hgogen.form import Form
 from hgogen.gains import BadPoles, coefficients
-from hgogen.injection import listed
+from hgogen.injection import listed, unmodelled
 from hgogen.integrators import Integrators, integrators, observer_on
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, reals, tunable
 from hgogen.program import INF, Field, sym
@@ -37,7 +37,7 @@ from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 REFERENCE = "Khalil, Cascade high-gain observers in output feedback control, Automatica 80 (2017)"
 EQUATIONS = (
     "v_1' = v_2 + theta alpha_1 (y - v_1), v_2' = theta^2 alpha_2 (y - v_1), v_i' = theta alpha_i (xhat_(i-1) - v_i)",
-    "xhat_1 = v_1, xhat_2 = sat(v_2 - c_1), xhat_i = sat(v_i' - c_(i-1))",
+    "xhat_1 = v_1, xhat_2 = sat(v_2 - c_1), xhat_i = sat(v_i' - c_(i-1)), sat to the declared range of the state",
 )
 THEOREM = Theorem(
     "the error becomes of the order of 1/theta, and never 0: the last row of the model is not used",
@@ -100,7 +100,7 @@ def cascade(
     return observer_on(
         chain,
         "cascade",
-        parts=(saturating(chain, (_field(chain, high.initial[0] * alpha, initial),), lines),),
+        parts=(saturating(chain, (_field(chain, high.initial[0] * alpha, initial),), lines), unmodelled(form)),
         gains=(high,),
         w=ca.vertcat(*estimates(sym("state.v", n), chain.saturated, lambda w: chain.nonlinear(w, u))),
         theorem=THEOREM,

@@ -25,7 +25,7 @@ import sympy as sp
 from hgogen.bounded import bounded
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.injection import capped, injection_gains, listed, moving_gain
+from hgogen.injection import capped, injection_gains, listed, moving_gain, unmodelled
 from hgogen.integrators import Integrators, integrators, observer_on
 from hgogen.observer import BadGain, Observer, founded, gain, positive, reals
 from hgogen.program import Field, scalar, sym
@@ -33,7 +33,7 @@ from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"
 EQUATIONS = (
-    "xhat_i' = xhat_(i+1) + p_i k^i e, xhat_n' = {phi}p_n k^n e, e = y - xhat_1",
+    "w_i' = w_(i+1) + p_i k^i e, w_n' = {phi}p_n k^n e, e = y - w_1",
     "k' = gamma d(e)^2, d(e) = |e| - strip limited to [0, reach - strip]",
 )
 _LAW = (
@@ -44,7 +44,11 @@ _LAW = (
         reference="Theorem 2",
     ),
     Hypothesis("s^n + p_1 s^(n-1) + .. + p_n is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
-    Hypothesis("reach > strip > 0, gamma > 0, k(0) > 0", verdict=Verdict.PROVED, reason="others are refused; (5)"),
+    Hypothesis(
+        "reach > strip > 0, gamma > 0, k(0) > 0",
+        verdict=Verdict.PROVED,
+        reason="others are refused, and tuning keeps them; (5)",
+    ),
     Hypothesis(
         "the gain does not reach its cap",
         reason="watch the status GAIN_LIMITED; the theorem knows no cap, and no bound on the gain",
@@ -115,6 +119,7 @@ def lambda_tracking(
     width, end = positive("strip", strip), positive("reach", reach)
     if not width < end:
         raise BadGain(f"reach = {reach!r}", f"must be above strip = {width:g}")
+    widest = (width + end) / 2  # so that strip stays below reach however they are tuned
     rate = positive("gamma", gamma)
     w = _started(chain.field(initial, most), chain, start)
     k = scalar("k", least, low=least, high=most, unit="1/s", meaning="gain, which only grows")
@@ -127,11 +132,11 @@ def lambda_tracking(
     return observer_on(
         chain,
         "lambda_tracking",
-        parts=(moving_gain(chain, w, p, k, law), capped(k)),
+        parts=(moving_gain(chain, w, p, k, law), capped(k), *(() if model else (unmodelled(form),))),
         gains=(
             gain("gamma", rate, 1e-3 * rate, 1e3 * rate, "how fast the gain grows", "1/(y^2 s^2)"),
-            gain("strip", width, 1e-3 * width, 1e3 * width, "output error up to which the gain rests", "y"),
-            gain("reach", end, 1e-3 * end, 1e3 * end, "output error from which it grows no faster", "y"),
+            gain("strip", width, 1e-3 * width, widest, "output error up to which the gain rests", "y"),
+            gain("reach", end, end, 1e3 * end, "output error from which it grows no faster", "y"),
         ),
         w=sym("state.w", chain.n),
         theorem=MODELLED if model else THEOREM,
