@@ -9,8 +9,9 @@
 in the coordinates of `integrators`, the argument of c saturated to the declared box. K, P and sigma satisfy (54), which
 with D P + P D >= 0 lets gamma rise at any rate and fall no faster than sigma gamma^2 (`hgogen.adaptive_gain` verifies,
 `hgogen.design` finds them). The law is (90) projected: taken literally it never leaves gamma_inf or gamma_sup. Where no
-sample is valid gamma rests. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
-systems", Mathematical Problems in Engineering (2020), theorems 5-7, (46), (87), (90).
+sample is valid gamma rests. gamma_sup is part of the law: assumption 3 wants gamma bounded, so no status tells of a
+gamma that rests there; no theorem is suspended. Source: Alessandri, "On Hamilton-Jacobi approaches to state
+reconstruction for dynamic systems", Mathematical Problems in Engineering (2020), theorems 5-7, (46), (87), (90).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
