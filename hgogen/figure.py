@@ -57,7 +57,7 @@ GREEK = (
     *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
 )
 WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
-COLUMNS, ROW = 4, 0.18  # of a legend; inches of its rows
+COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # of a legend, at most; inches of its rows, lines and letters
 PARTS = 300  # of the time axis, where errors are drawn by their largest: they cross 0
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
 
@@ -88,19 +88,23 @@ def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> F
     return figure
 
 
-def errors(states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray]) -> Figure:
+def errors(
+    states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray], events: Sequence[float] = ()
+) -> Figure:
     """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
-    line for each observer; `of`: errors (N, n) by name."""
-    parts = np.array_split(np.arange(len(t)), min(PARTS, len(t)))
+    line for each observer; `of`: errors (N, n) by name. A part ends at each of the `events` (s): no line rises before.
+    """
+    cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
+    first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
     with rc_context(STYLE):
-        figure, axes = _figure(len(states), t, top=0.4 + ROW * ((len(of) - 1) // COLUMNS))
+        figure, axes = _figure(len(states), t, top=0.4 + ROW * ((len(of) - 1) // _columns(tuple(of))))
         for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
             axis.set_yscale("log")
             for k, (name, error) in enumerate(of.items()):
-                size = np.array([np.abs(error[part, i]).max() for part in parts])
+                size = np.maximum.reduceat(np.abs(error[:, i]), first)
                 shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
                 style = ("-", "--", ":")[k // 10 % 3]  # ten colours
-                axis.plot([t[part[0]] for part in parts], shown, style, color=f"C{k % 10}", label=name)
+                axis.plot(t[first], shown, style, color=f"C{k % 10}", label=name, drawstyle="steps-post")
             _name(axis, signal.name, signal.unit, f"error of {signal.meaning or signal.name}")
         _legend(figure, axes, tuple(of))
     return figure
@@ -222,12 +226,18 @@ def _legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth
         [lines[name] for name in order],
         order,
         loc="upper right",
-        ncols=min(len(order), COLUMNS),
+        ncols=_columns(order),
         bbox_to_anchor=(0.96, 1.0),
         borderaxespad=0.2,
         handlelength=1.6,
         columnspacing=1.4,
     )
+
+
+def _columns(names: Sequence[str]) -> int:
+    """How many columns of a legend have room for all names."""
+    room = int(WIDTH / (HANDLE + LETTER * max(map(len, names))))
+    return max(1, min(len(names), COLUMNS, room))
 
 
 def _thin(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

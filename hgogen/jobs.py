@@ -179,7 +179,8 @@ def errors(each: Sequence[Measured]) -> "Figure":
     from hgogen import figure
 
     first = each[0].first
-    return figure.errors(each[0].states, first.truth.t, {one.name: one.first.error for one in each})
+    of = {one.name: one.first.error for one in each}
+    return figure.errors(each[0].states, first.truth.t, of, first.trial.events)
 
 
 def record_figures(step: CallableStep, name: str, record: Record, run: Run) -> dict[str, "Figure"]:

@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import hgogen as hg
+from hgogen import figure
 from hgogen.call import CallableStep
 from hgogen.cli import app
 from hgogen.compare import measured
@@ -104,6 +105,31 @@ def test_metrics_are_those_of_the_errors() -> None:
     assert relative[k - 1] > SHARE >= relative[k:].max()
     steady = error[found.first.truth.t >= 5.4 - 1e-9]
     assert list(found.rms.values()) == pytest.approx(list(np.sqrt((steady**2).mean(axis=0))))
+
+
+def test_no_error_rises_before_its_jump() -> None:
+    """A jump between two cuts of the time: until its sample the line stays at what was there."""
+    t, k = np.arange(10_000) * 1e-3, 5017
+    error = np.where(np.arange(len(t)) < k, 0.01, 1.0)[:, None]
+    (axis,) = figure.errors([hg.Signal("x")], t, {"one": error}, (0.0, t[k], t[-1] + 1)).axes
+    (line,) = axis.get_lines()
+    shown = np.column_stack(line.get_data())
+    assert line.get_drawstyle() == "steps-post"
+    assert shown[shown[:, 0] < t[k], 1].max() == 0.01
+    assert shown[np.isclose(shown[:, 0], t[k]), 1].tolist() == [1.0]
+
+
+def test_the_lines_of_sixteen_observers_differ_and_the_legend_has_room() -> None:
+    """Each has a colour and dashes of its own; the legend lies within the figure, above the panels."""
+    t, names = np.arange(5) * 1.0, [f"a_filtered_injection_{k}" for k in range(16)]
+    drawn = figure.errors([hg.Signal("x")], t, {name: np.ones((5, 1)) for name in names})
+    looks = {(line.get_color(), line.get_linestyle()) for line in drawn.axes[0].get_lines()}
+    assert len(looks) == len(names)
+    figure.png(drawn)  # places the legend
+    box, whole = drawn.legends[0].get_window_extent(), drawn.bbox
+    title = drawn.axes[0].title.get_window_extent()
+    assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+    assert title.y1 <= box.y0 < box.y1 <= whole.y1
 
 
 def test_what_never_settles_is_none() -> None:
