@@ -39,6 +39,7 @@ from hgogen.digits import down, up
 from hgogen.integrators import Integrators
 from hgogen.observer import BadGain, reals
 from hgogen.proof import Proof
+from hgogen.symmetric import symmetric, unsymmetric
 
 _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)
 
@@ -118,9 +119,9 @@ class Given:
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
-    """K, P, sigma as rationals, which floats are.
+    """K, P, sigma as rationals, which floats are; of a P that is symmetric but for rounding, (P + P')/2 (`symmetric`).
 
-    Raises: `BadGain` for other than n numbers K, a matrix P that is not symmetric, sigma < 0, or what is not finite.
+    Raises: `BadGain` for other than n numbers K, a matrix P that is less symmetric, sigma < 0, or what is not finite.
     """
     gain, matrix, shrink = reals("K", K), reals("P", P), reals("sigma", sigma)
     n = gain.size if n is None else n
@@ -131,11 +132,12 @@ def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
     for name, values in (("K", gain), ("P", matrix), ("sigma", shrink)):
         if not np.isfinite(values).all():
             raise BadGain(name, "must be finite")
-    if (matrix != matrix.T).any():
-        raise BadGain("P", "must be symmetric; give (P + P')/2")
+    even = symmetric(rational(matrix))
+    if even is None:
+        raise BadGain("P", unsymmetric("P"))
     if shrink.ndim or shrink < 0:
         raise BadGain(f"sigma = {sigma!r}", "must be a number, at least 0")
-    return Candidate(tuple(map(Fraction, gain.tolist())), rational(matrix), Fraction(float(shrink)))
+    return Candidate(tuple(map(Fraction, gain.tolist())), even, Fraction(float(shrink)))
 
 
 def disturbance(given: Any, n: int) -> Disturbance:

@@ -32,6 +32,7 @@ from hgogen.identity import is_zero
 from hgogen.points import exact, kind
 from hgogen.second_order import Answer, SecondOrder, negative
 from hgogen.slope import JUMPS, KINKS, lipschitz_bound
+from hgogen.symmetric import symmetric, unsymmetric
 
 LIMIT = 4000
 _SHARP = 1e-2  # of V's range on a face
@@ -77,9 +78,9 @@ class Dissipation:
 def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int = LIMIT) -> Dissipation:
     """Inequality (38) of an error system, proved or refuted on a box.
 
-    Args: `V` an expression of the system's errors, or a symmetric matrix P (n, n) for e'P e; `mu` > 0; `within` the
-    box of the errors: half widths (n), or ranges (low, high) around 0, in their order or by name; `boxes` at most for
-    each question of a sign.
+    Args: `V` an expression of the system's errors, or a matrix P (n, n) for e'P e, symmetric but for rounding (1e-12);
+    `mu` > 0; `within` the box of the errors: half widths (n), or ranges (low, high) around 0, in their order or by
+    name; `boxes` at most for each question of a sign.
 
     Raises: `BadErrorSystem`; `Misfit`.
     """
@@ -115,15 +116,24 @@ def _function(system: ErrorSystem, V: Any) -> sp.Expr:
     except (sp.SympifyError, ValueError, TypeError):
         raise BadErrorSystem(f"V = {V!r}", "is neither an expression of the errors nor a matrix") from None
     if isinstance(given, sp.MatrixBase):
-        if given.shape != (n, n) or given != given.T:
+        if given.shape != (n, n):
             raise BadErrorSystem(f"V of shape {given.shape}", f"must be a symmetric {n} x {n} matrix, for V = e'V e")
-        e = sp.Matrix(system.errors)
-        given = (e.T * given.applyfunc(exact) * e)[0, 0]
+        P, e = given.applyfunc(exact), sp.Matrix(system.errors)
+        if not _even(P):
+            raise BadErrorSystem("V", unsymmetric("V"))
+        given = (e.T * P * e)[0, 0]
     strange = given.free_symbols - {*system.errors}
     if strange:
         names = ", ".join(e.name for e in system.errors)
         raise BadErrorSystem("V", f"uses {min(map(str, strange))}; it is a function of the errors {names} alone")
     return sp.expand(exact(given))
+
+
+def _even(P: sp.Matrix) -> bool:
+    """Whether P is symmetric but for rounding; e'P e is that of (P + P')/2."""
+    if not all(entry.is_Rational for entry in P):
+        return bool(P == P.T)
+    return symmetric([[Fraction(int(x.p), int(x.q)) for x in row] for row in P.tolist()]) is not None
 
 
 def _positive(name: str, value: Any) -> sp.Rational:

@@ -2,6 +2,7 @@
 absurd."""
 
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from hgogen.observer import HUGE, BadGain, gain, reals
 from hgogen.program import Field
 from hgogen.scaling import Scaling
 from hgogen.stability import steady_covariance
+from hgogen.symmetric import symmetric, unsymmetric
 
 
 def cap(
@@ -34,7 +36,7 @@ def cap(
 
 
 def spd(name: str, value: Any, n: int) -> np.ndarray:
-    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix.
+    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix; rounding is taken off (`symmetric`).
 
     Raises: `BadGain`.
     """
@@ -45,8 +47,10 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
         raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
     if not (np.abs(matrix) <= HUGE**2).all():
         raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE**2:g}")
-    if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
-        raise BadGain(name, "must be symmetric")
+    even = symmetric([[Fraction(x) for x in row] for row in matrix.tolist()])
+    if even is None:
+        raise BadGain(name, unsymmetric(name))
+    matrix = np.array(even, dtype=float)
     if np.linalg.eigvalsh(matrix).min() <= 0:
         raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
     return matrix

@@ -230,7 +230,7 @@ def test_the_slope_at_gamma_inf_serves_every_larger_gamma(slopes: list[float], l
         ({"K": (1, 2)}, r"P of shape \(3, 3\) must be a 2 x 2 matrix"),
         ({"K": ((1, 2, 3),)}, r"K of shape \(1, 3\) must have 3 numbers"),
         ({"K": (1, 2, float("nan"))}, "K must be finite"),
-        ({"P": P + np.eye(3, k=1)}, r"P must be symmetric; give \(P \+ P'\)/2"),
+        ({"P": P + np.eye(3, k=1)}, r"P must be symmetric, to 1e-12 of its numbers; give \(P \+ P'\)/2"),
         ({"P": "one"}, "P = 'one' must be a number or an array of numbers"),
         ({"sigma": -0.1}, r"sigma = -0\.1 must be a number, at least 0"),
         ({"sigma": (1, 2)}, r"sigma = \(1, 2\) must be a number"),

@@ -389,7 +389,7 @@ UNIT = np.eye(3)
         ({"Q": 1.0}, r"Q of shape \(\) must be"),
         ({"Q": (1, 2, 0)}, "Q must be positive definite; a state believed constant takes a small positive number"),
         ({"Q": np.ones((3, 3))}, "Q must be positive definite"),
-        ({"Q": UNIT + np.eye(3, k=1)}, "Q must be symmetric"),
+        ({"Q": UNIT + np.eye(3, k=1)}, r"Q must be symmetric, to 1e-12 of its numbers; give \(Q \+ Q'\)/2"),
         ({"Q": (1, 2, NAN)}, "Q must be finite"),
         ({"Q": (1e300, 1, 1)}, "Q must be finite, none of its numbers beyond 1e"),
         ({"Q": "1"}, "Q = '1' must be a number or an array of numbers"),

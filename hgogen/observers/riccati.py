@@ -51,7 +51,7 @@ def riccati(
     one for each output, unit y^2 s (spectral densities: for white noise of variance v per sample, R = v dt); `theta` a
     number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n numbers in the plant's order);
     `covariance` P(0) = S(0)^-1, diagonal (n) or (n, n), default the unit matrix; `accept` ids of refuted checks to
-    build on all the same.
+    build on all the same. A matrix that is symmetric but for rounding (1e-12) is taken as (Q + Q')/2.
 
     Checks: `riccati.convergence` (unknown); `riccati.lipschitz` in coordinates other than the plant's states (b on the
     whole box of z).
