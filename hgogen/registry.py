@@ -4,7 +4,9 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import cleandoc, isfunction
 from pkgutil import iter_modules
+from types import ModuleType
 from typing import Any
 
 from hgogen.errors import HgogenError
@@ -25,7 +27,8 @@ def load(package: str) -> dict[str, Any]:
     """Import every module of the package, in alphabetical order; return {case name: its public object}.
 
     A folder's `__init__` says `globals().update(load(__name__))`. Loading is eager because importing a module
-    later would bind the package's attribute to the module in place of the function.
+    later would bind the package's attribute to the module in place of the function. That hides the file's docstring
+    too: a function's own follows it, so that help() shows equations and reference before the arguments.
 
     Raises: `NoCase`.
     """
@@ -34,8 +37,16 @@ def load(package: str) -> dict[str, Any]:
         module = import_module(f"{package}.{name}")
         if name not in vars(module):
             raise NoCase(module.__name__)
-        cases[name] = vars(module)[name]
+        cases[name] = _told(module, vars(module)[name])
     return cases
+
+
+def _told(module: ModuleType, case: Any) -> Any:
+    """The case; a function has its file's docstring before its own, once."""
+    if isfunction(case) and case.__doc__ and module.__doc__:
+        file, own = cleandoc(module.__doc__), cleandoc(case.__doc__)
+        case.__doc__ = own if own.startswith(file) else f"{file}\n\n{own}"
+    return case
 
 
 def summaries(package: str, cases: Iterable[str]) -> dict[str, str]:

@@ -1,0 +1,32 @@
+"""What help() shows of a case: its file's equations and reference, then its arguments."""
+
+import inspect
+import sys
+
+import pytest
+
+import hgogen as hg
+from hgogen import registry
+
+CASES = [(kind, name) for kind in ("forms", "observers") for name in getattr(hg, kind).__all__]
+
+
+@pytest.mark.parametrize(("kind", "name"), CASES)
+def test_the_help_of_a_case_opens_with_its_equations(kind: str, name: str) -> None:
+    told = inspect.getdoc(getattr(getattr(hg, kind), name)) or ""
+    module = inspect.cleandoc(sys.modules[f"hgogen.{kind}.{name}"].__doc__ or "")
+    assert told.startswith(module + "\n\n")
+    assert told.count(module) == 1
+    assert len(told) > len(module) + 40
+    assert told.partition("\n")[0] == registry.summaries(f"hgogen.{kind}", [name])[name]
+
+
+def test_the_cascade() -> None:
+    told = inspect.getdoc(hg.observers.cascade) or ""
+    assert "    v_2' = l^2 alpha_2 (y - v_1)" in told
+    assert told.index("Khalil") < told.index("Args: ") < told.index("`theta`")
+
+
+def test_it_is_told_once() -> None:
+    before = hg.observers.cascade.__doc__
+    assert registry.load("hgogen.observers")["cascade"].__doc__ == before
