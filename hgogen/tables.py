@@ -345,15 +345,17 @@ def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
 
 
 def responses(continuous: Response, sampled: Response) -> RenderableType:
-    """The gains from noise to estimates: a row for each pair, continuous and as a step has them."""
+    """The gains from noise to estimates: a row for each pair and frequency, continuous and as a step has them."""
     head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} s"
-    table = _table(
-        head, "noise of", "error of", "", *(f"{w:g} rad/s" for w in continuous.omega), numbers=len(continuous.omega)
-    )
+    table = _table(head, "noise of", "error of", "omega (rad/s)", "continuous", "step", numbers=3)
+    for column in table.columns[2:]:
+        column.no_wrap = True  # half a number is another number
     for j, output in enumerate(continuous.outputs):
         for i, state in enumerate(continuous.states):
-            for labels, one in (((output, state, "continuous"), continuous), (("", "", "step"), sampled)):
-                table.add_row(*map(Text, labels), *(f"{gain:.4g}" for gain in one.gain[:, i, j]))
+            gains = zip(continuous.omega, continuous.gain[:, i, j], sampled.gain[:, i, j], strict=True)
+            for k, (w, exact, found) in enumerate(gains):
+                labels = (output, state) if k == 0 else ("", "")
+                table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", f"{found:.4g}")
     return Group(table, "")
 
 

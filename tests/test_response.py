@@ -198,9 +198,21 @@ def test_the_command(tmp_path: Path) -> None:
 def test_the_command_in_words() -> None:
     """By default at six frequencies about the core's poles, and nothing is drawn."""
     table, _ = hgogen("response", HYPERJERK, "--observer", "high_gain")
-    assert table.count("rad/s") == 6
-    assert table.count("continuous") == table.count("  step  ") == 4
+    rows = [line.split() for line in table.splitlines() if re.search(r"\d\s*$", line)]
+    assert len(rows) == 4 * 6
+    assert [row[:2] for row in rows if len(row) == 5] == [["y", f"x{i}"] for i in (1, 2, 3, 4)]
     assert "files" not in table
+
+
+@pytest.mark.parametrize("columns", ["60", "80", "200"])
+def test_no_number_is_broken(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    omega = "1,2,5,10,20,50,100,200,500,1000,2000,3000"
+    arguments = ("response", HYPERJERK, "--observer", "high_gain", "--omega", omega)
+    told = as_json(*arguments)
+    rows = [line.split()[-3:] for line in hgogen(*arguments)[0].splitlines() if re.search(r"\d\s*$", line)]
+    wanted = [row for one in told["gains"] for row in zip(told["omega"], one["continuous"], one["step"], strict=True)]
+    assert [tuple(map(float, row)) for row in rows] == [tuple(float(f"{v:.4g}") for v in row) for row in wanted]
 
 
 @pytest.mark.parametrize(
