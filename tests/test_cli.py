@@ -123,10 +123,13 @@ def test_check_of_a_plant_without_an_observer_asks_only(here: Path):
 
 
 def test_check_of_a_plant_in_no_form(here: Path):
-    found = as_json("check", str(MODELS / "battery.toml"))
+    """The battery without its observer."""
+    alone = here / "battery.toml"
+    alone.write_text(re.split(r"^\[(?:observer|tuning|trial)", (MODELS / "battery.toml").read_text(), flags=re.M)[0])
+    found = as_json("check", str(alone))
     assert (found["form"], found["refuted"]) == ("triangular", ["triangular.structure"])
     assert {row["verdict"] for row in found["forms"] if row["name"].startswith(("tri", "uni"))} == {"refuted"}
-    out, err = hgogen("check", str(MODELS / "battery.toml"))
+    out, err = hgogen("check", str(alone))
     assert "in triangular form" not in out
     assert out.count("y brings in soc, v together") == 1
     assert "has the structure of none of the forms asked" in err
