@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 
 from hgogen.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
-from hgogen.method import Explicit
+from hgogen.method import FACTORED, Explicit
 from hgogen.observer import Clock, Ode, Pieces
 from hgogen.program import Bit, Block, Field, Program, When, sym
 from hgogen.riccati import Riccati
@@ -44,6 +44,7 @@ class Curved:
         """By an explicit method in its own view; by classical Runge-Kutta on (z, P) where the method is another."""
         explicit = method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
         plain = explicit.riccati(self.plain, clock)
+        plain = replace(plain, why=plain.why.removesuffix(FACTORED))  # not with the term
         moves = explicit.ode(self.equation(explicit.view), clock)
         if 1 / self.fastest < plain.limit:
             why = "beyond it the second derivatives of the output can take all of Pi in one step"

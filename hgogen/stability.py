@@ -228,7 +228,7 @@ def _steady_limit(riccati: _Riccati, thetas: Sequence[float], polynomial: Sequen
             mu = np.minimum(mu.real, 0.0) + 1j * mu.imag
             modes = np.concatenate((mu, mu[pairs[0]] + mu[pairs[1]]))
             modes = modes[np.abs(modes) > ZERO * np.abs(spectrum).max()]
-            why = f"beyond it the steady covariance repels (theta = {theta:g}, Jacobian {i})"
+            why = f"the covariance does not settle, for its steady value repels (theta = {theta:g})"
             limits.append(Limit(_spectral_limit(modes, polynomial), why, i))
     return min(limits, key=lambda limit: limit.dt)
 
@@ -354,8 +354,8 @@ def _transient_limit(run: _Transients, starts: tuple[_Start, ...], most: float) 
     good, bad, first = _scan(run, starts, good, bad, COARSE, first)
     # The fine scan begins lower: where theta rises by steps, failure can have islands below.
     good, _, first = _scan(run, first, good / COARSE, bad, FINE, first)
-    i = int(first[0].rows[0])
-    return Limit(good, f"beyond it P is lost on the way from {first[0]}, Jacobian {i}", i)
+    why = f"the covariance loses positive definiteness on the way from {first[0]}"
+    return Limit(good, why, int(first[0].rows[0]))
 
 
 def _scan(

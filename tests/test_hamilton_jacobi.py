@@ -210,6 +210,11 @@ def test_a_step_that_could_take_all_is_refused() -> None:
     observer = hg.observers.hamilton_jacobi(forms()["curved"], Q=[1, 2], R=3, curvature=1000.0)
     with pytest.raises(StepTooLong, match=r"second derivatives of the output.*dt <= 0.001"):
         hg.sample(observer, hg.methods.rk4, dt=2e-3)
+    slow = hg.observers.hamilton_jacobi(forms()["curved"], Q=[1, 2], R=3, curvature=1e-3)
+    for method in (hg.methods.rk4_covariance, hg.methods.continuous_discrete):  # the latter is the former here
+        with pytest.raises(StepTooLong, match=r"admits the longest, the covariance .*\(theta = 1\); take dt") as caught:
+            hg.sample(slow, method, dt=50.0)
+        assert "continuous_discrete" not in str(caught.value).partition(": ")[2]
 
 
 # --- as a step ----------------------------------------------------------------------------------------------
