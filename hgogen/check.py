@@ -4,6 +4,7 @@
 condition; `generic` holds outside a set of measure zero; `unknown` is an honest "no answer".
 """
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -61,18 +62,32 @@ class Refuted(HgogenError):
     """An observer was asked for on a form with a refuted hypothesis that nobody accepted.
 
     `checks`: those refuted; `form`: the form that was refused, with all its checks, where there is one; `accepted`: the
-    ids that were accepted.
+    ids that were accepted; `where`: the file and the key that asked; `plain`: whether it is plain text; `other`: what
+    takes the plant as it is.
     """
 
     checks: tuple[Check, ...]
     form: Any = None
     accepted: tuple[str, ...] = ()
+    where: str = ""
+    plain: bool = False
+    other: str = ""
 
     def __str__(self) -> str:
-        ids = tuple(check.id for check in self.checks)
-        lines = "; ".join(check.sentence for check in self.checks)
-        fixes = " ".join(check.fix for check in self.checks if check.fix)
-        return f"refuted: {lines}. {fixes + ' ' if fixes else ''}To build all the same, say accept={ids!r}"
+        head = f"{self.where}: refuted" if self.where else "refuted"
+        said = [f"{head}: {'; '.join(check.sentence for check in self.checks)}.", *filter(None, self._fixes)]
+        offer = self._offer(*(check.id for check in self.checks))
+        if offer not in " ".join(said):
+            said.append(f"To build all the same, say {offer}")
+        return " ".join([*said, self.other] if self.other else said)
+
+    @property
+    def _fixes(self) -> list[str]:
+        """With the offers in the language of the file."""
+        return [check.fix.replace(f"accept=({check.id!r},)", self._offer(check.id)) for check in self.checks]
+
+    def _offer(self, *ids: str) -> str:
+        return f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
 
 
 @dataclass(eq=False)

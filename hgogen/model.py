@@ -6,7 +6,7 @@ import tokenize
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
@@ -290,8 +290,10 @@ def _guarded(path: str, function: Callable[[], Any]) -> Any:
     try:
         with redirect_stdout(sys.stderr):
             return function()
-    except (Refuted, BadModelFile):
+    except BadModelFile:
         raise
+    except Refuted as error:
+        raise replace(error, where=error.where or path) from None
     except (Exception, SystemExit) as error:
         frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
         kind = "" if isinstance(error, HgogenError) else f"{type(error).__name__}: "

@@ -9,6 +9,7 @@
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
     between = "line"                  # or "hold"
+    periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
 
     [tuning.filter]                   # kind: one of hg.observers, where the name is none
     kind = "riccati"
@@ -24,16 +25,17 @@ In Python `form` may be a function of the plant, and every value may be what the
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from inspect import Parameter, signature
+from pathlib import Path
 from typing import Any
 
 from hgogen import forms, innovation, methods, observers, theta
 from hgogen.call import CallableStep, sample
-from hgogen.check import Refuted
+from hgogen.check import Refuted, Verdict
 from hgogen.errors import HgogenError
-from hgogen.modelfile import NUMBER, TEXT, BadModelFile, demand_keys
+from hgogen.modelfile import NUMBER, READERS, TEXT, BadModelFile, demand_keys
 from hgogen.observer import BadGain, Observer
 from hgogen.system import System
 
@@ -90,7 +92,9 @@ class Tuning:
     def period(self, name: str) -> float:
         """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
         table = self.table(name)
-        demand_keys(self.file, self.where(name), {key: table[key] for key in ("dt",) if key in table}, _TYPES, "dt")
+        if "dt" not in table:
+            reason = "the key 'dt' is missing; add dt, the time in seconds between two calls of the observer"
+            raise BadModelFile(self.file, self.where(name), reason)
         return float(table["dt"])
 
     def gains(self, name: str) -> Mapping[str, Any]:
@@ -153,10 +157,18 @@ class Tuning:
         """What `function` returns; a refusal keeps its sentence and gets the file and the key."""
         try:
             return function()
-        except Refuted:
-            raise
+        except Refuted as error:
+            plain, at = Path(self.file).suffix in READERS, f"{self.file}, {where}"
+            raise replace(error, where=at, plain=plain, other=self._other(error.form)) from None
         except (HgogenError, TypeError, ValueError) as error:
             raise BadModelFile(self.file, where, str(error)) from None
+
+    def _other(self, refused: Any) -> str:
+        """The observer that takes the plant as it is, in a sentence, where that is known."""
+        form = forms.state_affine(self.plant)
+        if getattr(refused, "kind", "") == form.kind or any(c.verdict is not Verdict.PROVED for c in form.checks[:1]):
+            return ""
+        return "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
 
 
 def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -135,5 +135,12 @@ def test_a_step_that_fails_names_its_line(tmp_path: Path):
 
 def test_a_refuted_form_is_not_wrapped(tmp_path: Path):
     text = (MODELS / "fitzhugh_nagumo.py").read_text().replace('"accept": ("triangular.a_2",)', '"accept": ()')
-    with pytest.raises(hg.check.Refuted, match=r"triangular\.a_2"):
-        load(model(tmp_path, text)).step()
+    path = model(tmp_path, text)
+    with pytest.raises(hg.check.Refuted, match=r"^\S*made\.py: refuted: triangular\.a_2"):
+        load(path).step()
+    with pytest.raises(hg.check.Refuted) as caught:
+        load(path).step("decaying")
+    said = str(caught.value)
+    assert said.startswith(f"{path}, tuning.decaying: refuted: triangular.a_2")
+    assert said.count("accept") == said.count("accept=('triangular.a_2',)") == 1
+    assert said.endswith("The plant is state-affine, which is proved: kalman_like takes its form state_affine.")

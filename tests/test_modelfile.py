@@ -13,6 +13,7 @@ import sympy as sp
 from typer.testing import CliRunner
 
 import hgogen as hg
+from hgogen.check import Refuted
 from hgogen.cli import app
 from hgogen.model import MissingPart, NoModel, listed, load
 from hgogen.modelfile import BadModelFile, NoText, from_table, read, to_text
@@ -339,8 +340,22 @@ def test_an_observer_without_a_tuning_is_told_what_to_add(tmp_path: Path) -> Non
         loaded.step("low_power")
     with pytest.raises(MissingPart, match=r"there is no observer 'low_pow', .* did you mean low_power"):
         loaded.step("low_pow")
-    with pytest.raises(BadModelFile, match=r"tuning.low_power: the key 'dt' is missing; add dt"):
+    with pytest.raises(
+        BadModelFile, match=r"tuning.low_power: the key 'dt' is missing; add dt, the time in seconds \D*$"
+    ):
         load(written(tmp_path, PLANT + "[tuning.low_power]\ntheta = 5\n")).step("low_power")
+
+
+def test_a_refuted_hypothesis_is_of_a_tuning_and_accepted_in_its_language(tmp_path: Path) -> None:
+    """x2 acts on x1 through u, which vanishes: the sentence names the file and the key, and offers accept once."""
+    text = PLANT.replace('flow = "x2"', 'flow = "u*x2"') + "[tuning.quick]\nkind = 'high_gain'\n"
+    path = written(tmp_path, text + "theta = 5\npoles = [-1, -1]\ndt = 1e-3\n")
+    assert path.read_text().count("u*x2") == 1
+    with pytest.raises(Refuted) as caught:
+        load(path).step("quick")
+    said = str(caught.value)
+    assert said.startswith(f"{path}, tuning.quick: refuted: ")
+    assert said.count("accept") == said.count('accept = ["triangular.a_2"]') == 1
 
 
 def test_its_trial_is_the_one_written(tmp_path: Path) -> None:
