@@ -33,6 +33,7 @@ from hgogen.tape import NoTape
 from hgogen.tokens import BadExpression
 
 t = Signal("t", "s", "time")  # equal to that of a trial
+_EXACTLY = 'Write a multiple of pi as such: period = "2*pi", not 6.283185, which is the period of no sine of t.'
 _SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the period, at which the rank is asked
 
 
@@ -69,12 +70,12 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
         doubt = _doubt(form, A, C, {u: given[u.name] for u in form.system.inputs if u in read} if given else {})
         return answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
     if period is None:
-        return answer(Verdict.UNKNOWN, "the input varies, and no period is given", "Give its period, as 2*sympy.pi.")
+        return answer(Verdict.UNKNOWN, "the input varies, and no period is given", f"Give its period. {_EXACTLY}")
     length, rough = _expression("period", period), (*JUMPS, *KINKS)
     if not (length.is_positive and length.is_finite) or A.has(*rough) or C.has(*rough):
         return answer(Verdict.UNKNOWN, "the period is no positive number, or A(t), C(t) have kinks or jumps")
     if not all(is_zero(e.xreplace({t: t + length}) - e) for e in given.values()):
-        return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", "Write it as 2*sympy.pi.")
+        return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", _EXACTLY)
     doubt = _unbounded(form, given, length)
     if doubt:
         return answer(Verdict.UNKNOWN, doubt)

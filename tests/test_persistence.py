@@ -1,0 +1,30 @@
+"""What the check of regular persistence tells a user to write."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen.check import Verdict
+from hgogen.persistence import persistent, t
+
+
+def turned() -> hg.Form:
+    """x' = u x2: x2 shows where u is not 0."""
+    x1, x2, u = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2), hg.Signal("u", low=-1, high=1)
+    data = {"states": (x1, x2), "inputs": (u,), "outputs": (hg.Signal("y"),)}
+    return hg.forms.state_affine(hg.System("turned", **data, flow=[u * x2, -x2], output=[x1]))
+
+
+@pytest.mark.parametrize("period", [2 * np.pi, "6.283185307179586", None])
+def test_a_period_that_is_rounded_is_told_how_to_be_written(period: Any) -> None:
+    check = persistent("p", turned(), {"u": "sin(t)"}, period)
+    assert check.verdict is Verdict.UNKNOWN
+    assert 'Write a multiple of pi as such: period = "2*pi"' in check.fix
+
+
+@pytest.mark.parametrize("period", ["2*pi", 2 * sp.pi])
+def test_as_it_is_told_it_is_proved(period: Any) -> None:
+    assert persistent("p", turned(), {"u": sp.sin(t)}, period).verdict is Verdict.PROVED
