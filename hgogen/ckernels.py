@@ -139,6 +139,38 @@ static bool PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE
     return capped;
 }
 """,
+    "decorrelate": """
+/* L = 1, D_i the smaller of P_ii and cap_i/4, where one exceeds its cap; whether one exceeds a quarter of it */
+static bool PREFIX_decorrelate(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE])
+{
+    REAL least[SIZE];
+    bool capped = false;
+    bool large = false;
+    for (unsigned i = 0u; i < SIZE; ++i) {
+        REAL variance = D[i];
+        for (unsigned k = 0u; k < i; ++k) {
+            variance = variance + L[k].v[i]*L[k].v[i]*D[k];
+        }
+        least[i] = variance;
+        if (variance > caps[i]/FOUR) {
+            least[i] = caps[i]/FOUR;
+            large = true;
+        }
+        if (variance > caps[i]) {
+            capped = true;
+        }
+    }
+    if (capped) {
+        for (unsigned k = 0u; k < SIZE; ++k) {
+            for (unsigned i = k + 1u; i < SIZE; ++i) {
+                L[k].v[i] = ZERO;
+            }
+            D[k] = least[k];
+        }
+    }
+    return large;
+}
+""",
     "balance": """
 /* X <- S^-1 X S, S diagonal of powers of two: row i and column i of about the same size */
 static void PREFIX_balance(REAL x[SQUARE], REAL scale[SIZE])

@@ -1,9 +1,15 @@
 """The Riccati observer on P = L D L' as statements: unrolled for few states, with loops over columns for many.
 
 Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
-rows of L scaled where a variance exceeds its cap (a congruence), and scalar updates with r = R_theta/h.
+and scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are scaled, a congruence, which
+keeps what the last samples showed, and h Q_theta keeps the rank. A part that forgets has no Q: Phi and the congruence,
+turn by turn, would bring the correlation to 1 and D_n to 0 in a long silence, and the first sample after it would be
+taken to tell every state. There, after a silence of 1/rho, P starts anew, L = 1, D_i = min(P_ii, cap_i/4), with
+log(4)/rho to correlate in; the status stands from cap_i/4 on, between one start and the next. While samples come the
+congruence stays: a start would cost what they have told of the other states.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
@@ -20,6 +26,8 @@ from hgogen.stability import decay_limits
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
+Factors = Callable[[Any], dict[str, Any]]  # of a vector (n), those of P as writes
+SILENT = 2.0  # up to which silence is counted, in 1/rho
 POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
 
 CAPPED = Bit(
@@ -31,7 +39,7 @@ CAPPED = Bit(
 
 HIDDEN = Bit(
     "COVARIANCE_LIMITED",
-    "the covariance reached its cap: samples are missing, or the input shows too little of the state",
+    "the covariance is at its cap, in silence a quarter of it: samples are missing, or the input shows too little",
     "excite the plant; if it stays while the input varies, lower rho, or scale R down",
 )
 
@@ -142,9 +150,9 @@ def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
 def unrolled(part: Riccati, clock: Clock) -> Pieces:
     """Straight-line code; L packed by columns."""
     return Pieces(
-        fields=(part.z, *_factors(part, clock)),
+        fields=(part.z, *_factors(part, clock), *counters(part)),
         **common(part, clock),
-        predict=(_predict(part, clock), *_cap(part)),
+        predict=(_predict(part, clock), *_cap(part, clock)),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
@@ -173,7 +181,7 @@ def _symbols(part: Riccati) -> tuple[Any, Any]:
 
 
 def _written(L: Any, d: Any) -> dict[str, Any]:
-    return {"state.L": pack_unit_lower(L), "state.D": d} if d.numel() > 1 else {"state.D": d}
+    return {"state.L": ca.densify(pack_unit_lower(L)), "state.D": d} if d.numel() > 1 else {"state.D": d}
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
@@ -188,15 +196,51 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     )
 
 
-def _cap(part: Riccati) -> Program:
+def _cap(part: Riccati, clock: Clock) -> Program:
     L, d = _symbols(part)
-    n, caps = part.dynamics.n, [float(value) for value in part.cap]
-    variance = [ca.dot(L[i, :].T ** 2, d) for i in range(n)]
-    test = Block("largest variances", {"work.capped": reduce(ca.logic_or, [variance[i] > caps[i] for i in range(n)])})
-    scale = column(ca.fmin(1, caps[i] / variance[i]) for i in range(n))
-    scaled = ca.diag(scale) @ L @ ca.diag(1 / scale)
-    apply = Block("cap", {**_written(scaled, scale**2 * d), "status.COVARIANCE_LIMITED": ca.SX(1)})
-    return (test, When("work.capped", (apply,)))
+    variance = [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
+
+    def scaled(scale: Any) -> dict[str, Any]:
+        return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
+
+    return capped(part, clock, variance, scaled, lambda diagonal: _written(ca.SX.eye(diagonal.numel()), diagonal))
+
+
+def capped(part: Riccati, clock: Clock, variance: list[Any], scaled: Factors, anew: Factors) -> Program:
+    """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), the congruence; of a
+    part that forgets, in silence, those `anew` of the diagonal min(P_ii, cap_i/4) (n)."""
+    caps = [float(value) for value in part.cap]
+    quarters = [cap / 4 for cap in caps]
+    over, limited = _beyond(variance, caps), {"status.COVARIANCE_LIMITED": ca.SX(1)}
+    scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
+    scaling = When("work.capped", (Block("cap", {**scaled(scale), **limited}),))
+    if part.forgetting is None:
+        return (Block("largest variances", {"work.capped": over}), scaling)
+    silence, counted = _silence(part, clock)
+    tests = {"work.capped": ca.logic_and(over, ca.logic_not(silence)), "work.anew": ca.logic_and(over, silence)}
+    limited = {"status.COVARIANCE_LIMITED": ca.logic_and(_beyond(variance, quarters), silence)}
+    diagonal = column(ca.fmin(quarter, value) for quarter, value in zip(quarters, variance, strict=True))
+    start = Block("in silence the covariance starts anew, without correlation", anew(diagonal))
+    return (Block("largest variances", {**tests, **limited, **counted}), scaling, When("work.anew", (start,)))
+
+
+def _beyond(variance: list[Any], limits: list[float]) -> Any:
+    return reduce(ca.logic_or, [value > limit for value, limit in zip(variance, limits, strict=True)])
+
+
+def _silence(part: Riccati, clock: Clock) -> tuple[Any, dict[str, Any]]:
+    """Has no output had a usable sample for 1/rho? And the time without one, as it is written."""
+    assert part.forgetting is not None
+    heard = reduce(ca.logic_or, [clock.valid[j] for j in range(clock.outputs)])
+    silent = ca.if_else(heard, 0, ca.fmin(sym("state.silence") + part.forgetting[0] * clock.dt, SILENT))
+    return silent >= 1, {"state.silence": silent}
+
+
+def counters(part: Riccati) -> tuple[Field, ...]:
+    """The time without a sample, of a part that forgets."""
+    if part.forgetting is None:
+        return ()
+    return (scalar("silence", 0.0, low=0.0, high=SILENT, meaning="rho times the time without a sample, at most 2"),)
 
 
 def _update(part: Riccati, clock: Clock, output: int) -> Program:
@@ -225,7 +269,7 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
             raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
     columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
     return Pieces(
-        fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy())),
+        fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy()), *counters(part)),
         groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
         **common(part, clock),
         predict=_looped_predict(part, clock),
@@ -244,7 +288,6 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
     if part.factor.size:
         scaled = Block("h Q_theta", {"work.w": moved.weights() * part.spread() ** 2})
         noise = (scaled, Kernel("add", n, "column.v", (("state.D", n), ("work.w", n))))
-    caps = ca.SX(ca.DM(part.cap))
     return (
         Block(
             "z by classical Runge-Kutta; the Jacobian F at mid-step, its entries by columns",
@@ -260,11 +303,24 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
         *((Block("forgetting", {"state.D": moved.grown(sym("state.D", n))}),) if part.forgetting is not None else ()),
         Kernel("triangularise", n, "column.v", (("state.D", n),)),
         *noise,
-        Block("largest variances", {"work.caps": caps}),
-        Kernel("cap", n, "column.v", (("state.D", n), ("work.caps", n)), result="work.capped"),
+        Block("largest variances", {"work.caps": ca.SX(ca.DM(part.cap))}),
+        *_looped_cap(part, clock),
         When("work.capped", (Block("capped", {"status.COVARIANCE_LIMITED": ca.SX(1)}),)),
         *_looped_keep(n),
     )
+
+
+def _looped_cap(part: Riccati, clock: Clock) -> Program:
+    n = part.dynamics.n
+
+    def rule(name: str) -> Kernel:
+        return Kernel(name, n, "column.v", (("state.D", n), ("work.caps", n)), result="work.capped")
+
+    if part.forgetting is None:
+        return (rule("cap"),)
+    silence, counted = _silence(part, clock)
+    test = Block("no sample for 1/rho?", {"work.silent": silence, **counted})
+    return (test, When("work.silent", (rule("decorrelate"),), (rule("cap"),)))
 
 
 def _looped_keep(n: int) -> Program:

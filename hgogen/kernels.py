@@ -11,6 +11,7 @@ the diagonal being 1.
     add            L, D of L D L' + diag(w), by n rank-one updates (Gill, Golub, Murray, Saunders 1974, method C1)
     correct        L, D after a scalar measurement with row c and variance r, and its gain (Bierman)
     cap            rows of L scaled where a variance exceeds its cap, a congruence
+    decorrelate    L = 1, D_i the smaller of P_ii and cap_i/4, where a variance exceeds its cap
 
 On a matrix X (n, n) by rows, in one array:
 
@@ -92,10 +93,7 @@ def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array) -> None:
 
 def cap(columns: Array, d: Array, caps: Array) -> bool:
     """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did."""
-    n = len(d)
-    variance = d.copy()
-    for k in range(n):
-        variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
+    n, variance = len(d), _variances(columns, d)
     scale = np.where(variance > caps, caps / variance, np.ones(n, d.dtype))
     if not (variance > caps).any():
         return False
@@ -103,6 +101,30 @@ def cap(columns: Array, d: Array, caps: Array) -> bool:
         columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
     d[:] = d * scale * scale
     return True
+
+
+def decorrelate(columns: Array, d: Array, caps: Array) -> bool:
+    """Start anew from diag(min(P_ii, cap_i/4)) where a P_ii > cap_i; whether one is beyond cap_i/4, as it then stays.
+
+    Without process noise nothing but this keeps the rank: Phi and the scaling of `cap` are congruences, which keep what
+    the last samples showed, and under both, turn by turn, the correlation tends to 1. From cap_i itself P would exceed
+    it in the next step and start anew again, for ever without the correlation by which a sample tells other states.
+    """
+    variance = _variances(columns, d)
+    large = variance > caps / 4
+    if (variance > caps).any():
+        for k in range(len(d)):
+            columns[k, k + 1 :] = 0
+        d[:] = np.where(large, caps / 4, variance)
+    return bool(large.any())
+
+
+def _variances(columns: Array, d: Array) -> Array:
+    """P_ii, summed from the diagonal's own, then from the first column on."""
+    variance = d.copy()
+    for k in range(len(d)):
+        variance[k + 1 :] = variance[k + 1 :] + columns[k, k + 1 :] * columns[k, k + 1 :] * d[k]
+    return variance
 
 
 def balance(x: Array, scale: Array) -> None:
@@ -193,6 +215,7 @@ KERNELS: Mapping[str, Callable[..., Any]] = {
     "add": add,
     "correct": correct,
     "cap": cap,
+    "decorrelate": decorrelate,
     "balance": balance,
     "exponential": exponential,
     "resolvent": resolvent,

@@ -11,16 +11,15 @@ sample. Source: Carlson, "Fast triangular formulation of the square root filter"
 update (Battin 1964) keeps no triangle; Kaminski, Bryson, Schmidt, IEEE TAC 16 (1971).
 """
 
-from functools import reduce
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.covariance import factor
-from hgogen.factored import Moved, common, entries, smallest
+from hgogen.factored import Moved, capped, common, counters, entries, smallest
 from hgogen.observer import BadGain, Clock, Pieces
-from hgogen.program import Block, Field, Program, When, column, sym
+from hgogen.program import Block, Field, Program, column, sym
 from hgogen.riccati import Riccati
 
 LARGEST = 7  # states: beyond, straight-line code fills the flash
@@ -35,9 +34,9 @@ def square_root(part: Riccati, clock: Clock) -> Pieces:
     if n > LARGEST:
         raise BadGain("cholesky", f"takes up to {LARGEST} states, there are {n}; take continuous_discrete, which loops")
     return Pieces(
-        fields=(part.z, _root(part, clock)),
+        fields=(part.z, _root(part, clock), *counters(part)),
         **common(part, clock),
-        predict=(_predict(part, clock), *_cap(part)),
+        predict=(_predict(part, clock), *_cap(part, clock)),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
@@ -122,14 +121,14 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     )
 
 
-def _cap(part: Riccati) -> Program:
-    S, caps = _symbols(part), [float(value) for value in part.cap]
-    variance = [ca.dot(S[i, :], S[i, :]) for i in range(len(caps))]
-    over = [value > cap for value, cap in zip(variance, caps, strict=True)]
-    test = Block("largest variances", {"work.capped": reduce(ca.logic_or, over)})
-    scale = column(ca.fmin(1, cap / value) for value, cap in zip(variance, caps, strict=True))
-    apply = Block("cap", {**_written(ca.diag(scale) @ S), "status.COVARIANCE_LIMITED": ca.SX(1)})
-    return (test, When("work.capped", (apply,)))
+def _cap(part: Riccati, clock: Clock) -> Program:
+    S = _symbols(part)
+    variance = [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
+
+    def scaled(scale: Any) -> dict[str, Any]:
+        return _written(ca.diag(scale) @ S)
+
+    return capped(part, clock, variance, scaled, lambda diagonal: _written(ca.diag(ca.sqrt(diagonal))))
 
 
 def _update(part: Riccati, clock: Clock, output: int) -> Program:

@@ -5,10 +5,12 @@
 
 e' S e decays like exp(-rho t) whatever the plant does; where the input is regularly persistent S stays above a multiple
 of the unit matrix, so that |e| decays like exp(-rho t/2) from any initial state. No gain needs to be large, and no a_i
-needs to keep off zero. Where the input is not persistent P grows like exp(rho t) up to its cap, which the status tells;
-with `rk4` (S) or `rk4_covariance` there is no cap, and what is lost restarts. The measurement enters A and b as it is,
-with its noise. Source: H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC
-(1990); G. Besancon, G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection.
+needs to keep off zero. Where the input is not persistent P grows like exp(rho t) up to its cap, which the status tells.
+After 1/rho without a sample it starts anew there, without correlation, from a quarter of the cap: scaled alone, and
+with no process noise, it would keep what the last samples showed and lose its rank. With `rk4` (S) or `rk4_covariance`
+there is no cap, and what is lost restarts. The measurement enters A and b as it is, with its noise. Source:
+H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G. Besancon,
+G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
