@@ -42,6 +42,9 @@ def compare(
     """Try several observers of a model on its trials, each on the same noise and at the same sampling period, the
     shortest of theirs; print convergence, steady error, peaking and cost side by side, and draw the errors.
 
+    Settled: the median of the seeds. Steady: over the trial's own steady part, else its last tenth, the median of the
+    seeds. Largest: of all seeds, over the state's range. Functions: sine, exponential, root and such, of one call.
+
     JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, observers: a
     list of name, observer, method, settled after each event, rms and peak by state, clamped, operations, functions,
     state and params in bytes of the C in float), files.

@@ -239,7 +239,18 @@ def compared(title: str, each: Sequence[Measured]) -> RenderableType:
     for one in each:
         rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
         peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
-    return Group(whole, "", rms, "", peak, "")
+    return Group(whole, "", rms, "", peak, "", *map(Text, _meanings(each)), "")
+
+
+def _meanings(each: Sequence[Measured]) -> Iterable[str]:
+    """What the columns of a comparison mean, and which methods it compares, if several."""
+    yield f"steady: from {each[0].first.trial.steady_from:g} s on, the median of the seeds; largest: of all seeds"
+    yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
+    methods: dict[str, list[str]] = {}
+    for one in each:
+        methods.setdefault(one.method, []).append(one.name)
+    if len(methods) > 1:
+        yield "; ".join(f"by {method}: {', '.join(names)}" for method, names in methods.items())
 
 
 _ENGINE = {"c": "C", "python": "Python"}

@@ -4,14 +4,16 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen import figure
+from hgogen import figure, tables
 from hgogen.call import CallableStep
 from hgogen.cli import app
 from hgogen.compare import measured
@@ -156,7 +158,7 @@ def test_one_observer_is_settled_as_beside_others(tmp_path: Path) -> None:
 
 def test_the_command_prints_and_draws(tmp_path: Path) -> None:
     arguments = ["compare", str(ROOT / "models" / "hyperjerk.py"), "--seeds", "1", "-o", str(tmp_path)]
-    printed = CliRunner().invoke(app, [*arguments, "--json", "--observers", "high_gain, low_power"])
+    printed = CliRunner().invoke(app, [*arguments, "--json", "--observers", "high_gain, low_power,high_gain"])
     assert printed.exit_code == 0
     found = json.loads(printed.stdout)
     (trial,) = found["trials"]
@@ -166,6 +168,24 @@ def test_the_command_prints_and_draws(tmp_path: Path) -> None:
     assert low["operations"] > high["operations"] > 100
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tone_errors.png", "tone_errors.svg"]
     assert found["files"] == [str(tmp_path / f"tone_errors.{ending}") for ending in ("svg", "png")]
+
+
+def test_the_tables_say_what_their_columns_mean() -> None:
+    """And by which method each is carried out, where there are several."""
+    one = measured("high_gain", step("high_gain"), TRIAL, "python", (0,), lambda: None)
+    text = said(tables.compared("title", [one]))
+    assert "steady: from 5.4 s on, the median of the seeds; largest: of all seeds" in text
+    assert "functions (sine, exponential, root, ..): of one call" in text
+    assert "by " not in text
+    text = said(tables.compared("title", [one, replace(one, name="other", method="bilinear")]))
+    assert f"by {one.method}: high_gain; by bilinear: other" in text
+
+
+def said(shown: Any) -> str:
+    console = Console(width=120)
+    with console.capture() as captured:
+        console.print(shown)
+    return captured.get()
 
 
 @pytest.mark.parametrize(
