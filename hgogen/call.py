@@ -258,7 +258,7 @@ class CallableStep(Step):
 def sample(
     observer: Observer,
     method: Method = methods.continuous_discrete,
-    dt: float = 0.0,
+    dt: float | None = None,
     *,
     between: str = "line",
     periods: Mapping[str, float] | None = None,
@@ -278,6 +278,8 @@ def sample(
         raise BadStep(f"{type(observer).__name__} given to sample", "is no observer; make one by hg.observers")
     if not hasattr(method, "riccati"):
         raise BadStep(f"method = {method!r}", "is no method; take one of hg.methods, and the time as dt=")
+    if dt is None:
+        raise BadStep("dt", "is missing; give the sampling period in seconds, as dt=")
     planned = plan(observer, method, dt, between, periods)
     for section in planned.sections:
         if dangling(section.program):

@@ -165,9 +165,10 @@ class Model:
             near = get_close_matches(name[:60], [*self.tuning.tables, *observers.__all__], n=1)
             fix = f"did you mean {near[0]}?" if near else f"the observers are {', '.join(observers.__all__)}"
             return f"there is no observer {name[:60]!r}, {known}; {fix}"
-        needed = ", ".join(arguments(getattr(observers, name))[1]) or "its arguments"
-        fix = self.fixes["tuning"].format(observer=name, arguments=needed)
-        return f"{known}, none for {name}; add {fix}"
+        every, needed = arguments(getattr(observers, name))
+        fix = self.fixes["tuning"].format(observer=name, arguments=", ".join(needed))
+        besides = ", ".join(key for key in every if key not in needed)
+        return f"{known}, none for {name}; add {fix} (it also takes {besides})"
 
     def _own_step(self) -> CallableStep:
         step = self._called("step")

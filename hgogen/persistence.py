@@ -90,8 +90,13 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
 
 def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
     names = [u.name for u in form.system.inputs]
-    for name in (*(n for n in inputs if n not in names), *(n for n in names if n not in inputs)):
-        raise BadGain(f"inputs {name!r}", f"must be given, each of {', '.join(names) or 'none'} and no other")
+    for name in inputs:
+        if name not in names:
+            fix = f"; its inputs are {', '.join(names)}" if names else ", which has none"
+            raise BadGain(f"inputs {name!r}", f"is no input of the plant{fix}")
+    for name in names:
+        if name not in inputs:
+            raise BadGain(f"inputs {name!r}", f"must be given, as every one of {', '.join(names)}")
     return {name: _expression(f"inputs {name}", inputs[name]) for name in names}
 
 

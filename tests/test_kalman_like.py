@@ -522,7 +522,8 @@ def test_the_theorem_is_proved_but_for_operation() -> None:
         ({"R": 0.0}, r"R = 0.0 must be positive"),
         ({"covariance": (1.0, 1.0)}, r"covariance of shape \(2,\) must be a diagonal of 3 numbers"),
         ({"initial": {"x1": 99.0}}, r"initial x1 = 99.0 must be finite and in"),
-        ({"inputs": {"w": 0}}, r"inputs 'w' must be given, each of u and no other"),
+        ({"inputs": {"w": 0}}, r"inputs 'w' is no input of the plant; its inputs are u"),
+        ({"inputs": {}}, r"inputs 'u' must be given, as every one of u"),
     ],
 )
 def test_bad_input_is_a_sentence(changes: dict[str, Any], said: str) -> None:

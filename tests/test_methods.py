@@ -390,10 +390,15 @@ def test_a_stiff_plant_is_refused_where_its_decay_cannot_be_followed() -> None:
         hg.sample(hg.observers.riccati(hg.forms.triangular(stiff(210)), Q=[0.1, 0.1], R=0.1), dt=0.01)
 
 
-@pytest.mark.parametrize("dt", [0, -1, float("nan"), float("inf"), "1", None])
+@pytest.mark.parametrize("dt", [0, -1, float("nan"), float("inf"), "1"])
 def test_no_time_is_no_dt(dt: object) -> None:
     with pytest.raises(BadStep, match=r"dt = .* must be a positive time in seconds"):
         hg.sample(pendulum(), hg.methods.rk4, dt=dt)
+
+
+def test_a_period_is_asked_for() -> None:
+    with pytest.raises(BadStep, match=r"^dt is missing; give the sampling period in seconds, as dt=$"):
+        hg.sample(pendulum())
 
 
 def test_u_is_on_a_line_or_held() -> None:

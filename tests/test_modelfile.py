@@ -335,7 +335,8 @@ def test_a_tuning_is_refused_with_its_key(tmp_path: Path, text: str, key: str, w
 def test_an_observer_without_a_tuning_is_told_what_to_add(tmp_path: Path) -> None:
     loaded = load(written(tmp_path, TOML))
     with pytest.raises(
-        MissingPart, match=r"for high_gain, none for low_power; add a table \[tuning.low_power\] with theta"
+        MissingPart,
+        match=r"none for low_power; add a table \[tuning.low_power\] with theta \(it also takes gains, poles",
     ):
         loaded.step("low_power")
     with pytest.raises(MissingPart, match=r"there is no observer 'low_pow', .* did you mean low_power"):
