@@ -30,7 +30,8 @@ def response(
     By default at frequencies around the core's poles. With --out a figure is drawn, response.svg and response.png.
 
     JSON keys: model, observer, coordinates ("plant", or "form" where the plant's states are nonlinear in the form's,
-    whose names are then given), dt, omega, gains (output, state, continuous, step: a number for each omega), files.
+    whose names are then given), dt, omega, gains (output, state, continuous, step: a number for each omega, of the
+    step null beyond the Nyquist frequency pi/dt), files.
     """
     loaded = load(model)
     step = loaded.step(observer)
@@ -58,6 +59,10 @@ def response(
     for name, values in continuous.held.items():
         at = ", ".join(f"{value:g}" for value in values)
         note(f"{name} adapts: the gains are those at {at}, where the core is the fastest")
+    if sampled.aliased.any():
+        beyond = ", ".join(f"{w:g}" for w in sampled.omega[sampled.aliased])
+        what = f"{beyond} rad/s {'are' if sampled.aliased.sum() > 1 else 'is'} beyond the Nyquist frequency pi/dt"
+        note(f"{what} = {math.pi / step.dt:g} rad/s: the samples show a slower alias, and the step has no gain there")
     show(as_json, value, tables.responses(continuous, sampled), *([tables.files(paths)] if paths else []))
 
 
@@ -78,12 +83,15 @@ def _around(slow: float, fast: float, dt: float) -> tuple[float, ...]:
 
 
 def _gains(continuous: Response, sampled: Response) -> list[dict[str, object]]:
+    aliased = sampled.aliased.tolist()
     return [
         {
             "output": output,
             "state": state,
             "continuous": continuous.gain[:, i, j].tolist(),
-            "step": sampled.gain[:, i, j].tolist(),
+            "step": [
+                None if alias else gain for alias, gain in zip(aliased, sampled.gain[:, i, j].tolist(), strict=True)
+            ],
         }
         for j, output in enumerate(continuous.outputs)
         for i, state in enumerate(continuous.states)

@@ -67,6 +67,11 @@ class Response:
         """|H| (K, n, p)."""
         return np.asarray(np.abs(self.H))
 
+    @property
+    def aliased(self) -> np.ndarray:
+        """Which frequencies (K,) are beyond the Nyquist frequency pi/dt of a step: H is then that of the alias."""
+        return np.asarray(self.omega > (np.inf if self.dt is None else np.pi / self.dt))
+
 
 def response(given: Observer | Step, omega: Any) -> Response:
     """The response of an observer in continuous time, or as discretised by a step, at the frequencies `omega` (K,)

@@ -356,17 +356,18 @@ def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
 
 
 def responses(continuous: Response, sampled: Response) -> RenderableType:
-    """The gains from noise to estimates: a row for each pair and frequency, continuous and as a step has them."""
+    """The gains from noise to estimates: a row for each pair and frequency, continuous and as a step has them, "-"
+    where it sees an alias."""
     head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} s"
     table = _table(head, "noise of", "error of", "omega (rad/s)", "continuous", "step", numbers=3)
     for column in table.columns[2:]:
         column.no_wrap = True  # half a number is another number
     for j, output in enumerate(continuous.outputs):
         for i, state in enumerate(continuous.states):
-            gains = zip(continuous.omega, continuous.gain[:, i, j], sampled.gain[:, i, j], strict=True)
-            for k, (w, exact, found) in enumerate(gains):
+            gains = zip(continuous.omega, continuous.gain[:, i, j], sampled.gain[:, i, j], sampled.aliased, strict=True)
+            for k, (w, exact, found, alias) in enumerate(gains):
                 labels = (output, state) if k == 0 else ("", "")
-                table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", f"{found:.4g}")
+                table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", "-" if alias else f"{found:.4g}")
     return Group(table, "")
 
 

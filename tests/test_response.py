@@ -204,6 +204,20 @@ def test_the_command_in_words() -> None:
     assert "files" not in table
 
 
+def test_beyond_half_the_sampling_rate_a_step_has_no_gain_of_its_own() -> None:
+    """Samples of a tone at 2 pi/dt - omega are those of one at omega: what the step makes of them is no answer."""
+    arguments = ("response", HYPERJERK, "--observer", "high_gain", "--omega", "3141,3142,6273.185,1e9")
+    for one in as_json(*arguments)["gains"]:
+        assert one["step"][0] > 0
+        assert one["step"][1:] == [None] * 3
+        assert min(one["continuous"]) > 0
+    table, err = hgogen(*arguments)
+    cells = [line.split()[-3:] for line in table.splitlines()]
+    assert [row[0] for row in cells if row[-1:] == ["-"]] == ["3142", "6273.19", "1e+09"] * 4
+    assert "3142, 6273.19, 1e+09 rad/s are beyond the Nyquist frequency pi/dt = 3141.59 rad/s" in " ".join(err.split())
+    assert "Nyquist" not in hgogen(*arguments[:-1], "3141")[1]
+
+
 @pytest.mark.parametrize("columns", ["60", "80", "200"])
 def test_no_number_is_broken(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", columns)
