@@ -25,7 +25,7 @@ import sympy as sp
 from hgogen.bounds import bound
 from hgogen.box import Box, rational
 from hgogen.check import Check, Verdict
-from hgogen.digits import down
+from hgogen.digits import down, up
 from hgogen.door import Misfit, limits
 from hgogen.error_system import BadErrorSystem, ErrorSystem, error_box
 from hgogen.identity import is_zero
@@ -66,9 +66,9 @@ class Dissipation:
         if not self.proved or self.level is None:
             return "nothing is concluded"
         return (
-            f"from V(e(0)) + {_text(self.mu**2 / 2)} * integral of |w|^2 < {down(float(self.level), 9)} on, the error "
-            f"stays in the box, with the L2 gain {_text(self.mu)} from w to e; without w it tends to 0; as long as the "
-            "plant keeps to its ranges"
+            f"from e(0) in the box with V(e(0)) + {_above(self.mu**2 / 2)} * integral of |w|^2 < "
+            f"{down(float(self.level), 9)} on, the error stays in the box, with the L2 gain {_above(self.mu)} from w "
+            "to e; without w it tends to 0; as long as the plant keeps to its ranges"
         )
 
     def __str__(self) -> str:
@@ -98,7 +98,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
         _check("positive", "V(0) = 0 and V(e) > 0 for every other e of the box (21)", answers[0], "-V"),
         _check(
             "inequality",
-            f"dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, mu = {_text(mu)} (38)",
+            f"dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, mu = {mu} (38)",
             answers[1],
             "the left side",
         ),
@@ -203,8 +203,10 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
 
     Of e'P e it is the least end_i^2/(P^-1)_ii, where an ellipsoid first touches a face.
     """
+    e = sp.Matrix(list(around))
     P = sp.hessian(V, list(around)) / 2
-    if P.free_symbols or not P.is_positive_definite:
+    other = P.free_symbols or sp.expand(V - (e.T * P * e)[0, 0]) != 0
+    if other or not P.is_positive_definite:
         faces = [{**around, e: (end, end)} for e, ends in around.items() for end in ends]
         lowest = min(bound(V, face, boxes=boxes, relative=_SHARP).low for face in faces)
         return Fraction(down(lowest, 9)) if lowest > 0 else None
@@ -226,5 +228,5 @@ def _check(what: str, claim: str, answer: Answer, value: str) -> Check:
     return Check(f"dissipation.{what}", claim, answer.verdict, reason, witness, proofs=answer.proofs)
 
 
-def _text(number: sp.Rational) -> str:
-    return f"{float(number):.9g}"
+def _above(number: sp.Rational) -> str:
+    return up(Fraction(int(number.p), int(number.q)), 9)

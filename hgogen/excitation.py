@@ -19,6 +19,7 @@ from hgogen.form import Form
 from hgogen.gramian import Gramian, Steps, window
 from hgogen.kalman import positive
 from hgogen.observer import BadGain, reals
+from hgogen.observer import positive as above
 from hgogen.program import sym
 
 HIDDEN = 1e-12  # of the direction seen best: what a window shows no better is lost in the rounding of its sum
@@ -32,6 +33,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     Raises: `BadGain`.
     """
     dynamics, outputs = Dynamics(form), len(form.output)
+    dt, d = above("dt", dt), above("d", d)
     m = len(form.system.inputs)
     variances = np.array(positive("R", R, outputs))
     inputs, samples = (_record(name, value, size) for name, value, size in (("u", u, m), ("y", y, outputs)))
@@ -46,7 +48,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 def shown(id: str, found: Gramian) -> Check:
     """What windows along a record say: refuted where one hides a direction; never proved."""
-    claim = f"every window of {found.d:g} s of the record shows every state"
+    claim = f"every window of {found.d:g} s of the record shows every state, to {HIDDEN:g} of the one seen best"
     share = found.smallest / np.maximum(found.largest, np.finfo(float).tiny)
     k = int(np.argmin(share))
     least, direction = float(found.smallest[k]), found.direction[k]

@@ -66,6 +66,8 @@ def coefficients(poles: Sequence[complex], n: int) -> np.ndarray:
     if unstable:
         raise BadPoles(values, f"{unstable[0]:g} is not in the open left half plane; give it a negative real part")
     polynomial = np.poly(values)
+    if not np.isfinite(polynomial).all():
+        raise BadPoles(values, "their polynomial is beyond a double's range; give smaller ones, and a larger theta")
     if np.abs(np.imag(polynomial)).max() > 1e-12 * np.abs(polynomial).max():
         raise BadPoles(values, "complex poles must come in conjugate pairs")
     return np.array(np.real(polynomial)[1:])

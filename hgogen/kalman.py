@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hgogen import definite
 from hgogen.dynamics import Dynamics
 from hgogen.observer import HUGE, BadGain, gain, reals
 from hgogen.program import Field
@@ -51,9 +52,16 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
     if even is None:
         raise BadGain(name, unsymmetric(name))
     matrix = np.array(even, dtype=float)
-    if np.linalg.eigvalsh(matrix).min() <= 0:
+    if not _definite(matrix):
         raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
     return matrix
+
+
+def _definite(matrix: np.ndarray) -> bool:
+    """Exactly: a float eigenvalue near 0 may have the wrong sign."""
+    if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+        return bool((np.diag(matrix) > 0).all())
+    return definite.positive(definite.exact([[Fraction(x) for x in row] for row in matrix.tolist()]))
 
 
 def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:

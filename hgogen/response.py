@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.core import Core, core, nominal, numbers
+from hgogen.door import Misfit
 from hgogen.errors import HgogenError
 from hgogen.kernels import KERNELS
 from hgogen.observer import Clock, Observer, Ode, reals
@@ -84,7 +85,8 @@ def response(given: Observer | Step, omega: Any) -> Response:
         raise BadFrequency(repr(omega))
     step = given if isinstance(given, Step) else None
     observer = step.observer if step else given
-    assert isinstance(observer, Observer)
+    if not isinstance(observer, Observer):
+        raise Misfit("response", given, "an observer or a step")
     part, line, values = *_found(observer), nominal(observer)
     E, states, coordinates = _estimate(observer, part, line, values)
     if step:

@@ -70,7 +70,7 @@ class Tuning:
         where, table = self.where(name), self.table(name)
         method = self._case(f"{where}.method", methods, table.get("method", "continuous_discrete"))
         observer = self.observer(name)
-        period = dt or table.get("dt") or default()
+        period = dt if dt is not None else table["dt"] if "dt" in table else default()
         options = {key: table[key] for key in _SAMPLING if key in table}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step

@@ -127,6 +127,19 @@ def test_other_functions_than_quadratic_ones() -> None:
     assert bent.level == pytest.approx(2.4, rel=2e-2)
 
 
+@pytest.mark.parametrize(("V", "level"), [(e**2 + e / 2, 0.5), (e**2 - sp.Rational(1, 2), 0.5)])
+def test_the_level_is_of_all_of_v(V: sp.Expr, level: float) -> None:
+    """Its second derivatives alone would say 1."""
+    assert hg.dissipation(line(-3 * e), V, mu=3, within=[1]).level == pytest.approx(level, rel=2e-2)
+
+
+def test_no_number_of_the_conclusion_is_below_what_is_proved() -> None:
+    """mu = 1/3 and mu^2/2 = 1/18 are rounded up, in nine digits."""
+    said = hg.dissipation(line(-20 * e), e**2, mu=Fraction(1, 3), within=[1]).conclusion
+    assert "the L2 gain 0.333333334 from w" in said
+    assert "0.0555555556 * integral" in said
+
+
 # --- an observer of a plant -------------------------------------------------------------------------------------
 
 

@@ -230,6 +230,15 @@ def test_c_is_python(method: str) -> None:
     assert x == pytest.approx(step.run(y=y, engine="python").x, rel=1e-12, abs=1e-13)
 
 
+def test_a_model_that_jumps_is_not_affine() -> None:
+    """The derivative of a Piecewise of constants is 0 wherever it is not asked."""
+    x1, x2 = (hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2))
+    flow = [x2, -x1 + sp.Piecewise((1, x1 > 0), (-1, True))]
+    form = hg.forms.original(hg.System("jumps", states=(x1, x2), outputs=(hg.Signal("y"),), flow=flow, output=[x1]))
+    built = hg.observers.hamilton_jacobi(form, Q=(1, 1), R=1.0, accept=accept(form))
+    assert {c.id: c.verdict for c in built.checks}["hamilton_jacobi.quadratic"] is Verdict.UNKNOWN
+
+
 def test_a_bad_first_estimate_is_left_behind() -> None:
     y = swing(1500, 0.01)
     observer = hg.observers.hamilton_jacobi(forms()["curved"], Q=[1, 2], R=30, curvature=20.0, initial=[-0.5, 1.0])

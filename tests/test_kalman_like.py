@@ -205,7 +205,16 @@ def test_windows_of_a_record() -> None:
     assert excitation.shown("p", quiet).verdict is Verdict.UNKNOWN  # a larger R hides nothing
     check = excitation.shown("p", hidden)
     assert (check.verdict, hidden.weakest[0]) == (Verdict.REFUTED, "x2")
-    for bad in ({"d": 9.0}, {"R": -1.0}, {"y": np.full(N, NAN)}, {"u": np.zeros((N, 2))}):
+    for bad in (
+        {"d": 9.0},
+        {"d": NAN},
+        {"dt": 0.0},
+        {"dt": -0.01, "d": -0.1},
+        {"dt": "a"},
+        {"R": -1.0},
+        {"y": np.full(N, NAN)},
+        {"u": np.zeros((N, 2))},
+    ):
         with pytest.raises(BadGain):
             excitation.along(form, **{"R": 0.1, "u": np.zeros(N), "y": np.zeros(N), "dt": 0.01, "d": 2.0, **bad})
 

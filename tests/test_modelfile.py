@@ -312,6 +312,7 @@ TUNINGS: list[tuple[str, str, str]] = [
     ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\nform = {order = 3}", "tuning.high_gain", "order"),
     ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\nmember = 'x'", "tuning.high_gain.member", "no observer around"),
     ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\ndt = 'long'", "tuning.high_gain.dt", "write a number"),
+    ("[tuning.high_gain]\ntheta = 5\npoles = [-1, -1]\ndt = 0", "tuning.high_gain", "must be a positive time"),
     ("[tuning]\nhigh_gain = 5", "tuning.high_gain", "is of type int; write a table"),
     ("[tuning.high_gain]\nkind = 'high'", "tuning.high_gain.kind", "there is no 'high'"),
     ("[tuning.'a/b']\ntheta = 5", "tuning.a/b", "must be a name of letters"),

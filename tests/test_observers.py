@@ -389,6 +389,10 @@ UNIT = np.eye(3)
         ({"Q": 1.0}, r"Q of shape \(\) must be"),
         ({"Q": (1, 2, 0)}, "Q must be positive definite; a state believed constant takes a small positive number"),
         ({"Q": np.ones((3, 3))}, "Q must be positive definite"),
+        (
+            {"Q": [[1, 3, 0], [3, 9, 0], [0, 0, 1]]},
+            "Q must be positive definite",
+        ),
         ({"Q": UNIT + np.eye(3, k=1)}, r"Q must be symmetric, to 1e-12 of its numbers; give \(Q \+ Q'\)/2"),
         ({"Q": (1, 2, NAN)}, "Q must be finite"),
         ({"Q": (1e300, 1, 1)}, "Q must be finite, none of its numbers beyond 1e"),
@@ -482,6 +486,7 @@ def test_high_gain_wants_a_triangular_form() -> None:
         ((-1 + 1j, -1), "complex poles must come in conjugate pairs"),
         ((-1 + 1j, -1 + 1j), "complex poles must come in conjugate pairs"),
         ((NAN, -1), "are not all finite numbers"),
+        ((-1e200, -1e200), "their polynomial is beyond a double's range; give smaller ones, and a larger theta"),
         (-1, "-1 is no sequence of numbers"),
         ("ab", "'ab' is no sequence of numbers"),
     ],

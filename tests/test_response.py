@@ -17,6 +17,7 @@ from test_hyperjerk import OMEGA, TABLES
 
 import hgogen as hg
 from hgogen import figure
+from hgogen.door import Misfit
 from hgogen.model import load
 from hgogen.observer import BadGain
 from hgogen.response import BadFrequency, NoResponse
@@ -259,6 +260,11 @@ def test_an_observer_without_a_linear_core_has_no_response() -> None:
 def test_bad_frequencies(omega: Any) -> None:
     with pytest.raises(BadFrequency, match=r"must be positive numbers \(rad/s\), such as \(50, 100, 300\)"):
         hg.response(hg.observers.high_gain(integrators(2), theta=2, poles=(-1, -1)), omega)
+
+
+def test_a_response_is_of_an_observer() -> None:
+    with pytest.raises(Misfit, match="give an observer or a step"):
+        hg.response("high_gain", 1.0)
 
 
 def test_frequencies_are_numbers() -> None:

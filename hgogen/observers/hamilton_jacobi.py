@@ -29,6 +29,7 @@ from hgogen.kalman_theorems import KALMAN, OTHER_COORDINATES
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, real, state_field
 from hgogen.program import Block, Field, sym
 from hgogen.riccati import Riccati
+from hgogen.slope import JUMPS
 from hgogen.theorem import Hypothesis
 from hgogen.theta import constant
 
@@ -144,8 +145,8 @@ def _inverted(n: int) -> Any:
 
 
 def _quadratic(form: Form) -> Check:
-    slopes = sp.Matrix([*form.flow, *form.output]).jacobian(form.states)
-    affine = not slopes.free_symbols & {*form.states}
+    rows = sp.Matrix([*form.flow, *form.output])
+    affine = not rows.has(*JUMPS) and not rows.jacobian(form.states).free_symbols & {*form.states}
     return Check(
         "hamilton_jacobi.quadratic",
         "the value function is quadratic, so that the estimate minimises the cost",
