@@ -23,7 +23,7 @@ approaches to state reconstruction for dynamic systems" (2020), theorems 5-7.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -115,7 +115,7 @@ class Given:
     high: Fraction
     slope: Fraction | None
     reason: str = ""
-    disturbance: Disturbance | None = field(default=None)
+    disturbance: Disturbance | None = None
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:

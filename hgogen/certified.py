@@ -32,18 +32,17 @@ import sympy as sp
 
 from hgogen.bounds import box
 from hgogen.check import Check, Verdict
+from hgogen.definite import Matrix
 from hgogen.digits import down, up
 from hgogen.door import Misfit
 from hgogen.form import Form
-from hgogen.lmi import Lyapunov, Matrix, common
+from hgogen.lmi import STATES, Lyapunov, common
 from hgogen.lmi import gains as designed
 from hgogen.points import exact, points
 from hgogen.polytope import Corner, chains, corners, fixed, signals, span
 from hgogen.proof import Proof
 from hgogen.scaling import ALIGNED, exponents
 
-# Beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once.
-STATES = 12
 # L_b need not be the least: more boxes would cost more than they bring.
 _BOXES = 500
 _STEPS = (Fraction(2), Fraction(5, 4))
@@ -220,9 +219,9 @@ def _obstacle(form: Form) -> str:
     """Why the theorem does not apply as it stands, or ""."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return "the bound of several outputs is for chains aligned at the top or at the end"
-    if getattr(form, "jacobian", None) is not None:
+    if form.jacobian is not None:
         return "the bound is for an observer in the coordinates of the form, this one stays in the plant's"
-    if form.jacobian is not None or form.behind is not None:
+    if form.behind is not None:
         return "the bound is for a gain that acts on z itself, with b a function of z"
     if form.n > STATES:
         return f"the bound is computed for up to {STATES} states"

@@ -23,10 +23,10 @@ import numpy as np
 import sympy as sp
 
 from hgogen.certified import Nothing, slope
-from hgogen.definite import exact, number, positive, unit
+from hgogen.definite import Matrix, exact, number, positive, unit
 from hgogen.digits import up
 from hgogen.integrators import Integrators
-from hgogen.lmi import Lyapunov, Matrix, NoSolver, common
+from hgogen.lmi import Lyapunov, NoSolver, common
 from hgogen.polytope import chains
 
 # Beyond these the exact Lyapunov equation, or the inequality's program, is too large for a check that answers at once.

@@ -151,9 +151,9 @@ def _where_needed(cp: Any, form: Form, task: Task, given: Disturbance | None) ->
 
     starts = _STARTS if math.isinf(task.bounds["gamma"]) else (max(1.0, task.bounds["gamma"]),)
     tried = map(at, starts)
-    best, design = next((one for one in tried if one[1] is not None), (replace(task, slope=slope(form)), None))
+    chosen, design = next((one for one in tried if one[1] is not None), (replace(task, slope=slope(form)), None))
     if design is None:
-        return best
+        return chosen
     low, high = 1.0, float(design.gamma)
     for _ in range(_SLOPES):
         middle = _short(math.sqrt(low * high), 4)
@@ -162,9 +162,9 @@ def _where_needed(cp: Any, form: Form, task: Task, given: Disturbance | None) ->
             low = middle
             continue
         if _worth(found) < _worth(design):
-            best, design = asked, found
+            chosen, design = asked, found
         low, high = (low, middle) if found.gamma <= middle else (middle, min(high, float(found.gamma)))
-    return replace(best, bounds=task.bounds)
+    return replace(chosen, bounds=task.bounds)
 
 
 def _worth(design: Design) -> Fraction:

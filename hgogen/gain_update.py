@@ -24,7 +24,6 @@ from hgogen.lmi import Lyapunov, lyapunov
 from hgogen.observer import BadGain
 from hgogen.tape import NoTape
 
-STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for an answer at once
 BOXES = 500  # sup Gamma need not be the least
 
 

@@ -15,8 +15,7 @@ import numpy as np
 from hgogen.form import Form
 from hgogen.gains import coefficients
 from hgogen.hurwitz import demand_hurwitz
-from hgogen.integrators import Integrators
-from hgogen.integrators import shifted as shifted
+from hgogen.integrators import Integrators, shifted
 from hgogen.observer import BadGain, Clock, Jump, Ode, Pieces, reals
 from hgogen.program import Bit, Block, Field, sym
 

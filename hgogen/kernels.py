@@ -163,7 +163,7 @@ def exponential(x: Array, phi_0: Array, phi_1: Array, phi_2: Array) -> None:
     """phi_2 by its series for X/2^k of norm at most 1/2, to the 14th power; then k doublings of X."""
     n = math.isqrt(len(x))
     X, one, doublings = x.reshape(n, n).copy(), np.eye(n, dtype=x.dtype), 0
-    norm = max((_sum(X[i], n) for i in range(n)), key=lambda total: total)
+    norm = max(_sum(X[i], n) for i in range(n))
     for _ in range(HALVINGS):
         if not norm > 0.5:
             break

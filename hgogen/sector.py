@@ -38,12 +38,11 @@ from hgogen.definite import exact, smallest
 from hgogen.digits import down, up
 from hgogen.injection import companion
 from hgogen.integrators import Integrators
-from hgogen.lmi import lyapunov
+from hgogen.lmi import STATES, lyapunov
 from hgogen.polytope import chains
 
 Shape = Literal["dead zone", "saturation"]
 
-STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once
 FEW = 6  # states up to which several g are tried
 _GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))
 _PAIRS = tuple((2.0**i, 2.0**j) for i, j in product(range(-12, 13), repeat=2))  # mu and tau

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
-from hgogen.lmi import Lyapunov, Matrix, NoSolver, common, gains, lyapunov, verified
+from hgogen.definite import Matrix
+from hgogen.lmi import Lyapunov, NoSolver, common, gains, lyapunov, verified
 
 try:
     import clarabel

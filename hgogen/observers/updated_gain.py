@@ -25,9 +25,10 @@ import numpy as np
 
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.gain_update import STATES, falls, rises, stays, weighted
+from hgogen.gain_update import falls, rises, stays, weighted
 from hgogen.injection import capped, injection_gains, listed, moving_gain
 from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.lmi import STATES
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
