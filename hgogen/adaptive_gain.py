@@ -29,13 +29,27 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from flint import fmpq, fmpq_mat
 
+from hgogen.box import rational
 from hgogen.certified import Nothing, slope
 from hgogen.check import Check, Verdict
-from hgogen.definite import Matrix, exact, floats, largest, nonnegative, number, positive, smallest, unit
+from hgogen.definite import (
+    Matrix,
+    exact,
+    floats,
+    fraction,
+    largest,
+    nonnegative,
+    number,
+    positive,
+    rationals,
+    root,
+    smallest,
+    unit,
+)
 from hgogen.digits import down, up
+from hgogen.injection import companion
 from hgogen.integrators import Integrators
 from hgogen.observer import BadGain, reals
 from hgogen.proof import Proof
@@ -65,9 +79,7 @@ class Candidate:
     @cached_property
     def rate(self) -> Any:
         """-(A - K C)'P - P (A - K C) - sigma (D P + P D), FLINT's."""
-        n, P = self.n, exact(self.P)
-        core = [[number(Fraction(int(j == i + 1)) - (self.K[i] if j == 0 else 0)) for j in range(n)] for i in range(n)]
-        N = fmpq_mat(core)
+        P, N = exact(self.P), exact(companion(np.array(self.K)))
         return -(N.transpose() * P + P * N + self.shrink * number(self.sigma))
 
     @cached_property
@@ -103,7 +115,7 @@ class Disturbance:
         """delta_1, from above, and delta_2."""
         G, g = exact(self.plant), fmpq_mat([[number(value) for value in self.measurement]])
         second = (g * (unit(len(self.measurement)) + G.transpose() * G) * g.transpose())[0, 0]
-        return 1 + largest(G * G.transpose())[1], Fraction(int(second.p), int(second.q))
+        return 1 + largest(G * G.transpose())[1], fraction(second)
 
 
 @dataclass(frozen=True)
@@ -132,7 +144,7 @@ def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
     for name, values in (("K", gain), ("P", matrix), ("sigma", shrink)):
         if not np.isfinite(values).all():
             raise BadGain(name, "must be finite")
-    even = symmetric(rational(matrix))
+    even = symmetric(rationals(matrix))
     if even is None:
         raise BadGain("P", unsymmetric("P"))
     if shrink.ndim or shrink < 0:
@@ -150,7 +162,7 @@ def disturbance(given: Any, n: int) -> Disturbance:
         raise BadGain(f"G_1 of shape {G.shape} and G_2 of shape {g.shape}", reason)
     if not (np.isfinite(G).all() and np.isfinite(g).all()):
         raise BadGain("G_1 and G_2", "must be finite")
-    return Disturbance(rational(G), tuple(map(Fraction, g.tolist())))
+    return Disturbance(rationals(G), tuple(map(Fraction, g.tolist())))
 
 
 def steepness(chain: Integrators, gamma: float) -> Proof | Nothing:
@@ -158,14 +170,7 @@ def steepness(chain: Integrators, gamma: float) -> Proof | Nothing:
     none."""
     least = Fraction(gamma)
     powers = (least ** -(i + 1) for i in range(chain.n))
-    return slope(
-        chain.form, [sp.Rational(x.numerator, x.denominator) * p for x, p in zip(powers, chain.products, strict=True)]
-    )
-
-
-def rational(matrix: np.ndarray) -> Matrix:
-    """A matrix of floats as the rationals that they are."""
-    return tuple(tuple(map(Fraction, row)) for row in matrix.tolist())
+    return slope(chain.form, [rational(x) * p for x, p in zip(powers, chain.products, strict=True)])
 
 
 def verified(
@@ -283,7 +288,7 @@ def gain(found: Candidate, given: Given) -> Fraction | None:
     if given.slope is None or given.disturbance is None:
         return None
     share = share_of(found, (4 * given.slope * found.peak + 1) / (2 * given.low), given.disturbance)
-    return None if share is None else root(2 * share) * given.high**found.n
+    return None if share is None else root(2 * share, bits=52) * given.high**found.n
 
 
 def share_of(found: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
@@ -302,9 +307,3 @@ def share_of(found: Candidate, decay: Fraction, disturbance: Disturbance) -> Fra
     least = Fraction(float(np.linalg.eigvalsh(factor @ floats(load) @ factor.T).max()))
     tried = (least * (1 + slack) for slack in _SLACKS)
     return next((s for s in tried if s > 0 and nonnegative(M - load * (1 / number(s)))), None)
-
-
-def root(value: Fraction) -> Fraction:
-    """A rational at or above the square root, by a share of some 2^-50."""
-    guess = Fraction(float(value) ** 0.5)
-    return guess if guess * guess >= value else guess * (1 + Fraction(1, 2**50))

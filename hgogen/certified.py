@@ -24,15 +24,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
-from math import isqrt
 from typing import Protocol
 
 import numpy as np
 import sympy as sp
 
 from hgogen.bounds import box
+from hgogen.box import rational
 from hgogen.check import Check, Verdict
-from hgogen.definite import Matrix
+from hgogen.definite import Matrix, root
 from hgogen.digits import down, up
 from hgogen.door import Misfit
 from hgogen.form import Form
@@ -43,6 +43,7 @@ from hgogen.polytope import Corner, chains, corners, fixed, signals, span
 from hgogen.proof import Proof
 from hgogen.scaling import ALIGNED, exponents
 
+GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # of scales from state to state
 # L_b need not be the least: more boxes would cost more than they bring.
 _BOXES = 500
 _STEPS = (Fraction(2), Fraction(5, 4))
@@ -97,7 +98,7 @@ class _Core:
         """In the coordinates diag(d) scale z."""
         n = range(len(d))
         vertices = tuple(tuple(tuple(d[i] * N[i][j] / d[j] for j in n) for i in n) for N in self.vertices)
-        rationals = (sp.Rational(value.numerator, value.denominator) for value in d)
+        rationals = (rational(value) for value in d)
         return _Core(tuple(value * s for value, s in zip(rationals, self.scale, strict=True)), vertices, self.gains)
 
 
@@ -113,7 +114,9 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
         return Nothing(reason)
     each = chains(form)
     every = [
-        (name, a) for names, chain in zip(_names(form), each, strict=True) for name, a in zip(names, chain, strict=True)
+        (name, a)
+        for names, chain in zip(form.gain_names, each, strict=True)
+        for name, a in zip(names, chain, strict=True)
     ]
     driven = [f"{name} = {a}" for name, a in every if a.free_symbols - {*form.system.parameters}]
     if driven:
@@ -123,7 +126,7 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
         return Nothing(f"{loose[0]} is not shown to be positive")
     exactly = _exactly("of_poles, p=", p, form)
     products = [sp.Mul(*chain[: j + 1]) for chain in each for j in range(len(chain))]
-    gains = tuple(sp.Rational(x.numerator, x.denominator) / a for x, a in zip(exactly, products, strict=True))
+    gains = tuple(rational(x) / a for x, a in zip(exactly, products, strict=True))
     scale = tuple(sp.Mul(*chain[1 : j + 1]) for chain in each for j in range(len(chain)))
     core = _Core(scale, (_companions(exactly, form.blocks),), gains)
     slopes = _slopes(form)
@@ -148,7 +151,7 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
     if isinstance(found, str):
         return Nothing(found)
     vertices = tuple(_closed(each, gain) for each in product(*found))
-    gains = tuple(sp.Rational(k.numerator, k.denominator) for k in gain)
+    gains = tuple(map(rational, gain))
     return _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
 
 
@@ -188,8 +191,8 @@ class Bound(Protocol):
         ...
 
 
-def checks(id: str, theta: float, found: Bound | Nothing) -> tuple[Check, Check]:
-    """`ID.convergence`, that there is a bound, and `ID.theta`, that theta is above it."""
+def checks(id: str, theta: float, found: Bound | Nothing, name: str = "theta") -> tuple[Check, Check]:
+    """`ID.convergence`, that there is a bound, and `ID.theta`, that theta, the gain of that `name`, is above it."""
     exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
     above = f"theta = {theta:g} is above that bound"
     if isinstance(found, Nothing):
@@ -205,7 +208,7 @@ def checks(id: str, theta: float, found: Bound | Nothing) -> tuple[Check, Check]
         rate += " while the estimate keeps to its outer box"
         return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate)
     low = f"not shown: {theta:g} is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
-    return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix="Raise theta, or validate by trials.")
+    return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix=f"Raise {name}, or validate by trials.")
 
 
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
@@ -228,7 +231,7 @@ def _obstacle(form: Form) -> str:
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
     if open_:
         return f"the bound rests on {open_[0]}, which is not proved"
-    known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), _heads(form)
+    known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
             if form.A[i, j] != 0 and (j != i + 1 or j in heads or form.A[i, j].free_symbols - known):
@@ -240,19 +243,6 @@ def _obstacle(form: Form) -> str:
         if (sp.expand(offset).free_symbols | first.free_symbols) & {*form.states}:
             return f"the output {output} is not a_1 z_1 + c(u)"
     return ""
-
-
-def _heads(form: Form) -> tuple[int, ...]:
-    """Where each chain begins."""
-    return tuple(sum(form.blocks[:i]) for i in range(len(form.blocks)))
-
-
-def _names(form: Form) -> list[list[str]]:
-    """a_1, .., of one chain, a_(i,1), .., of several."""
-    several = len(form.blocks) > 1
-    return [
-        [f"a_({i},{j})" if several else f"a_{j}" for j in range(1, size + 1)] for i, size in enumerate(form.blocks, 1)
-    ]
 
 
 def _positive(a: sp.Expr, form: Form) -> bool:
@@ -316,17 +306,8 @@ def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof
     if not (found and found.defined and found.finite):
         return "no bound L_b on the slope of b was found on the box"
     around = box(signals(form), form.system.nominal)
-    steep = _root(Fraction(max(found.high, 0.0)))
+    steep = root(Fraction(max(found.high, 0.0)))
     return Proof("slope", form.b, around, None, steep, found.variables, found.tree, form.states)
-
-
-def _root(value: Fraction) -> Fraction:
-    """A short rational at or above the square root, by the share 2^-20 at most."""
-    if not value:
-        return value
-    shift = 2 * max(0, 24 - (value.numerator.bit_length() - value.denominator.bit_length()) // 2)
-    whole = -(-(value.numerator << shift) // value.denominator)
-    return Fraction(isqrt(whole - 1) + 1, 1 << (shift // 2))
 
 
 def _search(form: Form, slopes: sp.Matrix, core: _Core) -> tuple[Fraction, ...]:

@@ -22,8 +22,9 @@ from fractions import Fraction
 import numpy as np
 import sympy as sp
 
-from hgogen.certified import Nothing, slope
-from hgogen.definite import Matrix, exact, number, positive, unit
+from hgogen.box import rational
+from hgogen.certified import GROWTHS, Nothing, slope
+from hgogen.definite import Matrix, exact, number, positive, rationals, unit
 from hgogen.digits import up
 from hgogen.integrators import Integrators
 from hgogen.lmi import Lyapunov, NoSolver, common
@@ -32,7 +33,6 @@ from hgogen.polytope import chains
 # Beyond these the exact Lyapunov equation, or the inequality's program, is too large for a check that answers at once.
 FIELDS = 14
 VERTICES = 16
-_GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # of the scales from state to state
 _SLACK = Fraction(1, 2**16)
 
 
@@ -71,14 +71,14 @@ def of_core(chain: Integrators, layout: Layout, vertices: Iterable[np.ndarray]) 
 
     The scales are searched among geometric ones: s_i = s_1 g^(i-1) in the units of z.
     """
-    cores = tuple(tuple(tuple(Fraction(float(x)) for x in row) for row in each) for each in vertices)
+    cores = tuple(map(rationals, vertices))
     if len(layout.index) > FIELDS or len(cores) > VERTICES:
         return Nothing(f"the bound is computed for up to {FIELDS} fields and {VERTICES} vertices of the core")
     units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
     if any(unit_ <= 0 for unit_ in units):
         return Nothing("the bound is for a_i shown to be positive")
     best: CoreBound | Nothing = Nothing("no scale was tried")
-    for growth in _GROWTHS[: 4 if len(cores) == 1 else 2]:  # each costs a convex program where there are several
+    for growth in GROWTHS[: 4 if len(cores) == 1 else 2]:  # each costs a convex program where there are several
         found = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)))
         if isinstance(found, Nothing):
             return best if isinstance(best, CoreBound) else found
@@ -91,9 +91,8 @@ def _scaled(
     chain: Integrators, layout: Layout, cores: tuple[Matrix, ...], scale: tuple[Fraction, ...]
 ) -> CoreBound | Nothing:
     """The bound with the scales s_i given."""
-    rationals = [sp.Rational(s.numerator, s.denominator) for s in scale]
     (a,) = chains(chain.form)
-    steep = slope(chain.form, [s * sp.Mul(*a[: i + 1]) for i, s in enumerate(rationals)])
+    steep = slope(chain.form, [rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(scale)])
     if isinstance(steep, Nothing):
         return steep
     assert steep.high is not None

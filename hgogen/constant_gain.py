@@ -86,7 +86,7 @@ def constant_gain(observer: str, form: Form, poles: Any, gains: Any) -> Constant
 
 
 def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> ConstantGain:
-    for names, chain in zip(_names(each), each, strict=True):
+    for names, chain in zip(form.gain_names, each, strict=True):
         for name, a in zip(names, chain, strict=True):
             if a.free_symbols & {*form.system.inputs}:
                 raise BadGain(
@@ -158,13 +158,6 @@ def _split(what: str, given: Any, sizes: tuple[int, ...]) -> Sequence[Any]:
     return tuple(given)
 
 
-def _names(each: tuple[tuple[sp.Expr, ...], ...]) -> list[list[str]]:
-    several = len(each) > 1
-    return [
-        [f"a_({i},{j})" if several else f"a_{j}" for j in range(1, len(chain) + 1)] for i, chain in enumerate(each, 1)
-    ]
-
-
 def _chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
     """a_(i,1), .. of each output, free of states; those of the phase coordinates are 1."""
     if len(form.output) != len(form.blocks):
@@ -175,11 +168,12 @@ def _chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
     if form.jacobian is not None:
         return ((sp.S.One,) * form.n,)
     each = chains(form)
-    heads = np.cumsum([0, *map(len, each)])
-    off = [(i, j) for i in range(form.n) for j in range(form.n) if form.A[i, j] != 0 and (j != i + 1 or j in heads)]
+    off = [
+        (i, j) for i in range(form.n) for j in range(form.n) if form.A[i, j] != 0 and (j != i + 1 or j in form.heads)
+    ]
     if off or any(a == 0 for chain in each for a in chain):
         raise BadGain(observer, no_chain(form))
-    for names, chain in zip(_names(each), each, strict=True):
+    for names, chain in zip(form.gain_names, each, strict=True):
         for name, a in zip(names, chain, strict=True):
             if a.free_symbols & {*form.states}:
                 raise BadGain(f"{name} = {a}", "depends on the state, a constant gain wants it constant; use riccati")

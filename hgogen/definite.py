@@ -7,6 +7,7 @@ characteristic polynomial; Horn, Johnson, "Matrix Analysis", 7.1 and 7.2).
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from math import isqrt
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,20 @@ _CLOSE = Fraction(1, 2**40)  # of the largest entry: how near to a float eigenva
 def exact(M: Iterable[Iterable[Fraction]]) -> Any:
     """A matrix of fractions as FLINT's."""
     return fmpq_mat([[number(value) for value in row] for row in M])
+
+
+def rationals(M: np.ndarray) -> Matrix:
+    """A matrix of floats as the rationals that they are."""
+    return tuple(tuple(map(Fraction, row)) for row in M.tolist())
+
+
+def root(value: Fraction, bits: int = 24) -> Fraction:
+    """A short rational at or above the square root, by a share of some 2^-bits at most."""
+    if not value:
+        return value
+    shift = 2 * max(0, bits - (value.numerator.bit_length() - value.denominator.bit_length()) // 2)
+    whole = -(-(value.numerator << shift) // value.denominator)
+    return Fraction(isqrt(whole - 1) + 1, 1 << (shift // 2))
 
 
 def number(value: Fraction) -> Any:

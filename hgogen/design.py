@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.adaptive_gain import Disturbance, candidate, facts, root, share_of, steepness
+from hgogen.adaptive_gain import Disturbance, candidate, facts, share_of, steepness
 from hgogen.adaptive_gain import disturbance as as_disturbance
 from hgogen.certified import Nothing
 from hgogen.check import Check, Verdict
+from hgogen.definite import root
 from hgogen.digits import down, up
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
@@ -233,7 +234,7 @@ def _rounded(task: Task, found: Found, given: Disturbance | None, digits: tuple[
         share = share_of(known, (4 * slope * known.peak + 1) / (2 * gamma), given)
         if share is None:
             return None
-        mu = root(2 * share) * gamma**task.n
+        mu = root(2 * share, bits=52) * gamma**task.n
     if gamma > task.bounds["gamma"] or (mu is not None and mu > task.bounds["mu"]):
         return None
     return Design(tuple(K), tuple(map(tuple, P)), task.bounds["sigma"], gamma, mu, proved)

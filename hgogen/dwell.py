@@ -26,10 +26,8 @@ from hgogen.digits import up
 def switching(id: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> tuple[Check, ...]:
     """`ID.convergence`, that there is a bound on a gain, `ID.theta`, that `low` is above it, and `ID.hold`, that the
     time `hold` is long enough."""
-    convergence, above = (replace(check, proofs=()) for check in checks(id, low, found))
+    convergence, above = (replace(check, proofs=()) for check in checks(id, low, found, "theta_low"))
     above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
-    if above.verdict is not Verdict.PROVED:
-        above = replace(above, fix=above.fix.replace("Raise theta,", "Raise theta_low,"))
     return convergence, above, _held(f"{id}.hold", theta, low, hold, found)
 
 

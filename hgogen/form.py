@@ -55,6 +55,26 @@ class Form:
         return len(self.states)
 
     @property
+    def heads(self) -> tuple[int, ...]:
+        """Where the chain of each block begins in z."""
+        return tuple(sum(self.blocks[:i]) for i in range(len(self.blocks)))
+
+    @property
+    def gains(self) -> tuple[tuple[sp.Expr, ...], ...]:
+        """a_(i,1), .., a_(i,n_i) of each output's chain, whatever they depend on; there is a block for each output."""
+        chains = zip(self.output, self.heads, self.blocks, strict=True)
+        return tuple(
+            (sp.diff(y, self.states[head]), *(self.A[i, i + 1] for i in range(head, head + size - 1)))
+            for y, head, size in chains
+        )
+
+    @property
+    def gain_names(self) -> tuple[tuple[str, ...], ...]:
+        """What the gains are called: a_1, .., of one chain, a_(1,1), .., of several."""
+        name = "a_({},{})" if len(self.blocks) > 1 else "a_{1}"
+        return tuple(tuple(name.format(i, j) for j in range(1, size + 1)) for i, size in enumerate(self.blocks, 1))
+
+    @property
     def structured(self) -> bool:
         """Whether the plant is shown to have the form's structure; without it, its states keep their own order."""
         return all(check.verdict is Verdict.PROVED for check in self.checks if check.id.endswith(".structure"))

@@ -29,16 +29,6 @@ T = TypeVar("T")
 PLANT = "in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges"
 
 
-def chain_gains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
-    """a_(i,1), .., a_(i,n_i) of each output's chain, whatever they depend on."""
-    found, head = [], 0
-    for output, size in zip(form.output, form.blocks, strict=True):
-        first = sp.diff(output, form.states[head])
-        found.append((first, *(form.A[i, i + 1] for i in range(head, head + size - 1))))
-        head += size
-    return tuple(found)
-
-
 @dataclass(frozen=True)
 class Integrators:
     """`form` in the coordinates w; each w is an SX column (n), chain after chain."""
@@ -81,12 +71,11 @@ class Integrators:
 
     def z(self, w: Any) -> Any:
         """The form's state (n)."""
-        return ca.vertcat(*(w[i] if self.products[i] == 1 else w[i] / self.scale[i] for i in range(self.n)))
+        return w / self.scale
 
     def nonlinear(self, w: Any, u: Any) -> Any:
         """c(w, u) (n), its argument saturated to the declared box."""
-        b = self.dynamics.nonlinear(self.z(w), u)
-        return ca.vertcat(*(b[i] if self.products[i] == 1 else self.scale[i] * b[i] for i in range(self.n)))
+        return self.scale * self.dynamics.nonlinear(self.z(w), u)
 
     def offset(self, u: Any) -> Any:
         """o(u) (p)."""
@@ -96,9 +85,8 @@ class Integrators:
         """An SX scalar clamped to the declared range of w_i; as it is where there is none."""
         if not self.form.states[i].bounded:
             return w
-        scale = 1 if self.products[i] == 1 else self.scale[i]
         low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
-        return ca.fmin(ca.fmax(w, scale * low), scale * high)
+        return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
 
     def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
         """The field `w` (n), with the outer box of `state_field` and `peak`.
@@ -188,13 +176,12 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
     if form.jacobian is not None:
         reason = "works in chains of integrators, this form keeps the plant's coordinates; use high_gain or riccati"
         raise BadGain(observer, reason)
-    gains = chain_gains(form)
-    chain = {(h + j, h + j + 1) for h, c in zip(_heads(form), gains, strict=True) for j in range(len(c) - 1)}
+    gains = form.gains
+    chain = {(h + j, h + j + 1) for h, c in zip(form.heads, gains, strict=True) for j in range(len(c) - 1)}
     if any(form.A[i, j] != 0 and (i, j) not in chain for i in range(form.n) for j in range(form.n)):
         raise BadGain(observer, no_chain(form))
-    for i, each in enumerate(gains, 1):
-        for j, a in enumerate(each, 1):
-            name = f"a_{j}" if len(gains) == 1 else f"a_({i},{j})"
+    for names, each in zip(form.gain_names, gains, strict=True):
+        for name, a in zip(names, each, strict=True):
             if a == 0:
                 raise BadGain(observer, f"takes a triangular form, here {name} = 0; use forms.triangular or riccati")
             if a.free_symbols - {*form.system.parameters}:
@@ -209,7 +196,3 @@ def no_chain(form: Form) -> str:
         return f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati"
     why = next((f": {c.reason}" for c in form.checks if c.id.endswith(".structure")), "")
     return f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form{why}; use riccati"
-
-
-def _heads(form: Form) -> tuple[int, ...]:
-    return tuple(sum(form.blocks[:i]) for i in range(len(form.blocks)))

@@ -2,7 +2,6 @@
 absurd."""
 
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -26,13 +25,13 @@ def cap(
     scaling: Scaling | None = None,
 ) -> np.ndarray:
     """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
-    variance at the largest theta anywhere in the box, and four times P(0); without a range, 1e12 P(0).
+    variance at the largest theta wherever in the box there is one, and four times P(0); without a range, 1e12 P(0).
     """
     half = np.array([(high - low) / 2 for low, high in z.box])
     cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
     F, C = dynamics.linearised(12)
     steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak, scaling), axis1=1, axis2=2)
-    largest = np.nanmax(np.where(np.isfinite(steady), steady, 0.0), axis=0)
+    largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
 
 
@@ -48,7 +47,7 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
         raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
     if not (np.abs(matrix) <= HUGE**2).all():
         raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE**2:g}")
-    even = symmetric([[Fraction(x) for x in row] for row in matrix.tolist()])
+    even = symmetric(definite.rationals(matrix))
     if even is None:
         raise BadGain(name, unsymmetric(name))
     matrix = np.array(even, dtype=float)
@@ -61,7 +60,7 @@ def _definite(matrix: np.ndarray) -> bool:
     """Exactly: a float eigenvalue near 0 may have the wrong sign."""
     if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
         return bool((np.diag(matrix) > 0).all())
-    return definite.positive(definite.exact([[Fraction(x) for x in row] for row in matrix.tolist()]))
+    return definite.positive(definite.exact(definite.rationals(matrix)))
 
 
 def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:

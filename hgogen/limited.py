@@ -23,6 +23,10 @@ from hgogen.program import Block, Field, scalar, sym
 from hgogen.sector import Adaptation, Shape, core_check, decays, theta_bound
 from hgogen.theorem import Theorem
 
+REFERENCE = (
+    "Astolfi, Alessandri, Zaccarian, Stubborn and dead-zone redesign for nonlinear observers and filters, "
+    "IEEE TAC 66(2) (2021)"
+)
 EQUATIONS: dict[Shape, str] = {
     "saturation": "w' = A w + c(w, u) + diag(theta, .., theta^n) K sat(e), |sat(e)| <= sqrt(sigma), e = y - w_1",
     "dead zone": "w' = A w + c(w, u) + diag(theta, .., theta^n) K (e - sat(e)), |sat(e)| <= sqrt(sigma), e = y - w_1",
@@ -44,7 +48,6 @@ def limited(
     initial: Mapping[str, float] | Sequence[float] | None,
     accept: Iterable[str],
     theorem: Theorem,
-    reference: str,
 ) -> Observer:
     """The observer of that name and shape; its checks `NAME.core`, `NAME.convergence` and `NAME.theta` are by `sector`.
 
@@ -75,7 +78,7 @@ def limited(
         w=sym("state.w", chain.n),
         theorem=theorem,
         equations=(EQUATIONS[shape], LEVEL, f"K = {listed(K)}"),
-        reference=reference,
+        reference=REFERENCE,
         checks=(
             core_check(f"{name}.core", adaptation, proofs),
             *checks(name, high.initial[0], theta_bound(chain, proofs)),

@@ -22,12 +22,7 @@ VARYING = 8  # a_i of a chain that may vary: their ends have 2^8 combinations
 
 def chains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
     """a_(i,1), .., a_(i,n_i) of each output, exact, constants at their values."""
-    found, head = [], 0
-    for output, size in zip(form.output, form.blocks, strict=True):
-        a = (sp.diff(output, form.states[head]), *(form.A[i, i + 1] for i in range(head, head + size - 1)))
-        found.append(tuple(exact(sp.sympify(x).xreplace(fixed(form))) for x in a))
-        head += size
-    return tuple(found)
+    return tuple(tuple(exact(sp.sympify(a).xreplace(fixed(form))) for a in chain) for chain in form.gains)
 
 
 def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:

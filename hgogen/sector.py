@@ -32,7 +32,8 @@ from typing import Any, Literal
 import numpy as np
 import sympy as sp
 
-from hgogen.certified import Nothing, slope
+from hgogen.box import rational
+from hgogen.certified import GROWTHS, Nothing, slope
 from hgogen.check import Check, Verdict
 from hgogen.definite import exact, smallest
 from hgogen.digits import down, up
@@ -44,7 +45,6 @@ from hgogen.polytope import chains
 Shape = Literal["dead zone", "saturation"]
 
 FEW = 6  # states up to which several g are tried
-_GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))
 _PAIRS = tuple((2.0**i, 2.0**j) for i, j in product(range(-12, 13), repeat=2))  # mu and tau
 
 
@@ -118,7 +118,7 @@ class SectorBound:
 
 def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
     """Proofs that the core of the gains K (n), A - K C Hurwitz, decays, one for each g that gives one."""
-    growths = _GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
+    growths = GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
     found = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
     return tuple(one for one in found if one is not None)
 
@@ -138,7 +138,7 @@ def theta_bound(chain: Integrators, found: Iterable[Decay]) -> SectorBound | Not
     best: SectorBound | Nothing = Nothing("the linear core is not shown to decay")
     (a,) = chains(chain.form)
     for one in found:
-        g = sp.Rational(one.growth.numerator, one.growth.denominator)
+        g = rational(one.growth)
         steep = slope(chain.form, [g**i * sp.Mul(*a[: i + 1]) for i in range(chain.n)])
         if isinstance(steep, Nothing):
             return steep

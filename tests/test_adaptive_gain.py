@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle.adaptive_lmi import SIGMA, K, P
 
-from hgogen.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain, rational, root, verified
+from hgogen.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain, verified
 from hgogen.check import Check, Verdict
-from hgogen.definite import exact, largest, nonnegative, positive, smallest
+from hgogen.definite import exact, largest, nonnegative, positive, rationals, root, smallest
 from hgogen.observer import BadGain
 
 LAMBDA, ALPHAS, SLOPE = 0.1666, (3.2950, 3.4810), Fraction("0.71")
@@ -52,7 +52,7 @@ square = st.integers(1, 5).flatmap(
 def test_signs_are_those_of_the_eigenvalues(rows: list[list[int]]) -> None:
     """B B' has a rank that numpy finds, of integers this small; B + B' any signs."""
     B = np.array(rows, dtype=float)
-    gram, sum_ = exact(rational(B @ B.T)), exact(rational(B + B.T))
+    gram, sum_ = exact(rationals(B @ B.T)), exact(rationals(B + B.T))
     assert nonnegative(gram)
     assert positive(gram) == (np.linalg.matrix_rank(B) == len(B))
     values = np.linalg.eigvalsh(B + B.T)
@@ -65,13 +65,13 @@ def test_signs_are_those_of_the_eigenvalues(rows: list[list[int]]) -> None:
 def test_an_eigenvalue_lies_in_its_enclosure(rows: list[list[int]]) -> None:
     M = np.array(rows, dtype=float) + np.array(rows, dtype=float).T
     values, scale = np.linalg.eigvalsh(M), np.abs(M).max() + 1
-    for (low, high), value in ((smallest(exact(rational(M))), values[0]), (largest(exact(rational(M))), values[-1])):
+    for (low, high), value in ((smallest(exact(rationals(M))), values[0]), (largest(exact(rationals(M))), values[-1])):
         assert low < high < low + scale * 1e-8
         assert value == pytest.approx(float(low), abs=scale * 1e-8)
 
 
 def test_a_whole_eigenvalue_is_found_whole() -> None:
-    assert largest(exact(rational(np.diag([2.0, 1.0]))))[1] == 2
+    assert largest(exact(rationals(np.diag([2.0, 1.0]))))[1] == 2
 
 
 def test_an_eigenvalue_that_no_float_resolves_keeps_its_sign() -> None:

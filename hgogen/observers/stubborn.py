@@ -15,14 +15,10 @@ import numpy as np
 
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.limited import limited
+from hgogen.limited import REFERENCE, limited
 from hgogen.observer import Observer
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
-REFERENCE = (
-    "Astolfi, Alessandri, Zaccarian, Stubborn and dead-zone redesign for nonlinear observers and filters, "
-    "IEEE TAC 66(2) (2021)"
-)
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, for theta large enough; of an outlier no more than "
     "sqrt sigma is injected, which one sample of it raises by 2 theta r e^2 dt/3 under the root",
@@ -74,5 +70,4 @@ def stubborn(
         initial=initial,
         accept=accept,
         theorem=THEOREM,
-        reference=REFERENCE,
     )
