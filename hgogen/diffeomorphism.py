@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from types import MappingProxyType
 
 import sympy as sp
 from sympy.core.evalf import PrecisionExhausted
@@ -25,6 +26,7 @@ from hgogen.singular import singular
 from hgogen.system import System
 
 _DIGITS, _HUGE = 5, 10**300  # of the ends that a fix proposes
+EMPTY: Mapping[Signal, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -52,9 +54,10 @@ class Change:
         return (*self.forward, *kept, *self.tuned)
 
 
-def stand_ins(signals: Iterable[Signal]) -> dict[Signal, sp.Dummy]:
-    """Symbols that carry the sign of a signal's range, so that sqrt(w^2) can become w."""
-    return {s: sp.Dummy(s.name, real=True, **_sign(s)) for s in signals}
+def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
+    """Symbols that carry the sign of a signal's range, so that sqrt(w^2) can become w; of its value where `fixed`."""
+    ends = {s: (fixed[s], fixed[s]) if s in fixed else s.interval for s in signals}
+    return {s: sp.Dummy(s.name, real=True, **_sign(*interval)) for s, interval in ends.items()}
 
 
 def checks(change: Change) -> tuple[Check, ...]:
@@ -193,8 +196,7 @@ def _least(reached: Interval) -> str:
     return f" to at least [{down(reached[0], _DIGITS)}, {up(reached[1], _DIGITS)}]"
 
 
-def _sign(signal: Signal) -> dict[str, bool]:
-    low, high = signal.interval
+def _sign(low: float, high: float) -> dict[str, bool]:
     if low > 0 or high < 0:
         return {"positive" if low > 0 else "negative": True}
     return {"nonnegative": True} if low == 0 else {}

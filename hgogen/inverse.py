@@ -1,7 +1,8 @@
 """The inverse of a map z = Phi(x, u): one state after the other where a row brings in one, the rest where it is linear.
 
-A candidate counts only if Psi(Phi(x, u), u) = x is shown exactly, for the signs that the ranges of x give; then Phi is
-one to one wherever Psi(Phi) is defined, and of several branches the one that fits the ranges is taken.
+A candidate counts only if Psi(Phi(x, u), u) = x is shown exactly, for the signs that the ranges of x and the values of
+fixed parameters give; then Phi is one to one wherever Psi(Phi) is defined, and of several branches the one that fits
+the ranges is taken.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import sympy as sp
 from sympy.solvers.solveset import NonlinearError
 
-from hgogen.diffeomorphism import stand_ins
+from hgogen.diffeomorphism import EMPTY, stand_ins
 from hgogen.identity import is_zero
 from hgogen.lie import size
 from hgogen.points import exact, kind, points
@@ -32,13 +33,17 @@ _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
 
 
 def inverse(
-    images: Mapping[sp.Symbol, sp.Expr], states: Sequence[Signal], known: Sequence[Signal]
+    images: Mapping[sp.Symbol, sp.Expr],
+    states: Sequence[Signal],
+    known: Sequence[Signal],
+    fixed: Mapping[Signal, float] = EMPTY,
 ) -> dict[sp.Symbol, sp.Expr] | None:
     """Each state as an expression of z, inputs and parameters; None where none was found.
 
-    Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may read.
+    Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may read; `fixed`: the
+    values of those of them that never change.
     """
-    plain = stand_ins((*states, *known))
+    plain = stand_ins((*states, *known), fixed)
     forward = {z: exact(e).xreplace(plain) for z, e in images.items()}
     unknown = [plain[x] for x in states]
     solved = _solved(forward, unknown)
@@ -46,7 +51,7 @@ def inverse(
         return None
     back = {dummy: signal for signal, dummy in plain.items()}
     found = {x: solved[plain[x]].xreplace(back) for x in states}
-    return found if _holds(found, images, (*states, *known)) else None
+    return found if _holds(found, images, (*states, *known), fixed) else None
 
 
 def tidy(expression: sp.Expr) -> sp.Expr:
@@ -107,6 +112,10 @@ def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
         coefficients = sp.Poly(numerator, x).all_coeffs()
         if len(coefficients) == 2:
             yield -coefficients[1] / coefficients[0]
+        elif len(coefficients) == 3 and coefficients[1] == 0:
+            a, _, c = coefficients
+            root = sp.sqrt(sp.factor(-c / a))  # a product shows its sign
+            yield from (root, -root)
         elif len(coefficients) == 3:
             a, b, c = coefficients
             root = sp.sqrt(tidy(b**2 - 4 * a * c))
@@ -147,9 +156,14 @@ def _signed(s: sp.Symbol) -> bool:
     return bool(s.is_nonnegative or s.is_nonpositive)
 
 
-def _holds(found: Mapping[sp.Symbol, sp.Expr], images: Mapping[sp.Symbol, sp.Expr], signals: Sequence[Signal]) -> bool:
+def _holds(
+    found: Mapping[sp.Symbol, sp.Expr],
+    images: Mapping[sp.Symbol, sp.Expr],
+    signals: Sequence[Signal],
+    fixed: Mapping[Signal, float],
+) -> bool:
     """A second look: at sample points of the box nothing speaks against it."""
-    errors = [exact(e.xreplace(dict(images))) - x for x, e in found.items()]
+    errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in found.items()]
     read = [s for s in signals if any(s in e.free_symbols for e in errors)]
     return not any(kind(e, point) in ("> 0", "< 0") and _large(e, point) for point in points(read) for e in errors)
 

@@ -183,6 +183,18 @@ def test_the_negative_branch_is_taken_on_a_negative_range() -> None:
     assert verdicts(form) == ALL_PROVED
 
 
+@pytest.mark.parametrize("value", [0.25, -0.25])
+@pytest.mark.parametrize(("low", "high"), [(0.5, 2), (-2, -0.5)])
+def test_the_sign_of_a_constant_opens_a_root(value: float, low: float, high: float) -> None:
+    """x1' = c x2^2: sqrt(c^2 x2^2) is c x2 or -c x2, which the value of c decides, and that it has no range."""
+    x1, x2 = x = states((-1, 1), (low, high))
+    c = hg.Signal("c", nominal=value)
+    form = hg.forms.phase(plant("scaled", x, [c * x2**2, -x2], x1, parameters=(c,)))
+    assert verdicts(form) == ALL_PROVED
+    number = form.from_form[1].subs({form.states[1]: value * 1.25**2, c: value})
+    assert float(number) == pytest.approx(1.25 if low > 0 else -1.25, rel=1e-12)
+
+
 HALF = sp.Rational(1, 2)
 SLOPES = [
     (lambda x: sp.sqrt(1 - x), "proved"),

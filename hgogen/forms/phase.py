@@ -80,7 +80,8 @@ def phase(plant: System, *, original: bool = False) -> Form:
     rank, sign = _rank(whole)
     z = coordinates(whole.plant).states
     images = dict(zip(z, whole.Phi, strict=True))
-    back = inverse(images, whole.plant.states, (*whole.plant.inputs, *whole.plant.parameters))
+    fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
+    back = inverse(images, whole.plant.states, (*whole.plant.inputs, *whole.plant.parameters), fixed)
     one_to_one = _one_to_one(whole, images, back, rank)
     checks = (
         Check("phase.chain", "y = z_1, z_i' = z_(i+1)", Verdict.PROVED, "by construction"),
