@@ -139,36 +139,40 @@ static bool PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE
     return capped;
 }
 """,
-    "decorrelate": """
-/* L = 1, D_i the smaller of P_ii and cap_i/4, where one exceeds its cap; whether one exceeds a quarter of it */
-static bool PREFIX_decorrelate(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE])
+    "renew": """
+/* L, D after a measurement of each state to the variance 1/c_i^2; whether a P_ii is above half its cap after it */
+static bool PREFIX_renew(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE], const REAL c[SIZE])
 {
-    REAL least[SIZE];
-    bool capped = false;
-    bool large = false;
+    REAL gain[SIZE];
+    bool near = false;
+    for (unsigned i = 0u; i < SIZE; ++i) {
+        REAL alpha = ONE;
+        for (unsigned k = 0u; k < SIZE; ++k) {
+            gain[k] = ZERO;
+        }
+        for (unsigned k = 0u; k <= i; ++k) {
+            const unsigned j = i - k;
+            const REAL f = (j == i) ? c[i] : L[j].v[i]*c[i];
+            const REAL v = D[j]*f;
+            const REAL before = alpha;
+            alpha = before + v*f;
+            D[j] = D[j]*before/alpha;
+            for (unsigned m = j + 1u; m < SIZE; ++m) {
+                const REAL old = L[j].v[m];
+                L[j].v[m] = old - f*gain[m]/before;
+                gain[m] = gain[m] + old*v;
+            }
+            gain[j] = v;
+        }
+    }
     for (unsigned i = 0u; i < SIZE; ++i) {
         REAL variance = D[i];
         for (unsigned k = 0u; k < i; ++k) {
             variance = variance + L[k].v[i]*L[k].v[i]*D[k];
         }
-        least[i] = variance;
-        if (variance > caps[i]/FOUR) {
-            least[i] = caps[i]/FOUR;
-            large = true;
-        }
-        if (variance > caps[i]) {
-            capped = true;
-        }
+        near = near || variance > caps[i]/TWO;
     }
-    if (capped) {
-        for (unsigned k = 0u; k < SIZE; ++k) {
-            for (unsigned i = k + 1u; i < SIZE; ++i) {
-                L[k].v[i] = ZERO;
-            }
-            D[k] = least[k];
-        }
-    }
-    return large;
+    return near;
 }
 """,
     "balance": """

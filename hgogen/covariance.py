@@ -1,7 +1,7 @@
 """The covariance of a Riccati observer in three views.
 
-    information  S' = -F'S - S F - rho S + C' R_theta^-1 C - S Q_theta S      (the papers print this one)
-    covariance   P' =  F P + P F' + rho P + Q_theta - P C' R_theta^-1 C P     (P = S^-1)
+    information  S' = -F'S - S F - rho (S - S_0) + C' R_theta^-1 C - S Q_theta S       (the papers print this one)
+    covariance   P' =  F P + P F' + rho (P - P S_0 P) + Q_theta - P C' R_theta^-1 C P  (P = S^-1)
     factored     P  =  L D L', L unit lower triangular, D > 0         (positive definite by construction)
 
 F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = 0. Source: Boizot, Busvelle, Gauthier
@@ -70,8 +70,7 @@ def information_ode(part: Riccati) -> Ode:
         F, C, weight, error = _along(part, z, u, y, valid)
         correction = solve(S, C.T @ ca.diag(weight) @ error)
         slope = C.T @ ca.diag(weight) @ C - F.T @ S - S @ F - S @ part.noise() @ S
-        if part.forgetting is not None:
-            slope -= part.forgetting[0] * S
+        slope -= part.rho * (S - ca.diag(ca.SX(ca.DM(1 / part.cap))))
         return {part.z.name: part.flow(z, u, y, valid) + correction, "S": pack(slope)}
 
     start = np.linalg.inv(part.covariance)
@@ -86,8 +85,7 @@ def covariance_ode(part: Riccati) -> Ode:
         F, C, weight, error = _along(part, z, u, y, valid)
         gain = P @ C.T @ ca.diag(weight)
         slope = F @ P + P @ F.T + part.noise() - gain @ C @ P
-        if part.forgetting is not None:
-            slope += part.forgetting[0] * P
+        slope += part.rho * (P - P @ ca.diag(ca.SX(ca.DM(1 / part.cap))) @ P)
         return {part.z.name: part.flow(z, u, y, valid) + gain @ error, "P": pack(slope)}
 
     return Ode((part.z, _symmetric("P", part.covariance, "covariance")), rate)

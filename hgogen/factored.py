@@ -2,11 +2,12 @@
 
 Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
 and scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are scaled, a congruence, which
-keeps what the last samples showed, and h Q_theta keeps the rank. A part that forgets has no Q: Phi and the congruence,
-turn by turn, would bring the correlation to 1 and D_n to 0 in a long silence, and the first sample after it would be
-taken to tell every state. There, after a silence of 1/rho, P starts anew, L = 1, D_i = min(P_ii, cap_i/4), with
-log(4)/rho to correlate in; the status stands from cap_i/4 on, between one start and the next. While samples come the
-congruence stays: a start would cost what they have told of the other states.
+keeps what the last samples showed, and h Q_theta keeps the rank. A part that forgets has no Q, and needs no cap:
+
+    P <- exp(rho h) Phi P Phi',   P^-1 <- P^-1 + (1 - exp(-rho h)) S_0,   S_0 = diag(1/cap_i)
+
+The second is a scalar update for each state, of a sample that is the estimate: it moves P alone. Where A = 0 both
+together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,7 @@ import numpy as np
 
 from hgogen.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.observer import HUGE, BadGain, Clock, Pieces
-from hgogen.program import Bit, Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
+from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
 from hgogen.riccati import Riccati
 from hgogen.runge_kutta import HEUN, RK4, Stages, advance
 from hgogen.stability import decay_limits
@@ -27,21 +28,7 @@ from hgogen.stability import decay_limits
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
 Factors = Callable[[Any], dict[str, Any]]  # of a vector (n), those of P as writes
-SILENT = 2.0  # up to which silence is counted, in 1/rho
 POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
-
-CAPPED = Bit(
-    "COVARIANCE_LIMITED",
-    "the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared ranges",
-    "wait for measurements; if it stays while they come, scale Q and R down together",
-)
-
-
-HIDDEN = Bit(
-    "COVARIANCE_LIMITED",
-    "the covariance is at its cap, in silence a quarter of it: samples are missing, or the input shows too little",
-    "excite the plant; if it stays while the input varies, lower rho, or scale R down",
-)
 
 
 @dataclass(frozen=True)
@@ -77,6 +64,10 @@ class Moved:
         """The diagonal factor d (n) of P as it grows where the past is forgotten."""
         return d if self.part.forgetting is None else sym("derived.growth") * d
 
+    def priors(self) -> list[Any]:
+        """Rows (1, n) whose samples, of variance 1, have the information (1 - exp(-rho h)) S_0."""
+        return [ca.sparsify(row) for row in ca.vertsplit(ca.diag(sym("derived.prior", self.part.dynamics.n)))]
+
     @property
     def equation(self) -> str:
         """Of P over one step."""
@@ -104,23 +95,26 @@ def entries(name: str, matrix: Any) -> dict[str, Any]:
 
 
 def common(part: Riccati, clock: Clock) -> dict[str, Any]:
-    """What the pieces of every factored covariance have: the status bit of the cap, the growth exp(rho h), and the step
-    lengths. P has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h
-    lambda."""
+    """What the pieces of every factored covariance have: the status bit, what a step forgets, and the step lengths. P
+    has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h lambda."""
     limits = decay_limits(part.slopes(POINTS)[0], HEUN.polynomial)
     why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
     found: dict[str, Any] = {
         "limit": float(limits.max()),
         "caution": float(limits.min()),
         "why": why,
-        "bits": (CAPPED,),
+        "bits": (part.limited,),
     }
     found["uses_output"] = part.known is not None
     if part.forgetting is not None:
-        found["bits"] = (HIDDEN,)
-        growth = ca.exp(part.forgetting[0] * clock.dt)
-        found["derived"] = (scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),)
-        found["tune"] = (Block("growth of the covariance over one step", {"derived.growth": growth}),)
+        growth = ca.exp(part.rho * clock.dt)
+        share = ca.fmax(growth - 1, 0) / growth
+        prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
+        found["derived"] = (
+            scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
+            Field("prior", (0.0,) * len(part.cap), meaning="root of the information that a step adds to each state's"),
+        )
+        found["tune"] = (Block("what a step forgets", {"derived.growth": growth, "derived.prior": prior}),)
     return found
 
 
@@ -134,12 +128,24 @@ def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
     return np.maximum(SMALLEST * natural, TINY)
 
 
+def largest(part: Riccati) -> np.ndarray:
+    """What each P_ii (n) stays below: its cap; where the past is forgotten, twice (1 + 2 mu/rho) cap_i at the smallest
+    rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box. For S' = -rho (S - S_0) -
+    F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what the points miss."""
+    if part.forgetting is None:
+        return part.cap
+    unit = np.sqrt(part.cap)
+    F = part.slopes(POINTS)[0] * unit / unit[:, None]
+    mu = np.linalg.eigvalsh((F + np.swapaxes(F, 1, 2)) / 2).max(initial=0.0)
+    return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, HUGE * HUGE))
+
+
 def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
     return Field(
         "D",
         tuple(float(value) for value in values),
         low=tuple(map(float, smallest(part, clock, values))),
-        high=tuple(float(value) for value in part.cap),
+        high=tuple(map(float, largest(part))),
         meaning="diagonal factor of the covariance P = L D L'",
     )
 
@@ -150,9 +156,9 @@ def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
 def unrolled(part: Riccati, clock: Clock) -> Pieces:
     """Straight-line code; L packed by columns."""
     return Pieces(
-        fields=(part.z, *_factors(part, clock), *counters(part)),
+        fields=(part.z, *_factors(part, clock)),
         **common(part, clock),
-        predict=(_predict(part, clock), *_cap(part, clock)),
+        predict=(_predict(part, clock), *(_cap(part) if part.forgetting is None else _renewed(part, clock))),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
@@ -196,51 +202,46 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     )
 
 
-def _cap(part: Riccati, clock: Clock) -> Program:
+def _renewed(part: Riccati, clock: Clock) -> Program:
     L, d = _symbols(part)
-    variance = [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
+    for row in Moved(part, clock).priors():
+        L, d, _ = measurement_update(L, d, row, ca.SX(1))
+    return (Block("what is forgotten tends to S_0", _written(L, d)), near(part, _variances(part)))
+
+
+def near(part: Riccati, variance: list[Any]) -> Block:
+    """Say so where a P_ii (`variance`) of a part that forgets is above half its cap."""
+    over = _beyond(variance, [float(value) / 2 for value in part.cap])
+    return Block("is the covariance near S_0^-1?", {"status.COVARIANCE_LIMITED": over})
+
+
+def _variances(part: Riccati) -> list[Any]:
+    L, d = _symbols(part)
+    return [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
+
+
+def _cap(part: Riccati) -> Program:
+    L, d = _symbols(part)
 
     def scaled(scale: Any) -> dict[str, Any]:
         return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
-    return capped(part, clock, variance, scaled, lambda diagonal: _written(ca.SX.eye(diagonal.numel()), diagonal))
+    return capped(part, _variances(part), scaled)
 
 
-def capped(part: Riccati, clock: Clock, variance: list[Any], scaled: Factors, anew: Factors) -> Program:
-    """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), the congruence; of a
-    part that forgets, in silence, those `anew` of the diagonal min(P_ii, cap_i/4) (n)."""
+def capped(part: Riccati, variance: list[Any], scaled: Factors) -> Program:
+    """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), a congruence."""
     caps = [float(value) for value in part.cap]
-    quarters = [cap / 4 for cap in caps]
-    over, limited = _beyond(variance, caps), {"status.COVARIANCE_LIMITED": ca.SX(1)}
     scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
-    scaling = When("work.capped", (Block("cap", {**scaled(scale), **limited}),))
-    if part.forgetting is None:
-        return (Block("largest variances", {"work.capped": over}), scaling)
-    silence, counted = _silence(part, clock)
-    tests = {"work.capped": ca.logic_and(over, ca.logic_not(silence)), "work.anew": ca.logic_and(over, silence)}
-    limited = {"status.COVARIANCE_LIMITED": ca.logic_and(_beyond(variance, quarters), silence)}
-    diagonal = column(ca.fmin(quarter, value) for quarter, value in zip(quarters, variance, strict=True))
-    start = Block("in silence the covariance starts anew, without correlation", anew(diagonal))
-    return (Block("largest variances", {**tests, **limited, **counted}), scaling, When("work.anew", (start,)))
+    limited = {"status.COVARIANCE_LIMITED": ca.SX(1)}
+    return (
+        Block("largest variances", {"work.capped": _beyond(variance, caps)}),
+        When("work.capped", (Block("cap", {**scaled(scale), **limited}),)),
+    )
 
 
 def _beyond(variance: list[Any], limits: list[float]) -> Any:
     return reduce(ca.logic_or, [value > limit for value, limit in zip(variance, limits, strict=True)])
-
-
-def _silence(part: Riccati, clock: Clock) -> tuple[Any, dict[str, Any]]:
-    """Has no output had a usable sample for 1/rho? And the time without one, as it is written."""
-    assert part.forgetting is not None
-    heard = reduce(ca.logic_or, [clock.valid[j] for j in range(clock.outputs)])
-    silent = ca.if_else(heard, 0, ca.fmin(sym("state.silence") + part.forgetting[0] * clock.dt, SILENT))
-    return silent >= 1, {"state.silence": silent}
-
-
-def counters(part: Riccati) -> tuple[Field, ...]:
-    """The time without a sample, of a part that forgets."""
-    if part.forgetting is None:
-        return ()
-    return (scalar("silence", 0.0, low=0.0, high=SILENT, meaning="rho times the time without a sample, at most 2"),)
 
 
 def _update(part: Riccati, clock: Clock, output: int) -> Program:
@@ -269,7 +270,7 @@ def looped(part: Riccati, clock: Clock) -> Pieces:
             raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
     columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
     return Pieces(
-        fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy()), *counters(part)),
+        fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy())),
         groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
         **common(part, clock),
         predict=_looped_predict(part, clock),
@@ -303,24 +304,17 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
         *((Block("forgetting", {"state.D": moved.grown(sym("state.D", n))}),) if part.forgetting is not None else ()),
         Kernel("triangularise", n, "column.v", (("state.D", n),)),
         *noise,
-        Block("largest variances", {"work.caps": ca.SX(ca.DM(part.cap))}),
-        *_looped_cap(part, clock),
-        When("work.capped", (Block("capped", {"status.COVARIANCE_LIMITED": ca.SX(1)}),)),
+        *_looped_limit(part),
+        When("work.limited", (Block("limited", {"status.COVARIANCE_LIMITED": ca.SX(1)}),)),
         *_looped_keep(n),
     )
 
 
-def _looped_cap(part: Riccati, clock: Clock) -> Program:
+def _looped_limit(part: Riccati) -> Program:
     n = part.dynamics.n
-
-    def rule(name: str) -> Kernel:
-        return Kernel(name, n, "column.v", (("state.D", n), ("work.caps", n)), result="work.capped")
-
-    if part.forgetting is None:
-        return (rule("cap"),)
-    silence, counted = _silence(part, clock)
-    test = Block("no sample for 1/rho?", {"work.silent": silence, **counted})
-    return (test, When("work.silent", (rule("decorrelate"),), (rule("cap"),)))
+    limits = Block("largest variances", {"work.caps": ca.SX(ca.DM(part.cap))})
+    name, more = ("cap", ()) if part.forgetting is None else ("renew", (("derived.prior", n),))
+    return (limits, Kernel(name, n, "column.v", (("state.D", n), ("work.caps", n), *more), result="work.limited"))
 
 
 def _looped_keep(n: int) -> Program:

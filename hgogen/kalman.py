@@ -9,7 +9,7 @@ import numpy as np
 from hgogen import definite
 from hgogen.dynamics import Dynamics
 from hgogen.observer import HUGE, BadGain, gain, reals
-from hgogen.program import Field
+from hgogen.program import Bit, Field
 from hgogen.scaling import Scaling
 from hgogen.stability import steady_covariance
 from hgogen.symmetric import symmetric, unsymmetric
@@ -33,6 +33,11 @@ def cap(
     steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak, scaling), axis1=1, axis2=2)
     largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
     return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
+
+
+def limited(meaning: str, action: str) -> Bit:
+    """The bit of a covariance at its cap, in the words of the observer."""
+    return Bit("COVARIANCE_LIMITED", meaning, action)
 
 
 def spd(name: str, value: Any, n: int) -> np.ndarray:

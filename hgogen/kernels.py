@@ -11,7 +11,7 @@ the diagonal being 1.
     add            L, D of L D L' + diag(w), by n rank-one updates (Gill, Golub, Murray, Saunders 1974, method C1)
     correct        L, D after a scalar measurement with row c and variance r, and its gain (Bierman)
     cap            rows of L scaled where a variance exceeds its cap, a congruence
-    decorrelate    L = 1, D_i the smaller of P_ii and cap_i/4, where a variance exceeds its cap
+    renew          L, D with the information diag(c)^2 added, c > 0, by n such measurements of one state each
 
 On a matrix X (n, n) by rows, in one array:
 
@@ -103,20 +103,21 @@ def cap(columns: Array, d: Array, caps: Array) -> bool:
     return True
 
 
-def decorrelate(columns: Array, d: Array, caps: Array) -> bool:
-    """Start anew from diag(min(P_ii, cap_i/4)) where a P_ii > cap_i; whether one is beyond cap_i/4, as it then stays.
-
-    Without process noise nothing but this keeps the rank: Phi and the scaling of `cap` are congruences, which keep what
-    the last samples showed, and under both, turn by turn, the correlation tends to 1. From cap_i itself P would exceed
-    it in the next step and start anew again, for ever without the correlation by which a sample tells other states.
-    """
-    variance = _variances(columns, d)
-    large = variance > caps / 4
-    if (variance > caps).any():
-        for k in range(len(d)):
-            columns[k, k + 1 :] = 0
-        d[:] = np.where(large, caps / 4, variance)
-    return bool(large.any())
+def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
+    """Measure each state to the variance 1/c_i^2; whether a variance is above half its cap after it."""
+    n = len(d)
+    for i in range(n):
+        alpha, gain = d.dtype.type(1), np.zeros(n, d.dtype)
+        for j in reversed(range(i + 1)):
+            f = c[i] if j == i else columns[j, i] * c[i]
+            v, before = d[j] * f, alpha
+            alpha = before + v * f
+            d[j] = d[j] * before / alpha
+            old = columns[j, j + 1 :].copy()
+            columns[j, j + 1 :] = old - f * gain[j + 1 :] / before
+            gain[j + 1 :] = gain[j + 1 :] + old * v
+            gain[j] = v
+    return bool((_variances(columns, d) > caps / 2).any())
 
 
 def _variances(columns: Array, d: Array) -> Array:
@@ -215,7 +216,7 @@ KERNELS: Mapping[str, Callable[..., Any]] = {
     "add": add,
     "correct": correct,
     "cap": cap,
-    "decorrelate": decorrelate,
+    "renew": renew,
     "balance": balance,
     "exponential": exponential,
     "resolvent": resolvent,

@@ -3,7 +3,8 @@
     z' = f(z, u) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta - P C' R_theta^-1 C P
 
 The views S = P^-1, P and its factors are the methods' choice. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010),
-(4); with forgetting and measured coefficients, Hammouri, de Leon Morales, CDC 1990.
+(4); with forgetting and measured coefficients, Hammouri, de Leon Morales, CDC 1990; with S_0, Salgado, Goodwin,
+Middleton, International Journal of Control 47 (1988).
 """
 
 from collections.abc import Callable
@@ -16,7 +17,7 @@ import numpy as np
 
 from hgogen.dynamics import Dynamics
 from hgogen.observer import Clock, Pieces
-from hgogen.program import Field
+from hgogen.program import Bit, Field, sym
 from hgogen.scaling import Scaled, Scaling, scaling
 
 if TYPE_CHECKING:
@@ -55,12 +56,13 @@ class HighGain(Protocol):
 class Riccati:
     """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
 
-    z' = f(z, u, y) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta + rho P - P C' R_theta^-1 C P,
+    z' = f(z, u, y) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta + rho (P - P S_0 P) - P C' R_theta^-1 C P,
     Q_theta = theta^(1+g) Delta^-1 G diag(weights) G' Delta^-1, R_theta = theta^(g-1) delta R delta by `scaling`, where
     `weights` (k) and `R` (p) are SX, `factor` G (n, k), unit lower triangular where k = n; k = 0 is no noise.
-    `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii;
-    `nominal`: (Q, R) as numbers. `forgetting`: rho, SX, and its number. `known`: of (z, u, y, valid), z with what is
-    measured in the place of its estimate, where A(u, z) and b(z, u) are taken and F = A; without it F is the Jacobian.
+    `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii, and where the
+    past is forgotten the diagonal of S_0^-1; `limited`: the bit that tells of it; `nominal`: (Q, R) as numbers.
+    `forgetting`: the gain rho. `known`: of (z, u, y, valid), z with what is measured in the place of its estimate,
+    where A(u, z) and b(z, u) are taken and F = A; without it F is the Jacobian.
     """
 
     dynamics: Dynamics
@@ -71,8 +73,9 @@ class Riccati:
     R: Any
     covariance: np.ndarray
     cap: np.ndarray
+    limited: Bit
     nominal: tuple[np.ndarray, np.ndarray]
-    forgetting: tuple[Any, float] | None = None
+    forgetting: Field | None = None
     known: Callable[[Any, Any, Any, Any], Any] | None = None
 
     def pieces(self, method: "Method", clock: Clock) -> Pieces:
@@ -104,7 +107,12 @@ class Riccati:
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: of P, rho is a growth of the model."""
         F, C = self.slopes(samples)
-        return (F if self.forgetting is None else F + self.forgetting[1] / 2 * np.eye(len(self.covariance))), C
+        return (F if self.forgetting is None else F + self.forgetting.initial[0] / 2 * np.eye(len(self.covariance))), C
+
+    @property
+    def rho(self) -> Any:
+        """The rate at which the past is forgotten, SX scalar; 0 for none."""
+        return sym(f"gain.{self.forgetting.name}") if self.forgetting else ca.SX(0)
 
     def noise(self) -> Any:
         """Q_theta, n x n SX."""

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.covariance import factor
-from hgogen.factored import Moved, capped, common, counters, entries, smallest
+from hgogen.factored import Moved, capped, common, entries, largest, near, smallest
 from hgogen.observer import BadGain, Clock, Pieces
 from hgogen.program import Block, Field, Program, column, sym
 from hgogen.riccati import Riccati
@@ -34,9 +34,9 @@ def square_root(part: Riccati, clock: Clock) -> Pieces:
     if n > LARGEST:
         raise BadGain("cholesky", f"takes up to {LARGEST} states, there are {n}; take continuous_discrete, which loops")
     return Pieces(
-        fields=(part.z, _root(part, clock), *counters(part)),
+        fields=(part.z, _root(part, clock)),
         **common(part, clock),
-        predict=(_predict(part, clock), *_cap(part, clock)),
+        predict=(_predict(part, clock), *(_cap(part) if part.forgetting is None else _renewed(part, clock))),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
@@ -81,7 +81,7 @@ def _pairs(n: int) -> list[tuple[int, int]]:
 
 
 def _root(part: Riccati, clock: Clock) -> Field:
-    n, deviation = part.dynamics.n, np.sqrt(part.cap)
+    n, deviation = part.dynamics.n, np.sqrt(largest(part))
     start = np.linalg.cholesky(part.covariance)
     floor = np.sqrt(smallest(part, clock, factor(part.covariance)[1]))
     return Field(
@@ -121,14 +121,25 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     )
 
 
-def _cap(part: Riccati, clock: Clock) -> Program:
+def _renewed(part: Riccati, clock: Clock) -> Program:
     S = _symbols(part)
-    variance = [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
+    for row in Moved(part, clock).priors():
+        S, _ = carlson(S, row, ca.SX(1))
+    return (Block("what is forgotten tends to S_0", _written(S)), near(part, _variances(part)))
+
+
+def _variances(part: Riccati) -> list[Any]:
+    S = _symbols(part)
+    return [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
+
+
+def _cap(part: Riccati) -> Program:
+    S = _symbols(part)
 
     def scaled(scale: Any) -> dict[str, Any]:
         return _written(ca.diag(scale) @ S)
 
-    return capped(part, clock, variance, scaled, lambda diagonal: _written(ca.diag(ca.sqrt(diagonal))))
+    return capped(part, _variances(part), scaled)
 
 
 def _update(part: Riccati, clock: Clock, output: int) -> Program:

@@ -24,7 +24,7 @@ from hgogen.covariance import factor
 from hgogen.curvature import Curved
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import cap, positive, spd
+from hgogen.kalman import cap, limited, positive, spd
 from hgogen.kalman_theorems import KALMAN, OTHER_COORDINATES
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, real, state_field
 from hgogen.program import Block, Field, sym
@@ -49,6 +49,11 @@ THEOREM = KALMAN.under(
         ("hamilton_jacobi.quadratic",),
         reference="(16)-(18)",
     )
+)
+
+LIMITED = limited(
+    "P = Pi^-1 reached its cap: a long loss of measurements, or weights much too small for the declared ranges",
+    "wait for measurements; if it stays while they come, scale the weights Q and R up together",
 )
 
 
@@ -94,6 +99,7 @@ def hamilton_jacobi(
         R=1 / sym("gain.R", outputs),
         covariance=covariance,
         cap=cap(dynamics, z, noise, variances, covariance, 1.0),
+        limited=LIMITED,
         nominal=(noise, np.array(variances)),
     )
     curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state.z", n), _still(form)))

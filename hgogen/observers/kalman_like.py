@@ -1,16 +1,23 @@
 """Kalman-like observer with forgetting, for plants that are state-affine up to output injection.
 
-    z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d),   S' = -rho S - A' S - S A + C' R^-1 C
-    P = S^-1:   P' = rho P + A P + P A' - P C' R^-1 C P
+    z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d),   S' = -rho (S - S_0) - A' S - S A + C' R^-1 C
+    P = S^-1:   P' = rho (P - P S_0 P) + A P + P A' - P C' R^-1 C P
 
-e' S e decays like exp(-rho t) whatever the plant does; where the input is regularly persistent S stays above a multiple
-of the unit matrix, so that |e| decays like exp(-rho t/2) from any initial state. No gain needs to be large, and no a_i
-needs to keep off zero. Where the input is not persistent P grows like exp(rho t) up to its cap, which the status tells.
-After 1/rho without a sample it starts anew there, without correlation, from a quarter of the cap: scaled alone, and
-with no process noise, it would keep what the last samples showed and lose its rank. With `rk4` (S) or `rk4_covariance`
-there is no cap, and what is lost restarts. The measurement enters A and b as it is, with its noise. Source:
+(e' S e)' = -rho (e' S e - e' S_0 e) - |C e|^2/R whatever the plant does: e' S e decays like exp(-rho (1 - s) t), s the
+largest eigenvalue of S_0 P. S is what the samples show plus what S_0 leaves, for its equation is linear. Where the
+input is regularly persistent the first stays above a multiple a of the unit matrix, s below |S_0|/a, and |e| decays
+like exp(-rho (1 - s) t/2) from any initial state. No gain needs to be large, and no a_i needs to keep off zero.
+
+The source has S_0 = 0, with which P grows like exp(rho t) where the input or a silence hides a state. Here S_0 is the
+inverse of the squares of the outer box's half-widths, far below S where the input shows the state: a sample of every
+state, equal to the estimate, that tells rho S_0 a second. Unseen, S_0^1/2 P S_0^1/2 stays below 1 + 2 mu/rho, mu the
+largest logarithmic norm of S_0^1/2 A S_0^-1/2, and keeps the correlation that A gives it.
+
+What the plant itself contracts faster than exp(-rho t/2) leaves P, seen or not: after a jump of the plant the error in
+it goes at the plant's own rate, unless rho is larger. The measurement enters A and b as it is, with its noise. Source:
 H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G. Besancon,
-G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection.
+G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection; M. Salgado, G. Goodwin, R.
+Middleton, International Journal of Control 47 (1988), for the term in S_0 (delta P^2 there).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +30,7 @@ from hgogen.affine import known
 from hgogen.check import Verdict, demand
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import positive, spd, wide
+from hgogen.kalman import limited, positive, spd, wide
 from hgogen.observer import HUGE, BadGain, Observer, founded, gain, state_field
 from hgogen.persistence import persistent
 from hgogen.program import sym
@@ -34,11 +41,12 @@ from hgogen.theta import constant
 REFERENCE = "Hammouri, de Leon Morales, Observer synthesis for state-affine systems, CDC 1990"
 EQUATIONS = (
     "z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d)",
-    "S' = -rho S - A' S - S A + C' R^-1 C,   P = S^-1",
+    "S' = -rho (S - S_0) - A' S - S A + C' R^-1 C,   P = S^-1",
 )
 PERSISTENCE = "kalman_like.persistence"
 THEOREM = Theorem(
-    "the estimate converges from any initial state, |error| like exp(-rho t/2)",
+    "the estimate converges from any initial state, |error| like exp(-rho (1 - s) t/2), s the largest eigenvalue of "
+    "S_0 P",
     (
         Hypothesis("x' = A(u, y) x + b(u, y), y = C(u) x + d(u)", ("state_affine.structure",)),
         Hypothesis("A(u, y) x + b(u, y) is Lipschitz in x, so that A is bounded", ("state_affine.lipschitz",)),
@@ -50,11 +58,16 @@ THEOREM = Theorem(
         Hypothesis("S(0), R are positive definite, rho > 0", verdict=Verdict.PROVED, reason="else it is refused"),
         *OPERATION,
         Hypothesis(
-            "the covariance does not touch its cap",
-            reason="watch the status COVARIANCE_LIMITED: it is touched where the input shows too little",
+            "s < 1: the input shows more than S_0 does",
+            reason="s is at most the sum of P_ii S_0ii; watch the status COVARIANCE_LIMITED: one is above 1/2",
         ),
     ),
     REFERENCE,
+)
+
+LIMITED = limited(
+    "a variance is above half of what it tends to unseen: samples are missing, or the input shows too little",
+    "wait for samples, excite the plant; if it stays while the input varies, lower rho, or scale R down",
 )
 
 
@@ -72,7 +85,7 @@ def kalman_like(
     """The Kalman-like observer of `forms.state_affine(plant)`, any number of outputs.
 
     Args: `rho` > 0 (1/s), the rate at which the past is forgotten; `R` positive, one for each output, unit y^2 s: the
-    noise's own (for white noise of variance v per sample, v dt), so that P can be told from its cap; `inputs`,
+    noise's own (for white noise of variance v per sample, v dt), so that P can be told from S_0^-1; `inputs`,
     `period`: the inputs as they will be, where that is known, for the check of persistence (see `hgogen.persistence`; a
     record is judged by `hgogen.excitation`); `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n),
     default the squares of the half-widths of the ranges, 1 without one; `accept` ids of refuted checks to build on all
@@ -106,8 +119,9 @@ def kalman_like(
         R=sym("gain.R", outputs),
         covariance=start,
         cap=_cap(z.box, start),
+        limited=LIMITED,
         nominal=(np.zeros((n, n)), np.array(variances)),
-        forgetting=(sym("gain.rho"), rate),
+        forgetting=gains[0],
         known=known(dynamics),
     )
     return Observer(
@@ -126,7 +140,7 @@ def kalman_like(
 
 
 def _cap(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarray:
-    """The largest P_ii (n): the square of the outer box's half-width, and four times P(0); without a range, 1e12
+    """The diagonal of S_0^-1 (n): the square of the outer box's half-width, and four times P(0); without a range, 1e12
     P(0)."""
     half = np.array([(high - low) / 2 for low, high in box])
     wide = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))

@@ -20,7 +20,7 @@ from hgogen.clamped import clamped
 from hgogen.covariance import factor
 from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import cap, positive, spd, wide
+from hgogen.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman_theorems import of_form
 from hgogen.observer import BadGain, Observer, founded, state_field
 from hgogen.program import sym
@@ -32,6 +32,11 @@ REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonl
 EQUATIONS = (
     "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
     "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
+)
+
+LIMITED = limited(
+    "the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared ranges",
+    "wait for measurements; if it stays while they come, scale Q and R down together",
 )
 
 
@@ -87,6 +92,7 @@ def riccati(
         R=sym("gain.R", outputs),
         covariance=start,
         cap=cap(dynamics, z, noise, variances, start, theta.peak, scaling(form, theta.scaled)),
+        limited=LIMITED,
         nominal=(noise, np.array(variances)),
     )
     return Observer(

@@ -2,11 +2,11 @@
 
     z' = A(u, v) z + b(u, v),  v the measured states: y on the line between two samples, z's own where one is missing
     P  <- exp(rho h) Phi P Phi',  Phi = I + hA + (hA)^2/2 at mid-step;  z by classical Runge-Kutta
-    P  <- where a P_ii exceeds its cap: s P s, s_i = min(1, cap_i/P_ii), diag(min(P_ii, cap_i/4)) if silent for 1/rho
+    P  <- P - P (P + diag(cap)/(1 - exp(-rho h)))^-1 P, which is P^-1 <- P^-1 + (1 - exp(-rho h)) S_0, S_0 = 1/cap
     z  <- z + K (y_i - z_i),  K = P C_i'/(R_i/h + C_i P C_i'),  P <- P - K C_i P,  one output after the other
 
-H. Hammouri, J. de Leon Morales, CDC 1990: S' = -rho S - A'S - S A + C'R^-1 C, P = S^-1. The outputs show the first
-states. Written apart from the package; imports nothing of it.
+H. Hammouri, J. de Leon Morales, CDC 1990: S' = -rho (S - S_0) - A'S - S A + C'R^-1 C, P = S^-1, there with S_0 = 0.
+The outputs show the first states. Written apart from the package; imports nothing of it.
 """
 
 from collections.abc import Callable
@@ -26,10 +26,10 @@ def run(
     h: float,
     u: Array,
     y: Array,
-    cap: Array | float = np.inf,
+    cap: Array,
 ) -> Array:
     """Estimates (N, n) over u (N,), y (N, p), NaN where a sample is missing; A, b of u and the measured states."""
-    outputs, found, silent = len(R), [], 0.0
+    outputs, found = len(R), []
     for k in range(len(y)):
         valid = np.isfinite(y[k])
         if k:
@@ -48,11 +48,7 @@ def run(
             z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(z + h * k3, 1.0))
             Phi = np.eye(len(z)) + hA + hA @ hA / 2
             P = np.exp(rho * h) * Phi @ P @ Phi.T
-            silent = 0 if valid.any() else silent + rho * h
-            if (np.diag(P) > cap).any():
-                scale = np.minimum(1, cap / np.diag(P))
-                anew = np.diag(np.minimum(np.diag(P), np.asarray(cap) / 4))
-                P = scale[:, None] * P * scale if silent < 1 else anew
+            P = P - P @ np.linalg.solve(P + np.diag(cap / (1 - np.exp(-rho * h))), P)
         for i in np.flatnonzero(valid):
             K = P[:, i] / (R[i] / h + P[i, i])
             z = z + K * (y[k, i] - z[i])
