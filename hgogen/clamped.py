@@ -6,15 +6,20 @@ box.
 """
 
 import math
+from collections.abc import Sequence
+
+import sympy as sp
 
 from hgogen.box import box
 from hgogen.check import Check, Verdict
 from hgogen.digits import up
 from hgogen.form import Form
+from hgogen.signal import Signal
 from hgogen.slope import lipschitz_bound
 from hgogen.tape import NoTape
 
 BOXES = 500  # the bound need not be the least
+_HOW = "by outward-rounded intervals"
 
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
@@ -30,16 +35,22 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
 
 def _found(form: Form, boxes: int) -> tuple[Verdict, str]:
     """PROVED or UNKNOWN: beyond the image of the plant's box b is not the plant's, and nothing there refutes."""
-    if form.behind is not None:
-        reason = (
-            "b may have poles in the box of z: it is taken at Psi(z), clamped to the plant's ranges, which may jump"
-        )
-        return Verdict.UNKNOWN, reason
-    around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    if form.behind is None:
+        high, why = _steepest(form.b, form.states, form, boxes)
+        return (Verdict.UNKNOWN, why) if why else (Verdict.PROVED, f"L_b <= {up(high)}, {_HOW}")
+    taken = "b is taken at Psi(z), clamped to the plant's ranges"
+    if _steepest(form.from_form, form.states, form, boxes)[1]:
+        return Verdict.UNKNOWN, f"{taken}, which may jump: Psi may have poles in the box of z"
+    why = _steepest(form.behind, form.system.states, form, boxes)[1]
+    return (Verdict.UNKNOWN, f"{taken}; {why}") if why else (Verdict.PROVED, f"{taken}, both of bounded slope, {_HOW}")
+
+
+def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> tuple[float, str]:
+    """(the steepest slope of the rows on the box of the states, why none is proved or "")."""
+    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
-        found = lipschitz_bound(form.b, form.states, around, boxes=boxes)
+        found = lipschitz_bound(rows, states, around, boxes=boxes)
     except NoTape as missing:
-        return Verdict.UNKNOWN, f"{missing.what} may jump or be singular"
-    if found.verdict is Verdict.PROVED and math.isfinite(found.high):
-        return Verdict.PROVED, f"L_b <= {up(found.high)}, by outward-rounded intervals"
-    return Verdict.UNKNOWN, found.reason
+        return math.inf, f"{missing.what} may jump or be singular"
+    proved = found.verdict is Verdict.PROVED and math.isfinite(found.high)
+    return found.high, "" if proved else found.reason

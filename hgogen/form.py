@@ -25,8 +25,8 @@ class Form:
     in the order of z, one block of n unless it is given; `alignment`: how blocks may read each other, "" for one.
     `jacobian`: n x n, of z, inputs and parameters, of a map to phase coordinates in which a gain acts through its
     inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
-    as a function of z may have poles in the box of z; an observer evaluates it at from_form(z), clamped to the plant's
-    ranges.
+    as a function of z may have poles in the box of z, or is too large there; an observer evaluates it at from_form(z),
+    clamped to the plant's ranges.
     """
 
     system: System

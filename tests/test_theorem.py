@@ -1,11 +1,13 @@
 """The hypotheses of an observer's theorem, and what is known of each."""
 
+import casadi as ca
 import pytest
 import sympy as sp
 from plants import MODELS, fitzhugh_nagumo, kalman, model, pendulum, van_der_pol
 
 import hgogen as hg
 from hgogen.check import Check, Refuted, Verdict
+from hgogen.dynamics import Dynamics
 from hgogen.model import load
 from hgogen.theorem import YOURS, Hypothesis, Row, Theorem, rows
 
@@ -199,6 +201,25 @@ def test_b_is_lipschitz_where_it_is_evaluated_or_not_proved(observer: str) -> No
     assert (open_.standing, proved.standing) == ("unknown", "proved")
     (reason,) = (c.reason for c in build(wide, **gains).checks if c.id == f"{observer}.lipschitz")
     assert "may have poles in the box of z" in reason
+
+
+def test_phi_may_be_read_at_the_recovered_state() -> None:
+    """Beyond the image of the plant's box, phi is that of the plant at an end of its ranges, and Lipschitz."""
+    plant = contois(0.9, 1)
+    direct, recovered = hg.forms.phase(plant), hg.forms.phase(plant, recovered=True)
+    assert direct.behind is None
+    assert recovered.behind is not None
+    assert recovered.b == direct.b
+    z1, z2 = direct.states
+    m, s = z1.interval[0], direct.from_form[1].subs({z1: z1.interval[0], z2: z2.interval[1]})
+    assert s > 1.1
+    z = ca.DM([m, z2.interval[1]])
+    values = [float(Dynamics(form).nonlinear(z, ca.DM(0, 1))[1]) for form in (direct, recovered)]
+    phi = [float(recovered.behind[1].subs(dict(zip(plant.states, (m, at), strict=True)))) for at in (s, 1)]
+    assert values == pytest.approx(phi)
+    assert abs(phi[0] - phi[1]) > 0.01
+    checks = hg.observers.high_gain(recovered, theta=5, poles=(-1, -1)).checks
+    assert {c.id: c.verdict for c in checks}["high_gain.lipschitz"] is Verdict.PROVED
 
 
 def test_an_observer_in_the_plants_coordinates() -> None:

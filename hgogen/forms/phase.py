@@ -63,11 +63,13 @@ class _Map:
     determinant: sp.Expr
 
 
-def phase(plant: System, *, original: bool = False) -> Form:
+def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
     """The plant in phase form, or with the Jacobian of the map to it.
 
     With `original` the plant keeps its coordinates in any case: phi, and the derivatives of inputs that enter nothing
-    else, are then not needed.
+    else, are then not needed. With `recovered` an observer reads phi at Psi(z), clamped to the plant's ranges, as it
+    does in any case where phi may have poles in the box of z: of that box the image of the plant's is often a thin
+    part, beyond which phi is far larger and would ask for as large a theta. No bound on theta is then proved.
 
     Checks: `phase.chain` (by construction); `phase.inputs` (the derivatives of inputs that enter have ranges);
     `phase.rank` (det dPhi/dx has no zero on the box); `phase.inverse` (Phi is one to one on the box);
@@ -92,7 +94,7 @@ def phase(plant: System, *, original: bool = False) -> Form:
     )
     if original or back is None or sign.verdict is not Verdict.PROVED:
         return _kept(whole, checks)
-    return _changed(whole, z, back, checks)
+    return _changed(whole, z, back, checks, recovered)
 
 
 def _map(plant: System) -> _Map:
@@ -119,7 +121,9 @@ def _map(plant: System) -> _Map:
     return _Map(extended, plant, chain[:n], chain[n], jacobian, value)
 
 
-def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...]) -> Form:
+def _changed(
+    whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...], recovered: bool
+) -> Form:
     """In z = (y, y', ..), each with the range that Phi has on the box."""
     plant, n = whole.plant, len(z)
     box_x = box(plant.signals, plant.nominal)
@@ -128,7 +132,8 @@ def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], c
     rename = dict(zip(z, states, strict=True))
     psi = {x: e.xreplace(rename) for x, e in back.items()}
     phi = min((e := whole.phi.xreplace(psi), tidy(e)), key=lambda e: size([e]))
-    everywhere = bound(phi, box((*states, *plant.inputs, *plant.parameters), plant.nominal), boxes=_POLES).defined
+    around = box((*states, *plant.inputs, *plant.parameters), plant.nominal)
+    direct = not recovered and bound(phi, around, boxes=_POLES).defined
     zeros = (sp.S.Zero,) * (n - 1)
     return Form(
         system=plant,
@@ -141,7 +146,7 @@ def _changed(whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], c
         output=(states[0],),
         checks=(*plant.checks, *checks),
         reference=_REFERENCE,
-        behind=None if everywhere else (*zeros, whole.phi),
+        behind=None if direct else (*zeros, whole.phi),
     )
 
 
