@@ -4,7 +4,7 @@
      "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
                "output"},
      "form": {"kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"},
-     "observer": {"name"}, and "theta", "gains" where a bound on theta is proved of it; or null,
+     "observer": {"name"}, and the numbers that it is built with where something is proved of it; or null,
      "model": SHA-256 of plant, form and observer,
      "claims": [{"id", "verdict", "evidence"}],
      "digest": SHA-256 of all the rest}
@@ -13,14 +13,16 @@ Numbers are exact and texts, "7/2" or "0.05"; an infinite end of a range is null
 value as both ends. x' = flow(x, u), y = output(x, u) is the plant as first declared, z = to_form(x), x = from_form(z),
 z' = A z + b, y = output the form, with the number of states of each output's chain, and how chains may read each other.
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
-the box. `model` stands in the banner of the C as well. The digests find accidents; they are no signature.
+the box; the equations of the others, with their numbers, stand in the modules that verify them (`recheck_core`, ..).
+`model` stands in the banner of the C as well. The digests find accidents; they are no signature.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
 the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
-form: "chain" (y, y', ..) in the plant's states; of convergence: "scale" S, "core" N = S (A - gains C) S^-1, "P" with
-N'P + P N <= -I, "peak" >= lambda_max(P), and the Lipschitz bound of b in the coordinates S z. A tree is a bisection in
-prefix order: a name cuts its side of the box at the midpoint (an unbounded side at 0, beyond 0 at twice its end and
-one), a dot is a leaf.
+form: "chain" (y, y', ..) in the plant's states; of the convergence of a high_gain observer: "scale" S, "core" N = S (A
+- gains C) S^-1, or "ranges", the enclosures of the a_i, at whose ends N is taken, "P" with N'P + P N <= -I, "peak" >=
+lambda_max(P), and the Lipschitz bound of b in the coordinates S z. Of other observers: "units" s_i, "scale" s_i a_1 ..
+a_i, and what their modules say. A tree is a bisection in prefix order: a name cuts its side of the box at the midpoint
+(an unbounded side at 0, beyond 0 at twice its end and one), a dot is a leaf.
 
 A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen.recheck`; what has no such evidence is
 "stated", with a reason, and so are open verdicts as they are: they assert nothing.
@@ -29,17 +31,20 @@ A claim is "proved" or "refuted" here only if its evidence is verified by `hgoge
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from importlib.metadata import version
 from typing import Any
 
 import sympy as sp
 
 from hgogen.box import box
-from hgogen.certified import ThetaBound
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
-from hgogen.evidence import end, evidence, text
+from hgogen.evidence import end, text
+from hgogen.evidence import evidence as of_form
+from hgogen.evidence_observer import evidence as of_observer
 from hgogen.form import Form
+from hgogen.proof import Grounds
 from hgogen.recheck import recheck
 from hgogen.recheck_file import FORMAT, VERSION, digest, model_digest, read
 from hgogen.recheck_text import Unreadable
@@ -157,13 +162,19 @@ def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
 
 
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
-    """Its name, and the gains that a bound on theta was found for."""
+    """Its name, and the numbers that something was found of."""
     if not name:
         return None
-    found = next((proof for check in checks for proof in check.proofs if isinstance(proof, ThetaBound)), None)
-    if found is None:
-        return {"name": name}
-    return {"name": name, "theta": str(found.chosen), "gains": _written(form, found.gains)}
+    found = next((proof for check in checks for proof in check.proofs if isinstance(proof, Grounds)), None)
+    numbers = found.numbers if found else {}
+    return {"name": name, **{key: _built(form, value) for key, value in numbers.items()}}
+
+
+def _built(form: Form, value: Any) -> Any:
+    """A number, an expression, or a sequence of them."""
+    if isinstance(value, Iterable):
+        return [_built(form, each) for each in value]
+    return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
 
 
 def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:
@@ -174,7 +185,8 @@ def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | N
 
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
-    found = evidence(form, check)
+    found = of_form(form, check)
+    found = of_observer(form, check) if found is None else found
     if found is None:
         open_ = check.verdict not in (Verdict.PROVED, Verdict.REFUTED)
         verdict, prefix = (str(check.verdict), "") if open_ else ("stated", f"{check.verdict}: ")

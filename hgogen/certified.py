@@ -20,16 +20,16 @@ diagonal, into theta times itself, and J, whose rows read states of no higher po
 Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import sympy as sp
 
-from hgogen.bounds import box
+from hgogen.bounds import Range, box
 from hgogen.box import rational
 from hgogen.check import Check, Verdict
 from hgogen.definite import Matrix, root
@@ -39,8 +39,8 @@ from hgogen.form import Form
 from hgogen.lmi import STATES, Lyapunov, common
 from hgogen.lmi import gains as designed
 from hgogen.points import exact, points
-from hgogen.polytope import Corner, chains, corners, fixed, signals, span
-from hgogen.proof import Proof
+from hgogen.polytope import Corner, chains, corners, extents, fixed, signals, span
+from hgogen.proof import Grounds, Proof
 from hgogen.scaling import ALIGNED, exponents
 
 GROWTHS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))  # of scales from state to state
@@ -53,8 +53,8 @@ _TRIALS = 400
 @dataclass(frozen=True)
 class ThetaBound:
     """Every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges; `scale` (n): S, of parameters; `slope`:
-    how `lipschitz` >= |S db/dz S^-1| was found; `gains` (n): K, of parameters; `chosen`: the observer's theta, if there
-    is one."""
+    how `lipschitz` >= |S db/dz S^-1| was found; `gains` (n): K, of parameters; `ranges`: of the a_i, chain after
+    chain, where the vertices are at their ends."""
 
     theta: Fraction
     lyapunov: Lyapunov
@@ -62,7 +62,12 @@ class ThetaBound:
     scale: tuple[sp.Expr, ...]
     slope: Proof
     gains: tuple[sp.Expr, ...]
-    chosen: Fraction = Fraction(0)
+    ranges: tuple[Range, ...] = ()
+
+    @property
+    def numbers(self) -> Mapping[str, Any]:
+        """What the observer is built with."""
+        return {"gains": self.gains}
 
     def rate(self, theta: float) -> float:
         """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
@@ -152,7 +157,8 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
         return Nothing(found)
     vertices = tuple(_closed(each, gain) for each in product(*found))
     gains = tuple(map(rational, gain))
-    return _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
+    bound = _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
+    return replace(bound, ranges=_extents(form)) if isinstance(bound, ThetaBound) else bound
 
 
 def _exactly(what: str, given: Iterable[float], form: Form) -> list[Fraction]:
@@ -186,6 +192,11 @@ class Bound(Protocol):
         """The bound."""
         ...
 
+    @property
+    def numbers(self) -> Mapping[str, Any]:
+        """What the observer is built with, beside theta."""
+        ...
+
     def rate(self, theta: float) -> float:
         """r with |error(t)| <= c exp(-r t) |error(0)|."""
         ...
@@ -201,12 +212,12 @@ def checks(id: str, theta: float, found: Bound | Nothing, name: str = "theta") -
             Check(f"{id}.theta", above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
         )
     proof = f"above {found}; exact arithmetic and outward-rounded intervals"
-    proofs = (replace(found, chosen=Fraction(theta)),) if isinstance(found, ThetaBound) else ()
-    convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof, proofs=proofs)
+    grounds = Grounds({name: theta, **found.numbers}, found)
+    convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof, proofs=(grounds,))
     if Fraction(theta) > found.theta:
         rate = f"above {up(found.theta)}; the error decays at least like exp(-{down(found.rate(theta), 2)} t)"
         rate += " while the estimate keeps to its outer box"
-        return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate)
+        return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate, proofs=(replace(grounds, fact=None),))
     low = f"not shown: {theta:g} is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
     return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix=f"Raise {name}, or validate by trials.")
 
@@ -272,6 +283,11 @@ def _corners(form: Form) -> list[list[Corner]] | str:
             return each
         found.append(each)
     return found
+
+
+def _extents(form: Form) -> tuple[Range, ...]:
+    """The ranges of which `_corners` are the ends."""
+    return tuple(known for chain in chains(form) for known in extents(chain, form) if not isinstance(known, str))
 
 
 def _closed(parts: Sequence[Corner], gain: Sequence[Fraction]) -> Matrix:

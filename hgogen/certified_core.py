@@ -15,9 +15,10 @@ Proof. e' = theta N e + G d, d = S_theta (c(sat E x) - c(w)), S_theta = diag(s_i
 which the plant is, is a factor in [0, 1] on the field's error, and N is affine in these factors.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -29,6 +30,7 @@ from hgogen.digits import up
 from hgogen.integrators import Integrators
 from hgogen.lmi import Lyapunov, NoSolver, common
 from hgogen.polytope import chains
+from hgogen.proof import Proof
 
 # Beyond these the exact Lyapunov equation, or the inequality's program, is too large for a check that answers at once.
 FIELDS = 14
@@ -47,13 +49,17 @@ class Layout:
 
 @dataclass(frozen=True)
 class CoreBound:
-    """Every theta > `theta` = max(1, 2 `push` `lipschitz`) converges; `push` >= |P G|; `scale` (n): s_i."""
+    """Every theta > `theta` = max(1, 2 `push` `lipschitz`) converges; `push` >= |P G|; `units` (n): s_i; `scale` (n):
+    s_i a_1 .. a_i; `slope`: how `lipschitz` was found; `numbers`: what the observer is built with."""
 
     theta: Fraction
     lyapunov: Lyapunov
     push: Fraction
     lipschitz: Fraction
-    scale: tuple[Fraction, ...]
+    units: tuple[Fraction, ...]
+    scale: tuple[sp.Expr, ...]
+    slope: Proof
+    numbers: Mapping[str, Any]
 
     def rate(self, theta: float) -> float:
         """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
@@ -66,8 +72,11 @@ class CoreBound:
         )
 
 
-def of_core(chain: Integrators, layout: Layout, vertices: Iterable[np.ndarray]) -> CoreBound | Nothing:
-    """The bound of an estimator on a chain with the cores `vertices` (N, N) at theta = 1, floats taken as they are.
+def of_core(
+    chain: Integrators, layout: Layout, vertices: Iterable[np.ndarray], numbers: Mapping[str, Any]
+) -> CoreBound | Nothing:
+    """The bound of an estimator on a chain with the cores `vertices` (N, N) at theta = 1, floats taken as they are, of
+    the `numbers` that it is built with, by name.
 
     The scales are searched among geometric ones: s_i = s_1 g^(i-1) in the units of z.
     """
@@ -79,7 +88,7 @@ def of_core(chain: Integrators, layout: Layout, vertices: Iterable[np.ndarray]) 
         return Nothing("the bound is for a_i shown to be positive")
     best: CoreBound | Nothing = Nothing("no scale was tried")
     for growth in GROWTHS[: 4 if len(cores) == 1 else 2]:  # each costs a convex program where there are several
-        found = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)))
+        found = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)), numbers)
         if isinstance(found, Nothing):
             return best if isinstance(best, CoreBound) else found
         if isinstance(best, Nothing) or found.theta < best.theta:
@@ -88,15 +97,20 @@ def of_core(chain: Integrators, layout: Layout, vertices: Iterable[np.ndarray]) 
 
 
 def _scaled(
-    chain: Integrators, layout: Layout, cores: tuple[Matrix, ...], scale: tuple[Fraction, ...]
+    chain: Integrators,
+    layout: Layout,
+    cores: tuple[Matrix, ...],
+    units: tuple[Fraction, ...],
+    numbers: Mapping[str, Any],
 ) -> CoreBound | Nothing:
     """The bound with the scales s_i given."""
     (a,) = chains(chain.form)
-    steep = slope(chain.form, [rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(scale)])
+    scale = tuple(rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
+    steep = slope(chain.form, scale)
     if isinstance(steep, Nothing):
         return steep
     assert steep.high is not None
-    t = [scale[i] for i in layout.index]
+    t = [units[i] for i in layout.index]
     fields = range(len(t))
     moved = (tuple(tuple(t[i] * N[i][j] / t[j] for j in fields) for i in fields) for N in cores)
     try:
@@ -106,7 +120,8 @@ def _scaled(
     if found is None:
         return Nothing("no P with N'P + P N <= -I was found for the core")
     push = _push(found.P, layout)
-    return CoreBound(max(Fraction(1), 2 * push * steep.high), found, push, steep.high, scale)
+    theta = max(Fraction(1), 2 * push * steep.high)
+    return CoreBound(theta, found, push, steep.high, units, scale, steep, numbers)
 
 
 def _push(P: Matrix, layout: Layout) -> Fraction:

@@ -1,4 +1,4 @@
-"""The evidence of a claim in a certificate: what `hgogen.recheck` needs to verify it again, by the claim's id.
+"""The evidence of a claim about a form: what `hgogen.recheck` needs to verify it again, by the claim's id.
 
 What was found when a check was proved is used again: its bounds and its bisection, carried to the form's coordinates.
 """
@@ -14,7 +14,6 @@ import sympy as sp
 from sympy.printing.str import StrPrinter
 
 from hgogen.bounds import Range, bound, box, nonzero
-from hgogen.certified import ThetaBound
 from hgogen.check import Check, Verdict
 from hgogen.determinant import determinant
 from hgogen.form import Form
@@ -113,7 +112,7 @@ def _tree(found: Range | Proof, form: Form | None) -> str:
     return " ".join(tokens)
 
 
-def _enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Sides | None = None) -> Evidence | None:
+def enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Sides | None = None) -> Evidence | None:
     """low <= expression <= high on the form's box, or on the box `where` of the plant."""
     low, high = found.low, found.high
     if isinstance(found, Range) and not found.defined:
@@ -135,7 +134,7 @@ def _enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Sid
 
 def _gain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     """0 < a_m <= a_i <= a_M."""
-    return _enclosure(form, _coefficient(form, *row), check.proofs[0]) if check.proofs else None
+    return enclosure(form, _coefficient(form, *row), check.proofs[0]) if check.proofs else None
 
 
 def _coefficient(form: Form, *row: int) -> sp.Expr:
@@ -167,7 +166,7 @@ def _offset(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     chain = row[0] if row else 1
     z = form.states[sum(form.blocks[: chain - 1])]
     c = exact(sp.sympify(form.output[chain - 1])).subs(z, 0)
-    return _enclosure(form, c, bound(c, _box(form, c.free_symbols)))
+    return enclosure(form, c, bound(c, _box(form, c.free_symbols)))
 
 
 def _slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
@@ -175,7 +174,7 @@ def _slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     slope = _rate_slope(form, *row)
     where = _box(form, slope.free_symbols)
     found = bound(slope, where)
-    return _enclosure(form, slope, found if found.low > 0 or found.high < 0 else nonzero(slope, where).range)
+    return enclosure(form, slope, found if found.low > 0 or found.high < 0 else nonzero(slope, where).range)
 
 
 def _rate_slope(form: Form, index: int) -> sp.Expr:
@@ -199,43 +198,24 @@ def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None
 
 
 def _lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return _steep(form, form.nonlinear, check.proofs[0], _LOOSE) if check.proofs else None
+    return steep(form, form.nonlinear, check.proofs[0], _LOOSE) if check.proofs else None
 
 
 def _whole_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return _steep(form, (*form.flow, *form.output), check.proofs[0], _LOOSE) if check.proofs else None
+    return steep(form, (*form.flow, *form.output), check.proofs[0], _LOOSE) if check.proofs else None
 
 
 def _flow_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return _steep(form, form.flow, check.proofs[0], _LOOSE) if check.proofs else None
+    return steep(form, form.flow, check.proofs[0], _LOOSE) if check.proofs else None
 
 
-def _steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
+def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
     """A bound of the rows' Jacobian in the spectral norm, which an order and signs of the states do not change."""
     if proof.high is None:
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
-    steep = outward(float(proof.high) * (1 + wider), 1)
-    return {"box": _sides(_box(form, names)), "bound": str(steep), "tree": _tree(proof, form)}
-
-
-def _convergence(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    """P for A - K C in scaled coordinates, and the bound of db/dz in them."""
-    found = next((proof for proof in check.proofs if isinstance(proof, ThetaBound)), None)
-    if found is None or len(found.lyapunov.vertices) > 1:
-        return None
-    steep = _steep(form, (*form.b, *found.scale), found.slope)
-    return steep and {
-        "scale": [text(form, s) for s in found.scale],
-        "core": _numbers(found.lyapunov.vertices[0]),
-        "P": _numbers(found.lyapunov.P),
-        "peak": str(found.lyapunov.peak),
-        **steep,
-    }
-
-
-def _numbers(matrix: Iterable[Iterable[Fraction]]) -> list[list[str]]:
-    return [[str(value) for value in row] for row in matrix]
+    bound = outward(float(proof.high) * (1 + wider), 1)
+    return {"box": _sides(_box(form, names)), "bound": str(bound), "tree": _tree(proof, form)}
 
 
 def _chain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
@@ -262,7 +242,7 @@ def _rank(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
     every = box((*known, *system.signals), system.nominal)
     where = {s: every[s] for s in sorted(det.free_symbols, key=str)}
-    return _enclosure(form, det, nonzero(det, where).range, where)
+    return enclosure(form, det, nonzero(det, where).range, where)
 
 
 def _nothing(form: Form, check: Check, row: tuple[int, ...]) -> Evidence:
@@ -288,6 +268,4 @@ _MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
     (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),
     (Verdict.PROVED, r"phase\.chain", _chain),
     (Verdict.PROVED, r"phase\.rank", _rank),
-    (Verdict.PROVED, r"high_gain\.convergence", _convergence),
-    (Verdict.PROVED, r"high_gain\.theta", _nothing),
 )

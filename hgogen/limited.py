@@ -65,7 +65,7 @@ def limited(
             raise BadGain(f"r = {r!r}", f"must be below decay = {slow:g}, or nothing would ever be injected")
         least = (slow + fast) / 2  # so that r stays below it however they are tuned
     adaptation = Adaptation(shape, Fraction(slow), Fraction(fast))
-    proofs = decays(adaptation, K)
+    proofs, numbers = decays(adaptation, K), {"theta": high.initial[0], "decay": slow, "r": fast, "gains": K}
     return observer_on(
         chain,
         name,
@@ -80,8 +80,8 @@ def limited(
         equations=(EQUATIONS[shape], LEVEL, f"K = {listed(K)}"),
         reference=REFERENCE,
         checks=(
-            core_check(f"{name}.core", adaptation, proofs),
-            *checks(name, high.initial[0], theta_bound(chain, proofs)),
+            core_check(f"{name}.core", adaptation, proofs, numbers),
+            *checks(name, high.initial[0], theta_bound(chain, proofs, numbers)),
         ),
         accepted=accept,
         traces=("sigma",),

@@ -43,17 +43,26 @@ def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
         return None
 
 
+def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | str:
+    """The ranges of a chain's a_1..a_n on the declared box; or why there are none."""
+    found = []
+    for i, a in enumerate(chain, 1):
+        known = span(a, form)
+        if not (known and known.defined and known.finite):
+            return f"a_{i} = {a} has no finite range on the box"
+        found.append(known)
+    return tuple(found)
+
+
 def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | str:
     """(A, C) of a chain at the ends of the ranges of its a_1..a_n; or why there are none."""
-    ends: list[tuple[Fraction, ...]] = []
-    for i, a in enumerate(chain, 1):
-        if a.is_Rational:
-            ends.append((Fraction(int(a.p), int(a.q)),))
-            continue
-        found = span(a, form)
-        if not (found and found.defined and found.finite):
-            return f"a_{i} = {a} has no finite range on the box"
-        ends.append((Fraction(found.low), Fraction(found.high)))
+    found = extents(chain, form)
+    if isinstance(found, str):
+        return found
+    ends = [
+        (Fraction(int(a.p), int(a.q)),) if a.is_Rational else (Fraction(known.low), Fraction(known.high))
+        for a, known in zip(chain, found, strict=True)
+    ]
     if sum(len(pair) > 1 for pair in ends) > VARYING:
         return f"more than {VARYING} of the a_i vary, whose ranges have too many vertices"
     n = range(len(ends))

@@ -35,6 +35,15 @@ class Proof:
         return self.expressions[0]
 
 
+@dataclass(frozen=True)
+class Grounds:
+    """What a claim about an observer stands on: the `numbers` by name that it is built with (numbers, expressions of
+    parameters, sequences of them), and the `fact` that was found; None where it follows from another claim's."""
+
+    numbers: Mapping[str, Any] = field(hash=False)
+    fact: Any = field(hash=False)
+
+
 def ends(low: float, high: float) -> tuple[Fraction | None, Fraction | None]:
     """Bounds a little outside; one of the sign that it had, if it had one; None for an infinite one."""
     return _moved(low, -1), _moved(high, 1)

@@ -191,6 +191,8 @@ def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra)
 
 # --- pieces of rules
 
+RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an enclosure has
+
 
 def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
     """That only allowed names are read. Raises: `NotShown`."""

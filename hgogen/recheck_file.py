@@ -5,9 +5,8 @@ The file says nothing twice that could disagree: a claim's expressions are compa
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from hashlib import sha256
 from typing import Any
 
@@ -23,10 +22,23 @@ _KEYS = {
     "the file": ("format", "version", "hgogen", *ABOUT, "model", "claims", "digest"),
     "plant": ("name", "states", "inputs", "parameters", "outputs", "flow", "output"),
     "form": ("kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"),
-    "observer": ("name", "theta", "gains"),
     "a range": ("name", "low", "high"),
     "a claim": ("id", "verdict", "evidence"),
 }
+
+
+# What an observer is built with, by its name: its equations stand where a rule reads them. Numbers, or lists of them;
+# of `EXPRESSED` the gains of z, which may hold parameters.
+OBSERVERS: Mapping[str, tuple[str, ...]] = {
+    "high_gain": ("theta", "gains"),
+    "filtered": ("theta", "alpha", "beta", "gains"),
+    "filtered_injection": ("theta", "F", "G", "NH"),
+    "low_power": ("theta", "gains"),
+    "peaking_free": ("theta", "gains", "last"),
+    "stubborn": ("theta", "decay", "r", "gains"),
+    "dead_zone": ("theta", "decay", "r", "gains"),
+}
+EXPRESSED = ("high_gain",)
 
 
 @dataclass(eq=False)
@@ -68,10 +80,11 @@ class FormFile:
 
 @dataclass(frozen=True)
 class Observer:
-    """An observer; where it has a `theta`: z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z))."""
+    """An observer; where something is proved of it, the `numbers` that it is built with, by the names of `OBSERVERS`,
+    and the `gains` of those in `EXPRESSED`."""
 
     name: str
-    theta: Fraction | None = None
+    numbers: Mapping[str, Any]
     gains: tuple[Expression, ...] = ()
 
 
@@ -197,7 +210,11 @@ def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
 
 def _known(what: str, holder: Mapping[str, Any]) -> None:
     """A part that nothing reads could say anything. Raises: `NoCertificate`."""
-    strange = sorted(holder.keys() - set(_KEYS[what]))
+    _parts(what, holder, _KEYS[what])
+
+
+def _parts(what: str, holder: Mapping[str, Any], known: Iterable[str]) -> None:
+    strange = sorted(holder.keys() - set(known))
     if strange:
         raise NoCertificate(f"{what} has a part {strange[0]!r}, which is unknown here")
 
@@ -212,12 +229,23 @@ def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
 def _observer(content: Mapping[str, Any], names: Mapping[str, Any], count: int) -> Observer | None:
     if content.get("observer", 0) is None:
         return None
-    found = part(content, "observer", dict)
-    _known("observer", found)
+    found = dict(part(content, "observer", dict))
     name = part(found, "name", str)
-    if "theta" not in found and "gains" not in found:
-        return Observer(name)
-    return Observer(name, number(found.get("theta")), _rows(found, "gains", names, count))
+    del found["name"]
+    if not found:
+        return Observer(name, {})
+    _parts("observer", found, OBSERVERS.get(name, ()))
+    if missing := sorted(set(OBSERVERS.get(name, ())) - found.keys()):
+        raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
+    gains = _rows({"gains": found.pop("gains")}, "gains", names, count) if name in EXPRESSED else ()
+    return Observer(name, {key: _numbers(value) for key, value in found.items()}, gains)
+
+
+def _numbers(value: Any, depth: int = 0) -> Any:
+    """A number, or a list of numbers, or of such lists."""
+    if isinstance(value, list) and depth < 2:
+        return [_numbers(each, depth + 1) for each in value]
+    return number(value)
 
 
 def _sized(rows: Any, count: int, each: Any = None) -> list[Any]:

@@ -5,12 +5,14 @@ or a witness. Source of the hypotheses: Boizot, Busvelle, Gauthier, Automatica 4
 """
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 
 from hgogen.recheck_algebra import Quotient
 from hgogen.recheck_box import Box, NotShown, covered, ranged, witnessed
+from hgogen.recheck_chain import place_of, wanted_gain
 from hgogen.recheck_context import (
+    RANGE,
     Context,
     Shown,
     declared_box,
@@ -23,12 +25,11 @@ from hgogen.recheck_context import (
     value_of,
 )
 from hgogen.recheck_file import Certificate, Claim, FormFile, part
+from hgogen.recheck_observers import OF_CHAINS, OF_NUMBERS, STEEP, Keys, Row, Rule
+from hgogen.recheck_observers import rests as of_observer
 from hgogen.recheck_phase import phases, rank
 from hgogen.recheck_slope import regular, steep
 from hgogen.recheck_text import Expression, expression, number
-from hgogen.recheck_theta import convergence, theta
-
-Row = tuple[int, ...]
 
 
 def _structure(context: Context, claim: Claim, place: Row) -> Shown:
@@ -108,36 +109,18 @@ def _ranges(context: Context) -> int:
 
 def _gain(context: Context, claim: Claim, place: Row) -> Shown:
     """0 < a_m <= a_i <= a_M on the box."""
-    wanted, source = _wanted_gain(context, place)
+    wanted, source = wanted_gain(context, place)
     low, _, shown = enclosed(context, claim, wanted, source)
     if low <= 0:
         raise NotShown("its lower bound is not above zero")
     return Shown(f"{claim.id.partition('.')[2]}: {shown.sentence}", shown.boxes)
 
 
-def _wanted_gain(context: Context, place: Row) -> tuple[Quotient, Expression]:
-    """a_i of the one chain, or a_(k,i) of chain k."""
-    _ = context.equations
-    chain, index = place if len(place) == 2 else (1, *place)
-    at = _place(context, chain, index)
-    if index == 1:
-        return context.first_gain(chain - 1), context.form.output[chain - 1]
-    entry = context.form.A[at - 1][at]
-    return context.value(entry), entry
-
-
-def _place(context: Context, chain: int, index: int) -> int:
-    blocks = context.form.blocks
-    if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
-        raise NotShown("the form has no such row")
-    return sum(blocks[: chain - 1]) + index - 1
-
-
 def _offset(context: Context, claim: Claim, place: Row) -> Shown:
     """c = y - a_1 z_1 is finite on the box."""
     _ = context.equations
     chain = place[0] if place else 1
-    head = context.z[_place(context, chain, 1)]
+    head = context.z[place_of(context, chain, 1)]
     rest = context.value(context.form.output[chain - 1]) - context.first_gain(chain - 1) * context.letters[head]
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     only(text.names & set(context.z), (), "the offset")
@@ -262,7 +245,7 @@ def _range_of_recast(context: Context, claim: Claim, place: Row) -> Shown:
 
 def _no_gain(context: Context, claim: Claim, place: Row) -> Shown:
     """At a point of the box a_i is zero or negative."""
-    wanted, source = _wanted_gain(context, place)
+    wanted, source = wanted_gain(context, place)
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     at = _witness(claim, context.form.box, text.names | source.names)
@@ -287,43 +270,34 @@ def _witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness")
     return at
 
 
-Rule = Callable[[Context, Claim, Row], Shown]
-Keys = tuple[str, ...]
 _NONE: Keys = ()  # the file's model shows it
-_RANGE: Keys = ("expression", "box", "low", "high", "tree")
-_STEEP: Keys = ("box", "bound", "tree")
+_CHAINS = ("triangular", "block_triangular")
 _POINT: Keys = ("expression", "witness")
 # By kind of the form, "*" for any: the claim's id (with the row it counts), its verdict, and what its evidence has.
 RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
     ("triangular", r"triangular\.structure", "proved", _structure, _NONE),
-    ("triangular", r"triangular\.a_(\d{1,4})", "proved", _gain, _RANGE),
+    ("triangular", r"triangular\.a_(\d{1,4})", "proved", _gain, RANGE),
     ("triangular", r"triangular\.a_(\d{1,4})", "refuted", _no_gain, _POINT),
-    ("triangular", r"triangular\.offset", "proved", _offset, _RANGE),
-    ("triangular", r"triangular\.lipschitz", "proved", _lipschitz, _STEEP),
+    ("triangular", r"triangular\.offset", "proved", _offset, RANGE),
+    ("triangular", r"triangular\.lipschitz", "proved", _lipschitz, STEEP),
     ("block_triangular", r"block_triangular\.structure", "proved", _structure, _NONE),
-    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "proved", _gain, _RANGE),
+    ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "proved", _gain, RANGE),
     ("block_triangular", r"block_triangular\.a_(\d{1,4})_(\d{1,4})", "refuted", _no_gain, _POINT),
-    ("block_triangular", r"block_triangular\.offset_(\d{1,4})", "proved", _offset, _RANGE),
-    ("block_triangular", r"block_triangular\.lipschitz", "proved", _lipschitz, _STEEP),
+    ("block_triangular", r"block_triangular\.offset_(\d{1,4})", "proved", _offset, RANGE),
+    ("block_triangular", r"block_triangular\.lipschitz", "proved", _lipschitz, STEEP),
     ("uniform", r"uniform\.structure", "proved", _uniform_structure, _NONE),
-    ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope, _RANGE),
+    ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope, RANGE),
     ("uniform", r"uniform\.slope_(\d{1,4})", "refuted", _no_slope, (*_POINT, "other")),
-    ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz, _STEEP),
+    ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz, STEEP),
     ("state_affine", r"state_affine\.structure", "proved", _affine_structure, _NONE),
-    ("state_affine", r"state_affine\.lipschitz", "proved", _affine_lipschitz, _STEEP),
-    ("triangular", r"high_gain\.convergence", "proved", convergence, (*_STEEP, "scale", "core", "P", "peak")),
-    ("triangular", r"high_gain\.theta", "proved", theta, _NONE),
+    ("state_affine", r"state_affine\.lipschitz", "proved", _affine_lipschitz, STEEP),
+    *((kind, id, "proved", found, keys) for kind in _CHAINS for id, found, keys in OF_CHAINS),
+    *(("*", id, "proved", found, keys) for id, found, keys in OF_NUMBERS),
     ("*", r"phase\.chain", "proved", phases, ("chain",)),
-    ("*", r"phase\.rank", "proved", rank, _RANGE),
+    ("*", r"phase\.rank", "proved", rank, RANGE),
     ("*", r"recast\.inverse", "proved", _inverse, _NONE),
     ("*", r"recast\.range", "proved", _range_of_recast, _NONE),
 )
-# What a claim rests on: it is verified only if these are.
-_RESTS: dict[str, tuple[str, ...]] = {
-    "high_gain.convergence": ("triangular.structure",),
-    "high_gain.theta": ("high_gain.convergence",),
-    "phase.rank": ("phase.chain",),
-}
 
 
 def rule(kind: str, claim: Claim) -> tuple[Rule, Row, Keys] | None:
@@ -337,8 +311,9 @@ def rule(kind: str, claim: Claim) -> tuple[Rule, Row, Keys] | None:
 
 def rests(certificate: Certificate, id: str) -> tuple[str, ...]:
     """The ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
+    own = ("phase.chain",) if id == "phase.rank" else of_observer(id, certificate.form.kind)
     coordinates = (claim.id for claim in certificate.claims if claim.id.startswith("recast."))
-    return (*_RESTS.get(id, ()), *(() if id.startswith("recast.") else coordinates))
+    return (*own, *(() if id.startswith("recast.") else coordinates))
 
 
 def required(certificate: Certificate) -> tuple[str, ...]:

@@ -1,118 +1,116 @@
-"""The convergence of an observer with a constant gain, verified again for a triangular form.
+"""The convergence of an observer with a constant gain, verified again, on a chain for each output.
 
     z' = A z + b(sat z, u) + diag(theta, .., theta^n) K (y - C z)   converges exponentially for every
     theta > max(1, 2 peak L),   N'P + P N <= -I,   0 < P <= peak I,   N = S (A - K C) S^-1,   L >= |S db/dz S^-1|
 
-S diagonal, constant in time, N a matrix of numbers. In e = diag(1, 1/theta, ..) S (z - x), V = e'P e has the derivative
-V' <= -(theta - 2 peak L) |e|^2: theta turns b's Jacobian, which is lower triangular, into one of no larger norm, and
-clamping brings each component nearer to the plant's. Source of the observer: Gauthier, Hammouri, Othman, IEEE TAC 37
-(1992).
+S diagonal, constant in time; of several outputs diag(theta, .., theta^(n_i)) K_i on each chain, aligned at the top or
+at the end. N is a matrix of numbers, or linear in a_i with ranges, and then in the hull of those at the ends of the
+ranges, S and K being numbers. In e = Delta S (z - x), Delta = diag(1, 1/theta, ..) along the chains, V = e'P e has the
+derivative V' <= -(theta - 2 peak L) |e|^2: theta turns b's Jacobian, whose rows read states of no higher power of
+theta, into one of no larger norm, and clamping brings each component nearer to the plant's. Source of the observer:
+Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
+from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
+from itertools import product
 
-from hgogen.recheck_box import NotShown, covered
-from hgogen.recheck_context import Context, Shown, declared_box, finite, on, only, short
-from hgogen.recheck_file import Claim, part
-from hgogen.recheck_slope import steep
-from hgogen.recheck_text import Expression, expression, number
+from hgogen.recheck_box import NotShown
+from hgogen.recheck_chain import built, constants, invertible, slope, wanted_gain
+from hgogen.recheck_context import RANGE, Context, Shown, enclosed, finite, on, short
+from hgogen.recheck_file import Claim, Observer
+from hgogen.recheck_matrix import Matrix, decaying, demand_positive, entries, matrix, plus, scalar, scaled, unit, zeros
+from hgogen.recheck_text import Expression
 
-Matrix = list[list[Fraction]]
+_CORNERS = 1024  # of the a_i's ranges
 
 
 def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
     _ = context.equations
-    evidence, z, n = claim.evidence, context.z, len(context.z)
-    _, gains = _tuned(context)
-    scale = [expression(text, context.form.box) for text in _list(evidence, "scale", n)]
-    for constant in (*scale, *gains):
-        only(constant.names, context.file.parameters, f"the constant {constant.text}")
-    box = context.form.box
-    boxes = sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
-    boxes += sum(finite(k, box) for k in gains)
-    N, P = _matrix(evidence, "core", n), _matrix(evidence, "P", n)
-    _core(context, [context.value(s) for s in scale], [context.value(k) for k in gains], N)
-    _lyapunov(N, P, number(evidence.get("peak")))
-    names = {name for read in (*context.form.b, *scale) for name in read.names}
-    where = declared_box(evidence, context.form.box, names)
-    bound = number(evidence.get("bound"))
-    if bound < 0:
-        raise NotShown("its bound is negative")
-    boxes += covered(where, part(evidence, "tree", str), steep(context.form.b, z, bound, scale))
-    above = f"the error converges exponentially for every theta above {short(threshold(claim), 1)}"
+    evidence, n, box = claim.evidence, len(context.z), context.form.box
+    observer = built(context, ("high_gain",))
+    gains = observer.gains
+    if context.form.alignment not in ("", "top", "end"):
+        raise NotShown("its chains are not aligned at the top or at the end")
+    scale = constants(context, entries(evidence, "scale", n))
+    _ = constants(context, [k.text for k in gains])
+    boxes = invertible(context, scale) + sum(finite(k, box) for k in gains)
+    if ("core" in evidence) is ("ranges" in evidence):
+        raise NotShown("its evidence has not one of a core and ranges")
+    if "core" in evidence:
+        vertices = [_core(context, scale, gains, matrix(evidence, "core", n, n))]
+    else:
+        vertices, more = _corners(context, claim, scale, gains)
+        boxes += more
+    _decays(vertices, matrix(evidence, "P", n, n), scalar(evidence, "peak"))
+    boxes += slope(context, evidence, scale)[1]
+    above = f"the error converges exponentially for every theta above {short(threshold(observer, claim), 1)}"
     return Shown(f"in continuous time, without noise, {above}{on(box)}", boxes)
 
 
-def theta(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
-    """The observer's theta is above the bound; the bound is another claim."""
-    chosen, _ = _tuned(context)
-    bound = next((threshold(other) for other in context.file.claims if other.id == "high_gain.convergence"), None)
-    if bound is None or not chosen > bound:
-        raise NotShown(f"theta = {short(chosen)} is not above the bound")
-    return Shown(f"theta = {short(chosen)} is above {short(bound, 1)}")
-
-
-def threshold(claim: Claim) -> Fraction:
+def threshold(observer: Observer, claim: Claim) -> Fraction:
     """max(1, 2 peak L) of a claim of convergence."""
-    return max(Fraction(1), 2 * number(claim.evidence.get("peak")) * number(claim.evidence.get("bound")))
+    return max(Fraction(1), 2 * scalar(claim.evidence, "peak") * scalar(claim.evidence, "bound"))
 
 
-def _tuned(context: Context) -> tuple[Fraction, tuple[Expression, ...]]:
-    """theta and the gains of the file's observer."""
-    observer = context.file.observer
-    if observer is None or observer.name != "high_gain" or observer.theta is None:
-        raise NotShown("the file has no high_gain observer with its theta and gains")
-    return observer.theta, observer.gains
-
-
-def _list(evidence: Any, key: str, count: int) -> list[Any]:
-    found: list[Any] = part(evidence, key, list)
-    if len(found) != count:
-        raise NotShown(f"its {key} has not {count} entries")
-    return found
-
-
-def _matrix(evidence: Any, key: str, n: int) -> Matrix:
-    rows = _list(evidence, key, n)
-    if any(not isinstance(row, list) or len(row) != n for row in rows):
-        raise NotShown(f"its {key} is no square matrix")
-    return [[number(value) for value in row] for row in rows]
-
-
-def _core(context: Context, S: list[Any], K: list[Any], N: Matrix) -> None:
-    """S (A - K C) = N S, C = (a_1, 0, ..)."""
-    algebra, form, n = context.algebra, context.form, len(S)
-    for i in range(n):
-        for j in range(n):
-            entry = context.value(form.A[i][j])
-            if j == 0:
-                entry = entry - K[i] * context.first_gain(0)
+def _core(context: Context, scale: list[Expression], gains: tuple[Expression, ...], N: Matrix) -> Matrix:
+    """N, with S (A - K C) = N S whatever the parameters."""
+    algebra, form = context.algebra, context.form
+    S, K = ([context.value(text) for text in texts] for texts in (scale, gains))
+    column = {z: k for k, z in enumerate(context.heads)}
+    chain = [k for k, size in enumerate(form.blocks) for _ in range(size)]
+    for i, row in enumerate(form.A):
+        for j, text in enumerate(row):
+            entry, at = context.value(text), column.get(context.z[j])
+            if at is not None and chain[i] == at:
+                entry = entry - K[i] * context.first_gain(at)
             if not algebra.is_zero(S[i] * entry - algebra.number(N[i][j]) * S[j]):
                 raise NotShown(f"its core[{i + 1},{j + 1}] is not that of S (A - K C) S^-1")
+    return N
 
 
-def _lyapunov(N: Matrix, P: Matrix, peak: Fraction) -> None:
+def _corners(
+    context: Context, claim: Claim, scale: list[Expression], gains: tuple[Expression, ...]
+) -> tuple[list[Matrix], int]:
+    """S (A - K C) S^-1 at the ends of the ranges of the a_i, which the claim tells, and with how many boxes they are
+    shown."""
+    blocks, n = context.form.blocks, len(context.z)
+    places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
+    ends, boxes = [], 0
+    for place, told in zip(places, entries(claim.evidence, "ranges", n), strict=True):
+        if not isinstance(told, Mapping) or told.keys() != set(RANGE):
+            raise NotShown(f"a range of an a_i is no object with {', '.join(RANGE)}")
+        low, high, shown = enclosed(context, Claim(claim.id, claim.verdict, told), *wanted_gain(context, place))
+        boxes += shown.boxes
+        ends.append((low,) if low == high else (low, high))
+    S, K = ([_number(context, text) for text in texts] for texts in (scale, gains))
+    heads = [sum(blocks[: k - 1]) for k, _ in places]
+    if 2 ** sum(len(pair) > 1 for pair in ends) > _CORNERS:
+        raise NotShown(f"its a_i have more than {_CORNERS} combinations of ends")
+    return [_closed(a, S, K, heads) for a in product(*ends)], boxes
+
+
+def _number(context: Context, text: Expression) -> Fraction:
+    value = context.value(text).number
+    if value is None:
+        raise NotShown(f"{text.text} is no number, which the a_i of a range want")
+    return value
+
+
+def _closed(a: tuple[Fraction, ...], S: list[Fraction], K: list[Fraction], heads: list[int]) -> Matrix:
+    """S (A - K C) S^-1: a_1 of each chain in C, the others above the diagonal of A."""
+    N = zeros(len(a), len(a))
+    for i, head in enumerate(heads):
+        N[i][head] -= S[i] * K[i] * a[head] / S[head]
+        if i > head:
+            N[i - 1][i] += S[i - 1] * a[i] / S[i]
+    return N
+
+
+def _decays(vertices: list[Matrix], P: Matrix, peak: Fraction) -> None:
     """P > 0, peak I - P > 0, -I - N'P - P N > 0, in exact fractions."""
-    n = range(len(N))
-    if any(P[i][j] != P[j][i] for i in n for j in n):
-        raise NotShown("its P is not symmetric")
-    decay = [[Fraction(-int(i == j)) - sum(N[k][i] * P[k][j] + P[i][k] * N[k][j] for k in n) for j in n] for i in n]
-    above = [[Fraction(peak * int(i == j)) - P[i][j] for j in n] for i in n]
-    matrices: dict[str, Matrix] = {"P": P, "peak I - P": above, "-I - N'P - P N": decay}
-    for name, M in matrices.items():
-        if not _positive(M):
-            raise NotShown(f"its {name} is not positive definite")
-
-
-def _positive(M: Matrix) -> bool:
-    """Whether a symmetric matrix is positive definite, by the pivots of its elimination."""
-    M = [[Fraction(value) for value in row] for row in M]
-    for k, row in enumerate(M):
-        if row[k] <= 0:
-            return False
-        for i in range(k + 1, len(M)):
-            factor = M[i][k] / row[k]
-            M[i] = [x - factor * y for x, y in zip(M[i], row, strict=True)]
-    return True
+    above = plus(scaled(peak, unit(len(P))), scaled(Fraction(-1), P))
+    demand_positive({"P": P, "peak I - P": above})
+    for N in vertices:
+        demand_positive({"-I - N'P - P N": decaying(N, P)})

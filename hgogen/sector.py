@@ -23,7 +23,7 @@ The idea of the forms: Alessandri, Zaccarian, "Stubborn state observers for line
 88 (2018).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
@@ -35,12 +35,13 @@ import sympy as sp
 from hgogen.box import rational
 from hgogen.certified import GROWTHS, Nothing, slope
 from hgogen.check import Check, Verdict
-from hgogen.definite import exact, smallest
+from hgogen.definite import Matrix, exact, smallest
 from hgogen.digits import down, up
 from hgogen.injection import companion
 from hgogen.integrators import Integrators
 from hgogen.lmi import STATES, lyapunov
 from hgogen.polytope import chains
+from hgogen.proof import Grounds, Proof
 
 Shape = Literal["dead zone", "saturation"]
 
@@ -77,6 +78,7 @@ class Decay:
 
     adaptation: Adaptation
     growth: Fraction
+    P: Matrix
     peak: Fraction
     margin: Fraction
     mu: Fraction
@@ -94,11 +96,15 @@ class Decay:
 
 @dataclass(frozen=True)
 class SectorBound:
-    """Every theta > `theta` converges; `lipschitz` >= |S dc/dw S^-1| on the box, S the coordinates of `decay`."""
+    """Every theta > `theta` converges; `lipschitz` >= |S dc/dw S^-1| on the box, found as `slope`, S the coordinates of
+    `decay`, `scale` those of z; `numbers`: what the observer is built with."""
 
     theta: Fraction
     decay: Decay
     lipschitz: Fraction
+    scale: tuple[sp.Expr, ...]
+    slope: Proof
+    numbers: Mapping[str, Any]
 
     def rate(self, theta: float) -> float:
         """r (1/s) with |error(t)| <= c exp(-r t) (|error(0)| + sqrt sigma(0)) at a theta above the bound."""
@@ -123,27 +129,28 @@ def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
     return tuple(one for one in found if one is not None)
 
 
-def core_check(id: str, adaptation: Adaptation, found: Iterable[Decay]) -> Check:
-    """The check that there is such a proof."""
+def core_check(id: str, adaptation: Adaptation, found: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
+    """The check that there is such a proof, of an observer that is built with the `numbers`."""
     claim = f"the linear error core decays behind its {adaptation.shape}, from any initial error"
     for one in found:
         reason = f"by a quadratic form with mu = {float(one.mu):g}, tau = {float(one.tau):g}, in rational arithmetic"
-        return Check(id, claim, Verdict.PROVED, reason)
+        return Check(id, claim, Verdict.PROVED, reason, proofs=(Grounds(numbers, one),))
     fix = "Lower r." if adaptation.shape == "dead zone" else "Raise r."
     return Check(id, claim, Verdict.UNKNOWN, "no quadratic proof was found for these lambda and r", fix=fix)
 
 
-def theta_bound(chain: Integrators, found: Iterable[Decay]) -> SectorBound | Nothing:
-    """The smallest bound on theta that the proofs give with c."""
+def theta_bound(chain: Integrators, found: Iterable[Decay], numbers: Mapping[str, Any]) -> SectorBound | Nothing:
+    """The smallest bound on theta that the proofs give with c, of an observer that is built with the `numbers`."""
     best: SectorBound | Nothing = Nothing("the linear core is not shown to decay")
     (a,) = chains(chain.form)
     for one in found:
         g = rational(one.growth)
-        steep = slope(chain.form, [g**i * sp.Mul(*a[: i + 1]) for i in range(chain.n)])
+        scale = tuple(g**i * sp.Mul(*a[: i + 1]) for i in range(chain.n))
+        steep = slope(chain.form, scale)
         if isinstance(steep, Nothing):
             return steep
         assert steep.high is not None
-        bound = SectorBound(one.least(steep.high), one, steep.high)
+        bound = SectorBound(one.least(steep.high), one, steep.high, scale, steep, numbers)
         best = bound if isinstance(best, Nothing) or bound.theta < best.theta else best
     return best
 
@@ -161,4 +168,4 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
     added = np.array([mu for mu, _ in _PAIRS]) if adaptation.shape == "saturation" else 0.0
     mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / (float(found.peak) + added)))])
     margin = smallest(exact(-adaptation.form(N, gain, P, mu, tau)))[0]
-    return Decay(adaptation, growth, found.peak, margin, mu, tau) if margin > 0 else None
+    return Decay(adaptation, growth, found.P, found.peak, margin, mu, tau) if margin > 0 else None

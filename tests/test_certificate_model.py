@@ -119,7 +119,8 @@ def test_the_banner_computes_no_evidence(monkeypatch: pytest.MonkeyPatch) -> Non
     def never(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(certificates, "evidence", never)
+    monkeypatch.setattr(certificates, "of_form", never)
+    monkeypatch.setattr(certificates, "of_observer", never)
     monkeypatch.setattr(certificates, "recheck", never)
     text = hg.targets.c99(emitted.step("pendulum"), check=False)["pendulum.h"]
     assert "Model: " in text
@@ -140,7 +141,7 @@ def test_a_bound_is_that_of_the_named_observer() -> None:
     """An observer of another name has other equations."""
     content = written()
     assert rows(content)["high_gain.theta"].found == "verified"
-    content["observer"]["name"] = "riccati"
+    content["observer"]["name"] = "low_power"
     assert {rows(content)[id].found for id in ("high_gain.convergence", "high_gain.theta")} == {"fails"}
     content["observer"] = {"name": "high_gain"}
     assert {rows(content)[id].found for id in ("high_gain.convergence", "high_gain.theta")} == {"fails"}

@@ -76,7 +76,7 @@ def test_the_form_that_is_proved_is_the_float_one(shape: Any, r: float) -> None:
     rational = np.array([[Fraction(value) for value in row] for row in P])
     exact = adaptation.form(companion(exactly), exactly, rational, Fraction(1, 2), Fraction(8)).astype(float)
     assert exact == pytest.approx(adaptation.form(companion(K), K, P, 0.5, 8.0), rel=1e-12)
-    assert core_check("x.core", adaptation, decays(adaptation, K)).verdict is Verdict.PROVED
+    assert core_check("x.core", adaptation, decays(adaptation, K), {}).verdict is Verdict.PROVED
 
 
 @pytest.mark.parametrize(("shape", "r"), [("dead zone", 0.1), ("saturation", 10.0)])
@@ -103,7 +103,7 @@ def test_parameters_in_the_chain_have_their_values_in_the_bound() -> None:
     plant = hg.System("scaled", states=x, outputs=(y,), parameters=(k,), flow=flow, output=[x[0]])
     chain = integrators("x", hg.forms.triangular(plant))
     found = decays(Adaptation("saturation", Fraction(1), Fraction(10)), np.array([3.0, 3.0, 1.0]))
-    bound = theta_bound(chain, found[:1])
+    bound = theta_bound(chain, found[:1], {})
     assert isinstance(bound, SectorBound)
     assert float(bound.lipschitz) == pytest.approx(1, rel=1e-3)
 
@@ -115,7 +115,7 @@ def test_the_bound_is_the_formulas(shape: Any, r: float) -> None:
     found = decays(Adaptation(shape, Fraction(1), Fraction(r)), K)
     assert len({one.growth for one in found}) >= 2
     for one in found:
-        bound = theta_bound(chain, [one])
+        bound = theta_bound(chain, [one], {})
         assert isinstance(bound, SectorBound)
         assert float(bound.lipschitz) == pytest.approx(np.hypot(19.6 * float(one.growth), 0.1), rel=1e-3)
         weight = float(one.peak + (one.mu if shape == "saturation" else 0))
@@ -138,7 +138,7 @@ def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: 
     assert high[f"{kind}.theta"].verdict is Verdict.PROVED
     shape: Any = {"stubborn": "saturation", "dead_zone": "dead zone"}[kind]
     adaptation, K = Adaptation(shape, Fraction(1), Fraction(r)), np.array([2.0, 1.0])
-    bound = theta_bound(integrators(kind, swing.form()), decays(adaptation, K))
+    bound = theta_bound(integrators(kind, swing.form()), decays(adaptation, K), {})
     assert isinstance(bound, SectorBound)
     S, mu = np.array([1.0, float(bound.decay.growth)]), float(bound.decay.mu)
     P = solve_continuous_lyapunov((np.diag(S) @ companion(K) @ np.diag(1 / S)).T, -np.eye(2))

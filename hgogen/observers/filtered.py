@@ -95,6 +95,7 @@ def filtered(
 
     part, layout = Ode(fields, rest, linear, chain.offset), Layout((*range(n), *range(n)), (True,) * n + (False,) * n)
     core = core_numbers(part, 1, {"gain.theta": np.ones(1)})
+    bound = of_core(chain, layout, [core], {"alpha": a, "beta": b, "gains": L})
     return observer_on(
         chain,
         "filtered",
@@ -104,7 +105,7 @@ def filtered(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"alpha = {a:g}, beta = {b:g}, L = ({', '.join(f'{value:g}' for value in L)})"),
         reference=REFERENCE,
-        checks=checks("filtered", high.initial[0], of_core(chain, layout, [core])),
+        checks=checks("filtered", high.initial[0], bound),
         accepted=accept,
     )
 

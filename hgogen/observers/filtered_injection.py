@@ -92,6 +92,7 @@ def filtered_injection(
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(m, 1)}
 
     layout = Layout((*range(n), *[0] * m), (True,) * n + (False,) * m)
+    bound = of_core(chain, layout, [core], {"F": filter_, "G": source, "NH": pushed})
     return observer_on(
         chain,
         "filtered_injection",
@@ -107,7 +108,7 @@ def filtered_injection(
             f"H = {_printed(inner)}",
         ),
         reference=REFERENCE,
-        checks=checks("filtered_injection", high.initial[0], of_core(chain, layout, [core])),
+        checks=checks("filtered_injection", high.initial[0], bound),
         accepted=accept,
     )
 

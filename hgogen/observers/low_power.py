@@ -101,6 +101,6 @@ def low_power(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(k_i1, k_i2) = {', '.join(map(listed, k))}"),
         reference=REFERENCE,
-        checks=checks("low_power", high.initial[0], of_core(chain, layout, [core])),
+        checks=checks("low_power", high.initial[0], of_core(chain, layout, [core], {"gains": k})),
         accepted=accept,
     )

@@ -104,6 +104,7 @@ def peaking_free(
     one = {"gain.theta": np.ones(1)}
     demand_hurwitz("gains", core_numbers(part, 1, one), "leave them out: (2, (n - i)/i)")
     layout = Layout((*range(n), *range(1, n)), (True,) * (n + pairs))
+    bound = of_core(chain, layout, vertices(chain, fields, lines, one), {"gains": k, "last": alpha})
     return observer_on(
         chain,
         "peaking_free",
@@ -113,6 +114,6 @@ def peaking_free(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {alpha:g}"),
         reference=REFERENCE,
-        checks=checks("peaking_free", high.initial[0], of_core(chain, layout, vertices(chain, fields, lines, one))),
+        checks=checks("peaking_free", high.initial[0], bound),
         accepted=accept,
     )
