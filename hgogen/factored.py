@@ -203,10 +203,11 @@ def _predict(part: Riccati, clock: Clock) -> Block:
 
 
 def _renewed(part: Riccati, clock: Clock) -> Program:
-    L, d = _symbols(part)
-    for row in Moved(part, clock).priors():
-        L, d, _ = measurement_update(L, d, row, ca.SX(1))
-    return (Block("what is forgotten tends to S_0", _written(L, d)), near(part, _variances(part)))
+    blocks = []
+    for i, row in enumerate(Moved(part, clock).priors(), 1):
+        L, d, _ = measurement_update(*_symbols(part), row, ca.SX(1))
+        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(L, d)))
+    return (*blocks, near(part, _variances(part)))
 
 
 def near(part: Riccati, variance: list[Any]) -> Block:

@@ -122,10 +122,11 @@ def _predict(part: Riccati, clock: Clock) -> Block:
 
 
 def _renewed(part: Riccati, clock: Clock) -> Program:
-    S = _symbols(part)
-    for row in Moved(part, clock).priors():
-        S, _ = carlson(S, row, ca.SX(1))
-    return (Block("what is forgotten tends to S_0", _written(S)), near(part, _variances(part)))
+    blocks = []
+    for i, row in enumerate(Moved(part, clock).priors(), 1):
+        S, _ = carlson(_symbols(part), row, ca.SX(1))
+        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(S)))
+    return (*blocks, near(part, _variances(part)))
 
 
 def _variances(part: Riccati) -> list[Any]:
