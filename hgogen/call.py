@@ -9,14 +9,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hgogen import layout, methods, native, targets
+from hgogen import methods, targets
+from hgogen.emit import layout, native
 from hgogen.errors import HgogenError
-from hgogen.machine import Machine
 from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.program import dangling
-from hgogen.sensors import AT, ROUND
 from hgogen.step import BadStep, CannotUpdate, Step, plan
+from hgogen.stepping.machine import Machine
+from hgogen.stepping.sensors import AT, ROUND
 
 Engine = Literal["c", "python"]
 

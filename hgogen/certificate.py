@@ -1,4 +1,4 @@
-"""Certificates: what was proved of a model, as a JSON value that `hgogen.recheck` verifies again.
+"""Certificates: what was proved of a model, as a JSON value that `recheck.recheck` verifies again.
 
     {"format": "hgogen certificate", "version": "1", "hgogen": its version,
      "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
@@ -24,7 +24,7 @@ lambda_max(P), and the Lipschitz bound of b in the coordinates S z. Of other obs
 a_i, and what their modules say. A tree is a bisection in prefix order: a name cuts its side of the box at the midpoint
 (an unbounded side at 0, beyond 0 at twice its end and one), a dot is a leaf.
 
-A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen.recheck`; what has no such evidence is
+A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen recheck`; what has no such evidence is
 "stated", with a reason, and so are open verdicts as they are: they assert nothing.
 """
 
@@ -37,17 +37,17 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.box import box
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence import end, text
 from hgogen.evidence import evidence as of_form
 from hgogen.evidence_observer import evidence as of_observer
 from hgogen.form import Form
-from hgogen.proof import Grounds
-from hgogen.recheck import recheck
-from hgogen.recheck_file import FORMAT, VERSION, digest, model_digest, read
-from hgogen.recheck_text import Unreadable
+from hgogen.intervals.box import box
+from hgogen.intervals.proof import Grounds
+from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest, read
+from hgogen.recheck.recheck import recheck
+from hgogen.recheck.text import Unreadable
 from hgogen.signal import Signal
 
 
@@ -68,7 +68,7 @@ class NotCertifiable(HgogenError):
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
     """The certificate of a form's checks, and of the observer of that name.
 
-    What `hgogen.recheck` does not verify is "stated" in it, not "proved".
+    What `recheck.recheck` does not verify is "stated" in it, not "proved".
 
     Raises: `NotCertifiable` for a model with functions that the certificate's grammar has not (Piecewise, floor).
     """
@@ -96,7 +96,7 @@ def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
 
 
 def asserted(content: Mapping[str, Any]) -> int:
-    """How many claims of a certificate say something that `hgogen.recheck` verifies."""
+    """How many claims of a certificate say something that `recheck.recheck` verifies."""
     return sum(claim["verdict"] in ("proved", "refuted") for claim in content["claims"])
 
 

@@ -13,11 +13,11 @@ from typing import Annotated
 import typer
 
 import hgogen as hg
-from hgogen import jobs, native, noise, tables
-from hgogen.agreement import Disagree
 from hgogen.call import CallableStep, Engine
-from hgogen.checking import OptionalFile, check
-from hgogen.command import (
+from hgogen.commands import jobs, noise, tables
+from hgogen.commands.agreement import Disagree
+from hgogen.commands.checking import OptionalFile, check
+from hgogen.commands.command import (
     Bar,
     Json,
     ModelArgument,
@@ -34,12 +34,13 @@ from hgogen.command import (
     save_figures,
     show,
 )
-from hgogen.comparing import compare
+from hgogen.commands.comparing import compare
+from hgogen.commands.prediction import predictions
+from hgogen.commands.responding import response
+from hgogen.emit import native
 from hgogen.model import Model, listed, load
-from hgogen.prediction import predictions
-from hgogen.record import Record, mapping, read
+from hgogen.reading.record import Record, mapping, read
 from hgogen.registry import summaries
-from hgogen.responding import response
 from hgogen.signal import Signal
 from hgogen.targets.c99 import c99
 from hgogen.trial import Trial
@@ -155,7 +156,7 @@ def recheck_(
     JSON keys: plant, form, observer (null without one), model (SHA-256 of these three), verified, claims (id, verdict,
     found: "verified", "open" where nothing is asserted, or "fails", sentence, boxes: how many intervals it took).
     """
-    from hgogen import recheck
+    from hgogen.recheck import recheck
 
     found = recheck.recheck(recheck.load(file))
     show(as_json, found.as_dict(), tables.rechecked(found))

@@ -1,8 +1,8 @@
 """K and P for a high gain that moves, by linear matrix inequalities: found in floats, rounded, verified in rationals.
 
-`hgogen.gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54), D P + P D >= 0
+`gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54), D P + P D >= 0
 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is computed and
-proved of them, by `hgogen.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one on, falls as
+proved of them, by `adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one on, falls as
 gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of k(1) can be
 many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction
 for dynamic systems" (2020), section 4.
@@ -16,20 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.adaptive_gain import Disturbance, candidate, facts, share_of, steepness
-from hgogen.adaptive_gain import disturbance as as_disturbance
-from hgogen.certified import Nothing
+from hgogen.algebra.definite import root
+from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.injection import companion
+from hgogen.chains.integrators import integrators
 from hgogen.check import Check, Verdict
-from hgogen.definite import root
-from hgogen.digits import down, up
+from hgogen.convergence.adaptive_gain import Disturbance, candidate, facts, share_of, steepness
+from hgogen.convergence.adaptive_gain import disturbance as as_disturbance
+from hgogen.convergence.certified import Nothing
+from hgogen.convergence.gain_programs import Found, Task, best
+from hgogen.convergence.lmi import solver
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.gain_programs import Found, Task, best
-from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import companion
-from hgogen.integrators import integrators
-from hgogen.lmi import solver
+from hgogen.intervals.digits import down, up
 from hgogen.observer import BadGain, positive, real, reals
 
 _MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes

@@ -22,17 +22,17 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.bounds import bound
-from hgogen.box import Box, rational
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.points import exact, kind
+from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.check import Check, Verdict
-from hgogen.digits import down, up
 from hgogen.door import Misfit, limits
 from hgogen.error_system import BadErrorSystem, ErrorSystem, error_box
-from hgogen.identity import is_zero
-from hgogen.points import exact, kind
-from hgogen.second_order import Answer, SecondOrder, negative
-from hgogen.slope import JUMPS, KINKS, lipschitz_bound
-from hgogen.symmetric import symmetric, unsymmetric
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.box import Box, rational
+from hgogen.intervals.digits import down, up
+from hgogen.intervals.second_order import Answer, SecondOrder, negative
+from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
 
 LIMIT = 4000
 _SHARP = 1e-2  # of V's range on a face

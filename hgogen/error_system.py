@@ -15,10 +15,10 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.box import Box, box
+from hgogen.algebra.points import exact
 from hgogen.door import asks_a_plant
 from hgogen.errors import HgogenError
-from hgogen.points import exact
+from hgogen.intervals.box import Box, box
 from hgogen.system import System
 
 

@@ -1,4 +1,4 @@
-"""The evidence of a claim about a form: what `hgogen.recheck` needs to verify it again, by the claim's id.
+"""The evidence of a claim about a form: what `recheck.recheck` needs to verify it again, by the claim's id.
 
 What was found when a check was proved is used again: its bounds and its bisection, carried to the form's coordinates.
 """
@@ -13,13 +13,13 @@ from typing import Any
 import sympy as sp
 from sympy.printing.str import StrPrinter
 
-from hgogen.bounds import Range, bound, box, nonzero
+from hgogen.algebra.points import exact
+from hgogen.analysis.determinant import determinant
+from hgogen.analysis.lie import derivatives, rates
 from hgogen.check import Check, Verdict
-from hgogen.determinant import determinant
 from hgogen.form import Form
-from hgogen.lie import derivatives, rates
-from hgogen.points import exact
-from hgogen.proof import Proof
+from hgogen.intervals.bounds import Range, bound, box, nonzero
+from hgogen.intervals.proof import Proof
 
 Evidence = dict[str, Any]
 Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]

@@ -1,16 +1,16 @@
-"""The evidence of a claim about an observer: what `hgogen.recheck` needs to verify it, by what was found of it."""
+"""The evidence of a claim about an observer: what `recheck.recheck` needs to verify it, by what was found of it."""
 
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 
-from hgogen.certified import ThetaBound
-from hgogen.certified_core import CoreBound
 from hgogen.check import Check, Verdict
+from hgogen.convergence.certified import ThetaBound
+from hgogen.convergence.certified_core import CoreBound
+from hgogen.convergence.sector import Decay, SectorBound
 from hgogen.evidence import Evidence, enclosure, steep, text
 from hgogen.form import Form
-from hgogen.polytope import chains
-from hgogen.proof import Grounds
-from hgogen.sector import Decay, SectorBound
+from hgogen.intervals.proof import Grounds
+from hgogen.structure.polytope import chains
 
 
 def evidence(form: Form, check: Check) -> Evidence | None:

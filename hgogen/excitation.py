@@ -4,7 +4,7 @@
 
 along inputs and measurements, D the half-widths of the states' ranges (1 without one). A smallest eigenvalue e says
 that within d the output tells the direction seen least to a variance 1/e times that of the box. A record may refute
-that its windows show every state; it proves nothing of another. Source: `hgogen.persistence`.
+that its windows show every state; it proves nothing of another. Source: `kalman.persistence`.
 """
 
 from typing import Any
@@ -12,15 +12,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.affine import known
 from hgogen.check import Check, Verdict
-from hgogen.dynamics import Dynamics
 from hgogen.form import Form
 from hgogen.gramian import Gramian, Steps, window
-from hgogen.kalman import positive
+from hgogen.kalman.kalman import positive
 from hgogen.observer import BadGain, reals
 from hgogen.observer import positive as above
 from hgogen.program import sym
+from hgogen.structure.affine import known
+from hgogen.structure.dynamics import Dynamics
 
 HIDDEN = 1e-12  # of the direction seen best: what a window shows no better is lost in the rounding of its sum
 

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import casadi as ca
 
-from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
-from hgogen.kalman_theorems import STAGGERED, WINDOW
+from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
 from hgogen.observer import HUGE, Clock, Part, Pieces, real, reals
 from hgogen.program import INF, Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
 from hgogen.stability import decay_limits
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis
 
 if TYPE_CHECKING:

@@ -5,11 +5,11 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from hgogen.core import core, numbers
-from hgogen.covariance import covariance_ode, information_ode
+from hgogen.chains.core import core, numbers
+from hgogen.kalman.covariance import covariance_ode, information_ode
+from hgogen.kalman.riccati import Riccati
 from hgogen.observer import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
-from hgogen.riccati import Riccati
 from hgogen.runge_kutta import Tableau, advance
 from hgogen.stability import Limit, core_limit, covariance_limit
 

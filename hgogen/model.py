@@ -14,12 +14,12 @@ from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
 from hgogen import observers
-from hgogen.box import box
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.errors import HgogenError
-from hgogen.folding import Fold
+from hgogen.intervals.box import box
 from hgogen.modelfile import READERS, BadModelFile, PlainModel, read
+from hgogen.reading.folding import Fold
 from hgogen.recipe import trial_of
 from hgogen.system import System
 from hgogen.trial import Trial

@@ -11,7 +11,7 @@
     equation = "x1"
 
 Beside these: meaning and reference (text), known (known answers, a free table), `observer` and `tuning`, which
-`hgogen.tuning` reads, and `trial`, which `hgogen.recipe` reads. Expressions are those of `hgogen.expression`.
+`hgogen.tuning` reads, and `trial`, which `hgogen.recipe` reads. Expressions are those of `reading.expression`.
 """
 
 import json
@@ -27,9 +27,9 @@ from typing import Any
 import sympy as sp
 
 from hgogen.errors import HgogenError
-from hgogen.expression import BadExpression, parse
-from hgogen.expression import read as read_expression
-from hgogen.folding import Fold
+from hgogen.reading.expression import BadExpression, parse
+from hgogen.reading.expression import read as read_expression
+from hgogen.reading.folding import Fold
 from hgogen.signal import Signal
 from hgogen.system import System
 

@@ -13,13 +13,13 @@ from typing import Any
 import flint
 import sympy as sp
 
+from hgogen.algebra.echelon import kernel, new_rows
+from hgogen.algebra.rank import Rank, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.rank import observability as ranks
+from hgogen.algebra.series import Arithmetic, Point, first_gradients
+from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, Verdict
 from hgogen.door import asks_a_plant
-from hgogen.echelon import kernel, new_rows
-from hgogen.rank import Rank, matrix_rows, modulus, plant_of, somewhere
-from hgogen.rank import observability as ranks
-from hgogen.series import Arithmetic, Point, first_gradients
-from hgogen.symmetry import Symmetry, symmetries
 from hgogen.system import System
 
 

@@ -14,13 +14,13 @@ import numpy as np
 import sympy as sp
 
 from hgogen.check import Check, demand
-from hgogen.dynamics import HUGE as HUGE
-from hgogen.dynamics import Dynamics
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.program import INF, Bit, Block, Field, Group, Program, sym
 from hgogen.scaling import exponents
 from hgogen.signal import Signal, resting
+from hgogen.structure.dynamics import HUGE as HUGE
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Theorem
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen import bounds
-from hgogen.bounds import LIMIT, Box, End, Range, Sign, box
 from hgogen.check import Verdict
 from hgogen.door import limits, scalar
 from hgogen.errors import HgogenError
-from hgogen.expression import read
-from hgogen.folding import Fold
+from hgogen.intervals import bounds
+from hgogen.intervals.bounds import LIMIT, Box, End, Range, Sign, box
+from hgogen.reading.expression import read
+from hgogen.reading.folding import Fold
 from hgogen.system import System
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.diffeomorphism import Change, checks, stand_ins
 from hgogen.signal import Signal
+from hgogen.structure.diffeomorphism import Change, checks, stand_ins
 from hgogen.system import BadSystem, Origin, System
 
 

@@ -9,8 +9,8 @@ settled = {state = "x2", band = 0.1, hold = 0.5}   # the error's band, kept to f
 seeds = 4                        # how many records of the noise
 """
 
-from hgogen.expression import parse
 from hgogen.modelfile import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
+from hgogen.reading.expression import parse
 from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t
 
 _TRIAL = {"name": TEXT, "duration": NUMBER, "steady": NUMBER, "seeds": NUMBER}

@@ -22,15 +22,15 @@ import casadi as ca
 import numpy as np
 
 from hgogen.call import CallableStep, Run
-from hgogen.covariance import information_ode
 from hgogen.errors import HgogenError
 from hgogen.innovation import Predictors
-from hgogen.machine import Bound, Machine, casadi_block
+from hgogen.kalman.covariance import information_ode
+from hgogen.kalman.riccati import HighGain, Riccati
 from hgogen.observer import Clock, Observer, Ode, Part, Pieces
 from hgogen.program import Block, sym
-from hgogen.riccati import HighGain, Riccati
 from hgogen.runge_kutta import RK4, repeated
 from hgogen.step import Step, plan
+from hgogen.stepping.machine import Bound, Machine, casadi_block
 from hgogen.theta import Decaying
 
 FINE = repeated(RK4, 16)

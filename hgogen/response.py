@@ -17,13 +17,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.core import Core, core, nominal, numbers
+from hgogen.chains.core import Core, core, nominal, numbers
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
-from hgogen.kernels import KERNELS
 from hgogen.observer import Clock, Observer, Ode, reals
 from hgogen.program import Block, Kernel, Program, When, address, places, scope, sym
 from hgogen.step import Step
+from hgogen.stepping.kernels import KERNELS
 
 Values = Mapping[str, np.ndarray]
 

@@ -14,17 +14,17 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.box import box as box_of
+from hgogen.algebra.points import exact
+from hgogen.algebra.rewrite import TooLarge
+from hgogen.algebra.tape import NoTape
+from hgogen.analysis.determinant import determinant, independent
+from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.check import Check, Verdict
-from hgogen.determinant import determinant, independent
 from hgogen.door import asks_a_plant
-from hgogen.glance import Interval, contains_zero, enclose
-from hgogen.lie import along, length, rates, size, without_derivative
-from hgogen.points import exact
-from hgogen.rewrite import TooLarge
-from hgogen.singular import singular
+from hgogen.intervals.box import box as box_of
+from hgogen.intervals.glance import Interval, contains_zero, enclose
+from hgogen.intervals.singular import singular
 from hgogen.system import System
-from hgogen.tape import NoTape
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
 LIMIT = 4000

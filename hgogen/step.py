@@ -15,21 +15,8 @@ from typing import Any, Literal
 
 import casadi as ca
 
-from hgogen import sensors
-from hgogen.core import nominal
+from hgogen.chains.core import nominal
 from hgogen.errors import HgogenError
-from hgogen.guards import (
-    SIGNAL_BITS,
-    STEP_BITS,
-    guard_inputs,
-    guard_outputs,
-    kept,
-    limit_parameters,
-    measure,
-    or_lower,
-    outside,
-    unrecovered,
-)
 from hgogen.method import Method
 from hgogen.observer import HUGE, Clock, Observer, Pieces, tunable
 from hgogen.program import (
@@ -50,8 +37,21 @@ from hgogen.program import (
     sym,
     walk,
 )
-from hgogen.sensors import adapt_once, multiples, once, tick, timed, use
 from hgogen.signal import Signal, resting
+from hgogen.stepping import sensors
+from hgogen.stepping.guards import (
+    SIGNAL_BITS,
+    STEP_BITS,
+    guard_inputs,
+    guard_outputs,
+    kept,
+    limit_parameters,
+    measure,
+    or_lower,
+    outside,
+    unrecovered,
+)
+from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
 
 
 @dataclass(eq=False)

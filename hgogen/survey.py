@@ -12,11 +12,11 @@ from typing import Any
 import sympy as sp
 
 from hgogen import forms
+from hgogen.analysis.gauthier_bornard import RANGES_APART, of_plant
 from hgogen.check import Check, Verdict
 from hgogen.door import asks_a_plant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.gauthier_bornard import RANGES_APART, of_plant
 from hgogen.system import System
 
 DEAR = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"

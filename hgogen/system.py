@@ -7,9 +7,9 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.check import Check
 from hgogen.errors import HgogenError
-from hgogen.reciprocal import without_reciprocals
 from hgogen.signal import Signal, check_name
 
 

@@ -18,13 +18,13 @@ from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 
-from hgogen.dynamics import Dynamics
 from hgogen.innovation import Innovation
-from hgogen.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
+from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
+from hgogen.kalman.riccati import HighGain
 from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain, real
 from hgogen.program import Block, Field, scalar, sym
-from hgogen.riccati import HighGain
 from hgogen.scaling import SCALED, Scaled
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis, Theorem
 
 

@@ -13,8 +13,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.emit.native import WARNINGS
 from hgogen.model import load
-from hgogen.native import WARNINGS
 from hgogen.program import Field, lines_of
 
 HERE = Path(__file__).parent

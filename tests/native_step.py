@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hgogen import layout, native, targets
-from hgogen.cprint import Real
+from hgogen import targets
+from hgogen.emit import layout, native
+from hgogen.emit.cprint import Real
 from hgogen.step import Step
 
 NUMBER = {"float": np.float32, "double": np.float64}

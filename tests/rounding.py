@@ -8,7 +8,7 @@ unrounded constants. With u = 2^-24 and the computed v, round to nearest gives |
 
 min, max and |.| do not enlarge errors. A choice or a statement that hangs on a comparison which rounding can turn
 raises `Uncertain`. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 3.3;
-the ulps are those that `hgogen.elementary` states.
+the ulps are those that `hgogen.emit.elementary` states.
 """
 
 import math
@@ -20,11 +20,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.elementary import elementary
-from hgogen.exact import evaluate
-from hgogen.machine import Bound, Machine
+from hgogen.emit.elementary import elementary
+from hgogen.emit.exact import evaluate
 from hgogen.program import Block
 from hgogen.step import Step
+from hgogen.stepping.machine import Bound, Machine
 
 U = 2.0**-24
 TINY = 2.0**-150  # half the smallest subnormal number, for results that underflow

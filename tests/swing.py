@@ -9,7 +9,7 @@ import sympy as sp
 from plants import model
 
 import hgogen as hg
-from hgogen.core import core_numbers, nominal
+from hgogen.chains.core import core_numbers, nominal
 from hgogen.trial import Trial, Truth, simulate, t
 
 DT = 1e-3

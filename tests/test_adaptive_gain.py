@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle.adaptive_lmi import SIGMA, K, P
 
-from hgogen.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain, verified
+from hgogen.algebra.definite import exact, largest, nonnegative, positive, rationals, root, smallest
 from hgogen.check import Check, Verdict
-from hgogen.definite import exact, largest, nonnegative, positive, rationals, root, smallest
+from hgogen.convergence.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain, verified
 from hgogen.observer import BadGain
 
 LAMBDA, ALPHAS, SLOPE = 0.1666, (3.2950, 3.4810), Fraction("0.71")

@@ -13,11 +13,11 @@ from oracle import adaptive_lmi as oracle
 from plants import MODELS, chain, fitzhugh_nagumo, two_outputs
 
 import hgogen as hg
-from hgogen import figure
+from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.chains.core import core_numbers, nominal
 from hgogen.check import Refuted, Verdict
-from hgogen.core import core_numbers, nominal
+from hgogen.commands import figure
 from hgogen.design import adaptive_gain, slope
-from hgogen.hurwitz import NotHurwitz
 from hgogen.model import load
 from hgogen.observer import BadGain
 from hgogen.theorem import rows

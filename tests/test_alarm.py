@@ -11,8 +11,10 @@ import sympy as sp
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen import alarm, cli, jobs, model, native, noise
-from hgogen.metrics import Summary
+from hgogen import cli, model
+from hgogen.commands import alarm, jobs, noise
+from hgogen.commands.metrics import Summary
+from hgogen.emit import native
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, t
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")

@@ -18,12 +18,12 @@ from oracle import fitzhugh_nagumo as trial
 from plants import MODELS, chain, model, pendulum, two_outputs
 
 import hgogen as hg
-from hgogen.decay import error_bound, log_growth
+from hgogen.convergence.decay import error_bound, log_growth
+from hgogen.emit.native import run_check
 from hgogen.model import load
-from hgogen.native import run_check
 from hgogen.observer import BadGain
-from hgogen.parallel import BadPeriod
 from hgogen.program import Block, Loop, address, walk
+from hgogen.stepping.parallel import BadPeriod
 
 NAN = float("nan")
 WINDOW = hg.innovation.staggered(3.0, predictors=4)

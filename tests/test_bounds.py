@@ -9,11 +9,11 @@ import sympy as sp
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from hgogen.bounds import Range, bound, nonzero
-from hgogen.box import EmptyBox, box
+from hgogen.algebra.variants import STEEP, largest_exponent
 from hgogen.check import Verdict
+from hgogen.intervals.bounds import Range, bound, nonzero
+from hgogen.intervals.box import EmptyBox, box
 from hgogen.signal import Signal
-from hgogen.variants import STEEP, largest_exponent
 
 u, v, w, p, q = NAMES = sp.symbols("u v w p q")
 UNIT = {s: (Fraction(-1), Fraction(1)) for s in NAMES}

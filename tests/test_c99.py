@@ -13,8 +13,8 @@ import pytest
 from emitted import compiled, files, run, step, tool
 
 import hgogen as hg
-from hgogen.cfold import COLUMNS
-from hgogen.cprint import BeyondFloat
+from hgogen.emit.cfold import COLUMNS
+from hgogen.emit.cprint import BeyondFloat
 from hgogen.step import BadStep
 
 NAMES = list(emitted.STEPS)

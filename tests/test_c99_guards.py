@@ -12,9 +12,9 @@ from native_step import NUMBER, NativeStep
 from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
-from hgogen import layout, native
-from hgogen.cprint import Real, literal
-from hgogen.exact import machine
+from hgogen.emit import layout, native
+from hgogen.emit.cprint import Real, literal
+from hgogen.emit.exact import machine
 from hgogen.program import lines_of
 
 NAMES = list(emitted.STEPS)

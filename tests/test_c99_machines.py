@@ -9,7 +9,7 @@ import pytest
 from emitted import M4F, M7, files, run, step, tool
 
 import hgogen as hg
-from hgogen.cprint import literal
+from hgogen.emit.cprint import literal
 
 NAMES = list(emitted.STEPS)
 ARM = ("-std=c99", "-O2", "-ffp-contract=off")

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, kalman, pendulum, two_outputs, van_der_pol
 
 import hgogen as hg
-from hgogen import native
 from hgogen.call import BadShape, CannotUpdate
-from hgogen.native import NoCompiler, NoCompilerWarning
+from hgogen.emit import native
+from hgogen.emit.native import NoCompiler, NoCompilerWarning
 from hgogen.step import BadStep
 
 NAN, INF = float("nan"), float("inf")

@@ -14,9 +14,9 @@ from plants import chain, fitzhugh_nagumo, model, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen import native
-from hgogen.core import core_numbers, nominal
-from hgogen.gains import BadPoles
+from hgogen.chains.core import core_numbers, nominal
+from hgogen.chains.gains import BadPoles
+from hgogen.emit import native
 from hgogen.observer import BadGain
 from hgogen.theorem import rows
 

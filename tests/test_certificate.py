@@ -21,13 +21,14 @@ from plants import van_der_pol
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen import cli, jobs
+from hgogen import cli
 from hgogen.certificate import NotCertifiable, certificate
 from hgogen.check import Check, Verdict
+from hgogen.commands import jobs
 from hgogen.evidence import outward
 from hgogen.model import load
-from hgogen.recheck import NoCertificate, Unreadable, recheck
-from hgogen.recheck_file import digest, model_digest, read
+from hgogen.recheck.file import digest, model_digest, read
+from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = sorted(p for p in ROOT.glob("models/*.*") if p.suffix in (".py", ".toml") and not p.name.startswith("_"))
@@ -906,9 +907,9 @@ def test_what_is_only_stated_is_said(tmp_path: Path) -> None:
 
 def test_the_verifier_shares_no_code() -> None:
     """It imports nothing of the package but its own files and the base of the errors, and neither SymPy nor Arb."""
-    files = sorted(PACKAGE.glob("recheck*.py"))
+    files = sorted((PACKAGE / "recheck").glob("*.py"))
     assert len(files) >= 7
-    own = {f"hgogen.{path.stem}" for path in files} | {"hgogen.errors"}
+    own = {f"hgogen.recheck.{path.stem}" for path in files} | {"hgogen.errors"}
     for path in files:
         for node in ast.walk(ast.parse(path.read_text())):
             names = [node.module] if isinstance(node, ast.ImportFrom) else []
@@ -925,7 +926,7 @@ package = types.ModuleType("hgogen")
 package.__path__ = [sys.argv[1]]
 sys.modules["hgogen"] = package
 sys.modules |= dict.fromkeys(("sympy", "flint", "numpy", "casadi", "scipy"))  # None: an import of them fails
-from hgogen.recheck import load, recheck
+from hgogen.recheck.recheck import load, recheck
 print(len(recheck(load(sys.argv[2])).failed), sorted(name for name in sys.modules if name.startswith("hgogen.")))
 """
 

@@ -14,11 +14,11 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen import jobs
 from hgogen.certificate import certificate
+from hgogen.commands import jobs
 from hgogen.model import load
-from hgogen.recheck import NoCertificate, Unreadable, recheck
-from hgogen.recheck_file import digest, model_digest
+from hgogen.recheck.file import digest, model_digest
+from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = 20

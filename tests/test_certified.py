@@ -12,9 +12,9 @@ from plants import chain, fitzhugh_nagumo, model, pendulum, van_der_pol
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.certified import Nothing, ThetaBound, of_gains, of_poles, suggested, up
+from hgogen.chains.gains import coefficients
 from hgogen.check import Check, Verdict
-from hgogen.gains import coefficients
+from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles, suggested, up
 
 
 def bound(plant: hg.System, poles: tuple[complex, ...]) -> ThetaBound:

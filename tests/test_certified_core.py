@@ -12,11 +12,11 @@ from plants import chain, model
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.certified import Nothing, of_gains
-from hgogen.certified_core import CoreBound, Layout, of_core
+from hgogen.chains.core import core_numbers
+from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
-from hgogen.core import core_numbers
-from hgogen.integrators import integrators
+from hgogen.convergence.certified import Nothing, of_gains
+from hgogen.convergence.certified_core import CoreBound, Layout, of_core
 from hgogen.theorem import rows
 
 pytest.importorskip("cvxpy")

@@ -10,8 +10,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.chain import Chains, Rows, Shape, levelwise
-from hgogen.several import cascade, end_aligned
+from hgogen.structure.chain import Chains, Rows, Shape, levelwise
+from hgogen.structure.several import cascade, end_aligned
 
 x = sp.symbols("x1:13")
 X1, X2, X3, X4, X5, X6 = x[:6]

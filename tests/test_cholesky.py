@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, kalman, two_outputs
 
 import hgogen as hg
-from hgogen.exact import machine
-from hgogen.native import run_check
+from hgogen.emit.exact import machine
+from hgogen.emit.native import run_check
+from hgogen.kalman.square_root import carlson, triangle
 from hgogen.observer import BadGain
-from hgogen.square_root import carlson, triangle
 from hgogen.stability import Limit
 
 EPS = np.finfo(float).eps

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hgogen import cli, native
-from hgogen import command as command_
-from hgogen.agreement import Agreement
+from hgogen import cli
+from hgogen.commands import command as command_
+from hgogen.commands.agreement import Agreement
+from hgogen.emit import native
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"

@@ -13,12 +13,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen import figure, tables
 from hgogen.call import CallableStep
 from hgogen.cli import app
-from hgogen.compare import measured
-from hgogen.cost import cost
-from hgogen.metrics import SHARE, criterion
+from hgogen.commands import figure, tables
+from hgogen.commands.compare import measured
+from hgogen.commands.metrics import SHARE, criterion
+from hgogen.emit.cost import cost
 from hgogen.model import load
 from hgogen.program import Block, Kernel, Loop, Statement, When, sym
 from hgogen.step import Step

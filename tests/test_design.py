@@ -10,11 +10,11 @@ import pytest
 from oracle.adaptive_lmi import SIGMA, K
 
 import hgogen as hg
+from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.check import Verdict
+from hgogen.convergence.lmi import NoSolver
 from hgogen.design import Design, Infeasible, adaptive_gain, slope
 from hgogen.door import Misfit
-from hgogen.hurwitz import NotHurwitz
-from hgogen.lmi import NoSolver
 from hgogen.model import load
 from hgogen.observer import BadGain
 

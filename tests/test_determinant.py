@@ -7,12 +7,12 @@ import mpmath
 import pytest
 import sympy as sp
 
-from hgogen.bounds import nonzero
-from hgogen.branches import branches
+from hgogen.algebra.branches import branches
+from hgogen.algebra.field import field
+from hgogen.algebra.rewrite import Writer
+from hgogen.analysis.determinant import determinant
 from hgogen.check import Verdict
-from hgogen.determinant import determinant
-from hgogen.field import field
-from hgogen.rewrite import Writer
+from hgogen.intervals.bounds import nonzero
 
 V, W = sp.symbols("v w", real=True)
 SQUARE, OTHER = sp.expand((W - 1) ** 2), sp.expand((V - W) ** 2)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.digits import down, up
+from hgogen.intervals.digits import down, up
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.fractions()
 

@@ -14,10 +14,10 @@ from plants import model
 from scipy.linalg import eigh, solve_continuous_are, solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen import second_order
 from hgogen.check import Verdict
 from hgogen.door import Misfit
 from hgogen.error_system import BadErrorSystem
+from hgogen.intervals import second_order
 from hgogen.model import load
 
 MODELS = Path(__file__).resolve().parents[1] / "models"

@@ -8,8 +8,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen import certified
 from hgogen.check import Verdict
+from hgogen.convergence import certified
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
 

@@ -9,9 +9,9 @@ import sympy as sp
 from plants import model
 
 import hgogen as hg
-from hgogen.certified import Nothing, ThetaBound, of_poles
 from hgogen.check import Check, Verdict
-from hgogen.dwell import switching
+from hgogen.convergence.certified import Nothing, ThetaBound, of_poles
+from hgogen.convergence.dwell import switching
 
 HIGH, LOW, POLES = 40.0, 20.0, (3.0, 3.0, 1.0)  # s^3 + 3 s^2 + 3 s + 1
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen import elementary as module
-from hgogen.elementary import BINARY, LN2, PI, UNARY, elementary
+from hgogen.emit import elementary as module
+from hgogen.emit.elementary import BINARY, LN2, PI, UNARY, elementary
 
 Real = Literal["float", "double"]
 REALS: tuple[Real, ...] = ("float", "double")

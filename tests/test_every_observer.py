@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 import hgogen as hg
-from hgogen import native
 from hgogen.call import CallableStep
-from hgogen.cprint import Real
+from hgogen.emit import native
+from hgogen.emit.cprint import Real
+from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.trial import Trial, try_out
 from hgogen.tuning import Tuning
-from hgogen.vectors import start
 
 FOLDER = Path(__file__).resolve().parents[1] / "models"
 FIRST = "pendulum"  # small, and with nearly every observer: its pairs run always

@@ -11,7 +11,7 @@ import sympy as sp
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from hgogen.expression import CHARACTERS, DEPTH, FUNCTIONS, LARGEST_EXP, TOKENS, BadExpression, parse
+from hgogen.reading.expression import CHARACTERS, DEPTH, FUNCTIONS, LARGEST_EXP, TOKENS, BadExpression, parse
 
 DATA = Path(os.environ.get("HGOGEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 MODELS = DATA / "observability_models.json"

@@ -11,11 +11,11 @@ from oracle import filtered as oracle
 from plants import MODELS, chain, fitzhugh_nagumo, model, two_outputs
 
 import hgogen as hg
-from hgogen import native
-from hgogen.core import core as linear_core
-from hgogen.core import core_numbers, nominal, numbers
-from hgogen.gains import BadPoles, OutsideParabola, coefficients, filtered_spectrum
-from hgogen.hurwitz import NotHurwitz
+from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.chains.core import core as linear_core
+from hgogen.chains.core import core_numbers, nominal, numbers
+from hgogen.chains.gains import BadPoles, OutsideParabola, coefficients, filtered_spectrum
+from hgogen.emit import native
 from hgogen.model import load
 from hgogen.observer import BadGain, Ode
 from hgogen.theorem import rows

@@ -7,9 +7,9 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.expression import read
-from hgogen.jobs import checked
+from hgogen.commands.jobs import checked
 from hgogen.model import load
+from hgogen.reading.expression import read
 
 x, y, u = (hg.Signal(name) for name in "xyu")
 NAMES = {"x": x, "y": y, "u": u}

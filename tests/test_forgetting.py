@@ -12,9 +12,9 @@ from plants import chain, model
 from scipy.linalg import solve_discrete_lyapunov
 
 import hgogen as hg
-from hgogen import native
-from hgogen.cprint import Real
-from hgogen.factored import largest
+from hgogen.emit import native
+from hgogen.emit.cprint import Real
+from hgogen.kalman.factored import largest
 from hgogen.observer import Observer
 
 NAN = float("nan")

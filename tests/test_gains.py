@@ -9,7 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from oracle import filtered as oracle
 
-from hgogen.gains import (
+from hgogen.algebra.hurwitz import hurwitz
+from hgogen.chains.gains import (
     OutsideParabola,
     coefficients,
     demand_parabola,
@@ -18,7 +19,6 @@ from hgogen.gains import (
     least_ratio,
     parabola_advice,
 )
-from hgogen.hurwitz import hurwitz
 
 REST = (-2.5 + 0.3j, -2.5 - 0.3j, -2, -1.3, -0.1, -0.4)
 FIRST, SECOND = (*REST, -1 + 0.2j, -1 - 0.2j), (*REST, -1 + 0.6j, -1 - 0.6j)  # examples 1 and 2

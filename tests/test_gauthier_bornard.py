@@ -8,8 +8,8 @@ import sympy as sp
 from neuron import MODEL
 
 import hgogen as hg
+from hgogen.analysis.gauthier_bornard import gauthier_bornard, uniformly_observable
 from hgogen.check import Verdict
-from hgogen.gauthier_bornard import gauthier_bornard, uniformly_observable
 
 x1, x2, x3, u, v = sp.symbols("x1 x2 x3 u v")
 X = (x1, x2, x3)

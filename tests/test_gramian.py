@@ -11,9 +11,9 @@ from rich.console import Console
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
+from hgogen.commands.tables import windows
 from hgogen.gramian import BadWindows, gramian
 from hgogen.model import load
-from hgogen.tables import windows
 from hgogen.trial import Jump, Trial, t
 
 

@@ -17,12 +17,12 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 
 import hgogen as hg
-from hgogen import native
-from hgogen.certified import Nothing, ThetaBound, of_gains, of_poles, suggested
+from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
+from hgogen.chains.core import core_numbers, nominal
+from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Verdict
-from hgogen.core import core_numbers, nominal
-from hgogen.gains import BadPoles, coefficients
-from hgogen.hurwitz import NotHurwitz, hurwitz
+from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles, suggested
+from hgogen.emit import native
 from hgogen.observer import BadGain
 from hgogen.runge_kutta import RK4
 from hgogen.scaling import exponents

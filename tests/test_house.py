@@ -14,12 +14,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hgogen"
 FOLDERS = ("forms", "observers", "methods", "targets")  # of cases; the contract is the singular file
 CONTRACTS = ("form", "observer", "method", "target", "step")
-WRITERS = {"target", "native"}  # emission is pure; the rest hands text to `target.write`
+WRITERS = {"target", "emit.native"}  # emission is pure; the rest hands text to `target.write`
 FILES = {
     ".".join(("hgogen", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): path
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-CASES = [name for name in FILES if name.count(".") == 2]
+INNER = [name for name in FILES if name.count(".") == 2]
+CASES = [name for name in INNER if name.split(".")[1] in FOLDERS]
+ROOMS = sorted({name.split(".")[1] for name in INNER} - set(FOLDERS))  # what contracts and cases share
 
 
 @cache
@@ -73,6 +75,7 @@ def test_the_graph_is_there() -> None:
     """So that the tests below cannot pass on nothing."""
     assert len(FILES) > 50
     assert len(CASES) >= 11
+    assert len(ROOMS) > 5
     assert "hgogen.observers.riccati" in below("hgogen")
     assert "hgogen.observer" in imports("hgogen.step")
     assert "hgogen.methods.rk4" in below("hgogen.call")
@@ -91,6 +94,29 @@ def test_a_contract_knows_no_case(contract: str) -> None:
 @pytest.mark.parametrize("case", CASES)
 def test_a_case_knows_no_other_case(case: str) -> None:
     assert not {name for name in below(case) if name.split(".")[1] in FOLDERS}
+
+
+def rooms(folder: str) -> set[str]:
+    """The other folders that the files of a folder import."""
+    inner = {module for name in FILES if name.startswith(f"hgogen.{folder}.") for module in imports(name)}
+    return {module.split(".")[1] for module in inner if module.count(".") == 2} - {folder}
+
+
+def test_folders_stand_one_on_the_other() -> None:
+    """In the order in which the README lists them, each imports only those before it."""
+    order = re.findall(r"^\| `(\w+)/` \|", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert set(order) == {*ROOMS, *FOLDERS}
+    assert "algebra" in rooms("intervals")
+    for k, folder in enumerate(order):
+        assert rooms(folder) <= set(order[:k]), folder
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_says_what_it_holds(room: str) -> None:
+    """In one line, and nothing else: what a room holds is imported from its file."""
+    (line,) = tree(f"hgogen.{room}").body
+    assert isinstance(line, ast.Expr)
+    assert "\n" not in ast.literal_eval(line.value)
 
 
 def test_only_the_command_line_knows_the_command_line() -> None:
@@ -195,7 +221,7 @@ def test_values_are_frozen() -> None:
         for decorator in map(ast.unparse, node.decorator_list)
         if decorator.startswith("dataclass") and "frozen=True" not in decorator
     }
-    assert loose <= {"hgogen.cnode.Node", "hgogen.cprint.Printer", "hgogen.ctext.Writer"}
+    assert loose <= {"hgogen.emit.cnode.Node", "hgogen.emit.cprint.Printer", "hgogen.emit.ctext.Writer"}
 
 
 # --- what is not said ---------------------------------------------------------------------------------------

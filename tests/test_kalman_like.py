@@ -17,17 +17,18 @@ from oracle import kalman_like as oracle
 from plants import MODELS, chain, model
 
 import hgogen as hg
-from hgogen import excitation, layout, native
-from hgogen.affine import measurements
+from hgogen import excitation
 from hgogen.certificate import certificate
 from hgogen.check import Check, Refuted, Verdict
-from hgogen.covariance import unpack
+from hgogen.emit import layout, native
+from hgogen.emit.native import run_check
+from hgogen.kalman.covariance import unpack
+from hgogen.kalman.persistence import persistent
 from hgogen.model import load
-from hgogen.native import run_check
 from hgogen.observer import BadGain
-from hgogen.persistence import persistent
-from hgogen.recheck import recheck
+from hgogen.recheck.recheck import recheck
 from hgogen.stability import Limit
+from hgogen.structure.affine import measurements
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, t, try_out
 

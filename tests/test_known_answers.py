@@ -15,8 +15,8 @@ import pytest
 from native_step import NativeStep
 
 import hgogen as hg
-from hgogen import native
-from hgogen.metrics import metrics, settling, summary
+from hgogen.commands.metrics import metrics, settling, summary
+from hgogen.emit import native
 from hgogen.trial import Jump, Trajectory, Trial, try_out
 
 ONE, SIX = neuron.MODEL.trials()

@@ -13,10 +13,10 @@ from oracle import lambda_tracking as oracle
 from plants import MODELS, model
 
 import hgogen as hg
+from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.chains.injection import companion
 from hgogen.check import Verdict
-from hgogen.hurwitz import NotHurwitz
-from hgogen.injection import companion
-from hgogen.lmi import lyapunov
+from hgogen.convergence.lmi import lyapunov
 from hgogen.model import load
 from hgogen.observer import BadGain
 from hgogen.theorem import rows

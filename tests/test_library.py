@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from hgogen.answers import FIELDS, answers
-from hgogen.entry import FORMAT, entry
+from hgogen.commands.answers import FIELDS, answers
+from hgogen.commands.library import BadLibrary, check, read
+from hgogen.commands.workers import End, Event, run
 from hgogen.errors import HgogenError
-from hgogen.library import BadLibrary, check, read
-from hgogen.workers import End, Event, run
+from hgogen.reading.entry import FORMAT, entry
 
 GOOD: dict[str, Any] = {
     "name": "good",

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
-from hgogen.definite import Matrix
-from hgogen.lmi import Lyapunov, NoSolver, common, gains, lyapunov, verified
+from hgogen.algebra.definite import Matrix
+from hgogen.convergence.lmi import Lyapunov, NoSolver, common, gains, lyapunov, verified
 
 try:
     import clarabel

@@ -16,13 +16,13 @@ from plants import chain, fitzhugh_nagumo, model, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen import native
-from hgogen.core import core_numbers, nominal
-from hgogen.gains import BadPoles
-from hgogen.hurwitz import NotHurwitz, hurwitz
-from hgogen.integrators import integrators
+from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
+from hgogen.chains.core import core_numbers, nominal
+from hgogen.chains.gains import BadPoles
+from hgogen.chains.integrators import integrators
+from hgogen.chains.pairs import from_poles
+from hgogen.emit import native
 from hgogen.observer import BadGain
-from hgogen.pairs import from_poles
 from hgogen.program import sym
 from hgogen.theorem import rows
 

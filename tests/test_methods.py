@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, pendulum
 
 import hgogen as hg
-from hgogen.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
-from hgogen.exact import evaluate, machine
+from hgogen.emit.exact import evaluate, machine
+from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
+from hgogen.kalman.riccati import Riccati
 from hgogen.program import sym
-from hgogen.riccati import Riccati
 from hgogen.runge_kutta import EULER, HEUN, RK4, Tableau, repeated
 from hgogen.stability import Limit
 from hgogen.step import BadStep, StepMayFail, StepTooLong

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hgogen as hg
-from hgogen import native
-from hgogen.cprint import Real
+from hgogen.emit import native
+from hgogen.emit.cprint import Real
 from hgogen.model import Model, load
 from hgogen.trial import try_out
 

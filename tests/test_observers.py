@@ -16,13 +16,13 @@ from plants import chain, fitzhugh_nagumo, model, pendulum, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
+from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.chains.core import core_numbers, nominal
+from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck
-from hgogen.core import core_numbers, nominal
-from hgogen.dynamics import Singular
-from hgogen.gains import BadPoles, coefficients
-from hgogen.hurwitz import NotHurwitz
 from hgogen.innovation import BadWindow, BadWindowSize
 from hgogen.observer import BadGain, Clock
+from hgogen.structure.dynamics import Singular
 from hgogen.theta import rise
 
 NAN = float("nan")

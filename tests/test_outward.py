@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from hgogen import endpoints, outward
-from hgogen.outward import Pair
+from hgogen.intervals import endpoints, outward
+from hgogen.intervals.outward import Pair
 
 _FLOATS = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),

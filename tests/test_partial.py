@@ -6,9 +6,9 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.bounds import bound, lipschitz_bound, nonzero
+from hgogen.algebra.points import kind, put, settled
 from hgogen.check import Verdict
-from hgogen.points import kind, put, settled
+from hgogen.intervals.bounds import bound, lipschitz_bound, nonzero
 
 x, y, z = sp.symbols("x y z", real=True)
 MINUS, ZERO = (Fraction(-1), Fraction(-1)), (Fraction(0), Fraction(0))

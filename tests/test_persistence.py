@@ -8,7 +8,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.persistence import persistent, t
+from hgogen.kalman.persistence import persistent, t
 
 
 def turned() -> hg.Form:

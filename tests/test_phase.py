@@ -12,15 +12,15 @@ import sympy as sp
 from plants import model, van_der_pol
 
 import hgogen as hg
+from hgogen.algebra.variants import variants
+from hgogen.analysis.determinant import Determinant
 from hgogen.check import Check, Refuted, Verdict
-from hgogen.determinant import Determinant
-from hgogen.dynamics import Dynamics, NoDeterminant
 from hgogen.forms.phase import NoPhase
-from hgogen.inverse import inverse
 from hgogen.observer import BadGain
+from hgogen.structure.dynamics import Dynamics, NoDeterminant
+from hgogen.structure.inverse import inverse
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate, t
-from hgogen.variants import variants
 
 Y = hg.Signal("y")
 

@@ -16,11 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import observability as oracle
 
-from hgogen.balls import Balls
-from hgogen.modular import Modular
-from hgogen.rank import NothingMeasured, NowhereDefined, observability
-from hgogen.series import Plant, gradients, random_point
-from hgogen.tape import NoTape, tape
+from hgogen.algebra.balls import Balls
+from hgogen.algebra.modular import Modular
+from hgogen.algebra.rank import NothingMeasured, NowhereDefined, observability
+from hgogen.algebra.series import Plant, gradients, random_point
+from hgogen.algebra.tape import NoTape, tape
 
 PRIME = 2**61 - 1
 x1, x2, x3, k, u = sp.symbols("x1 x2 x3 k u")

@@ -12,12 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen import native
-from hgogen.answers import answers
 from hgogen.cli import app
-from hgogen.cost import cost
-from hgogen.entry import entry
+from hgogen.commands.answers import answers
+from hgogen.emit import native
+from hgogen.emit.cost import cost
 from hgogen.model import load
+from hgogen.reading.entry import entry
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text()

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen import noise
-from hgogen.log import BadRecord, table
-from hgogen.prediction import predictions
-from hgogen.record import mapping, read
+from hgogen.commands import noise
+from hgogen.commands.prediction import predictions
+from hgogen.reading.log import BadRecord, table
+from hgogen.reading.record import mapping, read
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
 
 U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")

@@ -16,7 +16,7 @@ from test_every_observer import step
 from test_hyperjerk import OMEGA, TABLES
 
 import hgogen as hg
-from hgogen import figure
+from hgogen.commands import figure
 from hgogen.door import Misfit
 from hgogen.model import load
 from hgogen.observer import BadGain

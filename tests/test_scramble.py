@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 import sympy as sp
 
-from hgogen import library
-from hgogen.expression import parse
+from hgogen.commands import library
+from hgogen.reading.expression import parse
 from tests.scramble import Labelled, queries
 from tests.scramble_families import singles
 from tests.scramble_several import several

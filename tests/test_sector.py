@@ -13,10 +13,10 @@ from oracle.swing import c
 from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
+from hgogen.chains.injection import companion
+from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
-from hgogen.injection import companion
-from hgogen.integrators import integrators
-from hgogen.sector import Adaptation, SectorBound, core_check, decays, theta_bound
+from hgogen.convergence.sector import Adaptation, SectorBound, core_check, decays, theta_bound
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -8,12 +8,12 @@ import sympy as sp
 from plants import model
 
 import hgogen as hg
+from hgogen.algebra.points import exact
+from hgogen.analysis.determinant import determinant, independent
+from hgogen.analysis.lie import along, derivatives, input_derivatives, rates
+from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
-from hgogen.determinant import determinant, independent
-from hgogen.lie import along, derivatives, input_derivatives, rates
 from hgogen.model import load
-from hgogen.points import exact
-from hgogen.singular_set import singular_set
 from hgogen.singularity import singularity
 
 X, Y, Z = sp.symbols("x y z", real=True)

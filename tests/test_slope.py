@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from hgogen.bounds import lipschitz_bound
 from hgogen.check import Verdict
+from hgogen.intervals.bounds import lipschitz_bound
 
 x1, x2, x3, u = sp.symbols("x1 x2 x3 u", real=True)
 STATES = (x1, x2, x3)

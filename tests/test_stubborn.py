@@ -12,9 +12,9 @@ from plants import chain
 from quadratic import falls
 
 import hgogen as hg
+from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.chains.gains import BadPoles
 from hgogen.check import Verdict
-from hgogen.gains import BadPoles
-from hgogen.hurwitz import NotHurwitz
 from hgogen.observer import BadGain
 
 GAINS: dict[str, Any] = {"theta": 20, "decay": 0.5, "r": 3, "poles": (-1, -1)}

@@ -15,7 +15,8 @@ from native_step import NativeStep
 from oracle import fitzhugh_nagumo as oracle
 
 import hgogen as hg
-from hgogen import layout, method, native
+from hgogen import method
+from hgogen.emit import layout, native
 from hgogen.stability import Limit
 from hgogen.step import StepMayFail, StepTooLong
 

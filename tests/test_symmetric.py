@@ -8,11 +8,11 @@ import sympy as sp
 from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.adaptive_gain import candidate
+from hgogen.algebra.symmetric import symmetric
+from hgogen.convergence.adaptive_gain import candidate
 from hgogen.error_system import BadErrorSystem
-from hgogen.kalman import spd
+from hgogen.kalman.kalman import spd
 from hgogen.observer import BadGain
-from hgogen.symmetric import symmetric
 
 
 def fractions(M: np.ndarray) -> list[list[Fraction]]:

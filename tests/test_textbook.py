@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 import hgogen as hg
-from hgogen.answers import FIELDS, answers
-from hgogen.box import box
 from hgogen.check import Verdict
-from hgogen.entry import Entry
+from hgogen.commands.answers import FIELDS, answers
+from hgogen.intervals.box import box
 from hgogen.modelfile import PlainModel, read
+from hgogen.reading.entry import Entry
 
 FILES = sorted((Path(__file__).resolve().parents[1] / "models").glob("*.toml"))
 BOOKS = {

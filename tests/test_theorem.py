@@ -7,8 +7,8 @@ from plants import MODELS, fitzhugh_nagumo, kalman, model, pendulum, van_der_pol
 
 import hgogen as hg
 from hgogen.check import Check, Refuted, Verdict
-from hgogen.dynamics import Dynamics
 from hgogen.model import load
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import YOURS, Hypothesis, Row, Theorem, rows
 
 

@@ -11,9 +11,10 @@ import sympy as sp
 from oracle import fitzhugh_nagumo as oracle
 
 import hgogen as hg
-from hgogen import model, native
-from hgogen.agreement import agreement
-from hgogen.metrics import crossings, metrics, settling, summary
+from hgogen import model
+from hgogen.commands.agreement import agreement
+from hgogen.commands.metrics import crossings, metrics, settling, summary
+from hgogen.emit import native
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, simulate, t, try_out
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")

@@ -20,16 +20,16 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from hgogen.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.check import Check, Verdict
-from hgogen.chord import chord
-from hgogen.coordinates import Coordinates, Parts, coordinates, form_in
-from hgogen.defined import defined
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.lipschitz import lipschitz
-from hgogen.positive import positive, sign
-from hgogen.several import cascade, end_aligned
+from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
+from hgogen.structure.chord import chord
+from hgogen.structure.coordinates import Coordinates, Parts, coordinates, form_in
+from hgogen.structure.defined import defined
+from hgogen.structure.lipschitz import lipschitz
+from hgogen.structure.positive import positive, sign
+from hgogen.structure.several import cascade, end_aligned
 from hgogen.system import System
 
 _REFERENCE = "Boizot, thesis (2010), chapter 5"

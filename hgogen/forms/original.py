@@ -12,13 +12,13 @@ observable systems", ESAIM: COCV 9 (2003): y = h(z_1, u), z_i' of z_1..z_{i+1} a
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hgogen.algebra.identity import reads
 from hgogen.check import Check, Verdict
-from hgogen.coordinates import Coordinates, coordinates, form_in, split
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.identity import reads
-from hgogen.lipschitz import lipschitz
 from hgogen.signal import Signal
+from hgogen.structure.coordinates import Coordinates, coordinates, form_in, split
+from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 

@@ -16,20 +16,20 @@ from fractions import Fraction
 
 import sympy as sp
 
-from hgogen.bounds import Box, Sign, bound, box, nonzero
+from hgogen.algebra.points import exact, kind, points
+from hgogen.algebra.rewrite import TooLarge
+from hgogen.analysis.determinant import determinant
+from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.check import Check, Verdict
-from hgogen.coordinates import coordinates, form_in
-from hgogen.determinant import determinant
-from hgogen.digits import down
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.inverse import inverse, tidy
-from hgogen.lie import derivatives, input_derivatives, rates, size, without_derivative
-from hgogen.lipschitz import lipschitz
-from hgogen.points import exact, kind, points
-from hgogen.rewrite import TooLarge
+from hgogen.intervals.bounds import Box, Sign, bound, box, nonzero
+from hgogen.intervals.digits import down
+from hgogen.intervals.singular import singular
 from hgogen.signal import Signal
-from hgogen.singular import singular
+from hgogen.structure.coordinates import coordinates, form_in
+from hgogen.structure.inverse import inverse, tidy
+from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)

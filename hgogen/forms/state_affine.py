@@ -6,7 +6,7 @@ A state is measured where an output shows it alone, y_j = c(u) z_k + d(u) with c
 vary with inputs and measured states in any way. z is the plant's state in its own order; A z holds the terms linear in
 a state that is not measured, and those linear in a measured one with a coefficient free of states; b the rest.
 
-The form says nothing of observability, which depends on the input: see `hgogen.persistence`. H. Hammouri, J. de Leon
+The form says nothing of observability, which depends on the input: see `kalman.persistence`. H. Hammouri, J. de Leon
 Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G. Besancon, G. Bornard, H. Hammouri,
 "Observer synthesis for a class of nonlinear control systems", European Journal of Control 2 (1996).
 """
@@ -15,13 +15,13 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from hgogen.affine import Affine, affine, measurements
-from hgogen.chain import listed, of_plant
 from hgogen.check import Check, Verdict
-from hgogen.coordinates import coordinates, form_in, split
 from hgogen.form import Form
-from hgogen.lipschitz import lipschitz
 from hgogen.signal import Signal
+from hgogen.structure.affine import Affine, affine, measurements
+from hgogen.structure.chain import listed, of_plant
+from hgogen.structure.coordinates import coordinates, form_in, split
+from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 _REFERENCE = "Hammouri, de Leon Morales, CDC 1990"

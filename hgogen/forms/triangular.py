@@ -17,15 +17,15 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from hgogen.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.check import Check, Verdict
-from hgogen.chord import chord
-from hgogen.coordinates import coordinates, form_in
-from hgogen.defined import defined
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.lipschitz import lipschitz
-from hgogen.positive import positive, sign
+from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
+from hgogen.structure.chord import chord
+from hgogen.structure.coordinates import coordinates, form_in
+from hgogen.structure.defined import defined
+from hgogen.structure.lipschitz import lipschitz
+from hgogen.structure.positive import positive, sign
 from hgogen.system import System
 
 _REFERENCE = "Boizot, Busvelle, Gauthier, Automatica 46 (2010), form (3)"

@@ -16,13 +16,13 @@ H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable sys
 
 from dataclasses import dataclass
 
-from hgogen.apart import apart
-from hgogen.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.check import Check, Verdict
-from hgogen.coordinates import coordinates, form_in
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.lipschitz import lipschitz
+from hgogen.structure.apart import apart
+from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
+from hgogen.structure.coordinates import coordinates, form_in
+from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
 

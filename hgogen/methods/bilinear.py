@@ -10,9 +10,9 @@ Control 72 (1999).
 
 import casadi as ca
 
-from hgogen.core import Core
+from hgogen.chains.core import Core
+from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
 from hgogen.program import Kernel
-from hgogen.sampled import Matrices, Sampled, balanced, spread
 
 
 def _matrices(line: Core, h: float) -> Matrices:

@@ -11,11 +11,11 @@ Riccati observer go by classical Runge-Kutta. Source: Carlson, AIAA Journal 11 (
 
 from dataclasses import dataclass
 
+from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.square_root import square_root
 from hgogen.method import Explicit
 from hgogen.observer import Clock, Ode, Pieces
-from hgogen.riccati import Riccati
 from hgogen.runge_kutta import RK4
-from hgogen.square_root import square_root
 
 
 @dataclass(frozen=True)

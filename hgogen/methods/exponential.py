@@ -8,9 +8,9 @@ step length h; the rest has order 2. For any part with a linear core, such as a 
 scheme: Cox, Matthews, "Exponential time differencing for stiff systems", J. Comput. Phys. 176 (2002), ETD2RK.
 """
 
-from hgogen.core import Core
+from hgogen.chains.core import Core
+from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
 from hgogen.program import Kernel
-from hgogen.sampled import Matrices, Sampled, balanced, spread
 
 
 def _matrices(line: Core, h: float) -> Matrices:

@@ -7,7 +7,7 @@
              0                    else: gamma is clipped to [gamma_inf, gamma_sup] in every slope and after each step
 
 in the coordinates of `integrators`, the argument of c saturated to the declared box. K, P and sigma satisfy (54), which
-with D P + P D >= 0 lets gamma rise at any rate and fall no faster than sigma gamma^2 (`hgogen.adaptive_gain` verifies,
+with D P + P D >= 0 lets gamma rise at any rate and fall no faster than sigma gamma^2 (`adaptive_gain` verifies,
 `hgogen.design` finds them). The law is (90) projected: taken literally it never leaves gamma_inf or gamma_sup. Where no
 sample is valid gamma rests. gamma_sup is part of the law: assumption 3 wants gamma bounded, so no status tells of a
 gamma that rests there; no theorem is suspended. Source: Alessandri, "On Hamilton-Jacobi approaches to state
@@ -21,17 +21,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.adaptive_gain import Given, candidate, checks, steepness
-from hgogen.adaptive_gain import disturbance as as_disturbance
-from hgogen.certified import Nothing
+from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.injection import companion, scaled
+from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.check import Verdict, demand
-from hgogen.dynamics import clamp
+from hgogen.convergence.adaptive_gain import Given, candidate, checks, steepness
+from hgogen.convergence.adaptive_gain import disturbance as as_disturbance
+from hgogen.convergence.certified import Nothing
 from hgogen.form import Form
-from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import companion, scaled
-from hgogen.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, gain, positive, reals
 from hgogen.program import Field, scalar, sym
+from hgogen.structure.dynamics import clamp
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems (2020), theorems 5-7"

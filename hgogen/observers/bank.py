@@ -19,7 +19,7 @@ from typing import Literal
 from hgogen.check import Verdict
 from hgogen.innovation import Innovation
 from hgogen.observer import BadGain, Observer, gain, positive, real
-from hgogen.parallel import Parallel
+from hgogen.stepping.parallel import Parallel
 from hgogen.theorem import Hypothesis
 
 REFERENCE = "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides)"

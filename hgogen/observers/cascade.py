@@ -19,19 +19,19 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.bounds import bound
-from hgogen.box import box
+from hgogen.algebra.tape import NoTape
+from hgogen.chains.core import numbers
+from hgogen.chains.gains import BadPoles, coefficients
+from hgogen.chains.injection import listed, unmodelled
+from hgogen.chains.integrators import Integrators, integrators, observer_on
+from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.check import Verdict
-from hgogen.core import numbers
 from hgogen.form import Form
-from hgogen.gains import BadPoles, coefficients
-from hgogen.injection import listed, unmodelled
-from hgogen.integrators import Integrators, integrators, observer_on
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.box import box
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, reals, tunable
 from hgogen.program import INF, Field, sym
-from hgogen.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.signal import resting
-from hgogen.tape import NoTape
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Khalil, Cascade high-gain observers in output feedback control, Automatica 80 (2017)"

@@ -18,14 +18,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.certified import checks
-from hgogen.certified_core import Layout, of_core
+from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.core import core_numbers
+from hgogen.chains.gains import coefficients, demand_parabola, filtered_core, parabola_advice
+from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Verdict
-from hgogen.core import core_numbers
+from hgogen.convergence.certified import checks
+from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
-from hgogen.gains import coefficients, demand_parabola, filtered_core, parabola_advice
-from hgogen.hurwitz import demand_hurwitz
-from hgogen.integrators import integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, positive, reals
 from hgogen.program import Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

@@ -16,13 +16,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.certified import checks
-from hgogen.certified_core import Layout, of_core
+from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.injection import listed, scaled
+from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Verdict
+from hgogen.convergence.certified import checks
+from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
-from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import listed, scaled
-from hgogen.integrators import integrators, observer_on, shifted
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, reals
 from hgogen.program import Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

@@ -7,7 +7,7 @@
 2 Pi is the Hessian of the value function at its minimum xhat; its third derivatives are left out, which is exact for a
 linear model. Q, R, P0 are weights, the inverses of a Kalman filter's covariances: without the last term the estimator
 is the extended Kalman filter with Q^-1, R^-1, P0^-1, and every method for its covariance P = Pi^-1 serves. The last
-term can take all of Pi; 0 <= s <= 1 keeps it positive definite (`hgogen.curvature`). Source: Alessandri, "On
+term can take all of Pi; 0 <= s <= 1 keeps it positive definite (`kalman.curvature`). Source: Alessandri, "On
 Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathematical Problems in Engineering (2020),
 (3), (18).
 """
@@ -19,17 +19,17 @@ import numpy as np
 import sympy as sp
 
 from hgogen.check import Check, Verdict
-from hgogen.clamped import clamped
-from hgogen.covariance import factor
-from hgogen.curvature import Curved
-from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import cap, limited, positive, spd
-from hgogen.kalman_theorems import KALMAN, OTHER_COORDINATES
+from hgogen.intervals.slope import JUMPS
+from hgogen.kalman.covariance import factor
+from hgogen.kalman.curvature import Curved
+from hgogen.kalman.kalman import cap, limited, positive, spd
+from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
+from hgogen.kalman.riccati import Riccati
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, real, state_field
 from hgogen.program import Block, Field, sym
-from hgogen.riccati import Riccati
-from hgogen.slope import JUMPS
+from hgogen.structure.clamped import clamped
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis
 from hgogen.theta import constant
 

@@ -20,14 +20,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.certified import checks
 from hgogen.check import Verdict
-from hgogen.clamped import clamped
-from hgogen.constant_gain import ConstantGain, constant_gain
-from hgogen.dynamics import Dynamics
+from hgogen.convergence.certified import checks
+from hgogen.convergence.constant_gain import ConstantGain, constant_gain
 from hgogen.form import Form
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, real, state_field
 from hgogen.program import Block, Field, sym
+from hgogen.structure.clamped import clamped
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)"

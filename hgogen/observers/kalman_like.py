@@ -26,15 +26,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.affine import known
 from hgogen.check import Verdict, demand
-from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import limited, positive, spd, wide
+from hgogen.kalman.kalman import limited, positive, spd, wide
+from hgogen.kalman.persistence import persistent
+from hgogen.kalman.riccati import Riccati
 from hgogen.observer import HUGE, BadGain, Observer, founded, gain, state_field
-from hgogen.persistence import persistent
 from hgogen.program import sym
-from hgogen.riccati import Riccati
+from hgogen.structure.affine import known
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
 from hgogen.theta import constant
 
@@ -86,7 +86,7 @@ def kalman_like(
 
     Args: `rho` > 0 (1/s), the rate at which the past is forgotten; `R` positive, one for each output, unit y^2 s: the
     noise's own (for white noise of variance v per sample, v dt), so that P can be told from S_0^-1; `inputs`,
-    `period`: the inputs as they will be, where that is known, for the check of persistence (see `hgogen.persistence`; a
+    `period`: the inputs as they will be, where that is known, for the check of persistence (see `kalman.persistence`; a
     record is judged by `hgogen.excitation`); `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n),
     default the squares of the half-widths of the ranges, 1 without one; `accept` ids of refuted checks to build on all
     the same.

@@ -22,13 +22,13 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.bounded import bounded
+from hgogen.chains.injection import capped, injection_gains, listed, moving_gain, unmodelled
+from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.injection import capped, injection_gains, listed, moving_gain, unmodelled
-from hgogen.integrators import Integrators, integrators, observer_on
 from hgogen.observer import BadGain, Observer, founded, gain, positive, reals
 from hgogen.program import Field, scalar, sym
+from hgogen.structure.bounded import bounded
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"

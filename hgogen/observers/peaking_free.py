@@ -19,18 +19,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.certified import checks
-from hgogen.certified_core import Layout, of_core
+from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.core import core_numbers
+from hgogen.chains.injection import listed
+from hgogen.chains.integrators import integrators, observer_on, rows, shifted
+from hgogen.chains.pairs import errors, injected, pair_gains
+from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating, vertices
 from hgogen.check import Verdict
-from hgogen.core import core_numbers
+from hgogen.convergence.certified import checks
+from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
-from hgogen.hurwitz import demand_hurwitz
-from hgogen.injection import listed
-from hgogen.integrators import integrators, observer_on, rows, shifted
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, positive
-from hgogen.pairs import errors, injected, pair_gains
 from hgogen.program import sym
-from hgogen.saturating import Model, Saturate, demand_ranges, saturating, vertices
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, Praly, Teel, Low-power peaking-free high-gain observers, Automatica 98 (2018)"

@@ -16,16 +16,16 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from hgogen.check import Check, Verdict
-from hgogen.clamped import clamped
-from hgogen.covariance import factor
-from hgogen.dynamics import Dynamics
 from hgogen.form import Form
-from hgogen.kalman import cap, limited, positive, spd, wide
-from hgogen.kalman_theorems import of_form
+from hgogen.kalman.covariance import factor
+from hgogen.kalman.kalman import cap, limited, positive, spd, wide
+from hgogen.kalman.kalman_theorems import of_form
+from hgogen.kalman.riccati import Riccati
 from hgogen.observer import BadGain, Observer, founded, state_field
 from hgogen.program import sym
-from hgogen.riccati import Riccati
 from hgogen.scaling import ALIGNED, noise_equation, scaling
+from hgogen.structure.clamped import clamped
+from hgogen.structure.dynamics import Dynamics
 from hgogen.theta import Theta, constant
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"

@@ -14,8 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from hgogen.check import Verdict
+from hgogen.convergence.limited import REFERENCE, limited
 from hgogen.form import Form
-from hgogen.limited import REFERENCE, limited
 from hgogen.observer import Observer
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

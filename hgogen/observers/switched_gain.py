@@ -14,12 +14,12 @@ from math import ceil
 import casadi as ca
 import numpy as np
 
-from hgogen.certified import of_poles
+from hgogen.chains.injection import injection_gains, last_error, listed, moving_gain
+from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
-from hgogen.dwell import switching
+from hgogen.convergence.certified import of_poles
+from hgogen.convergence.dwell import switching
 from hgogen.form import Form
-from hgogen.injection import injection_gains, last_error, listed, moving_gain
-from hgogen.integrators import Integrators, integrators, observer_on
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, high_gain_parameter, positive
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

@@ -23,12 +23,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
+from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
+from hgogen.convergence.gain_update import falls, rises, stays, weighted
+from hgogen.convergence.lmi import STATES
 from hgogen.form import Form
-from hgogen.gain_update import falls, rises, stays, weighted
-from hgogen.injection import capped, injection_gains, listed, moving_gain
-from hgogen.integrators import Integrators, integrators, observer_on
-from hgogen.lmi import STATES
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

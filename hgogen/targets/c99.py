@@ -8,13 +8,13 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hgogen.ccheck import check as self_check
-from hgogen.cfold import folded
-from hgogen.cheader import Prototype, header, prototypes
-from hgogen.ckernels import kernels
-from hgogen.cmath import functions, includes
-from hgogen.cprint import Real, literal
-from hgogen.ctext import Writer, called, indented, status_type
+from hgogen.emit.ccheck import check as self_check
+from hgogen.emit.cfold import folded
+from hgogen.emit.cheader import Prototype, header, prototypes
+from hgogen.emit.ckernels import kernels
+from hgogen.emit.cmath import functions, includes
+from hgogen.emit.cprint import Real, literal
+from hgogen.emit.ctext import Writer, called, indented, status_type
 from hgogen.errors import HgogenError
 from hgogen.program import Field, Group
 from hgogen.step import Step

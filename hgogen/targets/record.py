@@ -4,8 +4,8 @@ Rows of u (count, m) and y (count, p) go in; rows of x (count, n), of the traces
 status (count) come out.
 """
 
-from hgogen.cprint import Real
-from hgogen.ctext import indented, status_type
+from hgogen.emit.cprint import Real
+from hgogen.emit.ctext import indented, status_type
 from hgogen.step import Step
 from hgogen.target import Files
 

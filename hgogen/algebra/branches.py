@@ -1,0 +1,67 @@
+"""Whether a polynomial in a field's generators that is not 0 identically may be 0 on a part of the domain.
+
+|x| - x is not 0, and is 0 where x >= 0: (|x| - x) (|x| + x) = 0, so a division by either, which elimination needs,
+loses the value on a part. It cannot be where the generators are analytic and even roots choose no sign: where no
+
+    prod value_i = c h^2,   a product of some of their values, c a number, so that their square roots make |h|,
+
+has an h that may change its sign.   Source: Kummer theory, S. Lang, Algebra, chapter VI.8
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import flint
+import sympy as sp
+
+from hgogen.algebra.field import Field, Root
+
+ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
+
+
+def branches(field: Field) -> bool:
+    """Whether it may: for a function with kinks or jumps, two inverse functions, a root of a root, |h| of some h."""
+    functions = [m for m, g in zip(field.meaning, field.generators, strict=True) if g.is_Dummy and _other(m)]
+    if len(functions) > 1 or any(m.has(*ROUGH) for m in field.meaning):
+        return True
+    roots = [root for root in field.relations if not all(end.is_constant() for end in root.value)]
+    places = [root.index for root in roots]
+    if any(end.degrees()[k] for root in roots for end in root.value for k in places):
+        return True
+    return any(_turns(field, h) for h in _squared([root for root in roots if root.degree % 2 == 0]))
+
+
+def _other(meaning: sp.Expr) -> bool:
+    """Neither a root nor a logarithm, exponential or angle, which have no branches between which to choose."""
+    return isinstance(meaning, sp.Function) and not isinstance(meaning, (sp.log, sp.exp, sp.tan, sp.Abs))
+
+
+def _squared(roots: Sequence[Root]) -> list[list[Any]]:
+    """Of each product of values that is a square h^2, from a basis of them: the factors of h with odd exponents."""
+    found = [_exponents(root) for root in roots]
+    factors = {name: p for one in found for name, (p, _) in one.items()}
+    parities = [[one[name][1] % 2 if name in one else 0 for one in found] for name in factors]
+    if not parities:
+        return []
+    basis, count = flint.nmod_mat(parities, 2).nullspace()
+    squares = []
+    for j in range(count):
+        taken = [one for i, one in enumerate(found) if int(basis[i, j])]
+        halves = {name: sum(one[name][1] for one in taken if name in one) // 2 for name in factors}
+        squares.append([factors[name] for name, half in halves.items() if half % 2])
+    return squares
+
+
+def _exponents(root: Root) -> dict[str, tuple[Any, int]]:
+    """Irreducible monic polynomials of the root's value and their exponents, by their text."""
+    ends = [(root.value[0], 1), (root.value[1], -1)]
+    factors = [(p / p.leading_coefficient(), sign * int(k)) for end, sign in ends for p, k in end.factor()[1]]
+    return {str(p): (p, k) for p, k in factors}
+
+
+def _turns(field: Field, h: Sequence[Any]) -> bool:
+    """Whether a product may change its sign: not one of even roots, exponentials and positive symbols."""
+    kept = {root.index for root in field.roots if root.degree % 2 == 0} | field.exponents.keys()
+    kept |= {k for k, g in enumerate(field.generators) if g.is_positive}
+    letters = [p for k, p in enumerate(field.ring.gens()) if k in kept]
+    return any(p not in letters for p in h)

@@ -1,0 +1,139 @@
+"""A tape's values at a rational point, as Arb balls: each holds the exact value, or is not finite.
+
+What is undefined there, or not decided at this precision, is NaN; a finite ball proves that the value is defined.
+"""
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import Any
+
+from flint import arb, ctx, fmpq
+
+from hgogen.algebra.tape import Instruction, Tape
+
+Ball = Any
+_NAN = arb("nan")
+
+
+def values(tape: Tape, point: Sequence[Fraction], bits: int = 64) -> list[Ball]:
+    """The tape's outputs at `point`, one number for each of its symbols, in a working precision of `bits`."""
+    before = ctx.prec
+    ctx.prec = bits
+    try:
+        found: list[Any] = []
+        for instruction in tape.instructions:
+            value = _value(instruction, [found[i] for i in instruction.args], point)
+            found.append(_NAN if isinstance(value, arb) and not value.is_finite() else value)
+        return [found[i] if isinstance(found[i], arb) else _NAN for i in tape.outputs]
+    finally:
+        ctx.prec = before
+
+
+def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction]) -> Any:
+    op, value = instruction.op, instruction.value
+    if op == "symbol":
+        return _rational(point[int(value or 0)])
+    if op == "number":
+        return _rational(Fraction(value or 0))
+    if op == "constant":
+        return arb.pi() if value == "pi" else arb(1).exp()
+    if op == "power":
+        return _whole(args[0], int(value or 0))
+    if op == "root":
+        exponent = Fraction(value or 0)
+        return _whole(_root(args[0], exponent.denominator), exponent.numerator)
+    rule = _RULES.get(op)
+    return rule(*args) if rule else _NAN
+
+
+def _rational(value: Fraction) -> Ball:
+    return arb(fmpq(value.numerator, value.denominator))
+
+
+def _whole(base: Ball, exponent: int) -> Ball:
+    return base**exponent if exponent >= 0 or not base.contains(0) else _NAN
+
+
+def _root(base: Ball, degree: int) -> Ball:
+    return base.root(degree) if base >= 0 else _NAN
+
+
+def _raise(base: Ball, exponent: Ball) -> Ball:
+    return (exponent * base.log()).exp() if base > 0 else _NAN
+
+
+def _atan2(y: Ball, x: Ball) -> Ball:
+    return arb.atan2(y, x) if x > 0 or y > 0 or y < 0 else _NAN
+
+
+def _sign(a: Ball) -> Ball:
+    return arb(1) if a > 0 else arb(-1) if a < 0 else arb(0) if a.is_zero() else _NAN
+
+
+def _step(a: Ball, at_zero: Ball = None) -> Ball:
+    """Heaviside; SymPy's value at 0 is 1/2 unless it is given."""
+    middle = arb(fmpq(1, 2)) if at_zero is None else at_zero
+    return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
+
+
+def _rounded(a: Ball, value: Ball) -> Ball:
+    return value if a.is_finite() and value.is_exact() else _NAN
+
+
+def _less(a: Ball, b: Ball) -> bool | None:
+    return True if a < b else False if a >= b else None
+
+
+def _less_equal(a: Ball, b: Ball) -> bool | None:
+    return True if a <= b else False if a > b else None
+
+
+def _equal(a: Ball, b: Ball) -> bool | None:
+    return False if a < b or a > b else True if a.is_exact() and b.is_exact() and a == b else None
+
+
+def _not(a: bool | None) -> bool | None:
+    return None if a is None else not a
+
+
+def _both(a: bool | None, b: bool | None) -> bool | None:
+    return False if a is False or b is False else None if a is None or b is None else True
+
+
+def _piecewise(*parts: Any) -> Ball:
+    """The first value whose condition holds; conditions before it must be known not to."""
+    for value, condition in zip(parts[::2], parts[1::2], strict=True):
+        if condition is None:
+            return _NAN
+        if condition:
+            return value
+    return _NAN
+
+
+_RULES: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "mul": lambda a, b: a * b,
+    "min": lambda a, b: a.min(b) if a.is_finite() and b.is_finite() else _NAN,
+    "max": lambda a, b: a.max(b) if a.is_finite() and b.is_finite() else _NAN,
+    "raise": _raise,
+    "exp": arb.exp,
+    "log": lambda a: a.log() if a > 0 else _NAN,
+    "abs": abs,
+    "sign": _sign,
+    "heaviside": _step,
+    "atan2": _atan2,
+    "floor": lambda a: _rounded(a, a.floor()),
+    "ceiling": lambda a: _rounded(a, a.ceil()),
+    "less": _less,
+    "less_equal": _less_equal,
+    "equal": _equal,
+    "unequal": lambda a, b: _not(_equal(a, b)),
+    "not": _not,
+    "and": _both,
+    "or": lambda a, b: _not(_both(_not(a), _not(b))),
+    "true": lambda: True,
+    "false": lambda: False,
+    "piecewise": _piecewise,
+    **{name: getattr(arb, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")},
+    **{name: getattr(arb, name) for name in ("asinh", "acosh", "atanh")},
+}

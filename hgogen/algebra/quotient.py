@@ -1,0 +1,121 @@
+"""Quotients of polynomials over the rationals (FLINT), by a tape; sizes are limited by counts of terms."""
+
+from collections.abc import Iterable, Sequence
+from math import comb
+from typing import Any
+
+import sympy as sp
+from flint import Ordering, fmpq, fmpq_mpoly_ctx
+
+from hgogen.algebra.rewrite import TooLarge
+from hgogen.algebra.tape import Instruction, NoTape, tape
+
+# Products of more terms than this are not formed.
+_TERMS = 200_000
+# Numerator and denominator, without a common factor.
+Quotient = tuple[Any, Any]
+
+
+def ring_of(generators: Sequence[sp.Symbol]) -> Any:
+    """The ring of polynomials in the generators, in their order."""
+    return fmpq_mpoly_ctx.get([f"g{i}" for i in range(len(generators))] or ["g"], Ordering.degrevlex)
+
+
+def quotients(expressions: Iterable[sp.Expr], generators: Sequence[sp.Symbol], ring: Any) -> list[Quotient]:
+    """Rational functions of the generators.
+
+    Raises: `TooLarge`; `ZeroDivisionError` for a denominator that is zero; `NoTape` for what is no such function.
+    """
+    program = tape(expressions, generators)
+    values: list[Quotient] = []
+    for instruction in program.instructions:
+        values.append(_apply(instruction, [values[i] for i in instruction.args], ring))
+    return [values[i] for i in program.outputs]
+
+
+def _apply(instruction: Instruction, args: list[Quotient], ring: Any) -> Quotient:
+    op, value, one = instruction.op, instruction.value, ring.constant(1)
+    if op == "symbol":
+        return ring.gens()[value], one
+    if op == "number":
+        return ring.constant(fmpq(value.numerator, value.denominator)), one  # type: ignore[union-attr]
+    if op == "add":
+        return add(*args)
+    if op == "mul":
+        return multiply(*args)
+    if op == "power":
+        top, bottom = args[0]
+        return _power((top, bottom) if int(value or 0) >= 0 else _inverse(top, bottom), abs(int(value or 0)))
+    raise NoTape(op, "a rational function")
+
+
+def add(one: Quotient, other: Quotient) -> Quotient:
+    """a/b + c/d.
+
+    Raises: `TooLarge`.
+    """
+    (a, b), (c, d) = one, other
+    if b == d:
+        return _cancelled(a + c, b)
+    shared = b.gcd(d)
+    left, right = d / shared, b / shared
+    return _cancelled(times(a, left) + times(c, right), times(b, left))
+
+
+def multiply(one: Quotient, other: Quotient) -> Quotient:
+    """a/b c/d.
+
+    Raises: `TooLarge`.
+    """
+    (a, b), (c, d) = one, other
+    (a, d), (c, b) = _cancelled(a, d), _cancelled(c, b)
+    return times(a, c), times(b, d)
+
+
+def partial(value: Quotient, generator: int) -> Quotient:
+    """The derivative by one generator, the others held.
+
+    Raises: `TooLarge`.
+    """
+    top, bottom = value
+    if bottom.is_constant():
+        return top.derivative(generator) / bottom, bottom.context().constant(1)
+    up = times(top.derivative(generator), bottom) - times(top, bottom.derivative(generator))
+    return _cancelled(up, times(bottom, bottom))
+
+
+def times(a: Any, b: Any) -> Any:
+    """The product of two polynomials.
+
+    Raises: `TooLarge`.
+    """
+    if len(a) * len(b) > _TERMS:
+        raise TooLarge("a product")
+    return a * b
+
+
+def power(base: Any, exponent: int) -> Any:
+    """A whole power of a polynomial.
+
+    Raises: `TooLarge`.
+    """
+    if len(base) > 1 and comb(len(base) + exponent - 1, exponent) > _TERMS:
+        raise TooLarge("a power")
+    return base**exponent
+
+
+def _inverse(top: Any, bottom: Any) -> Quotient:
+    if top.is_zero():
+        raise ZeroDivisionError
+    return bottom, top
+
+
+def _power(base: Quotient, exponent: int) -> Quotient:
+    return power(base[0], exponent), power(base[1], exponent)
+
+
+def _cancelled(top: Any, bottom: Any) -> Quotient:
+    if bottom.is_constant():
+        return top, bottom
+    shared = top.gcd(bottom)
+    return top / shared, bottom / shared

@@ -1,0 +1,255 @@
+"""Generic observability: the rank of the gradients of an output's derivatives at a random point.
+
+    O_k = d(y, y', .., y^(k)) / d(x, p),   rank O_k = rank O_(k+1)  =>  no later derivative adds to it
+
+With all derivatives of the inputs free, the span of the rows over the field of functions of x, p, u, u', .. is closed
+under d/dt once it is stationary, so the test is final. A rational model is taken modulo a prime of 61 bits: the rank
+there is at most the generic rank for certain, and equal to it but for a chance of the order of 1e-15. With exp, sin,
+roots or real powers the numbers are balls: the pivots are proved nonzero at the point, and what is left counts as
+zero where its ball contains zero at 1024 bits. A. Sedoglavic, J. Symbolic Computation 33 (2002).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import flint
+import sympy as sp
+
+from hgogen.algebra.balls import BRANCHES, SCALES, Balls, Undecided
+from hgogen.algebra.echelon import Blurred, believe_zeros, kernel, new_rows
+from hgogen.algebra.modular import OPERATIONS, Modular
+from hgogen.algebra.series import Arithmetic, Plant, Point, gradients, random_point
+from hgogen.algebra.tape import tape
+from hgogen.errors import HgogenError
+
+PRIMES = (2**61 - 1, 2**62 - 57, 2**62 - 87)
+SMALL_PRIMES = (2**31 - 1, 2**31 - 19, 2**31 - 61)  # whose squares fit a word
+TRIES = 48
+FEW_BITS, MANY_BITS = 256, 8192
+BITS_EACH = 4  # more bits for each unknown
+_CAP = 4096  # terms of a series with balls
+
+_Found = TypeVar("_Found")
+
+
+@dataclass(eq=False)
+class NothingMeasured(HgogenError):
+    """Observability of a plant without outputs or without states."""
+
+    what: str
+
+    def __str__(self) -> str:
+        return f"the plant has no {self.what}, so there is nothing to observe; give it at least one"
+
+
+@dataclass(eq=False)
+class NowhereDefined(HgogenError):
+    """No point was found at which the plant is defined."""
+
+    tries: int
+
+    def __str__(self) -> str:
+        return (
+            f"at none of {self.tries} random points is the plant defined, real, and told apart from zero; look for a "
+            "division by zero, or the root or logarithm of what is never positive"
+        )
+
+
+@dataclass(frozen=True)
+class Rank:
+    """One answer: `dimension` unknowns, `rank` of them seen together, by derivatives of the outputs up to `order`.
+
+    `observable`: those that are individually observable, the unit vector in the row space; `unobservable`: the rest.
+    `final`: whether the rank was stationary; if not, rank and `observable` hold and more derivatives may add to them.
+    """
+
+    dimension: int
+    rank: int
+    order: int
+    observable: tuple[sp.Symbol, ...]
+    unobservable: tuple[sp.Symbol, ...]
+    final: bool
+
+
+@dataclass(frozen=True)
+class Ranks:
+    """`known`: with known parameters; `joint`: states and unknown parameters together; how, in `method`.
+
+    `local`: the functions with branches, for which the answer is the least of several points' and holds on an open
+    set only; "" where it holds at almost every point.
+    """
+
+    known: Rank
+    joint: Rank
+    method: str
+    local: str
+
+
+def observability(
+    flow: Iterable[sp.Expr],
+    output: Iterable[sp.Expr],
+    states: Iterable[sp.Symbol],
+    inputs: Iterable[sp.Symbol] = (),
+    parameters_unknown: Iterable[sp.Symbol] = (),
+    *,
+    limit: int | None = None,
+) -> Ranks:
+    """Ranks with known parameters and jointly, at a random point; every other symbol is a random constant.
+
+    `limit`: the most derivatives to take (None: until the rank is stationary).
+
+    Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
+    """
+    plant, symbols = plant_of(flow, output, states, inputs, parameters_unknown)
+
+    def answer(numbers: Arithmetic, point: Point) -> Ranks:
+        return _ranks(plant, symbols, numbers, point, limit)
+
+    found = somewhere(plant, answer)
+    return _on_branches(plant, answer, found) if found.local else found
+
+
+def branches(plant: Plant) -> str:
+    """The functions with branches in a plant, "" without: an answer at a point holds on its branch only."""
+    return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHES))
+
+
+def _on_branches(plant: Plant, answer: Callable[[Arithmetic, Point], Ranks], found: Ranks) -> Ranks:
+    """The least that is seen at points of every scale and sign, so of several branches."""
+    for seed in range(SCALES):
+        try:
+            other = _with_balls(plant, Balls(seed), answer)
+        except (ZeroDivisionError, Undecided):
+            continue
+        known, joint = _least(found.known, other.known), _least(found.joint, other.joint)
+        found = Ranks(known, joint, found.method, found.local)
+    return found
+
+
+def _least(a: Rank, b: Rank) -> Rank:
+    low = min(a, b, key=lambda rank: rank.rank)
+    hidden = {*a.unobservable, *b.unobservable}
+    lost = tuple(s for s in (*low.observable, *low.unobservable) if s in hidden)
+    kept = tuple(s for s in low.observable if s not in hidden)
+    return Rank(low.dimension, low.rank, low.order, kept, lost, a.final and b.final)
+
+
+def plant_of(
+    flow: Iterable[sp.Expr],
+    output: Iterable[sp.Expr],
+    states: Iterable[sp.Symbol],
+    inputs: Iterable[sp.Symbol],
+    parameters: Iterable[sp.Symbol] = (),
+) -> tuple[Plant, tuple[sp.Symbol, ...]]:
+    """The plant as a tape, and its unknowns: states, then unknown parameters."""
+    flow, output, states = (tuple(map(sp.sympify, part)) for part in (flow, output, states))
+    inputs, parameters = tuple(inputs), tuple(parameters)
+    for what, part in (("states", states), ("outputs", output)):
+        if not part:
+            raise NothingMeasured(what)
+    declared = {*states, *inputs, *parameters}
+    free = set().union(*(e.free_symbols for e in (*flow, *output))) - declared
+    rest = sorted(free, key=lambda symbol: symbol.name)
+    program = tape((*flow, *output), (*states, *inputs, *parameters, *rest))
+    return Plant(program, len(states), len(parameters), len(inputs)), (*states, *parameters)
+
+
+def exact_numbers(plant: Plant) -> bool:
+    """Whether the plant can be taken modulo a prime: + - * / only, and not both of pi and e."""
+    constants = {i.value for i in plant.tape.instructions if i.op == "constant"}
+    return len(constants) < 2 and all(i.op in OPERATIONS for i in plant.tape.instructions)
+
+
+def somewhere(
+    plant: Plant,
+    answer: Callable[[Arithmetic, Point], _Found],
+    *,
+    first: int = 0,
+    power: int = 1,
+    balls: bool = False,
+) -> _Found:
+    """`answer` at the first random point at which the plant is defined, with balls at a precision that decides.
+
+    `first`: which of the random points to begin with; `power`: of the prime that numbers are taken modulo; `balls`:
+    a real point even for a rational plant.
+
+    Raises: `NowhereDefined`.
+    """
+    for seed in range(first * TRIES, (first + 1) * TRIES):
+        try:
+            if exact_numbers(plant) and not balls:
+                primes = PRIMES if power == 1 else SMALL_PRIMES
+                prime = primes[seed % len(primes)]
+                numbers = Modular(prime**power, prime, seed)
+                return answer(numbers, random_point(plant, numbers))
+            return _with_balls(plant, Balls(seed), answer)
+        except (ZeroDivisionError, Undecided):
+            continue
+    raise NowhereDefined(TRIES)
+
+
+def modulus(numbers: Arithmetic) -> int:
+    """The prime, or 0 for balls."""
+    return numbers.prime if isinstance(numbers, Modular) else 0
+
+
+def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Point], _Found]) -> _Found:
+    cap, bits = flint.ctx.cap, flint.ctx.prec
+    flint.ctx.cap, flint.ctx.prec = _CAP, FEW_BITS + BITS_EACH * plant.wide
+    try:
+        while True:
+            try:
+                return answer(numbers, random_point(plant, numbers))
+            except Blurred:
+                if flint.ctx.prec >= MANY_BITS:
+                    raise Undecided from None
+                flint.ctx.prec *= 2
+    finally:
+        flint.ctx.cap, flint.ctx.prec = cap, bits
+
+
+def _ranks(plant: Plant, symbols: Sequence[sp.Symbol], numbers: Arithmetic, point: Point, limit: int | None) -> Ranks:
+    prime = modulus(numbers)
+    rows: list[list[Any]] = []
+    widths = {plant.n, plant.wide}
+    done: dict[int, Rank] = {}
+    for matrices in gradients(plant, numbers, point):
+        rows += [row for matrix in matrices for row in matrix_rows(matrix)]
+        for width in widths - done.keys():
+            rank = _rank(rows, width, symbols[:width], plant.outputs, prime, limit)
+            if rank:
+                done[width] = rank
+        if widths == done.keys():
+            break
+    if any(rank.unobservable for rank in done.values()):
+        believe_zeros(prime)
+    method = f"modulo the prime {prime}" if prime else f"balls of {flint.ctx.prec} bits"
+    return Ranks(done[plant.n], done[plant.wide], method, branches(plant))
+
+
+def matrix_rows(matrix: Any) -> list[list[Any]]:
+    """The rows of a matrix of either arithmetic as lists."""
+    width, entries = matrix.ncols(), matrix.entries()
+    return [entries[i : i + width] for i in range(0, len(entries), width)]
+
+
+def _rank(
+    rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], p: int, prime: int, limit: int | None
+) -> Rank | None:
+    """The rank once it is stationary over one more derivative of every output, full, or at its limit."""
+    reached = limit is not None and len(rows) // p > limit
+    orders = limit + 1 if limit is not None and reached else len(rows) // p
+    cut = [row[:width] for row in rows[: orders * p]]
+    levels = [i // p for i in new_rows(cut, prime)]  # the order of derivative of each new row
+    gap = next((k for k in range(orders) if k not in levels), None)
+    final = len(levels) == width or gap is not None
+    if not final and not reached:
+        return None
+    kept = [k for k in levels if gap is None or k < gap]
+    order = max(kept, default=0)
+    basis = kernel(cut[: (order + 1) * p], width, prime)
+    hidden = [any(vector[i] != 0 for vector in basis) for i in range(width)]
+    observable = tuple(s for s, h in zip(symbols, hidden, strict=True) if not h)
+    unobservable = tuple(s for s, h in zip(symbols, hidden, strict=True) if h)
+    return Rank(width, len(kept), order, observable, unobservable, final)

@@ -1,0 +1,236 @@
+"""Power series in t of a plant's states, outputs and variational equations at a random point.
+
+    x' = f(x, u),  y = h(x, u),  p' = 0         u: power series with random coefficients, so all derivatives are free
+    Phi' = df/dx Phi + [0 | df/dp],  Phi(0) = [I | 0]
+    dy/d(x_0, p) = dh/dx Phi + [0 | dh/dp] = sum_k Y_k t^k
+
+Y_k is the gradient of the k-th derivative of the output, over k!. The states' series is found by Newton's iteration,
+which doubles the known order; the variational equations by recurrence. A. Sedoglavic, "A probabilistic algorithm to
+test local algebraic observability in polynomial time", J. Symbolic Computation 33 (2002).
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hgogen.algebra.balls import Balls
+from hgogen.algebra.modular import Modular
+from hgogen.algebra.tape import Tape
+
+Arithmetic = Modular | Balls
+Gradient = Mapping[int, Any]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A tape of flow then output whose symbols are n states, q parameters, m inputs, then constants."""
+
+    tape: Tape
+    n: int
+    q: int
+    m: int
+
+    @property
+    def wide(self) -> int:
+        """Directions of the variational equations: states and parameters."""
+        return self.n + self.q
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.tape.outputs) - self.n
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the series start: `states` and `constants` (parameters, then the rest) at t = 0, and `inputs` as series."""
+
+    states: tuple[Any, ...]
+    constants: tuple[Any, ...]
+    inputs: Callable[[int, int], list[Any]]
+
+
+def random_point(plant: Plant, numbers: Arithmetic) -> Point:
+    """A random point, with inputs whose derivatives are all random."""
+    source = numbers.draws("point")
+    states = tuple(numbers.draw(source) for _ in range(plant.n))
+    constants = tuple(numbers.draw(source) for _ in plant.tape.symbols[plant.n + plant.m :])
+
+    def inputs(j: int, order: int) -> list[Any]:
+        source = numbers.draws(f"input {j}")
+        return [numbers.draw(source) for _ in range(order)]
+
+    return Point(states, constants, inputs)
+
+
+def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[Any]]:
+    """The matrices Y_0, Y_1, ... (p x (n + q)), without end; the work for K of them is of order K^2.
+
+    Raises: `ZeroDivisionError`, `Undecided` where the series do not exist at this point.
+    """
+    known = 1
+    states = [[value] for value in point.states]
+    phi = [_start(plant, numbers)]
+    rates: tuple[list[Any], list[Any]] = ([], [])  # Taylor coefficients of [df/dx], [0 | df/dp]
+    while True:
+        rows = evaluate(plant, numbers, _values(plant, numbers, point, states, 2 * known), 2 * known, known)
+        flow, output = rows[: plant.n], rows[plant.n :]
+        for target, new in zip(rates, _split(flow, plant, numbers, known), strict=True):
+            target[:] = new
+        slopes = _split(output, plant, numbers, known)
+        while len(phi) < known:
+            phi.append(_next(phi, *rates, len(phi) - 1, numbers.over(len(phi))))
+        yield [_row(phi, *slopes, k) for k in range(known // 2 if known > 1 else 0, known)]
+        states = _newton(states, flow, rates[0], numbers, known)
+        known *= 2
+
+
+def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int) -> list[Any]:
+    """Y_0, .., Y_(count - 1)."""
+    found: list[Any] = []
+    for matrices in gradients(plant, numbers, point):
+        found += matrices
+        if len(found) >= count:
+            break
+    return found[:count]
+
+
+def evaluate(
+    plant: Plant, numbers: Arithmetic, values: Sequence[Any], order: int, slope_order: int
+) -> list[tuple[Any, Gradient]]:
+    """Each output of the tape as a series below t^order, its gradient by states and parameters below t^slope_order."""
+    one = numbers.series([1], slope_order)
+    wanted = {k: k for k in range(plant.n)} | {plant.n + plant.m + k: plant.n + k for k in range(plant.q)}
+    done: list[Any] = []
+    for instruction in plant.tape.instructions:
+        op, args, value = instruction
+        if op == "symbol":
+            assert isinstance(value, int)
+            done.append((values[value], {wanted[value]: one} if value in wanted else {}))
+        elif op in _RULES:
+            done.append(_RULES[op](numbers, [done[a] for a in args], value, order, slope_order))
+        else:
+            inner, slopes = done[args[0]]
+            result, slope = numbers.unary(op, inner, value, order)
+            done.append((result, _scaled(numbers, slopes, slope, slope_order)))
+    return [done[k] for k in plant.tape.outputs]
+
+
+def _scaled(numbers: Arithmetic, slopes: Gradient, factor: Any, order: int) -> Gradient:
+    if not slopes or numbers.nothing(factor):
+        return {}
+    mul = numbers.mul
+    return {k: mul(slope, factor, order) for k, slope in slopes.items()}
+
+
+def _sum(a: Gradient, b: Gradient) -> Gradient:
+    if not a or not b:
+        return a or b
+    total = dict(a)
+    for k, slope in b.items():
+        total[k] = total[k] + slope if k in total else slope
+    return total
+
+
+def _add(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
+    (a, da), (b, db) = parts
+    return a + b, _sum(da, db)
+
+
+def _mul(numbers: Arithmetic, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
+    (a, da), (b, db) = parts
+    slopes = _sum(_scaled(numbers, da, b, slope_order), _scaled(numbers, db, a, slope_order))
+    return numbers.mul(a, b, order), slopes
+
+
+def _two(method: str) -> Callable[..., Any]:
+    def rule(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
+        (a, da), (b, db) = parts
+        result, by_a, by_b = getattr(numbers, method)(a, b, order)
+        return result, _sum(_scaled(numbers, da, by_a, slope_order), _scaled(numbers, db, by_b, slope_order))
+
+    return rule
+
+
+def _piecewise(numbers: Balls, parts: list[Any], value: Any, order: int, slope_order: int) -> Any:
+    for result, (condition, _) in zip(parts[::2], parts[1::2], strict=True):
+        if condition:
+            return result
+    raise ZeroDivisionError  # no piece holds here: undefined
+
+
+_RULES: Mapping[str, Callable[..., Any]] = {
+    "number": lambda numbers, parts, value, order, _: (numbers.number(value, order), {}),
+    "constant": lambda numbers, parts, value, order, _: (numbers.constant(value, order), {}),
+    "add": _add,
+    "mul": _mul,
+    "raise": _two("raised"),
+    "atan2": _two("angle"),
+    "min": lambda numbers, parts, *_: parts[0 if numbers.less(parts[0][0], parts[1][0]) else 1],
+    "max": lambda numbers, parts, *_: parts[1 if numbers.less(parts[0][0], parts[1][0]) else 0],
+    "piecewise": _piecewise,
+    "less": lambda numbers, parts, *_: (numbers.less(parts[0][0], parts[1][0]), {}),
+    "less_equal": lambda numbers, parts, *_: (not numbers.less(parts[1][0], parts[0][0]), {}),
+    "equal": lambda numbers, parts, *_: (numbers.equal(parts[0][0], parts[1][0]), {}),
+    "unequal": lambda numbers, parts, *_: (not numbers.equal(parts[0][0], parts[1][0]), {}),
+    "and": lambda numbers, parts, *_: (parts[0][0] and parts[1][0], {}),
+    "or": lambda numbers, parts, *_: (parts[0][0] or parts[1][0], {}),
+    "not": lambda numbers, parts, *_: (not parts[0][0], {}),
+    "true": lambda *_: (True, {}),
+    "false": lambda *_: (False, {}),
+}
+
+
+def _values(plant: Plant, numbers: Arithmetic, point: Point, states: list[list[Any]], order: int) -> list[Any]:
+    """The series of every symbol of the tape."""
+    inputs = [numbers.series(point.inputs(j, order), order) for j in range(plant.m)]
+    constants = [numbers.series([value], order) for value in point.constants]
+    return [*(numbers.series(x, order) for x in states), *inputs, *constants]
+
+
+def _start(plant: Plant, numbers: Arithmetic) -> Any:
+    return numbers.matrix(plant.n, plant.wide, (int(i == j) for i in range(plant.n) for j in range(plant.wide)))
+
+
+def _split(rows: Sequence[Any], plant: Plant, numbers: Arithmetic, order: int) -> tuple[list[Any], list[Any]]:
+    """Taylor coefficients of the gradient: by states (rows x n), and [0 | by parameters] (rows x (n + q))."""
+    by_states = [[0] * (len(rows) * plant.n) for _ in range(order)]
+    by_parameters = [[0] * (len(rows) * plant.wide) for _ in range(order)]
+    for i, (_, slopes) in enumerate(rows):
+        for k, slope in slopes.items():
+            matrices, at = (by_states, i * plant.n + k) if k < plant.n else (by_parameters, i * plant.wide + k)
+            for matrix, coefficient in zip(matrices, numbers.coefficients(slope, order), strict=True):
+                matrix[at] = coefficient
+    return (
+        [numbers.matrix(len(rows), plant.n, entries) for entries in by_states],
+        [numbers.matrix(len(rows), plant.wide, entries) for entries in by_parameters],
+    )
+
+
+def _row(phi: list[Any], slopes: list[Any], forced: list[Any], k: int) -> Any:
+    """The coefficient k of slopes * phi + forced."""
+    total = forced[k]
+    for j in range(k + 1):
+        total = total + slopes[j] * phi[k - j]
+    return total
+
+
+def _next(phi: list[Any], slopes: list[Any], forced: list[Any], k: int, over: Any) -> Any:
+    return _row(phi, slopes, forced, k) * over
+
+
+def _newton(
+    states: list[list[Any]], flow: Sequence[Any], slopes: list[Any], numbers: Arithmetic, known: int
+) -> list[list[Any]]:
+    """The states to twice the order: x + d, d' = df/dx d + (f(x) - x'), d = 0 below t^known."""
+    n = len(states)
+    full = [numbers.coefficients(value, 2 * known - 1) for value, _ in flow]
+    correction: dict[int, Any] = {}
+    for k in range(known - 1, 2 * known - 1):
+        residual = [full[i][k] - ((k + 1) * states[i][k + 1] if k + 1 < known else 0) for i in range(n)]
+        total = numbers.matrix(n, 1, residual)
+        for j in range(k - known + 1):
+            total = total + slopes[j] * correction[k - j]
+        correction[k + 1] = total * numbers.over(k + 1)
+    tail = [correction[k].entries() for k in range(known, 2 * known)]
+    return [row + [entries[i] for entries in tail] for i, row in enumerate(states)]

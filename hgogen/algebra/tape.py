@@ -1,0 +1,155 @@
+"""Expressions as a tape: one straight-line program that every arithmetic of the proofs reads.
+
+Outward-rounded intervals, power series modulo a prime and balls each walk the same instructions; an expression that
+occurs twice is one instruction. Numbers are exact: a float is the rational of its shortest decimal.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import reduce
+from typing import NamedTuple
+
+import sympy as sp
+
+from hgogen.algebra.reciprocal import without_reciprocals
+from hgogen.errors import HgogenError
+
+_FUNCTIONS = {
+    getattr(sp, name): name.lower()
+    for name in (
+        *("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+        *("Abs", "sign", "atan2", "Heaviside", "floor", "ceiling"),
+    )
+}
+_CONSTANTS = {sp.pi: "pi", sp.E: "e"}
+_FOLDED = {sp.Add: "add", sp.Mul: "mul", sp.Min: "min", sp.Max: "max", sp.And: "and", sp.Or: "or"}
+_RELATIONS = {
+    sp.StrictLessThan: ("less", False),
+    sp.LessThan: ("less_equal", False),
+    sp.StrictGreaterThan: ("less", True),
+    sp.GreaterThan: ("less_equal", True),
+    sp.Equality: ("equal", False),
+    sp.Unequality: ("unequal", False),
+}
+
+
+@dataclass(eq=False)
+class NoTape(HgogenError):
+    """A function, or a symbol, that no arithmetic of the proofs knows."""
+
+    what: str
+    expression: str
+
+    def __str__(self) -> str:
+        return (
+            f"no rule for {self.what} in {self.expression}; write it with + - * / ** sqrt exp log, trigonometric and "
+            "hyperbolic functions, Abs, sign, Min, Max or Piecewise, of declared symbols"
+        )
+
+
+class Instruction(NamedTuple):
+    """One value of a tape.
+
+    `op`: "symbol" (`value`: its index), "number" (a Fraction), "constant" ("pi" or "e"), "add", "mul", "min", "max",
+    "and", "or" (two `args`), "power" (`value`: the whole exponent), "root" (`value`: a rational exponent that is not
+    whole), "raise" (base, exponent), the relations "less", "less_equal", "equal", "unequal" and "not", "true", "false",
+    "piecewise" (value, condition, value, condition, ...), or a function's name. `args` are indices of instructions
+    before it.
+    """
+
+    op: str
+    args: tuple[int, ...] = ()
+    value: Fraction | int | str | None = None
+
+
+@dataclass(frozen=True)
+class Tape:
+    """`instructions` in order; `outputs`: where each expression's value stands; `symbols`: what is read, by index."""
+
+    symbols: tuple[sp.Symbol, ...]
+    instructions: tuple[Instruction, ...]
+    outputs: tuple[int, ...]
+
+
+def tape(expressions: Iterable[sp.Expr], symbols: Iterable[sp.Symbol]) -> Tape:
+    """The tape of some expressions in the given symbols.
+
+    Raises: `NoTape` for a function without a rule, an undeclared symbol, an infinite or complex number.
+    """
+    symbols = tuple(symbols)
+    writer = _Writer(symbols)
+    outputs = tuple(writer.place(without_reciprocals(expression)) for expression in expressions)
+    return Tape(symbols, tuple(writer.places), outputs)
+
+
+class _Writer:
+    """Instructions in the order in which they are first needed."""
+
+    def __init__(self, symbols: tuple[sp.Symbol, ...]) -> None:
+        self.index = {symbol: k for k, symbol in enumerate(symbols)}
+        self.places: dict[Instruction, int] = {}
+        self.known: dict[sp.Basic, int] = {}
+
+    def place(self, node: sp.Basic) -> int:
+        """Where the value of `node` stands; its parts come first, without recursion, for deep expressions."""
+        stack = [node]
+        while stack:
+            top = stack[-1]
+            if top in self.known:
+                stack.pop()
+                continue
+            parts = _parts(top)
+            missing = [part for part in parts if part not in self.known]
+            if missing:
+                stack += missing
+                continue
+            self.known[stack.pop()] = self._write(top, [self.known[part] for part in parts], node)
+        return self.known[node]
+
+    def _put(self, op: str, args: tuple[int, ...] = (), value: Fraction | int | str | None = None) -> int:
+        return self.places.setdefault(Instruction(op, args, value), len(self.places))
+
+    def _write(self, node: sp.Basic, args: list[int], whole: sp.Basic) -> int:
+        kind = type(node)
+        if node in self.index:
+            return self._put("symbol", value=self.index[node])
+        if node in _CONSTANTS:
+            return self._put("constant", value=_CONSTANTS[node])
+        if isinstance(node, sp.Rational):
+            return self._put("number", value=Fraction(int(node.p), int(node.q)))
+        if isinstance(node, sp.Float):
+            return self._put("number", value=Fraction(repr(float(node))))
+        if kind in _FOLDED:
+            return reduce(lambda a, b: self._put(_FOLDED[kind], (a, b)), args)
+        if kind is sp.Pow:
+            return self._power(node, args)
+        if kind in _RELATIONS:
+            op, swapped = _RELATIONS[kind]
+            return self._put(op, tuple(reversed(args) if swapped else args))
+        if kind in _FUNCTIONS:
+            return self._put(_FUNCTIONS[kind], tuple(args))
+        if kind is sp.Piecewise:
+            return self._put("piecewise", tuple(args))
+        if node in (sp.true, sp.false):
+            return self._put("true" if node == sp.true else "false")
+        if kind is sp.Not:
+            return self._put("not", tuple(args))
+        raise NoTape(str(node), str(whole))
+
+    def _power(self, node: sp.Pow, args: list[int]) -> int:
+        if node.base == sp.E:
+            return self._put("exp", (args[-1],))
+        if node.exp.is_Integer:
+            return self._put("power", (args[0],), int(node.exp))
+        if node.exp.is_Rational:
+            return self._put("root", (args[0],), Fraction(int(node.exp.p), int(node.exp.q)))
+        return self._put("raise", tuple(args))
+
+
+def _parts(node: sp.Basic) -> tuple[sp.Basic, ...]:
+    if isinstance(node, sp.Pow) and node.exp.is_Rational:
+        return (node.base,)
+    if isinstance(node, sp.Piecewise):
+        return tuple(part for pair in node.args for part in pair.args)
+    return tuple(node.args)

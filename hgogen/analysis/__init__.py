@@ -1,0 +1,1 @@
+"""What a plant's equations tell: Lie derivatives, observability determinants and their zeros, symmetries."""

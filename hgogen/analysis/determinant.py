@@ -1,0 +1,161 @@
+"""Determinants of matrices of expressions, exactly, and the factors of their zero sets; which rows are independent."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import prod
+from random import Random
+from typing import TypeVar
+
+import flint
+import sympy as sp
+
+from hgogen.algebra.angles import degrees, even, factored
+from hgogen.algebra.branches import branches
+from hgogen.algebra.echelon import SURE_BITS, Blurred, new_rows
+from hgogen.algebra.elimination import Elimination, Product, Work, cleared
+from hgogen.algebra.field import Field, field
+from hgogen.algebra.minors import expanded
+from hgogen.algebra.points import exact
+from hgogen.algebra.pointwise import values
+from hgogen.algebra.powers import Power, powers, split
+from hgogen.algebra.quotient import Quotient
+from hgogen.algebra.rewrite import TooLarge, Writer
+from hgogen.algebra.tape import tape
+from hgogen.analysis.zero_set import alive, zero_set
+
+_Row = TypeVar("_Row")
+LIMIT = 300_000  # products of terms
+_TERMS = 4000
+_POINTS, _TRIES = 2, 24
+
+
+@dataclass(frozen=True)
+class Determinant:
+    """`value`: a quotient of products, equal to the determinant where its roots are real; `factors`: their zero sets
+    together are that of the value, empty where it has none, None where that is not known.
+    """
+
+    value: sp.Expr
+    factors: tuple[sp.Expr, ...] | None
+
+
+def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determinant:
+    """The determinant of n x n expressions.
+
+    Raises: `TooLarge` beyond `limit` products of terms, or where a pivot may be 0 by a relation that is not known.
+    """
+    writer = Writer()
+    entries = [exact(sp.sympify(e)) for row in rows for e in row]
+    for e in entries:
+        writer.measure(e)
+    made, found = field(writer, [writer.write(e) for e in entries])
+    matrix = [found[k * len(rows) : (k + 1) * len(rows)] for k in range(len(rows))]
+    try:
+        product = _product(made, matrix, limit)
+    except ZeroDivisionError:
+        return Determinant(sp.S.Zero, (sp.S.Zero,))
+    if not alive(made, product):
+        raise TooLarge("what the functions of a matrix have to do with each other")
+    number, parts = powers(made, product)
+    if sum(len(one.polynomial) for one in parts) > _TERMS:
+        raise TooLarge("the determinant")
+    return Determinant(number * _value(made, parts), zero_set(made, split(made, parts)))
+
+
+def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
+    """By elimination; with roots without a division, which might leave a pole that the determinant has not, if that is
+    short enough, or in any case where a division would be wrong.
+
+    Raises: `TooLarge`; `ZeroDivisionError` where it is 0.
+    """
+    doubtful = branches(made)
+    if doubtful or made.relations:
+        try:
+            return _expanded(made, matrix, Work([limit]))
+        except TooLarge:
+            if doubtful:
+                raise
+    return _eliminated(made, matrix, Work([limit]))
+
+
+def _eliminated(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> Product:
+    """Raises: `ZeroDivisionError` where it is 0."""
+    elimination = Elimination(made, work)
+    product: Product = []
+    for entries in matrix:
+        common, (row,) = cleared([entries])
+        _, scales = elimination.added(row)
+        product += [(e, -power) for e, power in ((common, 1), *scales)]
+        product.append((elimination.pivot, 1))
+    return [*product, (made.ring.constant(-1 if elimination.odd else 1), 1)]
+
+
+def _expanded(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> Product:
+    """Raises: `ZeroDivisionError` where it is 0."""
+    top, bottom = expanded(made, matrix, work)
+    if top.is_zero():
+        raise ZeroDivisionError
+    return [(top, 1), (bottom, -1)]
+
+
+def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
+    """prod P^e. With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a form over C^d: the forms of even degree
+    one by one, the others multiplied with what power of C is left, above and below.
+    """
+    every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
+    forms = [(p, d, e) for p, e, d in every if even(d)]
+    left = {g: -sum(int(e) * d[g] for _, e, d in every) for g in field.angles}
+    ends = []
+    for sign in (1, -1):
+        odd = [p ** int(e * sign) for p, e, d in every if not even(d) and e * sign > 0]
+        whole = prod(odd, start=field.ring.constant(1))
+        ends.append((whole, {g: k + max(sign * left[g], 0) for g, k in degrees(field, whole).items()}, sign))
+    shared = {g: ends[0][1][g] % 2 for g in field.angles}  # both are odd, or none is
+    forms += [(p, {g: k + shared[g] for g, k in d.items()}, Fraction(sign)) for p, d, sign in ends]
+    written = [(*factored(field, p, d), sp.Rational(e)) for p, d, e in forms]
+    return sp.Mul(*(n**e for n, _, e in written), *(b ** (k * e) for _, found, e in written for b, k in found))
+
+
+# ---------------------------------------------------------------- which rows
+
+
+def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, ...]:
+    """The keys of the first n rows (n entries each) that are generically independent, in order; or fewer.
+
+    By elimination with balls at two random points: a row that is dependent there may be independent elsewhere on a set
+    without volume only.
+    """
+    symbols = sorted(set().union(*(e.free_symbols for row in rows.values() for e in row)), key=str)
+    program = tape([exact(e) for row in rows.values() for e in row], symbols)
+    best: tuple[_Row, ...] = ()
+    points = 0
+    for point in _points(len(symbols)):
+        for bits in (256, SURE_BITS):
+            found = values(program, point, bits)
+            if all(ball.is_finite() for ball in found):
+                points += bits == SURE_BITS
+                taken = _new([found[k * n : (k + 1) * n] for k in range(len(rows))], bits)
+                best = max(best, tuple(list(rows)[k] for k in taken[:n]), key=len)
+            if len(best) == n:
+                return best
+        if points == _POINTS:
+            break
+    return best
+
+
+def _points(count: int) -> Iterator[list[Fraction]]:
+    draw = Random(1)
+    for _ in range(_TRIES):
+        yield [Fraction(draw.randint(200, 1800), 997) for _ in range(count)]
+
+
+def _new(rows: Sequence[Sequence[object]], bits: int) -> list[int]:
+    before = flint.ctx.prec
+    flint.ctx.prec = bits
+    try:
+        return new_rows(rows, 0)
+    except Blurred:
+        return []
+    finally:
+        flint.ctx.prec = before

@@ -1,0 +1,176 @@
+"""Uniform observability for every input of a control-affine plant with one output.
+
+    x' = f(x) + sum_j g_j(x) u_j,   y = h(x)
+    rank d(h, L_f h, .., L_f^(n-1) h) = n   and   d(L_g L_f^(i-1) h) in span(dh, .., d L_f^(i-1) h)  for all i, g
+
+on an open dense set: then, and only then, the plant is observable whatever the real input there, and
+z = (h, L_f h, ..) brings it to triangular form. J.-P. Gauthier, G. Bornard, "Observability for any u(t) of a class of
+nonlinear systems", IEEE Trans. Automatic Control 26 (1981), theorem 4.
+
+The gradients come from power series at a random point, their slope along g from the same series at the point moved
+along g, in numbers modulo the square of a prime (or with balls): no Lie derivative is written out. A span that is
+left at one point is left almost everywhere; one that is kept, or a rank below n, is tried at several points: that is
+no proof. The theorem is of every real input: it does not know of declared ranges.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import sympy as sp
+
+from hgogen.algebra.echelon import believe_zeros, new_rows
+from hgogen.algebra.points import exact
+from hgogen.algebra.rank import branches, exact_numbers, modulus, plant_of, somewhere
+from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
+from hgogen.check import Check, Verdict
+from hgogen.system import System
+
+POINTS = 3
+RANGES_APART = "for every real input, ranges apart"
+_INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
+
+
+@dataclass(frozen=True)
+class UniformObservability:
+    """`answer`: True or False where the test applies; None where it does not, or cannot be decided; why, in `reason`.
+
+    `applies`: whether the plant has one output, an input, a flow affine in the inputs, an output free of them.
+    `shown`: whether a False is more than what ranks at random points say.
+    """
+
+    answer: bool | None
+    applies: bool
+    reason: str
+    shown: bool = True
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the claim that the plant is observable, for every real input, ranges apart."""
+        if self.answer is None or not (self.answer or self.shown):
+            return Verdict.UNKNOWN
+        return Verdict.GENERIC if self.answer else Verdict.REFUTED
+
+
+def gauthier_bornard(
+    flow: Iterable[sp.Expr], output: Iterable[sp.Expr], states: Iterable[sp.Symbol], inputs: Iterable[sp.Symbol]
+) -> UniformObservability:
+    """The test at random points; symbols that are neither state nor input are random constants.
+
+    Raises: `NothingMeasured`, `NowhereDefined`; `NoTape` for a function without a rule.
+    """
+    flow, output, states, inputs = (tuple(map(sp.sympify, part)) for part in (flow, output, states, inputs))
+    plant, _ = plant_of(flow, output, states, inputs)
+    outside = _outside(flow, output, inputs)
+    if outside is not None:
+        return outside
+    ranks = []
+    for k in range(POINTS):
+        rank, left = somewhere(plant, lambda numbers, point: _left(plant, inputs, numbers, point), first=k, power=2)
+        if left:
+            return UniformObservability(False, True, left)
+        ranks.append(rank)
+    if max(ranks) < plant.n:
+        return _deficient(max(ranks), flow, output[0], states, inputs)
+    if branches(plant):
+        return UniformObservability(None, True, f"it holds at {POINTS} points, but on one branch of {branches(plant)}")
+    kind = "modulo primes" if exact_numbers(plant) else "with balls"
+    return UniformObservability(True, True, f"rank {plant.n}, and every span is kept at {POINTS} random points {kind}")
+
+
+def of_plant(plant: System) -> UniformObservability:
+    """The test of a plant, parameters generic within their ranges, those without one at their nominal values."""
+    fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
+    flow, output = ([e.xreplace(fixed) for e in part] for part in (plant.flow, plant.output))
+    return gauthier_bornard(flow, output, plant.states, plant.inputs)
+
+
+def uniformly_observable(plant: System) -> Check:
+    """The test as a `Check`; unknown where it does not apply."""
+    found = of_plant(plant)
+    claim = f"observable on an open dense set, {RANGES_APART}"
+    return Check("gauthier_bornard", claim, found.verdict, found.reason)
+
+
+def _outside(
+    flow: Sequence[sp.Expr], output: Sequence[sp.Expr], inputs: Sequence[sp.Symbol]
+) -> UniformObservability | None:
+    """Why the test does not apply, or that this is not known; None where it applies."""
+    if len(output) != 1:
+        return UniformObservability(None, False, f"the test is for one output, and there are {len(output)}")
+    if not inputs:
+        return UniformObservability(None, False, "there is no input")
+    slopes = [(output[0].diff(u), f"the output depends on {u}") for u in inputs]
+    slopes += [(e.diff(u).diff(v), f"the flow is not affine in {u}, {v}") for e in flow for u in inputs for v in inputs]
+    for slope, what in slopes:
+        zero = _zero(slope)
+        if zero is None:
+            return UniformObservability(None, False, f"it is not known whether {slope} is zero")
+        if not zero:
+            return UniformObservability(None, False, what)
+    return None
+
+
+def _zero(e: sp.Expr) -> bool | None:
+    """Whether an expression vanishes identically, exactly; None where SymPy does not tell."""
+    if e == 0:
+        return True
+    if e.is_rational_function():
+        return bool(sp.expand(sp.fraction(sp.together(exact(e)))[0]) == 0)
+    simple = sp.simplify(e)
+    verdict: bool | None = True if simple == 0 else simple.equals(0)
+    return verdict
+
+
+def _deficient(
+    rank: int, flow: Sequence[sp.Expr], output: sp.Expr, states: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]
+) -> UniformObservability:
+    """A rank below n: shown by states that, without input, no derivative of the output reads; else by random points
+    alone."""
+    n = len(states)
+    reason = f"without input, d(h, .., L_f^{n - 1} h) has rank {rank} of {n}"
+    drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
+    seen = [x for x in states if x in output.free_symbols]
+    for x in seen:  # the list grows while it is read
+        seen += [other for other in states if other in drift[x].free_symbols and other not in seen]
+    hidden = [x for x in states if x not in seen]
+    if not hidden or any(rate.has(*_INFINITE) for rate in drift.values()):
+        return UniformObservability(False, True, f"{reason} at {POINTS} random points, which is no proof", shown=False)
+    zero, names = " = ".join((*map(str, inputs), "0")), ", ".join(map(str, hidden))
+    return UniformObservability(False, True, f"{reason}: {zero} hides {names}")
+
+
+def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, str]:
+    """The rank at this point, at most n, and which span is left there where it is n; "" if none is."""
+    n, prime = plant.n, modulus(numbers)
+    point = replace(point, inputs=lambda j, order: [0] * order)
+    rows = first_gradients(plant, numbers, point, n)
+    flat = [[numbers.reduced(e) for e in row.entries()] for row in rows]
+    rank = len(new_rows(flat, prime))
+    if rank < n:
+        believe_zeros(prime)
+        return rank, ""
+    drift, bend = _field(plant, numbers, point, None)
+    for j, u in enumerate(inputs):
+        driven, tilt = _field(plant, numbers, point, j)
+        g, slope = [a - b for a, b in zip(driven, drift, strict=True)], tilt - bend
+        states = tuple(x + numbers.nudge * v for x, v in zip(point.states, g, strict=True))
+        moved = first_gradients(plant, numbers, replace(point, states=states), n)
+        for i, (row, beside) in enumerate(zip(rows, moved, strict=True)):
+            turn = [numbers.slope(a, b) for a, b in zip(beside.entries(), row.entries(), strict=True)]
+            tilted = (row * slope).entries()
+            new = [numbers.reduced(a + numbers.reduced(b)) for a, b in zip(turn, tilted, strict=True)]
+            if i + 1 in new_rows([*flat[: i + 1], new], prime):
+                return rank, f"d(L_g L_f^{i} h), g of {u}, leaves the span of dh, .., d L_f^{i} h"
+    believe_zeros(prime)
+    return rank, ""
+
+
+def _field(plant: Plant, numbers: Arithmetic, point: Point, j: int | None) -> tuple[list[Any], Any]:
+    """The flow and its slope by the states where the input j is 1 and the others 0."""
+    values = [numbers.series([x], 1) for x in point.states]
+    values += [numbers.series([int(i == j)], 1) for i in range(plant.m)]
+    values += [numbers.series([c], 1) for c in point.constants]
+    rows = evaluate(plant, numbers, values, 1, 1)[: plant.n]
+    entries = [numbers.coefficients(s[k], 1)[0] if k in s else 0 for _, s in rows for k in range(plant.n)]
+    return [numbers.coefficients(f, 1)[0] for f, _ in rows], numbers.matrix(plant.n, plant.n, entries)

@@ -1,0 +1,75 @@
+"""Derivatives along the flow of a plant: y, y', y'', ..., with the derivatives of the inputs as symbols.
+
+    (L e)(x, u, u', ..) = de/dx f(x, u) + de/du u' + de/du' u'' + ...
+
+The derivatives of an input are Signals of their own (`Signal.derivative`), in the ranges that its `rates` declare.
+Source: M. Fliess, "Generalized controller canonical forms for linear and nonlinear dynamics", IEEE TAC 35 (1990).
+"""
+
+from collections.abc import Iterable, Mapping
+
+import sympy as sp
+
+from hgogen.intervals.slope import JUMPS, KINKS
+from hgogen.signal import Signal
+from hgogen.system import System
+
+
+def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
+    """What each state and each input, up to its derivative of order `orders` - 1, changes at."""
+    found: dict[sp.Symbol, sp.Expr] = dict(zip(plant.states, plant.flow, strict=True))
+    for u in plant.inputs:
+        found |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
+    return found
+
+
+def along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
+    """The time derivative of an expression; symbols without a rate are constant. Polynomials come out expanded."""
+    moving = sorted(expression.free_symbols & rates.keys(), key=str)
+    result = sp.Add(*(expression.diff(symbol) * rates[symbol] for symbol in moving))
+    return sp.expand(result) if result.is_polynomial() else result
+
+
+def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: int) -> tuple[sp.Expr, ...]:
+    """The expression and its time derivatives, `count` expressions in all."""
+    found = [expression]
+    while len(found) < count:
+        found.append(along(found[-1], rates))
+    return tuple(found[:count])
+
+
+def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int) -> tuple[Signal, ...]:
+    """The derivatives, up to the given order, of the plant's inputs that the expressions read, input by input."""
+    read = set().union(*(e.free_symbols for e in expressions))
+    known = (u.derivative(k) for u in plant.inputs for k in range(1, orders + 1))
+    return tuple(signal for signal in known if signal in read)
+
+
+def without_derivative(expressions: Iterable[sp.Expr]) -> str:
+    """The first function with jumps or kinks, in the alphabet, as a sentence; empty if there is none."""
+    node = min((str(node) for e in expressions for node in e.atoms(*JUMPS, *KINKS)), default="")
+    return node and f"{node} has no derivative somewhere"
+
+
+def length(expression: sp.Expr) -> int:
+    """Number of nodes of the expression as it is written out, each part as often as it stands there."""
+    known: dict[sp.Basic, int] = {}
+
+    def of(node: sp.Basic) -> int:
+        if node not in known:
+            known[node] = 1 + sum(map(of, node.args))
+        return known[node]
+
+    return of(expression)
+
+
+def size(expressions: Iterable[sp.Expr]) -> int:
+    """Number of different nodes of the expressions' trees, a measure of the work they ask for."""
+    seen: set[sp.Basic] = set()
+    stack: list[sp.Basic] = list(expressions)
+    while stack:
+        node = stack.pop()
+        if node not in seen:
+            seen.add(node)
+            stack += node.args
+    return len(seen)

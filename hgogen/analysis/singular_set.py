@@ -1,0 +1,93 @@
+"""The zero set of the observability determinant with the inputs at 0, by exact algebra: for a library of models."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+
+from hgogen.algebra.branches import ROUGH, branches
+from hgogen.algebra.codistribution import Row, product
+from hgogen.algebra.echelon import believe_zeros, new_rows
+from hgogen.algebra.powers import powers, split
+from hgogen.algebra.rank import NowhereDefined, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.rewrite import TooLarge
+from hgogen.algebra.series import Arithmetic, Point, first_gradients
+from hgogen.algebra.tape import NoTape
+from hgogen.algebra.tower import Tower, tower
+from hgogen.analysis.zero_set import alive, zero_set
+
+LIMIT = 300_000  # products of terms of the elimination
+
+
+def singular_set(
+    flow: Sequence[sp.Expr],
+    output: Sequence[sp.Expr],
+    states: Sequence[sp.Symbol],
+    inputs: Sequence[sp.Symbol] = (),
+    limit: int = LIMIT,
+) -> tuple[sp.Expr, ...] | str | None:
+    """Factors whose zero sets together are that of det d(h, L_f h, .., L_f^(n-1) h)/dx with the inputs at 0.
+
+    "none": it has no zero; "all": it is 0 everywhere, at random numbers as generic ranks are. With several outputs the
+    rows are taken until they have rank n; whether all outputs come before the next derivative, or all derivatives
+    before the next output, must make no difference. Parameters are symbols, and a factor of them is one.
+
+    None: no answer, because it does make one, for a function with kinks, roots that depend on each other, or beyond
+    `limit` products of terms.
+    """
+    off = dict.fromkeys(inputs, sp.S.Zero)
+    drift, h = ([sp.sympify(e).subs(off) for e in rows] for rows in (flow, output))
+    if any(e.has(*ROUGH) for e in (*drift, *h)):
+        return None
+    try:
+        choices = _choices(drift, h, states)
+        full = all(len(rows) == len(states) for rows in choices)
+        if not full and not any(_rooted(e) for e in (*drift, *h)):
+            return "all"
+        plant = tower(drift, h, states)
+        if branches(plant.field):
+            return None
+        if not full:
+            return "all"
+        found = {_zero_set(plant, rows, limit) for rows in _different(choices)}
+    except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
+        return None
+    factors = found.pop()
+    return None if found else "none" if factors == () else factors
+
+
+def _zero_set(plant: Tower, rows: Sequence[Row], limit: int) -> tuple[sp.Expr, ...] | None:
+    found = product(plant, rows, limit)
+    if not alive(plant.field, found):
+        return None
+    return zero_set(plant.field, split(plant.field, powers(plant.field, found)[1]))
+
+
+def _different(choices: Sequence[tuple[Row, ...]]) -> list[tuple[Row, ...]]:
+    """One of those that choose the same rows in another order."""
+    return list({frozenset(rows): rows for rows in choices}.values())
+
+
+def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> list[tuple[Row, ...]]:
+    """The first independent rows, by order of derivative and by output, at a random point."""
+    plant, _ = plant_of(flow, output, states, ())
+    n = len(states)
+    by_order = [(j, k) for k in range(n) for j in range(len(output))]
+
+    def chosen(numbers: Arithmetic, point: Point) -> list[tuple[Row, ...]]:
+        every = [matrix_rows(matrix) for matrix in first_gradients(plant, numbers, point, n)]
+        prime = modulus(numbers)
+        found = [_independent(every, order, prime) for order in (by_order, sorted(by_order))]
+        if any(len(rows) < n for rows in found):
+            believe_zeros(prime)
+        return found
+
+    return somewhere(plant, chosen)
+
+
+def _independent(every: Sequence[Sequence[Sequence[Any]]], order: Sequence[Row], prime: int) -> tuple[Row, ...]:
+    return tuple(order[i] for i in new_rows([every[k][j] for j, k in order], prime))
+
+
+def _rooted(e: sp.Expr) -> bool:
+    return any(not power.exp.is_Integer for power in e.atoms(sp.Pow))

@@ -1,0 +1,148 @@
+"""The zero set of a product of polynomials over a field, as readable factors: without what never vanishes."""
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from math import inf, prod
+from random import Random
+from typing import Any
+
+import sympy as sp
+from flint import arb
+
+from hgogen.algebra.angles import degrees, even, factored
+from hgogen.algebra.elimination import Product
+from hgogen.algebra.field import Field
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.pointwise import values
+from hgogen.algebra.powers import Power
+from hgogen.algebra.rewrite import TooLarge
+from hgogen.algebra.tape import tape
+from hgogen.check import Verdict
+from hgogen.intervals.bounds import nonzero
+
+_TERMS = 1500  # of all factors: more cannot be read
+_FEW = 3  # symbols, and boxes, of a factor that bounds are asked whether it ever vanishes
+_BOXES, _BITS = 40, 256
+_SAMPLES, _GRID = 24, 9  # points, and of what fractions
+
+
+def alive(field: Field, product: Product) -> bool:
+    """Whether no polynomial of it is 0 identically, for certain: one without kernels is its own proof, others have a
+    value whose ball excludes 0, or are left to `is_zero`.
+    """
+    left = [p for p, _ in product if field.kernels(p)]
+    symbols = sorted({s for e in field.meaning for s in e.free_symbols}, key=str)
+    program = tape(field.meaning, symbols)
+    for point in _points(len(symbols), 1):
+        if left:
+            balls = values(program, point, _BITS)
+            left = [p for p in left if not _not_zero(p, balls)]
+    return all(is_zero(field.expression(p)) is False for p in left)
+
+
+def _not_zero(polynomial: Any, balls: Sequence[Any]) -> bool:
+    """Whether its value, where the generators have these, excludes 0."""
+    total = arb(0)
+    for exponents, c in polynomial.terms():
+        total += prod((ball**k for ball, k in zip(balls, exponents, strict=False) if k), start=arb(c))
+    return bool(total.is_finite() and not total.contains(0))
+
+
+def _points(count: int, least: int) -> Iterator[list[Fraction]]:
+    """Random points with coordinates of at least `least`/9, or of either sign."""
+    draw = Random(1)
+    for _ in range(_SAMPLES):
+        yield [Fraction(draw.randint(least or -_GRID, _GRID), draw.randint(1, _GRID)) for _ in range(count)]
+
+
+def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None:
+    """Factors whose zero sets together are that of the product of the powers, where it is defined; empty where it has
+    no zero.
+
+    None where that depends on what the field does not tell: a factor x**a with a symbol a, or a zero and a pole that
+    may cancel by a relation between functions.
+
+    Raises: `TooLarge`.
+    """
+    kept = [one.polynomial for one in parts if one.exponent > 0 and not _definite(field, one.polynomial)]
+    poles = [one.polynomial for one in parts if one.exponent < 0 and not _definite(field, one.polynomial)]
+    if sum(map(len, kept)) > _TERMS:
+        raise TooLarge("the determinant")
+    if any(_symbolic(field, p) for p in kept) or (kept and poles and any(_related(field, p) for p in (*kept, *poles))):
+        return None
+    found = [factor for p, degree in _forms(field, kept, parts) for factor, _ in factored(field, p, degree)[1]]
+    return tuple(sorted({_signed(e) for e in found if not _never(e)}, key=sp.default_sort_key))
+
+
+def _forms(field: Field, kept: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
+    """Polynomials with an even degree in each angle's generator: those that have one, and the product of the others
+    with cos(m/2), squared where need be; cos(m/2) is there if the whole product is 0 at m = pi.
+    """
+    infinite = [g for g in field.angles if sum(p.exponent * degrees(field, p.polynomial)[g] for p in parts) < 0]
+    found = [(p, degrees(field, p)) for p in kept if even(degrees(field, p))]
+    odd = [p for p in kept if not even(degrees(field, p))]
+    if not odd and not infinite:
+        return found
+    total = field.ring.constant(1)
+    for p in odd:
+        if len(total) * len(p) > _TERMS:
+            raise TooLarge("the determinant")
+        total = total * p
+    degree = {g: k + (g in infinite) for g, k in degrees(field, total).items()}
+    if not even(degree):
+        total, degree = total * total, {g: 2 * k for g, k in degree.items()}
+    return [*found, (total, degree)]
+
+
+def _symbolic(field: Field, polynomial: Any) -> bool:
+    """x**a, which may have a zero at x = 0 or not."""
+    found = polynomial.degrees()
+    return len(polynomial) == 1 and any(found[g] and m.has(sp.log) for g, m in field.exponents.items())
+
+
+def _related(field: Field, polynomial: Any) -> bool:
+    """Whether it reads kernels that others may depend on: roots with a relation, and functions where there are two."""
+    places = {root.index for root in field.roots} | field.angles.keys() | field.exponents.keys()
+    functions = {k for k, g in enumerate(field.generators) if g.is_Dummy} - places
+    doubtful = {root.index for root in field.relations} | (functions if len(functions) > 1 else set())
+    return any(polynomial.degrees()[g] for g in doubtful)
+
+
+# ---------------------------------------------------------------- what never vanishes
+
+
+def _definite(field: Field, polynomial: Any) -> bool:
+    """Terms of one sign, in squares and what is never negative, one of them never 0."""
+    terms = list(polynomial.terms())
+    if len({c > 0 for _, c in terms}) > 1:
+        return False
+    nonnegative = {root.index for root in field.roots if root.degree % 2 == 0}
+    positive = {k for k, m in field.exponents.items() if not m.has(sp.log)}  # x**a is 0 at x = 0
+    positive |= {k for k, g in enumerate(field.generators) if g.is_positive}
+    read = [{k for k, d in enumerate(exponents) if d} for exponents, _ in terms]
+    odd = {k for exponents, _ in terms for k, d in enumerate(exponents) if d % 2}
+    return odd <= positive | nonnegative and any(one <= positive for one in read)
+
+
+def _never(e: sp.Expr) -> bool:
+    """Whether the factor is proved to be 0 for no real values of its symbols."""
+    if not e.free_symbols:
+        return e.is_zero is False
+    if len(e.free_symbols) > _FEW or _may_vanish(e):
+        return False
+    return nonzero(e, dict.fromkeys(e.free_symbols, (-inf, inf)), boxes=_BOXES).verdict is Verdict.PROVED
+
+
+def _may_vanish(e: sp.Expr) -> bool:
+    """Whether sample points show both signs, or 0, or nothing: then bounds are not asked."""
+    symbols = sorted(e.free_symbols, key=str)
+    program = tape((e,), symbols)
+    found = [ball for ball in (values(program, point)[0] for point in _points(len(symbols), 0)) if ball.is_finite()]
+    return not found or not (all(ball > 0 for ball in found) or all(ball < 0 for ball in found))
+
+
+def _signed(e: sp.Expr) -> sp.Expr:
+    """A factor in one sign; of a root, what it is a root of."""
+    if isinstance(e, sp.Pow) and e.exp.is_Rational and e.exp.is_positive:
+        return _signed(e.base)
+    return -e if e.could_extract_minus_sign() else e

@@ -1,0 +1,106 @@
+"""The output error injected into a chain of integrators through the powers of a gain that may move.
+
+    w' = A w + c(w, u) + D_l K i(e),   D_l = diag(l, .., l^n),   e = y - o(u) - w_1
+
+in the coordinates of `integrators`, A the shift. s^n + K_1 s^(n-1) + .. + K_n is the characteristic polynomial of
+A - K C; with i(e) = e the linear error core is l D_l (A - K C) D_l^-1, whose eigenvalues are l times its roots.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.algebra.hurwitz import demand_hurwitz
+from hgogen.chains.gains import coefficients
+from hgogen.chains.integrators import Integrators, shifted
+from hgogen.form import Form
+from hgogen.observer import BadGain, Clock, Jump, Ode, Pieces, reals
+from hgogen.program import Bit, Block, Field, sym
+
+GAIN_LIMITED = Bit(
+    "GAIN_LIMITED",
+    "the gain is at its cap; the convergence theorem, which has none, is suspended",
+    "none if brief; if it stays, declare a higher cap, and a shorter dt for it",
+)
+
+
+def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray:
+    """K (n) from the `poles` of A - K C, or as the `gains` given in their place; A - K C is Hurwitz by exact test.
+
+    Raises: `BadPoles`; `NotHurwitz`; `BadGain` for both or none of the two, or gains of another length.
+    """
+    if (poles is None) == (gains is None):
+        raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
+    K = coefficients(poles, n) if gains is None else reals("gains", gains)
+    if K.shape != (n,) or not np.isfinite(K).all():
+        raise BadGain(f"gains = {gains!r}", f"must be {n} finite numbers, one for each state")
+    fix = "take the coefficients of a polynomial whose roots decay, or give poles"
+    demand_hurwitz("poles" if gains is None else "gains", companion(K), fix)
+    return K
+
+
+def listed(K: np.ndarray) -> str:
+    """Gains for a banner."""
+    return f"({', '.join(f'{value:g}' for value in K)})"
+
+
+def companion(K: Any) -> Any:
+    """A - K C (n, n) of an array of gains K (n), floats or rationals."""
+    N = np.diag(K[1:] * 0 + 1, 1)
+    N[:, 0] -= K
+    return N
+
+
+def scaled(K: Sequence[float] | np.ndarray, level: Any) -> Any:
+    """D_l K (n), l = `level` an SX scalar."""
+    power, found = ca.SX(1), []
+    for k in K:
+        power = power * level
+        found.append(float(k) * power)
+    return ca.vertcat(*found)
+
+
+def moving_gain(
+    chain: Integrators,
+    w: Field,
+    K: np.ndarray,
+    level: Field,
+    law: Callable[[Any], Any] = lambda e: ca.SX(1, 1),
+) -> Ode:
+    """The observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump moves it."""
+
+    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+        w_ = values[w.name]
+        return {w.name: shifted(w_) + scaled(K, values[level.name]) * (valid * (y - w_[0]))}
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        w_ = values[w.name]
+        return {w.name: chain.nonlinear(w_, u), level.name: law(valid * (y - chain.offset(u) - w_[0]))}
+
+    return Ode((w, level), rest, linear, chain.offset, frozen={level.name: level.high})
+
+
+def capped(level: Field) -> Jump:
+    """The status bit of a gain that has reached its cap, the upper end of its field."""
+    reached = {"status.GAIN_LIMITED": sym(f"state.{level.name}") >= level.high[0]}
+    return Jump(lambda clock: Pieces(bits=(GAIN_LIMITED,), adapt=(Block("has the gain reached its cap?", reached),)))
+
+
+def unmodelled(form: Form) -> Jump:
+    """What a missing sample means to an observer without the last row of the model, which has nothing to predict by."""
+    bits = tuple(
+        Bit(
+            f"MISSING_{y}",
+            f"{y} is not finite: the estimate goes on at its last rates, without a model of them",
+            "do not act on it for longer than those rates hold; watch for a sensor that stays silent",
+        )
+        for y in form.system.outputs
+    )
+    return Jump(lambda clock: Pieces(bits=bits))
+
+
+def last_error(chain: Integrators, w: Field, clock: Clock) -> Any:
+    """y - o(u) - w_1 of the last valid sample, after the estimate has come to its time; SX scalar."""
+    return sym("state.y") - chain.offset(clock.u_now) - sym(f"state.{w.name}", chain.n)[0]

@@ -1,0 +1,198 @@
+"""A form with constant a_i as chains of integrators, the coordinates in which the papers write their observers.
+
+    z_(i,j)' = a_(i,j+1) z_(i,j+1) + b_(i,j)(z, u),   y_i = a_(i,1) z_(i,1) + o_i(u)
+    w_(i,j) = a_(i,1) .. a_(i,j) z_(i,j):   w_(i,j)' = w_(i,j+1) + c_(i,j)(w, u),   y_i = w_(i,1) + o_i(u)
+
+c_(i,j) = a_(i,1) .. a_(i,j) b_(i,j) takes the argument of b saturated to the declared box: phi_s of the papers. The a_i
+are free of inputs and states; they may hold parameters.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.check import Check
+from hgogen.form import Form
+from hgogen.graph import to_casadi
+from hgogen.observer import BadGain, Observer, Part, state_field
+from hgogen.program import INF, Field, sym
+from hgogen.structure.clamped import clamped
+from hgogen.structure.dynamics import Dynamics
+from hgogen.theorem import Theorem
+
+T = TypeVar("T")
+PLANT = "in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges"
+
+
+@dataclass(frozen=True)
+class Integrators:
+    """`form` in the coordinates w; each w is an SX column (n), chain after chain."""
+
+    form: Form
+    gains: tuple[tuple[sp.Expr, ...], ...]
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The form's graphs."""
+        return Dynamics(self.form)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.form.n
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Length of each chain."""
+        return tuple(map(len, self.gains))
+
+    @cached_property
+    def products(self) -> tuple[sp.Expr, ...]:
+        """a_(i,1) .. a_(i,j) (n), the scale from z to w."""
+        return tuple(sp.prod(chain[: j + 1]) for chain in self.gains for j in range(len(chain)))
+
+    @cached_property
+    def scale(self) -> Any:
+        """The products as SX (n) of parameters; those without a range are folded."""
+        system = self.form.system
+        places = {s: sym(f"plant.{s.name}") for s in system.parameters if s.bounded}
+        fixed = {s: value for s, value in system.nominal.items() if not s.bounded}
+        return ca.vertcat(*to_casadi([sp.sympify(p).subs(fixed) for p in self.products], places))
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """The products (n) at the nominal parameters."""
+        return np.array([float(p.subs(self.form.system.nominal)) for p in self.products])
+
+    def z(self, w: Any) -> Any:
+        """The form's state (n)."""
+        return w / self.scale
+
+    def nonlinear(self, w: Any, u: Any) -> Any:
+        """c(w, u) (n), its argument saturated to the declared box."""
+        return self.scale * self.dynamics.nonlinear(self.z(w), u)
+
+    def offset(self, u: Any) -> Any:
+        """o(u) (p)."""
+        return self.dynamics.output(ca.SX.zeros(self.n), u)
+
+    def saturated(self, w: Any, i: int) -> Any:
+        """An SX scalar clamped to the declared range of w_i; as it is where there is none."""
+        if not self.form.states[i].bounded:
+            return w
+        low, high = self.form.states[i].interval[:: 1 if self.nominal[i] > 0 else -1]
+        return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
+
+    def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
+        """The field `w` (n), with the outer box of `state_field` and `peak`.
+
+        Raises: `BadGain` for a bad initial state.
+        """
+        z, scale = state_field(self.form, initial, peak), self.nominal
+        ends = np.array([scale * z.low, scale * z.high])
+        names = (label if p == 1 else f"({p})*({label})" for p, label in zip(self.products, z.labels, strict=True))
+        return replace(
+            z,
+            name="w",
+            initial=tuple(map(float, scale * z.initial)),
+            low=tuple(map(float, np.nan_to_num(ends.min(axis=0), nan=-INF, neginf=-INF))),
+            high=tuple(map(float, np.nan_to_num(ends.max(axis=0), nan=INF, posinf=INF))),
+            labels=tuple(names),
+            meaning="estimate, in chains of integrators",
+        )
+
+
+def shifted(w: Any) -> Any:
+    """w_2, .., w_n, 0 of an SX column."""
+    return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
+
+
+def observer_on(
+    chain: Integrators,
+    name: str,
+    *,
+    parts: tuple[Part, ...],
+    gains: tuple[Field, ...],
+    w: Any,
+    theorem: Theorem,
+    equations: tuple[str, ...],
+    reference: str,
+    checks: tuple[Check, ...] = (),
+    accepted: tuple[str, ...] = (),
+    traces: tuple[str, ...] = (),
+) -> Observer:
+    """The observer whose estimate is `w` (n), an SX of places of its state; `checks` beside the form's."""
+    form = chain.form
+    return Observer(
+        form=form,
+        name=name,
+        parts=parts,
+        gains=gains,
+        z=chain.z(w),
+        dynamics=chain.dynamics,
+        checks=(*form.checks, *clamped(name, form), *checks),
+        accepted=accepted,
+        theorem=theorem,
+        equations=(*equations, PLANT),
+        reference=reference,
+        traces=traces,
+    )
+
+
+def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
+    """The elements `wanted` of a field as a field of its own."""
+    wanted = tuple(wanted)
+
+    def cut(values: tuple[T, ...]) -> tuple[T, ...]:
+        return tuple(values[i] for i in wanted)
+
+    return replace(
+        field,
+        name=name,
+        meaning=meaning,
+        initial=cut(field.initial),
+        low=cut(field.low),
+        high=cut(field.high),
+        labels=cut(field.labels),
+    )
+
+
+def integrators(observer: str, form: Form, *, several: bool = False) -> Integrators:
+    """The form as chains of integrators, for the observer of that name.
+
+    Raises: `BadGain` for a form that is none, or has `several` outputs where the observer takes one.
+    """
+    if len(form.output) > 1 and not several:
+        raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
+    if form.kind == "uniform":
+        raise BadGain(
+            observer, "wants constant slopes, those of a uniform form vary with the state; use riccati or forms.phase"
+        )
+    if form.jacobian is not None:
+        reason = "works in chains of integrators, this form keeps the plant's coordinates; use high_gain or riccati"
+        raise BadGain(observer, reason)
+    gains = form.gains
+    chain = {(h + j, h + j + 1) for h, c in zip(form.heads, gains, strict=True) for j in range(len(c) - 1)}
+    if any(form.A[i, j] != 0 and (i, j) not in chain for i in range(form.n) for j in range(form.n)):
+        raise BadGain(observer, no_chain(form))
+    for names, each in zip(form.gain_names, gains, strict=True):
+        for name, a in zip(names, each, strict=True):
+            if a == 0:
+                raise BadGain(observer, f"takes a triangular form, here {name} = 0; use forms.triangular or riccati")
+            if a.free_symbols - {*form.system.parameters}:
+                what = "input" if a.free_symbols & {*form.system.inputs} else "state"
+                raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
+    return Integrators(form, gains)
+
+
+def no_chain(form: Form) -> str:
+    """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
+    if form.structured:
+        return f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati"
+    why = next((f": {c.reason}" for c in form.checks if c.id.endswith(".structure")), "")
+    return f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form{why}; use riccati"

@@ -1,0 +1,201 @@
+"""Sampled-data realisations of the linear core of an observer, its nonlinear rest by a scheme of order 2.
+
+    x' = M x + B v + r(x, u, y),  v = y - o(u)                 M, B constant: the core of `Ode.linear`
+    a  = Phi x + Gamma_0 v_0 + Gamma_1 v_1 + Psi_0 r_0         r_0 = r(x, u_0, y_0)
+    x+ = a + Psi_1 (r_1 - r_0)                                 r_1 = r(a, u_1, y_1)
+
+where 0 and 1 are the ends of a step; a method gives the matrices, which `tune` computes of the gains. Where a sample is
+missing, M and B are those of `Ode.linear` without it. The core sets no limit to the step; the rest does, as it does to
+an explicit method of order 2.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.chains.core import Core, core
+from hgogen.errors import HgogenError
+from hgogen.kalman.riccati import Riccati
+from hgogen.observer import Clock, Ode, Pieces
+from hgogen.program import Block, Field, Kernel, Program, When, sym
+
+MOST = 3  # outputs: each may be missing, and every pattern of samples has matrices of its own
+MEANINGS = {  # of the matrices, of which the elements are stored that are not 0 by their structure
+    "Phi": "the core's transition over a step",
+    "Gamma_0": "weight of the last sample",
+    "Gamma_1": "weight of this sample",
+    "Psi_0": "weight of the nonlinear rest",
+    "Psi_1": "weight of the change of the nonlinear rest",
+}
+Pattern = tuple[bool, ...]  # which outputs have a sample
+
+
+@dataclass(eq=False)
+class NoRealisation(HgogenError):
+    """An observer that has no linear core with constant coefficients."""
+
+    method: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.method} realises a linear error core with constant coefficients; {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class Matrices:
+    """Phi (N, N), Gamma_0, Gamma_1 (N, p), Psi_0, Psi_1 (N, N) as SX of the places that `program` writes."""
+
+    program: Program
+    Phi: Any
+    Gamma_0: Any
+    Gamma_1: Any
+    Psi_0: Any
+    Psi_1: Any
+
+
+@dataclass(frozen=True, eq=False)
+class _Update:
+    """The step for one pattern of samples: its matrices as derived values, how `tune` has them, what `predict` does."""
+
+    derived: tuple[Field, ...]
+    tune: Program
+    block: Block
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A method by its `matrices`, of a core and a step length (s)."""
+
+    name: str
+    matrices: Callable[[Core, float], Matrices]
+
+    def ode(self, part: Ode, clock: Clock) -> Pieces:
+        """One step of every field of the part at once.
+
+        Raises: `NoRealisation`.
+        """
+        if part.frozen:
+            raise NoRealisation(self.name, f"here {min(part.frozen)} adapts, and the core with it: take rk4")
+        if part.linear is None:
+            raise NoRealisation(self.name, "this observer has none: take rk4")
+        if clock.outputs > MOST:
+            raise NoRealisation(self.name, f"for at most {MOST} outputs, each of which may be missing: take rk4")
+        updates = {seen: _update(self, part, clock, seen) for seen in product((False, True), repeat=clock.outputs)}
+        flags = [f"work.seen_{j + 1}" for j in range(clock.outputs)] if clock.outputs > 1 else ["work.seen"]
+        named = Block("is there a sample?", {flag: clock.valid[j] != 0 for j, flag in enumerate(flags)})
+        return Pieces(
+            fields=part.fields,
+            derived=(*part.derived, *(item for update in updates.values() for item in update.derived)),
+            tune=(*part.tune, *(statement for update in updates.values() for statement in update.tune)),
+            predict=(named, *_chosen(flags, (), updates)),
+            uses_output=True,
+        )
+
+    def riccati(self, part: Riccati, clock: Clock) -> Pieces:
+        """Refused. Raises: `NoRealisation`."""
+        raise NoRealisation(self.name, "that of a Riccati observer moves with its covariance: take continuous_discrete")
+
+
+def _chosen(flags: list[str], known: Pattern, updates: Mapping[Pattern, _Update]) -> Program:
+    """The update for the samples that are there."""
+    if not flags:
+        return (updates[known].block,)
+    there, missing = (_chosen(flags[1:], (*known, value), updates) for value in (True, False))
+    return (When(flags[0], there, missing),)
+
+
+def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
+    line = core(part, clock.outputs, tuple(map(float, seen)))
+    assert line is not None
+    rest, said, label = _rest(part, clock, seen), _said(seen), _label(seen)
+    start = rest(line.x, 0.0)
+    bent = [i for i in range(start.numel()) if not start[i].is_zero()]  # the rows that have a rest
+    whole = method.matrices(line, clock.dt)
+    given = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
+    given |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
+    given = {name: ca.sparsify(matrix) for name, matrix in given.items()}
+    held = {name: _held(f"derived.{name}{label}", matrix) for name, matrix in given.items()}
+    guess = held["Phi"] @ line.x + held["Psi_0"] @ start[bent]
+    guess += held["Gamma_0"] @ _source(part, clock, 0.0) + held["Gamma_1"] @ _source(part, clock, 1.0)
+    after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent]
+    kept = {name: matrix for name, matrix in given.items() if matrix.nnz()}
+    stored = {f"derived.{name}{label}": ca.vertcat(*matrix.nonzeros()) for name, matrix in kept.items()}
+    return _Update(
+        derived=tuple(
+            Field(f"{name}{label}", (0.0,) * matrix.nnz(), meaning=f"{MEANINGS[name]}{said}, by columns")
+            for name, matrix in kept.items()
+        ),
+        tune=(*whole.program, Block(f"the core over a step{said}", stored)),
+        block=Block(
+            f"{', '.join(field.name for field in part.fields)}: one step by {method.name}{said}",
+            {f"state.{name}": piece for name, piece in _split(part, after).items()},
+            {f"guess_{name}": piece for name, piece in _split(part, guess).items()},
+        ),
+    )
+
+
+def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Any, float], Any]:
+    """r (N) of the fields' column (N) at an end of the step."""
+    valid = ca.SX(ca.DM(list(map(float, seen))))
+
+    def rest(x: Any, c: float) -> Any:
+        found = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
+        return ca.densify(ca.vertcat(*(found[field.name] for field in part.fields)))
+
+    return rest
+
+
+def _source(part: Ode, clock: Clock, c: float) -> Any:
+    """v (p) at an end of the step."""
+    return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
+
+
+def _split(part: Ode, x: Any) -> dict[str, Any]:
+    """A column (N) by fields."""
+    ends = np.cumsum([0, *(field.size for field in part.fields)]).tolist()
+    return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
+
+
+def _held(place: str, matrix: Any) -> Any:
+    """A sparse matrix whose elements lie in a place, by columns."""
+    return ca.SX(matrix.sparsity(), sym(place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
+
+
+def _label(seen: Pattern) -> str:
+    return "" if all(seen) else "_blind" if not any(seen) else "_" + "".join("01"[there] for there in seen)
+
+
+def _said(seen: Pattern) -> str:
+    if all(seen):
+        return ""
+    there = ", ".join(str(j) for j, valid in enumerate(seen, 1) if valid)
+    return f", with sample {there} only" if there else ", without a sample"
+
+
+# --- what methods compute their matrices with --------------------------------------------------------------
+
+
+def balanced(X: Any) -> tuple[Program, int]:
+    """S^-1 X S of an SX matrix (N, N) in `work.core`, S in `work.scale`; and its size: an array of one element would be
+    no array in C, so that X of one element gets a row and a column of zeros."""
+    size = max(2, X.shape[0])
+    wide = ca.SX(size, size)
+    wide[: X.shape[0], : X.shape[0]] = X
+    dense = ca.densify(wide.T)
+    block = Block("the linear core, by rows", {"work.core": ca.reshape(dense, -1, 1)})
+    return (block, Kernel("balance", size, None, (("work.core", size**2), ("work.scale", size)))), size
+
+
+def spread(place: str, X: Any, size: int) -> Any:
+    """S F S^-1 (N, N) of a function F of S^-1 X S, by rows in a place, F's elements not 0 by the structure of X."""
+    n, scale, F = X.shape[0], sym("work.scale", size), sym(place, size**2)
+    links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
+    reached = np.linalg.matrix_power(links, n) > 0
+    found = ca.SX(n, n)
+    for i, j in zip(*np.nonzero(reached), strict=True):
+        found[int(i), int(j)] = F[int(i) * size + int(j)] * (1 if i == j else scale[int(i)] / scale[int(j)])
+    return found

@@ -1,0 +1,80 @@
+"""Estimators with saturations inside their linear core, at the ranges of the states they estimate.
+
+    field' = lines(fields, y - o(u), saturate, c),   c = c(., u) of the chain
+
+The linear error core is `lines` without saturation, c = 0. While a saturation acts, a state inside its range keeps the
+saturated estimate at least as near as the estimate itself.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.chains.core import core_numbers
+from hgogen.chains.integrators import Integrators
+from hgogen.form import Form
+from hgogen.observer import BadGain, Ode
+from hgogen.program import Field
+
+Saturate = Callable[[Any, int], Any]  # an SX scalar to the range of w_i
+Model = Callable[[Any], Any]  # c (n) of w (n)
+Lines = Callable[[Mapping[str, Any], Any, Any, Saturate, Model], Mapping[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Saturating(Ode):
+    """An estimator with saturations in its linear core: `whole`, by field name, is its right-hand side in one piece,
+    of fewer operations than linear + rest."""
+
+    whole: Callable[[Mapping[str, Any], Any, Any, Any], Mapping[str, Any]] | None = None
+
+    def rhs(self, values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        """The whole right-hand side."""
+        assert self.whole is not None
+        return dict(self.whole(values, u, y, valid))
+
+
+def saturating(
+    chain: Integrators,
+    fields: tuple[Field, ...],
+    lines: Lines,
+) -> Saturating:
+    """field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of w_i, c(w) the
+    chain's nonlinear terms (n)."""
+
+    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> Mapping[str, Any]:
+        return lines(values, y, valid, lambda value, _: value, lambda _: ca.SX.zeros(chain.n))
+
+    def whole(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> Mapping[str, Any]:
+        return lines(values, y - chain.offset(u), valid, chain.saturated, lambda w: chain.nonlinear(w, u))
+
+    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        core, all_ = linear(values, y - chain.offset(u), valid), whole(values, u, y, valid)
+        return {name: all_[name] - core[name] for name in core}
+
+    return Saturating(fields, rest, linear, chain.offset, whole=whole)
+
+
+def vertices(
+    chain: Integrators, fields: tuple[Field, ...], lines: Lines, places: Mapping[str, np.ndarray]
+) -> Iterator[np.ndarray]:
+    """The linear error core (N, N) with every saturation passing all, or nothing, of the estimate's error: what a
+    saturated estimate of a state inside its range obeys is between them."""
+    for shares in product((1.0, 0.0), repeat=chain.n - 1):
+
+        def linear(values: Mapping[str, Any], y: Any, valid: Any, shares: Any = (1.0, *shares)) -> Mapping[str, Any]:
+            return lines(values, y, valid, lambda value, i: shares[i] * value, lambda _: ca.SX.zeros(chain.n))
+
+        yield core_numbers(Ode(fields, lambda *_: {}, linear), 1, places)
+
+
+def demand_ranges(observer: str, form: Form, wanted: Iterable[int]) -> None:
+    """Raises: `BadGain` where one of the states `wanted` has no range to saturate its estimate to."""
+    for i in wanted:
+        if not form.states[i].bounded:
+            what = form.to_form[i]
+            raise BadGain(f"{observer} saturates the estimate of {what}", "which has no range; declare low and high")

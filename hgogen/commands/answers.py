@@ -1,0 +1,282 @@
+"""What a library run answers of a model: a table from question to fields, cheap ones first.
+
+Each answer is proved, or generic as its definition says, or None, which means no answer:
+
+    observable_*, rank_*    generic ranks, states alone and with parameters; seconds: of these two questions
+    triangular, ..., uof    z_i' = F_i(z_1..z_(i+1), u), its order, and whether slopes keep off zero on the closed box
+    a_ranges, bounds        outward-rounded ranges; lipschitz: of b on the box; gb_uniform, singular, mimo_*
+
+Without boxes the forms speak of structure only.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from time import perf_counter
+from typing import Any
+
+import sympy as sp
+
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.points import kind
+from hgogen.algebra.rank import observability
+from hgogen.analysis.gauthier_bornard import gauthier_bornard
+from hgogen.analysis.singular_set import singular_set
+from hgogen.check import Verdict
+from hgogen.errors import HgogenError
+from hgogen.intervals.bounds import Sign, bound, nonzero
+from hgogen.intervals.box import rational
+from hgogen.intervals.slope import lipschitz_bound
+from hgogen.reading.entry import Entry
+from hgogen.reading.expression import parse
+from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise
+from hgogen.structure.several import cascade
+
+FIELDS = (
+    *("observable_params_known", "observable_joint", "rank_params_known", "rank_joint", "seconds", "triangular"),
+    *("triangular_uy", "uof_structure", "uof", "gb_uniform", "order", "a_ranges", "singular", "bounds", "lipschitz"),
+    *("mimo_levelwise", "mimo_cascade", "mimo_uof"),
+)
+
+_MANY = 30  # states, from where on what is dear may take seconds
+_DEAR = ("observability", "singular set")
+Answer = tuple[str, Any]
+
+
+def answers(entry: Entry) -> Iterator[Answer]:
+    """Pairs of field and value, as they are found; a field may come again, more complete.
+
+    A text of the model that cannot be read gives ("error", sentence); a question that fails, in whatever way, gives
+    ("note", sentence), and the next one is asked.
+    """
+    forms = _Forms(entry)
+    for what, question in _ordered(entry):
+        try:
+            yield from question(forms)
+        except Exception as error:  # no failure of one question may cost the others
+            yield "note", f"{what}: {error or type(error).__name__}"
+
+
+def _ordered(entry: Entry) -> list[tuple[str, Callable[["_Forms"], Iterator[Answer]]]]:
+    """The questions; of many states, those that may take all the time there is come last."""
+    many = len(entry.states) > _MANY
+    return sorted(_QUESTIONS.items(), key=lambda question: many and question[0] in _DEAR)
+
+
+@dataclass(frozen=True)
+class _Forms:
+    """The chains of a model, found once."""
+
+    entry: Entry
+
+    @cached_property
+    def rows(self) -> Rows:
+        e = self.entry
+        return Rows(e.states, e.flow, e.outputs, e.output, e.inner or {})
+
+    @cached_property
+    def chains(self) -> Chains:
+        return levelwise(self.rows)
+
+    @property
+    def single(self) -> bool:
+        return len(self.entry.output) == 1
+
+    @cached_property
+    def measured(self) -> Shape | None:
+        """The narrowest of the shapes with a gain that the one chain is proved to have."""
+        shapes = (Shape.CONSTANT, Shape.MEASURED)
+        return next((shape for shape in shapes if self.single and self.chains.answer(shape)[0]), None)
+
+    @cached_property
+    def bent(self) -> bool | None:
+        return _bent(self.chains, self.entry)
+
+    @cached_property
+    def gains(self) -> tuple[sp.Expr, ...]:
+        """a_1 .. a_(n-1), z_i' = a_i z_(i+1) + b_i."""
+        return tuple(link.gain for link in self.chains.links[0][1:])
+
+    @cached_property
+    def rests(self) -> tuple[sp.Expr, ...]:
+        """b_1 .. b_n."""
+        links = self.chains.links[0]
+        return (*(link.rest for link in links[1:]), self.rows.rate(links[-1].state))
+
+
+def _ranks(forms: _Forms) -> Iterator[Answer]:
+    e, before = forms.entry, perf_counter()
+    ranks = observability(e.flow, e.output, e.states, e.inputs, e.unknown or e.known)
+    yield "seconds", round(perf_counter() - before, 5)
+    for which, rank in (("params_known", ranks.known), ("joint", ranks.joint)):
+        yield f"observable_{which}", [s.name for s in rank.observable] if rank.final else None
+        yield f"rank_{which}", rank.rank if rank.final else None
+
+
+def _uniform_structure(forms: _Forms) -> Iterator[Answer]:
+    if forms.single:
+        answer, _ = forms.chains.answer(Shape.UNIFORM)
+        yield "uof_structure", answer
+        if answer or forms.measured:
+            yield "order", [s.name for s in forms.chains.order]
+        if answer is False:
+            yield "uof", False
+
+
+def _triangular(forms: _Forms) -> Iterator[Answer]:
+    if not forms.single:
+        return
+    refuted = [forms.chains.answer(shape)[0] is False for shape in (Shape.CONSTANT, Shape.MEASURED)]
+    kept = _kept(forms.gains, forms.entry) if forms.measured and _pure(forms.chains, forms) else None
+    constant = kept if forms.measured is Shape.CONSTANT else None
+    yield "triangular", False if refuted[0] else constant
+    yield "triangular_uy", False if refuted[1] else kept
+
+
+def _pure(chains: Chains, forms: _Forms) -> bool:
+    """Whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
+    heads = [links[0] for links in chains.links]
+    plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
+    return plain and _kept([head.gain for head in heads], forms.entry) is True
+
+
+def _kept(slopes: Iterable[sp.Expr], entry: Entry) -> bool | None:
+    """Whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
+    return _signed(slopes, entry) if entry.boxed else True
+
+
+def _signed(slopes: Iterable[sp.Expr], entry: Entry) -> bool | None:
+    """Whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness only."""
+    found = [_sign(slope, entry) for slope in slopes]
+    return False if False in found else None if None in found else True
+
+
+def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
+    outside = nonzero(slope, entry.outer).verdict
+    if outside is Verdict.PROVED:
+        return True
+    if outside is not Verdict.REFUTED or entry.inner is None or not entry.declared(slope):
+        return None
+    if nonzero(sp.cancel(slope), entry.outer).verdict is Verdict.PROVED:
+        return None  # a hole that can be filled: it may be read either way
+    inside = nonzero(slope, entry.inner)
+    if inside.verdict is not Verdict.REFUTED or _endless(slope, inside):
+        return None
+    return False
+
+
+def _endless(slope: sp.Expr, found: Sign) -> bool:
+    """Whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is seen."""
+    least, most = found.range.least, found.range.most
+    crosses = least is not None and most is not None and least.value < 0 < most.value
+    at = {s: rational(value) for s, value in found.witness.items()}
+    return not crosses and kind(slope, at) == "undefined"
+
+
+def _uniform(forms: _Forms) -> Iterator[Answer]:
+    if forms.single and forms.chains.answer(Shape.UNIFORM)[0]:
+        yield "uof", forms.bent
+
+
+def _bent(chains: Chains, entry: Entry) -> bool | None:
+    """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
+    where a row may jump in that state, which its slope does not see."""
+    links = [link for chain in chains.links for link in chain]
+    kept = _signed(map(_slope, links), entry)
+    if kept:
+        return None if any(link.jumps for link in links) else True
+    return kept if entry.boxed else None
+
+
+def _slope(link: Link) -> sp.Expr:
+    return link.gain if link.affine else link.slope
+
+
+def _ranges(forms: _Forms) -> Iterator[Answer]:
+    if forms.measured and forms.entry.boxed:
+        found = [_magnitude(gain, forms.entry) for gain in forms.gains]
+        yield "a_ranges", None if None in found else found
+
+
+def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
+    """The range of |a|; its lower end is positive where a is proved to keep off zero."""
+    found, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
+    if not found.finite:
+        return None
+    low, high = found.low, found.high
+    if sign.verdict is Verdict.PROVED:
+        near, far = (low, high) if sign.sign > 0 else (-high, -low)
+        return [max(near, sign.margin), far]
+    return [max(low, -high, 0.0), max(-low, high)]
+
+
+def _several(forms: _Forms) -> Iterator[Answer]:
+    shapes: dict[str, Callable[[], Chains]] = {
+        "mimo_levelwise": lambda: forms.chains,
+        "mimo_cascade": lambda: cascade(forms.rows),
+    }
+    for field, found in shapes.items():
+        chains = found()
+        answer, _ = chains.answer(Shape.CONSTANT)
+        if answer:  # whether a gain may vanish is not said: None where one does
+            gains = [link.gain for links in chains.links for link in links[1:]]
+            answer = True if _pure(chains, forms) and _kept(gains, forms.entry) else None
+        yield field, answer
+    answer, _ = forms.chains.answer(Shape.UNIFORM)
+    yield "mimo_uof", forms.bent if answer else answer
+
+
+def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
+    e = forms.entry
+    found = gauthier_bornard(e.flow, e.output, e.states, e.inputs)
+    yield "gb_uniform", found.answer if found.applies else "na"
+
+
+def _bounds(forms: _Forms) -> Iterator[Answer]:
+    """One query after the other; null where no finite range is proved, the sentence where it cannot be read."""
+    e, faults = forms.entry, []
+    found: list[list[float] | None] = [None] * len(e.queries)
+    for k, text in enumerate(e.queries):
+        try:
+            one = bound(parse(text, e.symbols), e.outer)
+        except HgogenError as error:
+            faults.append(f"bound_queries, {text!r}: {error}")
+            continue
+        found[k] = [one.low, one.high] if one.finite else None
+        yield "bounds", list(found)
+    if faults:
+        yield "error", "; ".join(faults)
+
+
+def _singular(forms: _Forms) -> Iterator[Answer]:
+    e = forms.entry
+    found = singular_set(e.flow, e.output, e.states, e.inputs)
+    yield "singular", [str(factor) for factor in found] if isinstance(found, tuple) else found
+
+
+def _lipschitz(forms: _Forms) -> Iterator[Answer]:
+    if forms.measured and forms.entry.boxed:
+        yield "lipschitz", _is_lipschitz(forms.rests, forms.entry)
+
+
+def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:
+    outside = lipschitz_bound(rests, entry.states, entry.outer, relative=1.0).verdict
+    if outside is Verdict.PROVED:
+        return True
+    if outside is not Verdict.REFUTED or entry.inner is None or not all(map(entry.declared, rests)):
+        return None
+    return False if lipschitz_bound(rests, entry.states, entry.inner).verdict is Verdict.REFUTED else None
+
+
+_QUESTIONS: dict[str, Callable[[_Forms], Iterator[Answer]]] = {
+    "observability": _ranks,
+    "structure": _uniform_structure,
+    "singular set": _singular,
+    "triangular form": _triangular,
+    "uniform form": _uniform,
+    "ranges of gains": _ranges,
+    "forms of several outputs": _several,
+    "uniform observability": _gauthier_bornard,
+    "bounds": _bounds,
+    "Lipschitz constant": _lipschitz,
+}

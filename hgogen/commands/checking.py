@@ -1,0 +1,204 @@
+"""The command `check`: the claims of one model, or the answers to many."""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+from typer.core import TyperCommand
+
+import hgogen as hg
+from hgogen.check import demand
+from hgogen.commands import jobs, library, tables
+from hgogen.commands.answers import FIELDS
+from hgogen.commands.command import Bar, Tuned, note, show
+from hgogen.commands.headline import headline
+from hgogen.commands.latex import fragment
+from hgogen.intervals.bounds import Range
+from hgogen.model import Model, load
+
+CertificateFile = Annotated[
+    Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
+]
+JsonFile = Annotated[
+    str | None, typer.Option("--json", metavar="[FILE]", help="Print JSON alone; --json=FILE writes it into FILE.")
+]
+_PRINTED = "-"  # the standard output, in the place of a file
+
+
+class OptionalFile(TyperCommand):
+    """A command whose --json takes a file where --library is given; else it is a flag, as everywhere."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give a bare --json its value."""
+        several = any(arg.split("=")[0] == "--library" for arg in args)
+        given: list[str] = []
+        for arg, following in zip(args, [*args[1:], None], strict=False):
+            bare = arg == "--json" and (not several or following is None or following.startswith("-"))
+            given.append(f"--json={_PRINTED}" if bare else arg)
+        return super().parse_args(ctx, given)
+
+
+def check(
+    model: Annotated[
+        str | None, typer.Argument(metavar="[MODEL]", help="A model file, or the name of one in models/.")
+    ] = None,
+    certificate: CertificateFile = None,
+    latex: Annotated[bool, typer.Option("--latex", help="Print the equations and the checks as LaTeX.")] = False,
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared box; repeat it."),
+    ] = None,
+    observer: Tuned = None,
+    deep: Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")] = False,
+    many: Annotated[
+        Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
+    ] = None,
+    limit: Annotated[
+        float | None,
+        typer.Option(min=0.1, help=f"Seconds for each model of a library, by default {library.LIMIT:g}."),
+    ] = None,
+    as_json: JsonFile = None,
+) -> None:
+    """Print what is observable, which forms the plant is in and why not in the others, and what is claimed of the
+    model's form and observer, each claim with its verdict.
+
+    JSON keys: model, headline (the whole in one line), observability (known, joint: rank, dimension, order of
+    derivatives, observable, unobservable, symmetries, repairs; joint is null where no parameter has a range; method,
+    checks), forms (name, verdict: null where the form was not asked or does not take the plant, why, fix, order,
+    witness), bounds (expression, low, high: null where unbounded, defined, boxes, note), plant, form, coordinates,
+    flow, outputs (expressions by name: z, z', y), checks (id, claim, verdict, reason, witness, fix, accepted), refuted
+    (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
+    theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks, reference; null without
+    an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs: those of them
+    free of states; determinants and checks, one each for a zero set, which do not count for the exit status), notes.
+
+    With --library FILE, which holds {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries":
+    [expression, ..] beside its tables, or lists of names and expressions,
+    {"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"],
+    "known_params": ["a"], "unknown_params": [], "x_box": {"x1": [-1, 1]}, "u_box": {"u": [-1, 1]},
+    "param_ranges": {"a": [1, 2]}, "bound_queries": ["x1**2"]}; all but name, states, f, h may be missing.
+    The answer: an object from each model's name to its answers, null where there is none; error: what is wrong with the
+    model; partial: the time limit struck.
+    """
+    if (model is None) == (many is None):
+        raise typer.BadParameter("give a MODEL, or --library FILE", param_hint="MODEL")
+    for option, file in (("--certificate", certificate), ("--json", _file(as_json))):
+        if file is not None and file.is_dir():
+            raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
+    options = {
+        "--certificate": certificate,
+        "--latex": latex,
+        "--bound": bounds,
+        "--deep": deep,
+        "--observer": observer,
+    }
+    unused = [name for name, given in ({"--limit": limit} if many is None else options).items() if given]
+    if unused:
+        reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
+        raise typer.BadParameter(reason, param_hint=unused[0])
+    if many is not None:
+        _library(many, limit or library.LIMIT, as_json)
+        return
+    _one(load(str(model)), observer, bounds or (), deep, certificate, latex, as_json)
+
+
+def _file(as_json: str | None) -> Path | None:
+    """The file that --json names."""
+    return None if as_json in (None, _PRINTED) else Path(str(as_json))
+
+
+def _written(value: Any, path: Path) -> None:
+    new = "" if path.parent.is_dir() else ", in a new folder"
+    hg.write({path.name: json.dumps(value, indent=1, allow_nan=False) + "\n"}, path.parent)
+    note(f"wrote {path}{new}")
+
+
+def _one(
+    loaded: Model,
+    observer: str | None,
+    bounds: Iterable[str],
+    deep: bool,
+    certificate: Path | None,
+    latex: bool,
+    as_json: str | None,
+) -> None:
+    plant, folded = loaded.plant, loaded.notes
+    for sentence in folded:  # before anything is called proved
+        note(sentence)
+
+    def say(*parts: Any) -> None:
+        """Print at once what is known, so that a model whose next part takes long, or fails, shows the others."""
+        show(False, {}, *(() if latex or as_json else parts))
+
+    ranges = {text: hg.bound(text, plant) for text in bounds}
+    seen = hg.observability(plant)
+    try:
+        forms = hg.survey(plant, deep=deep)
+        claims = jobs.checked(loaded, forms.best, observer)
+        say(headline(seen, claims), "")
+    finally:
+        say(tables.ranges(ranges), tables.observed(seen))
+    say(tables.survey(forms, claims.checks))
+    if claims.shown:
+        say(tables.checks(claims.head, claims.checks, claims.accepted))
+    singular = hg.singularity(plant)
+    if seen.rank == seen.n:
+        say(tables.checks(singular.head, singular.checks, ()))
+    say(tables.theorem(claims.theorem, claims.hypotheses))
+    if latex:
+        print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex())
+    elif as_json:
+        told = {"observability": seen.as_dict(), "forms": forms.as_dict(), "bounds": _ranges(ranges)}
+        whole = {"model": loaded.path, "headline": headline(seen, claims), **told, **claims.as_dict()}
+        whole["singular"] = singular.as_dict()
+        file = _file(as_json)
+        _written(whole, file) if file else show(True, whole)
+    for sentence in claims.notes:
+        if sentence not in folded:
+            note(sentence)
+    if certificate is not None:
+        _certify(claims, certificate)
+    if claims.demanded:
+        demand(claims.checks, claims.accepted, claims.form)
+
+
+def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:
+    return [{"expression": text, **one.as_dict()} for text, one in found.items()]
+
+
+def _certify(claims: jobs.Checked, path: Path) -> None:
+    from hgogen.certificate import asserted, certificate, stated
+
+    found = certificate(claims.form, claims.checks, claims.observer)
+    hg.write({path.name: json.dumps(found, indent=1, ensure_ascii=True) + "\n"}, path.parent)
+    again = f"hgogen recheck {path} verifies it again" if asserted(found) else "nothing in it can be verified again"
+    note(f"wrote {path}; {again}")
+    for id, reason in stated(found):
+        note(f"{path} only states {id}, it cannot be verified again: {reason}")
+
+
+def _library(path: Path, limit: float, out: str | None) -> None:
+    models = library.read(path)
+    with Bar("models", len(models)) as bar:
+        found = library.check(models, limit=limit, tick=bar.tick)
+    file = _file(out)
+    _written(found, file) if file else show(out is not None, found, _summary(found))
+    bad = sum("error" in answer for answer in found.values())
+    if bad:
+        note(f"{bad} of {len(found)} models {'has an error' if bad == 1 else 'have errors'}")
+
+
+def _summary(found: dict[str, dict[str, Any]]) -> Table:
+    """How many models have which answer to each question, and what is wrong with the others."""
+    table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(found)} models")
+    for field in FIELDS:
+        given = [answer[field] for answer in found.values()]
+        true, false, none = (sum(value is kind for value in given) for kind in (True, False, None))
+        table.add_row(field, *map(str, (true, false, len(given) - true - false - none, none)))
+    for name, answer in found.items():
+        if "error" in answer:
+            table.add_row(f"{name}: {answer['error']}")
+    return table

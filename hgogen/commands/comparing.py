@@ -1,0 +1,94 @@
+"""The command `compare`: several observers of one model over its trials, on the same noise."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hgogen.commands import jobs, tables
+from hgogen.commands.command import (
+    Bar,
+    Json,
+    ModelArgument,
+    OneTrial,
+    Out,
+    ReaderOption,
+    Seeds,
+    engine_here,
+    note,
+    one_or_all,
+    save_figures,
+    show,
+)
+from hgogen.commands.compare import Measured, measured
+from hgogen.commands.metrics import criterion
+from hgogen.model import MissingPart, Model, load
+from hgogen.trial import Trial
+
+Names = Annotated[
+    str | None, typer.Option("--observers", metavar="A,B,..", help="Tunings of the model; by default all of them.")
+]
+
+
+def compare(
+    model: ModelArgument,
+    observers: Names = None,
+    seeds: Seeds = None,
+    trial: OneTrial = None,
+    reader: ReaderOption = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Try several observers of a model on its trials, each on the same noise and at the same sampling period, the
+    shortest of theirs; print convergence, steady error, peaking and cost side by side, and draw the errors.
+
+    Settled: the median of the seeds. Steady: over the trial's own steady part, else its last tenth, the median of the
+    seeds. Largest: of all seeds, over the state's range. Functions: sine, exponential, root and such, of one call.
+
+    JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, observers: a
+    list of name, observer, method, settled after each event, rms and peak by state, clamped, operations, functions,
+    state and params in bytes of the C in float), files.
+    """
+    loaded = load(model)
+    names = _names(loaded, observers)
+    chosen, engine = one_or_all(loaded.trials(), trial), reader.value if reader else engine_here()
+    steps = {name: loaded.step(name) for name in names}
+    dt = min(step.dt for step in steps.values())
+    longer = [name for name, step in steps.items() if step.dt > dt]
+    if longer:
+        note(f"all sampled at dt = {dt:g} s, the shortest; {', '.join(longer)} would be sampled more slowly")
+        steps |= {name: loaded.step(name, dt) for name in longer}
+    counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
+    found: list[tuple[Trial, list[Measured]]] = []
+    with Bar("trials", len(names) * sum(map(len, counts.values()))) as bar:
+        for one in chosen:
+            told = [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in steps.items()]
+            found.append((one, told))
+    paths = save_figures(
+        {f"{one.name}_errors": jobs.errors(each) for one, each in found}, out or Path("build") / loaded.name
+    )
+    shown = [
+        tables.compared(f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one)}", each)
+        for one, each in found
+    ]
+    report = {
+        "model": loaded.path,
+        "dt": dt,
+        "engine": engine,
+        "trials": [_told(one, len(counts[one.name]), each) for one, each in found],
+        "files": [str(path) for path in paths],
+    }
+    show(as_json, report, *shown, tables.files(paths))
+
+
+def _told(trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
+    told = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial), "times": list(trial.events)}
+    return {**told, "observers": [one.as_dict() for one in each]}
+
+
+def _names(model: Model, given: str | None) -> list[str]:
+    """The tunings asked for, each once. Raises: `MissingPart`."""
+    names = list(model.tuning.tables) if given is None else [name.strip() for name in given.split(",")]
+    if not all(names) or not names:
+        raise MissingPart(model.path, "tuning", "there is no observer to compare; give --observers A,B of its tuning")
+    return list(dict.fromkeys(names))

@@ -1,0 +1,226 @@
+"""What the commands of the command line do, apart from talking to a terminal."""
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import hgogen as hg
+from hgogen.call import CallableStep, Engine, Run
+from hgogen.check import Check, Refuted, refuted
+from hgogen.commands import alarm
+from hgogen.commands.agreement import Agreement, agreement
+from hgogen.commands.compare import Measured
+from hgogen.commands.metrics import Metrics, Summary, metrics, summary
+from hgogen.form import Form
+from hgogen.model import MissingPart, Model
+from hgogen.reading.record import Record
+from hgogen.signal import Signal
+from hgogen.theorem import Row, Theorem, rows
+from hgogen.trial import Trajectory, Trial, try_out
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Tick = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
+
+    `observer`: its name, or ""; `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`: whether
+    there is an observer, which needs what is refuted.
+    """
+
+    plant: str
+    form: Form
+    checks: tuple[Check, ...]
+    accepted: tuple[str, ...]
+    observer: str = ""
+    theorem: Theorem | None = None
+    notes: tuple[str, ...] = ()
+    demanded: bool = True
+
+    @property
+    def shown(self) -> bool:
+        """Whether the checks tell more than why the plant is not in the form."""
+        return self.demanded or self.form.structured
+
+    @property
+    def head(self) -> str:
+        """The form's coordinates and equations, as text."""
+        title, *equations = self.form.head.split("\n")
+        return "\n".join([title, *self._recast, *equations])
+
+    @property
+    def _recast(self) -> list[str]:
+        """The states that the observer's plant has in the place of the declared ones."""
+        origin = self.form.system.origin
+        if origin is None:
+            return []
+        pairs = zip(self.form.system.states, origin.forward, strict=True)
+        return ["  with " + ", ".join(f"{new} = {old}" for new, old in pairs if new.name != str(old))]
+
+    @property
+    def hypotheses(self) -> tuple[Row, ...]:
+        """What the observer's theorem assumes, and what is known of it."""
+        return rows(self.theorem, self.checks) if self.theorem else ()
+
+    @property
+    def open(self) -> tuple[Check, ...]:
+        """The refuted checks that nobody accepted."""
+        return refuted(self.checks, self.accepted)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        listed = [{**c.as_dict(), "accepted": c.id in self.accepted} for c in self.checks]
+        z, y = self.form.states, self.form.system.outputs
+        equations = {
+            "coordinates": _texts(z, self.form.to_form),
+            "flow": _texts(z, self.form.flow),
+            "outputs": _texts(y, self.form.output),
+        }
+        theorem = self.theorem and {
+            "conclusion": self.theorem.conclusion,
+            "reference": self.theorem.reference,
+            "hypotheses": [row.as_dict() for row in self.hypotheses],
+        }
+        refused = [c.id for c in self.open]
+        said = {"checks": listed, "refuted": refused, "theorem": theorem, "notes": list(self.notes)}
+        return {"plant": self.plant, "form": self.form.kind, **equations, **said}
+
+
+def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, str]:
+    return {s.name: str(expression) for s, expression in zip(signals, expressions, strict=True)}
+
+
+def checked(model: Model, otherwise: Form | None = None, name: str | None = None) -> Checked:
+    """The claims of a model's tuning `name`, by default of its step; of a model without an observer those of the form
+    `otherwise`, by default `Survey.best`.
+
+    Raises: `MissingPart`, `ModelFails`.
+    """
+    if name is None and not model.has("step"):
+        form = otherwise or hg.survey(model.plant).best
+        notes = (*model.notes, _alone(model, form))
+        return Checked(model.plant.name, form, form.checks, (), notes=notes, demanded=False)
+    try:
+        observer = model.step(name).observer
+    except Refuted as error:
+        if error.form is None:
+            raise
+        note = f"the observer of {model.path} refused this form: its own checks are missing"
+        return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(*model.notes, note))
+    told = (model.plant.name, observer.form, observer.checks, observer.accepted)
+    return Checked(*told, observer.name, observer.theorem, model.notes)
+
+
+def _alone(model: Model, form: Form) -> str:
+    """What a model without an observer does not claim."""
+    if not form.structured:
+        return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
+    return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A trial over its seeds: the first seed's trajectory, and every seed's metrics."""
+
+    trial: Trial
+    first: Trajectory
+    each: tuple[Metrics, ...]
+
+
+def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
+    """The step over a trial; `tick` is called after each seed."""
+    first: Trajectory | None = None
+    each: list[Metrics] = []
+    for trajectory in try_out(step, trial, engine, seeds):
+        first = first or trajectory
+        each.append(metrics(step, trajectory))
+        tick()
+    assert first is not None  # a trial without seeds has been refused
+    return Tried(trial, first, tuple(each))
+
+
+def summaries(step: CallableStep, done: Iterable[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
+    """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
+    ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
+    told = [summary(one.trial, one.each, ratio) for one, ratio in ratios]
+    for sentence in alarm.complaints(told):
+        say(sentence)
+    return told
+
+
+def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:
+    """C against Python, on the first seed of each trial."""
+    pairs = zip(c, python, strict=True)
+    return tuple(agreement((a.first, a.each[0]), (b.first, b.each[0]), dt) for a, b in pairs)
+
+
+def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:
+    """Two figures a trial, by file name without ending: the states, and what theta did."""
+    from hgogen.commands import figure  # here, because matplotlib is slow to import
+
+    drawn = {}
+    for one in done:
+        drawn[f"{one.trial.name}_states"] = figure.states(step, one.first)
+        if one.first.traces:
+            drawn[f"{one.trial.name}_theta"] = figure.adaptation(step, one.first.truth.t, one.first.traces)
+    return drawn
+
+
+def errors(each: Sequence[Measured]) -> "Figure":
+    """The errors of several observers on the first seed of one trial."""
+    from hgogen.commands import figure
+
+    first = each[0].first
+    of = {one.name: one.first.error for one in each}
+    return figure.errors(each[0].states, first.truth.t, of, first.trial.events)
+
+
+def record_figures(step: CallableStep, name: str, record: Record, run: Run) -> dict[str, "Figure"]:
+    """The figures of a measured record, by file name without ending."""
+    from hgogen.commands import figure
+
+    drawn = {f"{name}_states": figure.record(step, record.t, run.x, record.of(step.outputs))}
+    if run.traces:
+        drawn[f"{name}_theta"] = figure.adaptation(step, record.t, run.traces)
+    return drawn
+
+
+def flagged(step: CallableStep, status: np.ndarray) -> dict[str, int]:
+    """In how many samples each status bit was raised; only those that were."""
+    counts = {bit.name: int(np.count_nonzero(status & np.uint32(1 << k))) for k, bit in enumerate(step.bits)}
+    return {name: count for name, count in counts.items() if count}
+
+
+def estimates(step: CallableStep, record: Record, run: Run) -> str:
+    """The estimates as CSV text: time, what was measured, the estimated states, traces, status; empty where
+    missing."""
+    measured = [f"{s.name}_measured" if s.name in run.names else s.name for s in step.outputs]
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["t", *measured, *run.names, *run.traces, "status"])
+    numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
+    for row, status in zip(numbers.tolist(), run.status.tolist(), strict=True):
+        writer.writerow([*("" if value != value else f"{value:.10g}" for value in row), status])
+    return stream.getvalue()
+
+
+def window(model: Model, option: str) -> float:
+    """The innovation's window d (s) in a model's `tuning`; `option` is the command's that gives another.
+
+    Raises: `MissingPart` if no adaptive theta is there.
+    """
+    tuning = model.tuning
+    for name in tuning.tables:
+        innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
+        if innovation is not None:
+            return float(innovation.d)
+    reason = f"its tuning has no adaptive theta, whose window would be the default; give {option} SECONDS"
+    raise MissingPart(model.path, "tuning", reason)

@@ -1,0 +1,98 @@
+"""The command `response`: what measurement noise does to the estimate of a model's observer."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+import hgogen as hg
+from hgogen.commands import tables
+from hgogen.commands.command import Json, ModelArgument, Tuned, note, show
+from hgogen.model import load
+from hgogen.response import Response, pace
+
+COUNT = 6  # frequencies of the table, unless they are given
+POINTS = 200  # frequencies of the figure
+
+
+def response(
+    model: ModelArgument,
+    observer: Tuned = None,
+    omega: Annotated[str, typer.Option("--omega", help="Frequencies (rad/s), such as 50,100,300.")] = "",
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figure; by default none.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Tell what sinusoidal noise of an output does to each estimate: the error's amplitude over the noise's, of the
+    linear error core in continuous time and as its step discretises it.
+
+    By default at frequencies around the core's poles. With --out a figure is drawn, response.svg and response.png.
+
+    JSON keys: model, observer, coordinates ("plant", or "form" where the plant's states are nonlinear in the form's,
+    whose names are then given), dt, omega, gains (output, state, continuous, step: a number for each omega, of the
+    step null beyond the Nyquist frequency pi/dt), files.
+    """
+    loaded = load(model)
+    step = loaded.step(observer)
+    slow, fast = pace(step.observer)
+    given = _frequencies(omega) if omega else _around(slow, fast, step.dt)
+    continuous, sampled = hg.response(step.observer, given), hg.response(step, given)
+    paths: list[Path] = []
+    if out is not None:
+        from hgogen.commands import figure  # here, because matplotlib is slow to import
+
+        span = np.geomspace(min(slow / 10, *given), max(10 * fast, *given), POINTS)
+        drawn = figure.response(hg.response(step.observer, span), hg.response(step, span[span < math.pi / step.dt]))
+        paths += figure.save({"response": drawn}, out)
+    value = {
+        "model": loaded.path,
+        "observer": step.observer.name,
+        "coordinates": continuous.coordinates,
+        "dt": step.dt,
+        "omega": list(given),
+        "gains": _gains(continuous, sampled),
+        "files": [str(path) for path in paths],
+    }
+    if continuous.coordinates == "form":
+        note("the plant's states are nonlinear in the observer's coordinates: the gains are those of the form's states")
+    for name, values in continuous.held.items():
+        at = ", ".join(f"{value:g}" for value in values)
+        note(f"{name} adapts: the gains are those at {at}, where the core is the fastest")
+    if sampled.aliased.any():
+        beyond = ", ".join(f"{w:g}" for w in sampled.omega[sampled.aliased])
+        what = f"{beyond} rad/s {'are' if sampled.aliased.sum() > 1 else 'is'} beyond the Nyquist frequency pi/dt"
+        note(f"{what} = {math.pi / step.dt:g} rad/s: the samples show a slower alias, and the step has no gain there")
+    show(as_json, value, tables.responses(continuous, sampled), *([tables.files(paths)] if paths else []))
+
+
+def _frequencies(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} must be numbers in rad/s, such as 50,100,300", param_hint="--omega"
+        ) from None
+
+
+def _around(slow: float, fast: float, dt: float) -> tuple[float, ...]:
+    """From a tenth of the slowest pole to ten times the fastest, below pi/dt, to two digits."""
+    high = min(10 * fast, 0.9 * math.pi / dt)
+    low = min(max(slow / 10, high / 1e4), high / 10)
+    return tuple(float(f"{value:.2g}") for value in np.geomspace(low, high, COUNT))
+
+
+def _gains(continuous: Response, sampled: Response) -> list[dict[str, object]]:
+    aliased = sampled.aliased.tolist()
+    return [
+        {
+            "output": output,
+            "state": state,
+            "continuous": continuous.gain[:, i, j].tolist(),
+            "step": [
+                None if alias else gain for alias, gain in zip(aliased, sampled.gain[:, i, j].tolist(), strict=True)
+            ],
+        }
+        for j, output in enumerate(continuous.outputs)
+        for i, state in enumerate(continuous.states)
+    ]

@@ -1,0 +1,385 @@
+"""What the commands print: checks, metrics, comparisons, predictions and reports as tables."""
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import Any
+
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from hgogen.check import Check, Verdict
+from hgogen.commands.agreement import Agreement
+from hgogen.commands.alarm import ITSELF
+from hgogen.commands.compare import Measured
+from hgogen.commands.metrics import Summary
+from hgogen.commands.noise import Suggestion
+from hgogen.commands.prediction import Prediction
+from hgogen.gramian import Gramian
+from hgogen.intervals.bounds import Range
+from hgogen.intervals.digits import down, up
+from hgogen.observability import Answer, Observability
+from hgogen.program import Bit
+from hgogen.reading.record import Report
+from hgogen.recheck.file import SHOWN
+from hgogen.recheck.recheck import Rechecked
+from hgogen.response import Response
+from hgogen.survey import Survey
+from hgogen.theorem import Row, Theorem
+
+COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
+WIDTH = 110  # of what is not a terminal, unless COLUMNS says otherwise
+_ALIKE = 4  # rows that say the same, before they are one
+_SHORT = 20  # a reason that may be repeated
+
+
+class _Output(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave it to the command."""
+        raise BrokenPipeError
+
+
+def console() -> Console:
+    """For the standard output."""
+    out = _Output(highlight=False)
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdigit() else _Output(highlight=False, width=WIDTH)
+
+
+def _table(title: str, *columns: str, numbers: int = 0) -> Table:
+    """A table whose last `numbers` columns are flushed right."""
+    table = Table(
+        title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
+    )
+    table.title_justify, table.title_style = "left", "bold"
+    for index, name in enumerate(columns):
+        table.add_column(name, justify="right" if index >= len(columns) - numbers else "left", overflow="fold")
+    return table
+
+
+def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
+    """The form's equations, `head`; the claims with their verdicts; what to do about those that are open."""
+    listed = tuple(listed)
+    title, *equations = head.split("\n")
+    table = _table("", "verdict", "check", "claim and reason")
+    for check in _gathered(listed, accepted):
+        at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
+        said = f"{check.claim}\n{check.reason}{'; at ' + at if at else ''}"
+        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        if check.id in accepted:
+            verdict.append("\naccepted", style="yellow")
+        table.add_row(verdict, Text(check.id), _text(said))
+    fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
+    return Group(Text(title, style="bold"), *map(_text, equations), table, *fixes, "")
+
+
+def _text(said: str) -> Text:
+    """Text in which a whole number with many zeros at its end has a power of ten in their place."""
+    return Text(re.sub(r"(?<![\d.])(\d{1,15}?)(0{20,})(?!\d)", lambda m: f"{m[1]}e{len(m[2])}", said))
+
+
+def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[Check]:
+    """The checks, those of one kind that say the same of a_1, a_2, .. as one."""
+
+    def kind(check: Check) -> tuple[bool, Check]:
+        return check.id in accepted, replace(_anyone(check), id=check.id.rstrip("0123456789"))
+
+    for (taken, _), group in groupby(listed, key=kind):
+        alike = list(group)
+        if taken or len(alike) < _ALIKE:
+            yield from alike
+        else:
+            first, last = alike[0].id, alike[-1].id.partition(".")[2]
+            yield replace(_anyone(alike[0]), id=f"{first}..{last}")
+
+
+def _anyone(check: Check) -> Check:
+    """The check with i for its number."""
+    number = re.search(r"_(\d+)$", check.id)
+    if number is None:
+        return check
+    at = {int(number[1]): "i", int(number[1]) - 1: "(i-1)"}
+    put = [re.sub(r"_(\d+)\b", lambda m: f"_{at.get(int(m[1]), m[1])}", text) for text in (check.claim, check.reason)]
+    return replace(check, claim=put[0], reason=put[1])
+
+
+def observed(found: Observability) -> RenderableType:
+    """What the outputs tell of the states, and of the parameters that have a range."""
+    title = f"{found.system.name}: observability, at almost every state, parameter value and input"
+    loose = _listed(s for s in found.system.parameters if s.bounded)
+    whose = ("the states", f"the states and {loose}") if loose else ("the states",)
+    table = _table("", "", "")
+    table.show_header = False
+    for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):
+        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        table.add_row(verdict, Text(_told(answer, what, check.verdict)) if answer else "")
+    local = [Text(f"on an open set of states only, because of {found.local}")] if found.local else []
+    return Group(Text(title, style="bold"), table, *local, "")
+
+
+def _told(answer: Answer, what: str, verdict: Verdict) -> str:
+    rank = answer.rank
+    count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
+    if not rank.unobservable:
+        return f"{what} are locally observable: {count}"
+    shown = " or ".join(s.name for s in answer.repairs)
+    are = "is" if len(rank.unobservable) == 1 else "are"
+    unseen = "not observable" if verdict is Verdict.REFUTED else "not seen at a random point"
+    said = [f"of {what}, {_listed(rank.unobservable)} {are} {unseen}: {count}"]
+    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
+    return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
+
+
+def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
+    """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
+    table = _table(f"{found.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
+    before = ""
+    for row in found.answered:
+        verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
+        why = "as above" if row.why == before and len(row.why) > _SHORT else row.why
+        table.add_row(verdict, Text(row.name), Text(_listed(row.order)), _text(why))
+        before = row.why
+    reasons: dict[str, list[str]] = {}
+    for row in found.rows:
+        if row.verdict is None:
+            reasons.setdefault(row.why, []).append(row.name)
+    silent = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in reasons.items()]
+    told = {check.fix for check in below}
+    settled = any(row.verdict is Verdict.PROVED for row in found.answered)
+    fixes = {row.fix: f"{row.name}: {row.fix}" for row in found.answered if row.fix and row.fix not in told}
+    return Group(table, *silent, *map(Text, () if settled else fixes.values()), "")
+
+
+def ranges(found: Mapping[str, Range]) -> RenderableType:
+    """The ranges of expressions; nothing without one."""
+    if not found:
+        return Group()
+    table = _table("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
+    for text, one in found.items():
+        table.add_row(Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(one.note))
+    return Group(table, "")
+
+
+def _listed(names: Iterable[Any], most: int = 8) -> str:
+    """Names with commas, the middle of many left out."""
+    names = [str(name) for name in names]
+    return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
+
+
+def rechecked(found: Rechecked) -> RenderableType:
+    """The claims of a certificate, and what was verified of them."""
+    of = f", {found.observer} observer" if found.observer else ""
+    table = _table(f"{found.plant}, {found.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
+    colours = {"verified": "green", "fails": "red"}
+    for row in found.rows:
+        word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
+        word.stylize(colours.get(row.found, "yellow"))
+        sentence = row.sentence if row.found != "open" else f"{row.verdict}: {row.sentence}"
+        table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
+    return Group(table, "", Text(f"model {found.model[:SHOWN]}"), Text(found.count))
+
+
+def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
+    """What the observer's theorem concludes, and what is known of each hypothesis; nothing without a theorem."""
+    if theorem is None:
+        return Group()
+    head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
+    table = _table("", "", "hypothesis", "known by")
+    for row in hypotheses:
+        standing = Text(row.standing, style=COLOURS.get(row.verdict, "cyan") if row.verdict else "magenta")
+        known = "; ".join(said for said in (", ".join(row.checks), row.reason) if said)
+        where = f" [{row.reference}]" if row.reference else ""
+        table.add_row(standing, Text(row.claim + where), Text(known))
+    return Group(Text(head), table, "")
+
+
+def trials(each: Iterable[Summary]) -> RenderableType:
+    """What followed each event of each trial, over the seeds."""
+    parts: list[RenderableType] = []
+    for one in each:
+        table = _table(
+            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}; "
+            f"settled: {one.criterion}",
+            *("event at (s)", "settled after (s)", "worst (s)", "peak theta", "theta < 1.05 after (s)"),
+            *("triggered", "still > 1.5"),
+            numbers=7,
+        )
+        for k, time in enumerate(one.times):
+            peak = one.peak[k]
+            table.add_row(
+                f"{time:g}",
+                _number(one.settled[k]),
+                _number(one.worst[k]),
+                "" if peak is None else _range(*peak),
+                "" if peak is None else _number(one.calm[k]),
+                _percent(one.triggered[k]),
+                _percent(one.loud[k]),
+            )
+        rms = ", ".join(f"{name} {value:.3g}" for name, value in one.rms.items())
+        clamped = f"{one.clamped} samples" if one.clamped else "no sample"
+        parts += [table, Text(f"steady RMS: {rms}; outside the box after the first 5%: {clamped}")]
+        if one.alarm_ratio is not None:
+            parts.append(Text(f"alarm ratio: {one.alarm_ratio:.2f}; above {ITSELF:g} an alarm can feed itself"))
+        parts.append("")
+    return Group(*parts)
+
+
+def compared(title: str, each: Sequence[Measured]) -> RenderableType:
+    """Observers side by side, one a row."""
+    states = list(each[0].rms)
+    columns = ("settled after each event (s)", "operations", "functions", "bytes of state")
+    whole = _table(title, "observer", *columns, numbers=len(columns))
+    for one in each:
+        settled = ", ".join(map(_number, one.settled))
+        whole.add_row(one.name, settled, *map(str, (one.cost.operations, one.cost.functions, one.cost.state)))
+    rms = _table("steady error, root mean square", "observer", *states, numbers=len(states))
+    peak = _table("largest error over the state's range", "observer", *states, numbers=len(states))
+    for one in each:
+        rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
+        peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
+    return Group(whole, "", rms, "", peak, "", *map(Text, _meanings(each)), "")
+
+
+def _meanings(each: Sequence[Measured]) -> Iterable[str]:
+    """What the columns of a comparison mean, and which methods it compares, if several."""
+    yield f"steady: from {each[0].first.trial.steady_from:g} s on, the median of the seeds; largest: of all seeds"
+    yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
+    methods: dict[str, list[str]] = {}
+    for one in each:
+        methods.setdefault(one.method, []).append(one.name)
+    if len(methods) > 1:
+        yield "; ".join(f"by {method}: {', '.join(names)}" for method, names in methods.items())
+
+
+_ENGINE = {"c": "C", "python": "Python"}
+
+
+def _number(value: float | None) -> str:
+    return "never" if value is None else f"{value:.2f}"
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.0f}%"
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} .. {high:.2f}"
+
+
+def agreements(each: Iterable[Agreement]) -> RenderableType:
+    """C against Python."""
+    table = _table(
+        "C against Python, double precision, relative to each state's peak",
+        *(
+            "trial",
+            "seed",
+            "until (s)",
+            "difference until then",
+            "afterwards",
+            "settled after (s), both",
+            "agreed",
+        ),
+        numbers=5,
+    )
+    for one in each:
+        settled = ", ".join(_pair(*pair) for pair in one.settled)
+        agreed = Text("yes", style="green") if one.agreed else Text("no", style="red")
+        difference = f"{one.before:.1e}", f"{one.after:.1e}"
+        table.add_row(one.trial, str(one.seed), f"{one.until:g}", *difference, settled, agreed)
+    return Group(table, "")
+
+
+def _pair(first: float | None, second: float | None) -> str:
+    return _number(first) if _number(first) == _number(second) else f"{_number(first)}/{_number(second)}"
+
+
+def predictions(each: Sequence[Prediction], dt: float) -> RenderableType:
+    """RMS prediction errors."""
+    table = _table(
+        "RMS prediction error of the measured outputs",
+        *("output", "samples ahead", "time ahead (s)", "from the estimate", "copying the last value"),
+        numbers=4,
+    )
+    for one in each:
+        ahead = ("all, open loop", "") if one.ahead is None else (str(one.ahead), f"{one.ahead * dt:g}")
+        table.add_row(one.output, *ahead, f"{one.model:.4g}", "" if one.copying is None else f"{one.copying:.4g}")
+    return Group(table, "")
+
+
+def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:
+    """How often each status bit was raised, and what it asks for."""
+    raised = [bit for bit in bits if counts.get(bit.name)]
+    if not raised:
+        return Text(f"status: 0 (ok) in all {samples} samples\n")
+    table = _table(f"status over {samples} samples", "samples", "bit", "meaning", "what to do")
+    for bit in raised:
+        table.add_row(str(counts[bit.name]), bit.name, Text(bit.meaning), Text(bit.action))
+    return Group(table, "")
+
+
+def report(read: Report) -> RenderableType:
+    """What was found in a log."""
+    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in read.sentences()), "")
+
+
+def suggestion(found: Suggestion) -> RenderableType:
+    """What a quiet record suggests."""
+    table = _table(f"noise of {found.output}, from {found.samples} samples", "value", "", "meaning")
+    rows = (
+        ("sigma", f"{found.sigma:.4g}", "standard deviation about a straight line"),
+        ("tau", f"{found.tau:.4g} s", "correlation time" if found.tau else "white noise"),
+        ("d", f"{found.d:g} s", "window of the innovation"),
+        ("gamma_0", f"{found.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {found.spread:.3g}): theta may rise above it"),
+        ("gamma_1", f"{found.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
+        ("R", f"{found.R:.4g}", "spectral density of the noise; a larger R smooths more"),
+    )
+    for row in rows:
+        table.add_row(*row)
+    return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in found.notes), "")
+
+
+def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
+    """What windows of several lengths show along a trial."""
+    names = ("d (s)", "smallest eigenvalue", "median", "weakest direction", "its share")
+    table = _table(f"what a window d shows along trial {trial}: its observability Gramian", *names)
+    for one in found:
+        (low, high), (name, share) = one.range, one.weakest
+        table.add_row(f"{one.d:g}", f"{low:.2g} .. {high:.2g}", f"{one.median:.2g}", name, f"{share:.0%}")
+    advice = (
+        "The innovation of a small initial error, per its squared length, is at least the smallest eigenvalue, to "
+        "first order: take a window at which an error that matters stands out of sigma^2 d, the innovation of the "
+        "noise."
+    )
+    return Group(table, Text(advice), "")
+
+
+def responses(continuous: Response, sampled: Response) -> RenderableType:
+    """The gains from noise to estimates: a row for each pair and frequency, continuous and as a step has them, "-"
+    where it sees an alias."""
+    head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} s"
+    table = _table(head, "noise of", "error of", "omega (rad/s)", "continuous", "step", numbers=3)
+    for column in table.columns[2:]:
+        column.no_wrap = True  # half a number is another number
+    for j, output in enumerate(continuous.outputs):
+        for i, state in enumerate(continuous.states):
+            gains = zip(continuous.omega, continuous.gain[:, i, j], sampled.gain[:, i, j], sampled.aliased, strict=True)
+            for k, (w, exact, found, alias) in enumerate(gains):
+                labels = (output, state) if k == 0 else ("", "")
+                table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", "-" if alias else f"{found:.4g}")
+    return Group(table, "")
+
+
+def listed(models: Sequence[str], summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
+    """The models, and what there is of each kind, a line each with its summary."""
+    table = _table("", "", "", "")
+    for kind, told in summaries.items():
+        for k, (name, text) in enumerate(told.items()):
+            table.add_row("" if k else kind, name, Text(text))
+    return Group(Text(f"models: {', '.join(models) or 'none'}"), table)
+
+
+def files(paths: Iterable[Any]) -> RenderableType:
+    """The files written."""
+    return Group(Text("files", style="bold"), *(Text(f"  {path}", no_wrap=True, overflow="ignore") for path in paths))

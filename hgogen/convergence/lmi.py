@@ -1,0 +1,180 @@
+"""Lyapunov inequalities with an exact proof: N'P + P N <= -I for one P and every vertex N of a polytope.
+
+    P > 0,   P <= peak I,   N_v'P + P N_v <= -I for every vertex N_v
+
+One matrix: the Lyapunov equation N'P + P N = -I is solved in rationals; its solution is the smallest P there is.
+Several: a convex program (cvxpy, Clarabel) minimises the largest eigenvalue of P. Both answers are rounded to short
+rationals and then verified by the signs of characteristic polynomials in exact arithmetic (`algebra.definite`): the
+status of a solver, or a float, is no proof. Source: Boyd, El Ghaoui, Feron, Balakrishnan, "Linear Matrix Inequalities
+in System and Control Theory", SIAM (1994), 5.1.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from hgogen.algebra.definite import Matrix, exact, fraction, number, positive, unit
+from hgogen.errors import HgogenError
+
+STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once
+
+# What rounding may take from the inequality: P is made larger by such a share, the smallest that is enough.
+_SLACKS = (Fraction(1, 2**24), Fraction(1, 2**16), Fraction(1, 2**8))
+
+
+@dataclass(eq=False)
+class NoSolver(HgogenError):
+    """A linear matrix inequality was asked for, and its solver is not installed."""
+
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.what} needs cvxpy and clarabel; install them: pip install 'hgogen[lmi]'"
+
+
+@dataclass(frozen=True)
+class Lyapunov:
+    """A proved solution: `P` (n, n) symmetric rational, `peak` >= its largest eigenvalue, `vertices` (k of n, n)."""
+
+    P: Matrix
+    peak: Fraction
+    vertices: tuple[Matrix, ...]
+
+    @property
+    def condition(self) -> float:
+        """The condition number of P, in floats: for reports."""
+        return float(np.linalg.cond(_floats(self.P)))
+
+
+def verified(candidate: Lyapunov) -> bool:
+    """Whether P > 0, peak I - P > 0 and -I - N'P - P N > 0 at every vertex, in exact arithmetic."""
+    P, n = exact(candidate.P), len(candidate.P)
+    if P.transpose() != P:
+        return False
+    one = unit(n)
+    gaps = (P, one * number(candidate.peak) - P, *(-one - _sum(exact(N), P) for N in candidate.vertices))
+    return all(positive(gap) for gap in gaps)
+
+
+def lyapunov(N: Matrix) -> Lyapunov | None:
+    """The smallest P with N'P + P N <= -I, up to rounding outwards; None where N is not Hurwitz.
+
+    N (n, n) rational. The Lyapunov equation is n(n + 1)/2 linear equations in rationals.
+    """
+    n = len(N)
+    places = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n) for j in range(i, n))}
+    rows = [[fmpq(0)] * len(places) for _ in places]
+    for (i, j), row in places.items():
+        for k in range(n):
+            rows[row][places[min(k, j), max(k, j)]] += number(N[k][i])
+            rows[row][places[min(i, k), max(i, k)]] += number(N[k][j])
+    try:
+        found = fmpq_mat(rows).solve(fmpq_mat([[fmpq(-(i == j))] for i, j in places]))
+    except ZeroDivisionError:  # two eigenvalues add up to zero
+        return None
+    entries = [[found[places[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
+    return _rounded([[fraction(value) for value in row] for row in entries], (N,))
+
+
+def common(vertices: Iterable[Matrix]) -> Lyapunov | None:
+    """One P for all vertices, of a small largest eigenvalue; None where none is found.
+
+    A single vertex takes no solver. Raises: `NoSolver`.
+    """
+    vertices = tuple(dict.fromkeys(vertices))
+    if len(vertices) == 1:
+        return lyapunov(vertices[0])
+    cp = solver("one Lyapunov function for a range of a_i")
+    n = len(vertices[0])
+    P, peak = cp.Variable((n, n), PSD=True), cp.Variable()
+    one = np.eye(n)
+    limits = [P << peak * one, *(_floats(N).T @ P + P @ _floats(N) << -one for N in vertices)]
+    value = solved(cp, cp.Problem(cp.Minimize(peak), limits), P)
+    return None if value is None else _scaled(value, vertices)
+
+
+def gains(corners: Iterable[tuple[Matrix, Sequence[Fraction]]], largest: float) -> tuple[Fraction, ...] | None:
+    """A gain K (n), |K| <= `largest`, with one P for all A - K C, of a small largest eigenvalue; None where none is
+    found.
+
+    `corners`: (A (n, n), C (n)) at the vertices. With Y = P K the inequality A'P + P A - Y C - C'Y' <= -I is linear;
+    K'P K <= largest^2 p and P >= p I bound the gain. Nothing is proved here: `common` proves it for the K returned.
+
+    Raises: `NoSolver`.
+    """
+    cp = solver("a gain for a range of a_i")
+    pairs = [(_floats(A), np.array([list(map(float, C))])) for A, C in corners]
+    n = len(pairs[0][0])
+    P, Y, peak, least = cp.Variable((n, n), PSD=True), cp.Variable((n, 1)), cp.Variable(), cp.Variable()
+    one = np.eye(n)
+    bounded = cp.bmat([[P, Y], [Y.T, cp.reshape(largest**2 * least, (1, 1), order="C")]])
+    limits = [P << peak * one, P >> least * one, bounded >> 0]
+    limits += [A.T @ P + P @ A - Y @ C - C.T @ Y.T << -one for A, C in pairs]
+    value = solved(cp, cp.Problem(cp.Minimize(peak), limits), P)
+    if value is None or np.linalg.eigvalsh(value).min() <= 0:
+        return None
+    K = np.linalg.solve(value, Y.value).ravel()
+    return tuple(Fraction(float(f"{k:.6g}")) for k in K)
+
+
+def solver(what: str) -> Any:
+    """cvxpy, with Clarabel installed. Raises: `NoSolver`, of `what` needs it."""
+    try:
+        import cvxpy  # here, because it is slow to import and seldom needed
+
+        if "CLARABEL" not in cvxpy.installed_solvers():
+            raise ImportError
+    except ImportError:
+        raise NoSolver(what) from None
+    return cvxpy
+
+
+def solved(cp: Any, problem: Any, P: Any) -> np.ndarray | None:
+    """P as the solver leaves it, whatever it thinks of it."""
+    try:
+        with catch_warnings():
+            simplefilter("ignore")  # of inaccuracy: what is not exact is refused by `verified`
+            problem.solve(solver="CLARABEL")
+    except cp.SolverError:
+        return None
+    value = P.value
+    return None if value is None or not np.isfinite(value).all() else np.asarray((value + value.T) / 2)
+
+
+def _scaled(P: np.ndarray, vertices: tuple[Matrix, ...]) -> Lyapunov | None:
+    """P, which satisfies the inequality up to the solver's tolerance, times what it lacks."""
+    worst = max(np.linalg.eigvalsh(_floats(N).T @ P + P @ _floats(N)).max() for N in vertices)
+    if not worst < 0:
+        return None
+    return _rounded([[Fraction(float(value)) for value in row] for row in P / min(-worst, 1.0)], vertices)
+
+
+def _rounded(P: Sequence[Sequence[Fraction]], vertices: tuple[Matrix, ...]) -> Lyapunov | None:
+    """P a little larger, in multiples of a power of two so small that the inequality keeps half of what it won."""
+    n, steepest = len(P), max([Fraction(1), *(abs(x) for N in vertices for row in N for x in row)])
+    for slack in _SLACKS:
+        step = Fraction(1, 2 ** (int(4 * n * n * steepest / slack).bit_length()))
+        grid = tuple(tuple(round((1 + slack) * value / step) * step for value in row) for row in P)
+        candidate = Lyapunov(grid, _above(float(np.linalg.eigvalsh(_floats(grid)).max()), slack), vertices)
+        if verified(candidate):
+            return candidate
+    return None
+
+
+def _above(value: float, slack: Fraction) -> Fraction:
+    """A short rational above a positive float, by the share `slack` at least and a few times that at most."""
+    step = slack * Fraction(2) ** int(np.ceil(np.log2(max(value, 1e-300))))
+    return -(-Fraction(value) * (1 + slack) // step) * step
+
+
+def _sum(N: Any, P: Any) -> Any:
+    return N.transpose() * P + P * N
+
+
+def _floats(M: Matrix) -> np.ndarray:
+    return np.array([[float(value) for value in row] for row in M])

@@ -1,0 +1,171 @@
+"""Whether a linear core decays with its output error behind a saturation or a dead zone whose level adapts.
+
+    eps' = l (A eps - K i(eps_1)),   sigma' = l (-lambda sigma + r eps_1^2),   N = A - K C,   C = (1, 0, .., 0)
+
+Dead zone, i(e) = e - s, s = sat e at +- sqrt sigma: V = eps'P eps + mu sigma, and -lambda sigma <= -lambda s^2,
+s (eps_1 - s) >= 0 bound V' by l times the quadratic form in (eps, s)
+
+    eps'(N'P + P N) eps + 2 eps'P K s + mu (r eps_1^2 - lambda s^2) + 2 tau s (eps_1 - s)
+
+Saturation, i(e) = sat e = e - q: V = eps'P eps + mu max(eps_1^2 - sigma, 0). Where q = 0, V' = l eps'(N'P + P N) eps;
+elsewhere sigma = (eps_1 - q)^2, q (eps_1 - q) >= 0, and V' is at most l times the form in (eps, q)
+
+    eps'(N'P + P N) eps + 2 eps'P K q + mu (2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2)
+    + 2 tau q (eps_1 - q);  eps decays, and sigma after it
+
+A form that is at most -eta I for some mu > 0, tau >= 0 proves exponential decay from any eps(0) and sigma(0) >= 0. With
+a term of size L |eps| in eps', as a Lipschitz nonlinearity leaves it in scaled coordinates, V' keeps its sign for
+
+    l eta > 2 (lambda_max(P) + m) L,   m = 0 of the dead zone, mu of the saturation;   there l > 2 lambda_max(P) L too.
+
+P solves N'P + P N = -I in the coordinates g^(i-1) eps_i, g, mu and tau are powers of two: sufficient, not necessary.
+The idea of the forms: Alessandri, Zaccarian, "Stubborn state observers for linear time-invariant systems", Automatica
+88 (2018).
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+import sympy as sp
+
+from hgogen.algebra.definite import Matrix, exact, smallest
+from hgogen.chains.injection import companion
+from hgogen.chains.integrators import Integrators
+from hgogen.check import Check, Verdict
+from hgogen.convergence.certified import GROWTHS, Nothing, slope
+from hgogen.convergence.lmi import STATES, lyapunov
+from hgogen.intervals.box import rational
+from hgogen.intervals.digits import down, up
+from hgogen.intervals.proof import Grounds, Proof
+from hgogen.structure.polytope import chains
+
+Shape = Literal["dead zone", "saturation"]
+
+FEW = 6  # states up to which several g are tried
+_PAIRS = tuple((2.0**i, 2.0**j) for i, j in product(range(-12, 13), repeat=2))  # mu and tau
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """sigma' = l (-decay sigma + r e^2) of an injection of that `shape`."""
+
+    shape: Shape
+    decay: Fraction
+    r: Fraction
+
+    def form(self, N: Any, K: Any, P: Any, mu: Any, tau: Any) -> Any:
+        """The symmetric matrix (n + 1, n + 1) of the form, of N, P (n, n), K (n); of floats or of rationals."""
+        n, (decay, r) = len(K), (type(mu)(self.decay), type(mu)(self.r))
+        C = np.array([mu * 0 + 1, *[mu * 0] * (n - 1)])
+        first, corner = np.outer(C, N[0]), np.outer(C, C)
+        top, side = N.T @ P + P @ N, P @ K + tau * C
+        if self.shape == "dead zone":
+            top, last = top + mu * r * corner, -mu * decay - 2 * tau
+        else:
+            top = top + mu * (first + first.T + (decay - r) * corner)
+            side, last = side + mu * (K[0] - decay) * C, mu * decay - 2 * tau
+        return np.vstack([np.column_stack([top, side]), [*side, last]])
+
+
+@dataclass(frozen=True)
+class Decay:
+    """A proof that the linear core decays: in the coordinates `growth`^(i-1) eps_i the form is at most -`margin` I;
+    `peak` >= lambda_max(P)."""
+
+    adaptation: Adaptation
+    growth: Fraction
+    P: Matrix
+    peak: Fraction
+    margin: Fraction
+    mu: Fraction
+    tau: Fraction
+
+    @property
+    def weight(self) -> Fraction:
+        """lambda_max(P) + m."""
+        return self.peak + (self.mu if self.adaptation.shape == "saturation" else 0)
+
+    def least(self, lipschitz: Fraction) -> Fraction:
+        """The bound on l."""
+        return max(Fraction(1), 2 * lipschitz * max(self.weight / self.margin, self.peak))
+
+
+@dataclass(frozen=True)
+class SectorBound:
+    """Every theta > `theta` converges; `lipschitz` >= |S dc/dw S^-1| on the box, found as `slope`, S the coordinates of
+    `decay`, `scale` those of z; `numbers`: what the observer is built with."""
+
+    theta: Fraction
+    decay: Decay
+    lipschitz: Fraction
+    scale: tuple[sp.Expr, ...]
+    slope: Proof
+    numbers: Mapping[str, Any]
+
+    def rate(self, theta: float) -> float:
+        """r (1/s) with |error(t)| <= c exp(-r t) (|error(0)| + sqrt sigma(0)) at a theta above the bound."""
+        one, level = self.decay, Fraction(theta)
+        left = (level * one.margin - 2 * one.weight * self.lipschitz) / one.weight
+        if one.adaptation.shape == "dead zone":
+            return float(min(left, level * min(one.margin / one.mu, one.adaptation.decay)) / 2)
+        return float(min(left, (level - 2 * one.peak * self.lipschitz) / one.peak) / 2)
+
+    def __str__(self) -> str:
+        one = self.decay
+        return (
+            f"{up(self.theta)} = max(1, 2 L_b (lambda_max(P) + m)/eta, 2 L_b lambda_max(P)), lambda_max(P) + m <= "
+            f"{up(one.weight)}, eta >= {down(one.margin)}, L_b <= {up(self.lipschitz)} in scaled states"
+        )
+
+
+def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
+    """Proofs that the core of the gains K (n), A - K C Hurwitz, decays, one for each g that gives one."""
+    growths = GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
+    found = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
+    return tuple(one for one in found if one is not None)
+
+
+def core_check(id: str, adaptation: Adaptation, found: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
+    """The check that there is such a proof, of an observer that is built with the `numbers`."""
+    claim = f"the linear error core decays behind its {adaptation.shape}, from any initial error"
+    for one in found:
+        reason = f"by a quadratic form with mu = {float(one.mu):g}, tau = {float(one.tau):g}, in rational arithmetic"
+        return Check(id, claim, Verdict.PROVED, reason, proofs=(Grounds(numbers, one),))
+    fix = "Lower r." if adaptation.shape == "dead zone" else "Raise r."
+    return Check(id, claim, Verdict.UNKNOWN, "no quadratic proof was found for these lambda and r", fix=fix)
+
+
+def theta_bound(chain: Integrators, found: Iterable[Decay], numbers: Mapping[str, Any]) -> SectorBound | Nothing:
+    """The smallest bound on theta that the proofs give with c, of an observer that is built with the `numbers`."""
+    best: SectorBound | Nothing = Nothing("the linear core is not shown to decay")
+    (a,) = chains(chain.form)
+    for one in found:
+        g = rational(one.growth)
+        scale = tuple(g**i * sp.Mul(*a[: i + 1]) for i in range(chain.n))
+        steep = slope(chain.form, scale)
+        if isinstance(steep, Nothing):
+            return steep
+        assert steep.high is not None
+        bound = SectorBound(one.least(steep.high), one, steep.high, scale, steep, numbers)
+        best = bound if isinstance(best, Nothing) or bound.theta < best.theta else best
+    return best
+
+
+def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
+    scale = np.array([growth**i for i in range(len(K))])
+    N, gain = companion(K) * np.outer(scale, 1 / scale), K * scale
+    found = lyapunov(tuple(map(tuple, N)))
+    if found is None:
+        return None
+    P = np.array(found.P)
+    N_, K_, P_ = (array.astype(float) for array in (N, gain, P))
+    forms = np.array([adaptation.form(N_, K_, P_, mu, tau) for mu, tau in _PAIRS])
+    margins = -np.linalg.eigvalsh(forms)[:, -1]
+    added = np.array([mu for mu, _ in _PAIRS]) if adaptation.shape == "saturation" else 0.0
+    mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / (float(found.peak) + added)))])
+    margin = smallest(exact(-adaptation.form(N, gain, P, mu, tau)))[0]
+    return Decay(adaptation, growth, found.P, found.peak, margin, mu, tau) if margin > 0 else None

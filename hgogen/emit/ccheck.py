@@ -1,0 +1,166 @@
+"""NAME_check.c: the self-check of emitted C, recorded inputs and what must come of them."""
+
+from collections.abc import Iterable
+from string import Template
+
+from hgogen.emit.cprint import Real, literal
+from hgogen.emit.ctext import arguments, indented, status_type
+from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
+from hgogen.program import lines_of
+from hgogen.step import Step
+
+# CMSIS-DSP interpolates sine and cosine on 512 intervals: an error of (2 pi/512)^2/8, 160 times float's rounding unit
+CMSIS = 160
+
+_TEXT = Template("""
+/*
+ * Self-check of $name.c: $count recorded samples,
+ * a missing, an absurd, a lost and an excessive one among them.
+ * ${name}_check() returns 0, or the number of the first sample that differs. Define
+ *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off;
+ *   ${blank}          without it other roundings, of libm or of contraction, are allowed for
+ *   ${upper}_NO_MAIN  to call it from firmware
+ */
+#include <math.h>
+#include <stdbool.h>
+#ifndef ${upper}_NO_MAIN
+#include <stdio.h>
+#endif
+
+#include "$name.h"
+
+unsigned ${name}_check(void);
+
+static const $real given[$count][$width] = { /* $signals */
+$given
+};
+
+static const $real wanted[$count][$results] = { /* $seen */
+$wanted
+};
+
+static const $status expected[$count] = { /* status */
+$expected
+};
+
+#ifndef ${upper}_EXACT
+static const $real tolerance[$results] = {$tolerance};
+#endif
+
+static bool ${name}_near($real have, unsigned k, unsigned i)
+{
+#if defined(${upper}_EXACT)
+    return have >= wanted[k][i] && have <= wanted[k][i];
+#else
+#if defined(${upper}_USE_CMSIS)
+    const $real room = $cmsis*tolerance[i];
+#else
+    const $real room = tolerance[i];
+#endif
+    return have >= wanted[k][i] - room && have <= wanted[k][i] + room;
+#endif
+}
+
+unsigned ${name}_check(void)
+{
+    unsigned bad = 0u;
+    const $real none = ($real)NAN;
+$locals
+    ${name}_init(&s, &p);
+$start
+    for (unsigned k = 0u; k < ${count}u && bad == 0u; ++k) {
+$fill
+        const $status status = ${name}_step($call);
+        ${name}_estimate(&s, &p, &x);
+        if (status != expected[k]$compare) {
+            bad = k + 1u;
+        }
+    }
+    return bad;
+}
+
+#ifndef ${upper}_NO_MAIN
+int main(void)
+{
+    const unsigned bad = ${name}_check();
+    if (bad != 0u) {
+        (void)printf("$name: sample %u differs\\n", bad);
+    } else {
+        (void)printf("$name: $count samples as recorded\\n");
+    }
+    return (bad == 0u) ? 0 : 1;
+}
+#endif
+""")
+
+
+def check(step: Step, real: Real) -> list[str]:
+    """The self-check's lines; computing its vectors takes a while."""
+    vectors, seen = record(step, real), list(places(step))
+    inputs, outputs = [f"in.{s.name}" for s in step.inputs], [f"out.{s.name}" for s in step.outputs]
+    text = _TEXT.substitute(
+        name=step.name,
+        upper=step.name.upper(),
+        blank=" " * len(step.name),
+        real=real,
+        status=status_type(step),
+        count=SAMPLES,
+        width=len(inputs) + len(outputs),
+        results=len(seen),
+        signals=", ".join([*inputs, *outputs]),
+        seen=", ".join(seen),
+        given=_rows(([*u, *y] for u, y in zip(vectors.u, vectors.y, strict=True)), real),
+        wanted=_rows(vectors.seen, real),
+        expected=_block([f"{value}u" for value in vectors.status]),
+        tolerance=", ".join(literal(float(value), real) for value in vectors.tolerance),
+        cmsis=literal(CMSIS, real),
+        locals="\n".join(indented(_locals(step))),
+        start="\n".join(indented(_start(step, real))),
+        fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
+        call=", ".join(["&s", "&p", *(f"&{pointer.rsplit('*', 1)[1]}" for pointer in arguments(step)[2:])]),
+        compare="".join(
+            f" || !{step.name}_near({name}, k, {i}u)" for i, name in enumerate(_as_numbers(step, real, seen))
+        ),
+    )
+    return text.strip("\n").split("\n")
+
+
+def _as_numbers(step: Step, real: Real, seen: Iterable[str]) -> list[str]:
+    """What is seen, counters as real numbers."""
+    counters = {f"s.{field.name}" for field in step.state if field.kind == "index"}
+    return [f"({real}){name}" if name in counters else name for name in seen]
+
+
+def _locals(step: Step) -> list[str]:
+    kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "out"), ("plant", "x")]
+    return [f"{step.name}_{kind} {short};" for kind, short in kinds if kind != "input" or step.inputs]
+
+
+def _start(step: Step, real: Real) -> list[str]:
+    """Each `z` off its rest."""
+    lines: list[str] = []
+    above = {line[-1].name: line for line in lines_of(step.groups)}
+    for place, values in start(step).items():
+        group, name = place.split(".")
+        line = list(enumerate(above.get(group, ())))
+        member = "".join(["s.", *(f"{g.name}[k{depth or ''}]." for depth, g in line), name])
+        texts = [f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};" for i, v in enumerate(values)]
+        for depth, g in reversed(line):
+            k = f"k{depth or ''}"
+            texts = [f"for (unsigned {k} = 0u; {k} < {g.count}u; ++{k}) {{", *indented(texts), "}"]
+        lines += texts
+    return lines
+
+
+def _fill(signals: list[str], first: int, missing: int) -> list[str]:
+    """Assignments of one sample; at sample `missing` it is not a number."""
+    return [f"{signal} = (k == {missing}u) ? none : given[k][{j}];" for j, signal in enumerate(signals, first)]
+
+
+def _rows(table: Iterable[Iterable[float]], real: Real) -> str:
+    rows = [", ".join(literal(float(v) if v == v else 0.0, real) for v in row) for row in table]
+    return "\n".join(indented(f"{{{row}}}," for row in rows))
+
+
+def _block(items: list[str], width: int = 16) -> str:
+    return "\n".join(indented(", ".join(items[i : i + width]) + "," for i in range(0, len(items), width)))

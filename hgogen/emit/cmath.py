@@ -1,0 +1,172 @@
+"""The helper and mathematical functions of the emitted C: bundled, from the C library, or CMSIS-DSP, behind one switch.
+
+Bundled functions are the graphs of `emit.elementary`, so they give the same bits on every IEEE 754 target.
+"""
+
+from collections.abc import Collection
+from string import Template
+
+import casadi as ca
+
+from hgogen.emit.cprint import CALLS, Printer, Real, Target, body, literal
+from hgogen.emit.ctext import indented
+from hgogen.emit.elementary import elementary
+
+_WHOLE: dict[Real, str] = {"float": "int32_t", "double": "int64_t"}
+_ALL_WHOLE: dict[Real, float] = {"float": 2.0**23, "double": 2.0**52}  # numbers from here on are whole
+_LARGE: dict[Real, str] = {"float": "3e38f", "double": "1e308"}
+
+# the small functions, in the order in which they call each other
+_HELPERS = {
+    "abs": Template("""
+static $real ${prefix}_abs($real v)
+{
+    return (v < $zero) ? -v : v;
+}
+"""),
+    "min": Template("""
+static $real ${prefix}_min($real a, $real b)
+{
+    return (a < b) ? a : b;
+}
+"""),
+    "max": Template("""
+static $real ${prefix}_max($real a, $real b)
+{
+    return (a > b) ? a : b;
+}
+"""),
+    "clamp": Template("""
+static $real ${prefix}_clamp($real v, $real low, $real high)
+{
+    const $real raised = (v > low) ? v : low;
+    return (raised < high) ? raised : high;
+}
+"""),
+    "within": Template("""
+/* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
+static bool ${prefix}_within($real v, $real limit)
+{
+    return v == v && v >= -limit && v <= limit;
+}
+"""),
+    "keep": Template("""
+/* v in [low, high]; `otherwise` where v is not a number or beyond limit */
+static $real ${prefix}_keep($real v, $real low, $real high, $real otherwise, $real limit)
+{
+    return ${prefix}_within(v, limit) ? ${prefix}_clamp(v, low, high) : otherwise;
+}
+"""),
+    "sign": Template("""
+static $real ${prefix}_sign($real v)
+{
+    return ((v > $zero) ? $one : $zero) - ((v < $zero) ? $one : $zero);
+}
+"""),
+    "whole": Template("""
+/* largest whole number not above v, which an $whole can hold */
+static $real ${prefix}_whole($real v)
+{
+    const $real whole = ($real)($whole)v;
+    return whole - ((whole > v) ? $one : $zero);
+}
+"""),
+    "floor": Template("""
+/* largest whole number not above v; numbers from $all_whole on are whole */
+static $real ${prefix}_floor($real v)
+{
+    return ${prefix}_within(v, $all_whole) ? ${prefix}_whole(v) : v;
+}
+"""),
+    "inf": Template("""
+static $real ${prefix}_inf(void)
+{
+    const $real large = $large;
+    return large*large;
+}
+"""),
+    "nan": Template("""
+static $real ${prefix}_nan(void)
+{
+    const $real large = ${prefix}_inf();
+    return large - large;
+}
+"""),
+}
+_CALLED = {"keep": {"clamp", "within"}, "floor": {"whole", "within"}, "nan": {"inf"}}
+
+# what CMSIS-DSP has in single precision; the rest comes from the C library there
+_CMSIS = {"sin": "arm_sin_f32", "cos": "arm_cos_f32"}
+
+
+def needed(names: Collection[str], real: Real) -> list[str]:
+    """Mathematical functions among `names`, in the order of `elementary`."""
+    return [name for name in elementary(real) if name in names]
+
+
+def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
+    """The headers of the library that was chosen, if `used` names a mathematical function."""
+    if not needed(used, real):
+        return []
+    upper = prefix.upper()
+    cmsis = [f"#elif defined({upper}_USE_CMSIS)", '#include "arm_math.h"', "#include <math.h>"]
+    return [f"#if defined({upper}_USE_LIBM)", "#include <math.h>", *(cmsis if real == "float" else []), "#endif"]
+
+
+def functions(prefix: str, real: Real, used: Collection[str]) -> list[str]:
+    """The functions that `used` names: the small ones, then the mathematical ones behind their switch."""
+    names, outside = needed(used, real), _called(used)
+    lines = _helpers(prefix, real, outside)
+    if not names:
+        return lines
+    calls: set[str] = set()
+    bundled = [line for name in names for line in (*_bundled(prefix, real, name, calls), "")]
+    upper, suffix = prefix.upper(), "f" if real == "float" else ""
+    cmsis = f", or {upper}_USE_CMSIS for CMSIS-DSP" if real == "float" else ""
+    lines += [
+        "/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.",
+        f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
+        f"#if defined({upper}_USE_LIBM)",
+        *(line for name in names for line in _library(prefix, real, name, f"{name}{suffix}")),
+    ]
+    if real == "float":
+        lines += [f"#elif defined({upper}_USE_CMSIS)"]
+        lines += [line for name in names for line in _library(prefix, real, name, _CMSIS.get(name, f"{name}f"))]
+    return [*lines, "#else", *_helpers(prefix, real, _called(calls) - outside), *bundled[:-1], "#endif", ""]
+
+
+def _called(names: Collection[str]) -> set[str]:
+    return set(names).union(*(_CALLED.get(name, ()) for name in names))
+
+
+def _helpers(prefix: str, real: Real, names: Collection[str]) -> list[str]:
+    holes = {"prefix": prefix, "real": real, "whole": _WHOLE[real], "large": _LARGE[real]}
+    holes |= {"zero": literal(0, real), "one": literal(1, real), "all_whole": literal(_ALL_WHOLE[real], real)}
+    return [line for name in _HELPERS if name in names for line in _HELPERS[name].substitute(holes)[1:].split("\n")]
+
+
+def _parameters(name: str) -> list[str]:
+    return ["x", "y"][: elementary("double")[name].n_in()]
+
+
+def _head(prefix: str, real: Real, name: str) -> str:
+    return f"static {real} {prefix}_{name}({', '.join(f'{real} {p}' for p in _parameters(name))})"
+
+
+def _library(prefix: str, real: Real, name: str, target: str) -> list[str]:
+    return [_head(prefix, real, name), "{", f"    return {target}({', '.join(_parameters(name))});", "}", ""]
+
+
+def _bundled(prefix: str, real: Real, name: str, calls: set[str]) -> list[str]:
+    graph, parameters = elementary(real)[name], _parameters(name)
+    printer = Printer(
+        real=real,
+        prefix=prefix,
+        inputs=lambda argument, _: parameters[argument],
+        local=lambda argument, _: parameters[argument],
+        calls=CALLS | {ca.OP_FLOOR: "whole"},  # their arguments are small
+        used=calls,
+        taken=set(parameters),
+    )
+    lines = body(printer, graph, [Target(lambda text: [f"return {text};"])], [], [])
+    return [_head(prefix, real, name), "{", *indented(lines), "}"]

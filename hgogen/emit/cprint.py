@@ -1,0 +1,358 @@
+"""The C printer: a block's SX instructions as readable C: named values, few parentheses, no double in a float build.
+
+The order of operations in the C is that of the instructions, but for operands of + and * turned round, so every reader
+of a block computes the same bits (where the compiler does not contract a*b + c). Values used more than once, or worth a
+name, become `const` locals; the rest is written in place.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, negated, negative, read
+from hgogen.errors import HgogenError
+
+Real = Literal["float", "double"]
+Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
+WIDTH = 92  # longest expression that is written in place
+
+SUM, PRODUCT, UNARY, ATOM = 4.0, 5.0, 6.0, 7.0  # C precedence, loosest first
+SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
+
+
+@dataclass(eq=False)
+class NotPrintable(HgogenError):
+    """An operation that has no C of ours."""
+
+    operation: int
+
+    def __str__(self) -> str:
+        names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == self.operation]
+        return f"the operation {names[0] if names else self.operation} has no C; write the model without it"
+
+
+@dataclass(eq=False)
+class BeyondFloat(HgogenError):
+    """A number that overflows to infinity, or underflows to 0, in the working precision."""
+
+    value: float
+    real: str
+
+    def __str__(self) -> str:
+        return f"{self.value:g} is beyond the range of {self.real}; choose other units, or real='double'"
+
+
+_INFIX: dict[int, tuple[str, float]] = {
+    ca.OP_ADD: (" + ", SUM),
+    ca.OP_SUB: (" - ", SUM),
+    ca.OP_MUL: ("*", PRODUCT),
+    ca.OP_DIV: ("/", PRODUCT),
+    ca.OP_LT: (" < ", ORDER),
+    ca.OP_LE: (" <= ", ORDER),
+    ca.OP_EQ: (" == ", EQUAL),
+    ca.OP_NE: (" != ", EQUAL),
+}
+_LOGIC: dict[int, tuple[str, float]] = {ca.OP_AND: (" && ", AND), ca.OP_OR: (" || ", OR)}
+CALLS: dict[int, str] = {
+    ca.OP_FABS: "abs",
+    ca.OP_FMIN: "min",
+    ca.OP_FMAX: "max",
+    ca.OP_FLOOR: "floor",
+    ca.OP_SIGN: "sign",
+    ca.OP_SQRT: "sqrt",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_HYPOT: "hypot",
+}
+
+
+def _binding(node: Node) -> float:
+    """How tightly the text of a value binds."""
+    if node.name:
+        return ATOM
+    if node.op in (CHOOSE, ca.OP_IF_ELSE_ZERO) or boolean(node):
+        return SELECT
+    return _INFIX[node.op][1] if node.op in _INFIX else UNARY
+
+
+def literal(value: float, real: Number) -> str:
+    """Shortest decimal that reads back as this number in the working precision.
+
+    Raises: `NotPrintable` for a counter that is not a whole number from 0; `BeyondFloat`.
+    """
+    if real == "unsigned":
+        if value < 0 or value != int(value):
+            raise NotPrintable(ca.OP_CONST)
+        return f"{int(value)}u"
+    if real == "double":
+        return repr(float(value))
+    with np.errstate(over="ignore", under="ignore"):
+        number = np.float32(value)
+    if np.isinf(number) or (number == 0 and value != 0):
+        raise BeyondFloat(value, real)
+    text = np.format_float_positional(number, trim="0") if 1e-4 <= abs(number) < 1e7 or number == 0 else f"{number!s}"
+    return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
+
+
+@dataclass
+class Printer:
+    """Prints one block. Of element j of argument i: `inputs` is its text, `local` its name as a local; `is_flag` tells
+    whether argument i is a truth value."""
+
+    real: Number
+    prefix: str
+    inputs: Callable[[int, int], str]
+    local: Callable[[int, int], str]
+    is_flag: Callable[[int], bool] = lambda _: False
+    calls: Mapping[int, str] = field(default_factory=lambda: CALLS)
+    used: set[str] = field(default_factory=set)
+    lines: list[str] = field(default_factory=list)
+    taken: set[str] = field(default_factory=set)
+
+    def count(self, roots: Iterable[Node]) -> None:
+        """How often each value is used, over all roots."""
+        stack, seen = list(roots), set[int]()
+        for root in stack:
+            root.uses += 1
+        while stack:
+            node = stack.pop()
+            if id(node) in seen:
+                continue
+            seen.add(id(node))
+            for child in node.args:
+                child.uses += 1
+                stack.append(child)
+
+    def declare(self, node: Node, name: str) -> None:
+        """A named constant for a value; the name is made unique."""
+        if node.name or node.op == ca.OP_CONST:
+            return
+        text, _ = self.raw(node)
+        node.name = self.fresh(name)
+        kind = "bool" if boolean(node) else self.real
+        self.lines.append(f"const {kind} {node.name} = {text};")
+
+    def fresh(self, name: str) -> str:
+        """`name`, or `name` with a number where it is taken."""
+        candidate, k = name, 2
+        while candidate in self.taken:
+            candidate, k = f"{name}_{k}", k + 1
+        self.taken.add(candidate)
+        return candidate
+
+    def prepare(self, root: Node) -> None:
+        """Declare, in order, the values below `root` that are used more than once or too long to write in place."""
+        stack: list[tuple[Node, bool]] = [(root, False)]
+        done: set[int] = set()
+        while stack:
+            node, ready = stack.pop()
+            if node.name or id(node) in done:
+                continue
+            if not ready:
+                stack.append((node, True))
+                stack.extend((child, False) for child in reversed(node.args))
+                continue
+            done.add(id(node))
+            repeated = any(a is b for i, a in enumerate(node.args) for b in node.args[i + 1 :])
+            for child in node.args:
+                if repeated and child.op not in (ca.OP_CONST, ca.OP_INPUT) and not child.name:
+                    self.declare(child, self.number())
+            if node is not root and self.worthy(node):
+                self.declare(node, self.local(*node.source) if node.op == ca.OP_INPUT else self.number())
+
+    def number(self) -> str:
+        """The next temporary."""
+        k = 1
+        while f"t{k}" in self.taken:
+            k += 1
+        return f"t{k}"
+
+    def worthy(self, node: Node) -> bool:
+        """Whether a value is better declared than written in place."""
+        if node.op in (ca.OP_CONST, ca.OP_NOT):
+            return False
+        if node.op == ca.OP_INPUT:
+            return node.uses > 1 and not self.inputs(*node.source).isidentifier()
+        if node.op == ca.OP_NEG and node.args[0].name:
+            return False
+        return node.uses > 1 or len(self.raw(node)[0]) > WIDTH
+
+    def value(self, node: Node, level: float = 0) -> str:
+        """A number, in parentheses if it binds looser than `level`."""
+        if boolean(node):
+            text, binds = f"{self.truth(node, OR)} ? {self.literal(1)} : {self.literal(0)}", SELECT
+        else:
+            text, binds = (node.name, ATOM) if node.name else self.raw(node)
+        return f"({text})" if binds < level else text
+
+    def truth(self, node: Node, level: float = 0) -> str:
+        """A truth value, in parentheses if it binds looser than `level`."""
+        if boolean(node):
+            text, binds = (node.name, ATOM) if node.name else self.raw(node)
+        elif node.op == ca.OP_INPUT and self.is_flag(node.source[0]):
+            text, binds = node.name or self.inputs(*node.source), ATOM
+        elif node.op == ca.OP_CONST:
+            text, binds = ("true" if node.constant else "false"), ATOM
+        else:
+            text, binds = f"{self.value(node, SUM)} != {self.literal(0)}", EQUAL
+        return f"({text})" if binds < level else text
+
+    def clause(self, node: Node, op: int) -> str:
+        """An operand of `op`, && or ||: chains of the same and plain comparisons need no parentheses."""
+        same = node.op == op or node.op in (ca.OP_NOT, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
+        return self.truth(node, 0 if same else ATOM)
+
+    def literal(self, value: float) -> str:
+        """A number in the working precision."""
+        return literal(value, self.real)
+
+    def constant(self, value: float) -> tuple[str, float]:
+        """A literal; what C99 cannot write without <math.h> is a call."""
+        if value != value:
+            return self.call("nan")
+        if abs(value) == float("inf"):
+            text, _ = self.call("inf")
+            return (text, ATOM) if value > 0 else (f"-{text}", UNARY)
+        return self.literal(value), ATOM if value >= 0 else UNARY
+
+    def call(self, name: str, *args: Node) -> tuple[str, float]:
+        """A call of one of our functions."""
+        self.used.add(name)
+        return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
+
+    def raw(self, node: Node) -> tuple[str, float]:
+        """The C of a value from its operands, and how tightly it binds."""
+        op, args = node.op, node.args
+        if op == ca.OP_CONST:
+            return self.constant(node.constant)
+        if op == ca.OP_INPUT:
+            text = self.inputs(*node.source)
+            return text, UNARY if text.startswith("(") else ATOM
+        if op == CLAMP:
+            return self.call("clamp", *args)
+        if op == WITHIN:
+            return self.call("within", *args)
+        if op == KEEP:
+            return self.call("keep", *args)
+        if op == CHOOSE:
+            return self.choice(*args)
+        if op == ca.OP_IF_ELSE_ZERO:
+            return self.choice(args[0], args[1], Node(ca.OP_CONST))
+        if op == ca.OP_NEG:
+            return f"-{self.value(args[0], ATOM)}", UNARY
+        if op == ca.OP_NOT:
+            return self.negation(args[0])
+        if op in _LOGIC:
+            sign, binds = _LOGIC[op]
+            return sign.join(self.clause(arg, op) for arg in args), binds
+        if op in (ca.OP_LT, ca.OP_LE) and args[0].op == ca.OP_CONST:
+            sign = " > " if op == ca.OP_LT else " >= "
+            return f"{self.value(args[1], ORDER + 0.1)}{sign}{self.value(args[0], ORDER + 0.1)}", ORDER
+        if op in _INFIX:
+            return self.infix(op, *args)
+        if op in self.calls:
+            return self.call(self.calls[op], *args)
+        raise NotPrintable(op)
+
+    def choice(self, test: Node, yes: Node, no: Node) -> tuple[str, float]:
+        """test ? yes : no; a negated test exchanges the two."""
+        if test.op == ca.OP_NOT and not test.name:
+            test, yes, no = test.args[0], no, yes
+        return f"{self.truth(test, ATOM)} ? {self.value(yes, OR)} : {self.value(no, OR)}", SELECT
+
+    def negation(self, test: Node) -> tuple[str, float]:
+        """!test; of counters, which are never NaN, the opposite comparison."""
+        opposite = {ca.OP_LT: ca.OP_LE, ca.OP_LE: ca.OP_LT, ca.OP_EQ: ca.OP_NE, ca.OP_NE: ca.OP_EQ}
+        if self.real == "unsigned" and test.op in opposite and not test.name:
+            swapped = test.op in (ca.OP_LT, ca.OP_LE)
+            return self.raw(Node(opposite[test.op], test.args[::-1] if swapped else test.args))
+        return f"!{self.truth(test, ATOM)}", UNARY
+
+    def infix(self, op: int, left: Node, right: Node) -> tuple[str, float]:
+        """left op right. The order of operations is part of the result, so a right operand that binds as loosely needs
+        parentheses; a sum or product, which commutes bit for bit, is turned round to save them."""
+        sign, binds = _INFIX[op]
+        if op in (ca.OP_ADD, ca.OP_MUL):
+            turned = op == ca.OP_ADD and negative(left) and not negative(right)
+            if turned or (_binding(right) == binds < _binding(left)):
+                left, right = right, left
+        if op in (ca.OP_ADD, ca.OP_SUB) and negative(right):
+            sign, right = " - " if op == ca.OP_ADD else " + ", negated(right)
+        return f"{self.value(left, binds)}{sign}{self.value(right, binds + 0.1)}", binds
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where an output element goes: `write` makes the statements of the text; `flag` asks for a truth value.
+
+    `source`: the input element that is this same place; writing it back unchanged is left out.
+    """
+
+    write: Callable[[str], Sequence[str]]
+    flag: bool = False
+    source: tuple[int, int] | None = None
+
+
+def body(
+    printer: Printer,
+    function: Any,
+    targets: Sequence[Target],
+    names: Sequence[str],
+    hoist: Collection[int],
+) -> list[str]:
+    """The statements of a block.
+
+    `targets`: for each element of the first outputs; `names`: for each element of the outputs after those; `hoist`:
+    arguments that must be read before anything is written.
+    """
+    nodes = [node for output in read(function) for node in output]
+    pairs = [(n, t) for n, t in zip(nodes, targets, strict=False) if n.op != ca.OP_INPUT or n.source != t.source]
+    named = nodes[len(targets) :]
+    printer.count(node for node, _ in pairs)
+    _hoist(printer, [node for node, _ in pairs], hoist)
+    for node, name in zip(named, names, strict=True):
+        if node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses and not node.name:
+            printer.prepare(node)
+            printer.declare(node, name)
+    for node, _ in pairs:
+        printer.prepare(node)
+        if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
+            printer.declare(node, printer.number())
+    for node, target in pairs:
+        printer.lines += target.write(printer.truth(node) if target.flag else printer.value(node))
+    return printer.lines
+
+
+def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
+    """Declare the inputs that the block also writes, before anything is written."""
+    found: dict[tuple[int, int], Node] = {}
+    stack, seen = list(roots), set[int]()
+    while stack:
+        node = stack.pop()
+        if id(node) not in seen:
+            seen.add(id(node))
+            stack.extend(node.args)
+            if node.op == ca.OP_INPUT and node.source[0] in hoist:
+                found[node.source] = node
+    for source, node in sorted(found.items(), key=lambda item: item[0]):
+        printer.declare(node, printer.local(*source))

@@ -1,0 +1,109 @@
+"""Recorded vectors for the self-check of emitted C: what goes in, and what must come out, bit for bit.
+
+The inputs are triangle waves over the declared ranges, with a missing, an absurd, a lost and an excessive sample among
+them, so that guards, correction and adaptation all run; they use no function of this machine. The outputs are those of
+`emit.exact`.
+
+The tolerance is for other roundings, of libm or of contracted operations. These touch a part of the operations by about
+a rounding unit each, as going from float to double touches them all; so the tolerance is 16 times that distance, and in
+double its share by rounding units.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from hgogen.chains.core import nominal, numbers
+from hgogen.emit.cprint import Real
+from hgogen.emit.exact import DTYPE, machine
+from hgogen.program import address, lines_of
+from hgogen.signal import Signal
+from hgogen.step import Step
+
+SAMPLES = 64
+MISSING, ABSURD, LOST_INPUT, EXCESSIVE = 20, 30, 40, 50  # samples at which a guard is exercised
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """Inputs u (N, m), outputs y (N, p), what is `seen` (N, n), its `tolerance` (n), status (N)."""
+
+    u: np.ndarray
+    y: np.ndarray
+    seen: np.ndarray
+    tolerance: np.ndarray
+    status: np.ndarray
+
+
+def places(step: Step) -> dict[str, str]:
+    """What the self-check compares, by its C name: the estimate, and what the observer traces of its state."""
+    estimate = {f"x.{s.name}": f"estimate.{s.name}" for s in step.states}
+    return estimate | {f"s.{name}": f"state.{name}" for name in step.observer.traces}
+
+
+def record(step: Step, real: Real) -> Vectors:
+    """Run the step from a reset over the test inputs."""
+    u = np.array([[_wave(k / 37, s) for s in step.inputs] for k in range(SAMPLES)]).reshape(SAMPLES, -1)
+    y = np.array([[_wave(k / 23, s) for s in step.outputs] for k in range(SAMPLES)])
+    y[MISSING], y[ABSURD], u[LOST_INPUT] = np.nan, 1e30, np.nan
+    u[EXCESSIVE] = [2 * s.interval[1] - s.interval[0] if s.bounded else 3.0 for s in step.inputs]
+    u, y = u.astype(DTYPE[real]), y.astype(DTYPE[real])
+    runs = {"float": _run(step, "float", u, y), "double": _run(step, "double", u, y)}
+    seen, status = runs[real]
+    gap = np.abs(runs["float"][0] - runs["double"][0]).max(axis=0)
+    unit = {kind: np.finfo(number).eps for kind, number in DTYPE.items()}
+    distance = gap * (unit[real] / unit["float"]) + unit[real] * np.abs(seen).max(axis=0)
+    return Vectors(u, y, seen, 16 * distance, status)
+
+
+def start(step: Step) -> dict[str, list[float]]:
+    """What the state holds at the first sample, by place: the estimate, and each `z` of a group, off their rest, where
+    a plant may stand still and show nothing of its model."""
+    boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
+    groups = [line[-1] for line in lines_of(step.groups)]
+    values = {f"{group.name}.z": _off(boxes, 0.3) for group in groups if any(f.name == "z" for f in group.fields)}
+    return values | _estimate(step, _off(boxes, 0.4))
+
+
+def _off(boxes: list[tuple[float, float]], share: float) -> list[float]:
+    return [low + (0.5 + share / 2) * (high - low) for low, high in boxes]
+
+
+def _estimate(step: Step, wanted: list[float]) -> dict[str, list[float]]:
+    """The fields of the state whose estimate is `wanted`, as far as each of its elements is linear in one of theirs."""
+    values = {f"state.{field.name}": np.array(field.initial) for field in step.state}
+    known = nominal(step.observer) | values
+    changed = {}
+    for z, goal in zip(ca.vertsplit(ca.vertcat(step.observer.z)), wanted, strict=True):
+        places = [(place, index) for place, index, _ in map(address, ca.symvar(z)) if place in values]
+        slope = ca.jacobian(z, ca.vertcat(*(s for s in ca.symvar(z) if address(s)[0] in values)))
+        if len(places) != 1 or any(address(s)[0] in values for s in ca.symvar(slope)):
+            continue
+        (place, index), (rise, now) = places[0], (numbers(graph, known).item() for graph in (slope, z))
+        values[place][index] = goal if z.is_symbolic() else values[place][index] + (goal - now) / rise
+        changed[place] = values[place]
+    return {place: list(map(float, array)) for place, array in changed.items()}
+
+
+def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    reader = machine(step, real)
+    for place, values in start(step).items():
+        reader.memory[place][:] = values
+    results = [reader.memory[place] for place in places(step).values()]
+    seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
+    given = [reader.memory[f"input.{s.name}"] for s in step.inputs]
+    given += [reader.memory[f"output.{s.name}"] for s in step.outputs]
+    for k in range(SAMPLES):
+        for array, value in zip(given, (*u[k], *y[k]), strict=True):
+            array[0] = value
+        status[k] = reader.call()
+        seen[k] = [result[0] for result in results]
+    return seen, status
+
+
+def _wave(cycles: float, signal: Signal) -> float:
+    """Half the declared range (or +-1) about its middle, in a triangle."""
+    low, high = signal.interval if signal.bounded else (-1.0, 1.0)
+    triangle = 1 - 4 * abs(cycles % 1 - 0.5)
+    return (low + high) / 2 + (high - low) / 4 * triangle

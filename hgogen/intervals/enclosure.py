@@ -1,0 +1,381 @@
+"""Enclosures of a tape's values, and of their slopes, on many boxes at once.
+
+Forward differentiation in outward-rounded intervals. A slope encloses the derivative where there is one and Clarke's
+gradient at a kink (Abs, Min, Max), so that the mean value theorem holds wherever the value is continuous and the slope
+is finite. What may jump on a box (sign, floor, Heaviside, Piecewise) is not continuous there and has no finite slope.
+A condition is a number, 1 for true and 0 for false.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hgogen.algebra.tape import Instruction, Tape
+from hgogen.intervals import endpoints, outward
+from hgogen.intervals.outward import Array, Pair, add, hull, multiply, negate, power, reciprocal, scale
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """What is known on each of k boxes.
+
+    `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
+    on the whole closed box; `continuous` there; `slope`: (low, high), m x k each, None where it was not asked for.
+    """
+
+    value: Pair
+    defined: Flags
+    continuous: Flags
+    slope: Pair | None = None
+
+
+def enclose(program: Tape, low: Array, high: Array, *, slopes: bool = False) -> list[Enclosure]:
+    """One enclosure for each output of the tape, on the boxes low <= x <= high (m x k)."""
+    with np.errstate(all="ignore"):
+        walk = _Walk(low, high, slopes, [])
+        for instruction in program.instructions:
+            walk.values.append(walk.run(instruction))
+        return [walk.values[place] for place in program.outputs]
+
+
+@dataclass(frozen=True)
+class _Walk:
+    low: Array
+    high: Array
+    slopes: bool
+    values: list[Enclosure]
+
+    def run(self, instruction: Instruction) -> Enclosure:
+        op, value = instruction.op, instruction.value
+        args = [self.values[place] for place in instruction.args]
+        if op == "symbol":
+            return self._symbol(int(value or 0))
+        if op == "number":
+            return self._constant(outward.number(Fraction(value or 0)))
+        if op in _CONSTANTS:
+            return self._constant(_CONSTANTS[op])
+        if op == "constant":
+            return self._constant(_CONSTANTS[str(value)])
+        if op == "power":
+            return _power(args[0], int(value or 0))
+        if op == "root":
+            return _root(args[0], Fraction(value or 0))
+        if op in endpoints.FUNCTIONS:
+            return _elementary(op, args[0])
+        return _RULES[op](args)
+
+    def _symbol(self, index: int) -> Enclosure:
+        low, high = self.low[index], self.high[index]
+        yes = np.ones(low.shape, dtype=bool)
+        if not self.slopes:
+            return Enclosure((low, high), yes, yes)
+        unit = np.zeros(self.low.shape)
+        unit[index] = 1.0
+        return Enclosure((low, high), yes, yes, (unit, unit))
+
+    def _constant(self, ends: tuple[float, float]) -> Enclosure:
+        shape = self.low.shape[1:]
+        yes = np.ones(shape, dtype=bool)
+        slope = (np.zeros(self.low.shape), np.zeros(self.low.shape)) if self.slopes else None
+        return Enclosure((np.full(shape, ends[0]), np.full(shape, ends[1])), yes, yes, slope)
+
+
+_CONSTANTS: dict[str, tuple[float, float]] = {
+    "pi": endpoints.PI,
+    "e": endpoints.E,
+    "true": (1.0, 1.0),
+    "false": (0.0, 0.0),
+}
+
+
+def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
+    return (
+        np.logical_and.reduce([a.defined for a in args]),
+        np.logical_and.reduce([a.continuous for a in args]),
+    )
+
+
+def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair | None:
+    """The slope of f(a), f' as given."""
+    return None if a.slope is None else scale(slope(), a.slope)
+
+
+def _total(parts: list[Pair | None]) -> Pair | None:
+    first, second = parts
+    return None if first is None or second is None else add(first, second)
+
+
+def _nowhere(slope: Pair | None, wild: Flags) -> Pair | None:
+    """The whole line for the slope where `wild`."""
+    if slope is None:
+        return None
+    return np.where(wild, -np.inf, slope[0]), np.where(wild, np.inf, slope[1])
+
+
+def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | None:
+    """The whole line where `wild`, but only for the variables that `reads` vary with: in the others nothing jumps."""
+    if slope is None:
+        return None
+    varies = np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads if a.slope is not None])
+    return _nowhere(slope, wild & varies)
+
+
+def _const(value: float, like: Pair) -> Pair:
+    return np.full(like[0].shape, value), np.full(like[0].shape, value)
+
+
+def _add(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    return Enclosure(add(a.value, b.value), *_both(args), _total([a.slope, b.slope]))
+
+
+def _multiply(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    if a is b:
+        return _power(a, 2)
+    slope = _total([_chain(a, lambda: b.value), _chain(b, lambda: a.value)])
+    return Enclosure(multiply(a.value, b.value), *_both(args), slope)
+
+
+def _power(a: Enclosure, n: int) -> Enclosure:
+    """a^n, n whole."""
+    value = power(a.value, n)
+    clear = (a.value[0] > 0) | (a.value[1] < 0) | (n >= 0)
+    factor = outward.number(Fraction(n))
+    slope = _chain(a, lambda: multiply(_pair(factor, a.value), power(a.value, n - 1)))
+    return Enclosure(value, a.defined & clear, a.continuous & clear, _nowhere(slope, ~clear))
+
+
+def _pair(ends: tuple[float, float], like: Pair) -> Pair:
+    return np.full(like[0].shape, ends[0]), np.full(like[0].shape, ends[1])
+
+
+def _root(a: Enclosure, r: Fraction) -> Enclosure:
+    """a^r, r rational and not whole: real for a >= 0, for r < 0 for a > 0."""
+    clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (r > 0))
+    factor = outward.number(r)
+    slope = _chain(a, lambda: multiply(_pair(factor, a.value), _fractional(a.value, r - 1)))
+    value = _fractional(a.value, r)
+    return Enclosure(value, a.defined & clear, a.continuous & clear, _nowhere(slope, ~clear))
+
+
+def _fractional(a: Pair, r: Fraction) -> Pair:
+    if r < 0:
+        return reciprocal(_fractional(a, -r))
+    if r == Fraction(1, 2):
+        return outward.square_root(a)
+    return endpoints.real_power(a, (r.numerator, r.denominator))
+
+
+def _raise(args: list[Enclosure]) -> Enclosure:
+    """a^b = exp(b log a), real for a > 0, and 0 at a = 0 for b > 0."""
+    a, b = args
+    logarithm, _ = endpoints.apply("log", (np.maximum(a.value[0], 0.0), a.value[1]))
+    value, _ = endpoints.apply("exp", multiply(b.value, logarithm))
+    clear = (a.value[0] > 0) | ((a.value[0] >= 0) & (b.value[0] > 0))
+    defined, continuous = _both(args)
+    positive = np.maximum(a.value[0], 0.0), a.value[1]
+    rate = _chain(a, lambda: multiply(multiply(b.value, value), reciprocal(positive)))
+    slope = _total([rate, _chain(b, lambda: multiply(value, logarithm))])
+    return Enclosure(value, defined & clear, continuous & clear, _nowhere(slope, ~clear))
+
+
+_ONE = 1.0
+
+_DERIVATIVES: dict[str, Callable[[Pair, Pair], Pair]] = {  # of the argument a and the value f(a)
+    "exp": lambda a, f: f,
+    "log": lambda a, f: reciprocal((np.maximum(a[0], 0.0), a[1])),
+    "sin": lambda a, f: endpoints.apply("cos", a)[0],
+    "cos": lambda a, f: negate(endpoints.apply("sin", a)[0]),
+    "tan": lambda a, f: add(_const(_ONE, a), power(f, 2)),
+    "asin": lambda a, f: _inverse_root(a),
+    "acos": lambda a, f: negate(_inverse_root(a)),
+    "atan": lambda a, f: reciprocal(add(_const(_ONE, a), power(a, 2))),
+    "sinh": lambda a, f: endpoints.apply("cosh", a)[0],
+    "cosh": lambda a, f: endpoints.apply("sinh", a)[0],
+    "tanh": lambda a, f: reciprocal(power(endpoints.apply("cosh", a)[0], 2)),
+    "asinh": lambda a, f: reciprocal(outward.square_root(add(_const(_ONE, a), power(a, 2)))),
+    "acosh": lambda a, f: reciprocal(
+        outward.square_root(add(power((np.maximum(a[0], 1.0), a[1]), 2), _const(-_ONE, a)))
+    ),
+    "atanh": lambda a, f: reciprocal(_one_minus_square(a)),
+}
+
+
+def _one_minus_square(a: Pair) -> Pair:
+    low, high = add(_const(_ONE, a), negate(power(a, 2)))
+    return np.maximum(low, 0.0), high
+
+
+def _inverse_root(a: Pair) -> Pair:
+    return reciprocal(outward.square_root(_one_minus_square(a)))
+
+
+def _elementary(name: str, a: Enclosure) -> Enclosure:
+    value, inside = endpoints.apply(name, a.value)
+    slope = _nowhere(_chain(a, lambda: _DERIVATIVES[name](a.value, value)), ~inside)
+    return Enclosure(value, a.defined & inside, a.continuous & inside, slope)
+
+
+def _angle(args: list[Enclosure]) -> Enclosure:
+    y, x = args
+    value, there, smooth = endpoints.angle(y.value, x.value)
+    defined, continuous = _both(args)
+    norm = add(power(x.value, 2), power(y.value, 2))
+    rates = (
+        _chain(y, lambda: multiply(x.value, reciprocal(norm))),
+        _chain(x, lambda: negate(multiply(y.value, reciprocal(norm)))),
+    )
+    return Enclosure(value, defined & there, continuous & smooth, _nowhere(_total(list(rates)), ~smooth))
+
+
+def _abs(args: list[Enclosure]) -> Enclosure:
+    (a,) = args
+    positive = a.value[0] >= 0
+    signs = np.where(positive, 1.0, -1.0), np.where(~positive & (a.value[1] <= 0), -1.0, 1.0)
+    return replace(a, value=outward.absolute(a.value), slope=_chain(a, lambda: signs))
+
+
+def _least(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    low, high = np.minimum(a.value[0], b.value[0]), np.minimum(a.value[1], b.value[1])
+    slope = _chosen(a, b, a.value[1] <= b.value[0], b.value[1] <= a.value[0])
+    return Enclosure((low, high), *_both(args), slope)
+
+
+def _most(args: list[Enclosure]) -> Enclosure:
+    a, b = args
+    low, high = np.maximum(a.value[0], b.value[0]), np.maximum(a.value[1], b.value[1])
+    slope = _chosen(a, b, a.value[0] >= b.value[1], b.value[0] >= a.value[1])
+    return Enclosure((low, high), *_both(args), slope)
+
+
+def _chosen(a: Enclosure, b: Enclosure, first: Flags, second: Flags) -> Pair | None:
+    if a.slope is None or b.slope is None:
+        return None
+    either = hull(a.slope, b.slope)
+    low, high = (np.where(first, x, np.where(second, y, z)) for x, y, z in zip(a.slope, b.slope, either, strict=True))
+    return low, high
+
+
+def _steps(a: Enclosure, value: Pair) -> Enclosure:
+    """A piecewise constant function with that range: constant on a box, or it may jump there."""
+    still = value[0] == value[1]
+    zero = None if a.slope is None else (np.zeros(a.slope[0].shape), np.zeros(a.slope[0].shape))
+    return Enclosure(value, a.defined, a.continuous & still, _jumpy(zero, ~still, [a]))
+
+
+def _sign(args: list[Enclosure]) -> Enclosure:
+    low, high = args[0].value
+    return _steps(args[0], (np.asarray(np.sign(low), dtype=float), np.asarray(np.sign(high), dtype=float)))
+
+
+def _heaviside(args: list[Enclosure]) -> Enclosure:
+    """0 below 0, 1 above, and the second argument at 0."""
+    a, at_zero = args
+    low, high = a.value
+    value: Pair = np.where(low > 0, 1.0, np.inf), np.where(high > 0, 1.0, -np.inf)
+    below = low < 0
+    value = np.where(below, 0.0, value[0]), np.where(below, np.maximum(value[1], 0.0), value[1])
+    above = high > 0
+    value = np.where(above, np.minimum(value[0], 1.0), value[0]), value[1]
+    there = (low <= 0) & (high >= 0)
+    found = _steps(a, _joined(value, at_zero.value, there))
+    defined, continuous = found.defined & (at_zero.defined | ~there), found.continuous & (at_zero.continuous | ~there)
+    if found.slope is None or at_zero.slope is None:
+        return replace(found, defined=defined, continuous=continuous)
+    slope = _joined(found.slope, at_zero.slope, there)
+    return replace(found, defined=defined, continuous=continuous, slope=slope)
+
+
+def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:
+    """A relation from when it must and when it may hold."""
+
+    def rule(args: list[Enclosure]) -> Enclosure:
+        must, may = verdicts(args[0].value, args[1].value)
+        defined = args[0].defined & args[1].defined
+        reads = args[0].slope  # of a condition: what it varies with
+        if reads is not None:
+            zero = np.zeros(reads[0].shape), np.zeros(reads[0].shape)
+            reads = _jumpy(zero, np.ones(must.shape, dtype=bool), args)
+        return Enclosure((must.astype(float), may.astype(float)), defined, must == may, reads)
+
+    return rule
+
+
+def _equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
+    same = (a[0] == a[1]) & (b[0] == b[1]) & (a[0] == b[0])
+    return same, (a[0] <= b[1]) & (b[0] <= a[1])
+
+
+def _not_equal(a: Pair, b: Pair) -> tuple[Flags, Flags]:
+    must, may = _equal(a, b)
+    return ~may, ~must
+
+
+def _not(args: list[Enclosure]) -> Enclosure:
+    low, high = args[0].value
+    return replace(args[0], value=(1.0 - high, 1.0 - low))
+
+
+def _piecewise(args: list[Enclosure]) -> Enclosure:
+    """The hull of the branches that a point of the box may take; continuous where there is one only."""
+    values, conditions = args[::2], args[1::2]
+    shape = values[0].value[0].shape
+    left, count = np.ones(shape, dtype=bool), np.zeros(shape, dtype=int)
+    defined, continuous = np.ones(shape, dtype=bool), np.ones(shape, dtype=bool)
+    value: Pair = (np.full(shape, np.inf), np.full(shape, -np.inf))
+    slope = None if values[0].slope is None else tuple(np.full(values[0].slope[0].shape, s) for s in (np.inf, -np.inf))
+    for branch, condition in zip(values, conditions, strict=True):
+        here = left & (condition.value[1] > 0)
+        value = _joined(value, branch.value, here)
+        if slope is not None and branch.slope is not None:
+            slope = _joined((slope[0], slope[1]), branch.slope, here)
+        defined &= (branch.defined | ~here) & (condition.defined | ~left)
+        continuous &= branch.continuous | ~here
+        count += here
+        left &= condition.value[0] <= 0
+    lost = count == 0
+    value = np.where(lost, -np.inf, value[0]), np.where(lost, np.inf, value[1])
+    continuous &= (count == 1) & ~left
+    if slope is None:
+        return Enclosure(value, defined & ~left, continuous)
+    final = _nowhere(_jumpy((slope[0], slope[1]), (count != 1), conditions), lost)
+    return Enclosure(value, defined & ~left, continuous, final)
+
+
+def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
+    low, high = hull(a, b)
+    return np.where(where, low, a[0]), np.where(where, high, a[1])
+
+
+def _whole(function: Callable[[Array], Array]) -> Callable[[list[Enclosure]], Enclosure]:
+    return lambda args: _steps(args[0], (function(args[0].value[0]), function(args[0].value[1])))
+
+
+_RULES: dict[str, Callable[[list[Enclosure]], Enclosure]] = {
+    "add": _add,
+    "mul": _multiply,
+    "raise": _raise,
+    "min": _least,
+    "max": _most,
+    "and": _least,
+    "or": _most,
+    "not": _not,
+    "abs": _abs,
+    "sign": _sign,
+    "floor": _whole(np.floor),
+    "ceiling": _whole(np.ceil),
+    "heaviside": _heaviside,
+    "atan2": _angle,
+    "piecewise": _piecewise,
+    "less": _compare(lambda a, b: (a[1] < b[0], a[0] < b[1])),
+    "less_equal": _compare(lambda a, b: (a[1] <= b[0], a[0] <= b[1])),
+    "equal": _compare(_equal),
+    "unequal": _compare(_not_equal),
+}

@@ -1,0 +1,46 @@
+"""One look at a box without bisection: an interval that holds an expression's values, outward-rounded."""
+
+import math
+from fractions import Fraction
+from typing import TypeAlias
+
+import sympy as sp
+
+from hgogen.algebra.points import exact
+from hgogen.algebra.tape import NoTape, tape
+from hgogen.intervals.box import EVERYTHING, Box, End, sides
+from hgogen.intervals.enclosure import enclose as enclosures
+
+Interval: TypeAlias = tuple[End, End]
+
+_STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I, sp.AccumBounds)
+
+
+def enclose(expression: sp.Expr, box: Box) -> Interval:
+    """An interval that holds the values of the expression on the box, where it and its parts are real; exact for a
+    rational number and for a symbol. A function without a rule may have any value."""
+    fixed, around = sides(exact(expression), box)
+    if fixed.is_Rational:
+        value = Fraction(int(fixed.p), int(fixed.q))
+        return value, value
+    if fixed in around.symbols:
+        return around.ends[around.symbols.index(fixed)]
+    if fixed.has(*_STRANGE):
+        return EVERYTHING
+    try:
+        program = tape([fixed], around.symbols)
+    except NoTape:
+        return EVERYTHING
+    low, high = around.outer
+    (found,) = enclosures(program, low[:, None], high[:, None])
+    return float(found.value[0][0]), float(found.value[1][0])
+
+
+def contains_zero(interval: Interval) -> bool:
+    """Whether zero lies in the closed interval."""
+    return interval[0] <= 0 <= interval[1]
+
+
+def finite(interval: Interval) -> bool:
+    """Whether both ends are finite."""
+    return abs(interval[0]) != math.inf and abs(interval[1]) != math.inf

@@ -1,0 +1,376 @@
+"""Branch and bound on a tape: rigorous ranges on a box of floats, and how good they are.
+
+On each box the range is what several enclosures have in common: the natural interval extension of every output of
+the tape (forms of one expression: as written, factored, ..); the same on the faces towards which the expression is
+monotone; and the mean value form
+
+    f(x) in f(c) + sum_i [df/dx_i] (x_i - c_i),
+
+with one centre c for the lower and one for the upper bound (E. Baumann, "Optimal centered forms", BIT 28, 1988).
+What is still too wide is bisected, the worst first. Values at points of the box, enclosed too, bound the range from
+inside.
+The search counts boxes and draws nothing at random.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hgogen.algebra.tape import Tape
+from hgogen.intervals.enclosure import Enclosure, Flags, enclose
+from hgogen.intervals.floats import corners, middle, placed, spread
+from hgogen.intervals.outward import Array, Pair, add, meet, negate, scale
+
+Tree = tuple[object, ...] | str
+
+_BATCH = 256  # boxes a round
+_FINE = 2.0**-44  # of the root's width: no box is cut further
+_FAR = 2.0**40  # an unbounded box that begins beyond it is not cut
+_ROUNDS, _AROUND = 8, 48  # of the search for good points
+_SPREAD = 160  # first points
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """n boxes (m x n ends) and what is known on each; `node`: its place in the tree; `cut`: where to bisect it."""
+
+    low: Array
+    high: Array
+    bottom: Array
+    top: Array
+    defined: Flags
+    continuous: Flags
+    node: NDArray[np.int64]
+    cut: NDArray[np.int64]
+
+    def only(self, rows: NDArray[np.int64] | Flags) -> "Leaves":
+        """Some of them."""
+        last = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
+        return Leaves(**last)
+
+    def with_more(self, other: "Leaves") -> "Leaves":
+        """These and the others."""
+        names = self.__dataclass_fields__
+        return Leaves(**{n: np.concatenate((getattr(self, n), getattr(other, n)), axis=-1) for n in names})
+
+
+@dataclass(frozen=True)
+class Inner:
+    """Points (m) where a value at most `least`, or at least `most`, is attained; inf and -inf before one is known.
+
+    `lost`: a point where the arithmetic does not show the expression defined, or None.
+    """
+
+    least: float
+    most: float
+    at_least: Array | None
+    at_most: Array | None
+    lost: Array | None
+
+
+@dataclass(frozen=True)
+class Found:
+    """The result of a search: the leaves, the inner values, how many boxes were tried, and the bisection tree."""
+
+    leaves: Leaves
+    inner: Inner
+    boxes: int
+    finished: bool
+    tree: Tree
+
+    @property
+    def low(self) -> float:
+        """A lower bound on the whole box."""
+        return float(self.leaves.bottom.min())
+
+    @property
+    def high(self) -> float:
+        """An upper bound on the whole box."""
+        return float(self.leaves.top.max())
+
+    @property
+    def defined(self) -> bool:
+        """Whether it is proved finite and real everywhere."""
+        return bool(self.leaves.defined.all())
+
+    @property
+    def continuous(self) -> bool:
+        """Whether it is proved continuous."""
+        return bool(self.leaves.continuous.all() and self.leaves.defined.all())
+
+
+# What is still to be done on each leaf: > 0, more for worse; 0 for nothing.
+Goal = Callable[[Leaves, Inner], Array]
+
+
+def tight(relative: float) -> Goal:
+    """The goal that low and high are within `relative` of the range's width of values that are attained."""
+
+    def excess(leaves: Leaves, inner: Inner) -> Array:
+        width = inner.most - inner.least if math.isfinite(inner.least) and math.isfinite(inner.most) else 0.0
+        tolerance = relative / 2.0 * max(width, 0.0)
+        tolerance = max(tolerance, 1e-13 * max(abs(v) for v in (inner.least, inner.most, 0.0) if math.isfinite(v)))
+        over = np.maximum(inner.least - tolerance - leaves.bottom, leaves.top - tolerance - inner.most)
+        over = np.where(leaves.defined, np.maximum(over, 0.0), np.inf)
+        return np.where(np.isnan(over), np.inf, over)
+
+    return excess
+
+
+def one_sign(leaves: Leaves, inner: Inner) -> Array:
+    """The goal that the expression is defined and has one sign; given up once both signs are attained."""
+    if inner.least <= 0.0 <= inner.most:
+        return np.zeros(leaves.bottom.shape)
+    doubt = (leaves.bottom <= 0.0) & (leaves.top >= 0.0)
+    worst = np.minimum(np.abs(leaves.bottom), np.abs(leaves.top))
+    return np.where(~leaves.defined, np.inf, np.where(doubt, np.where(worst > 0, worst, 5e-324), 0.0))
+
+
+def everywhere(leaves: Leaves, inner: Inner) -> Array:
+    """The goal that the expression is defined."""
+    return np.where(leaves.defined, 0.0, np.inf)
+
+
+def regular(leaves: Leaves, inner: Inner) -> Array:
+    """The goal that the expression is defined and continuous."""
+    return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
+
+
+def search(program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int) -> Found:
+    """Bisect `root` (m ends each) until nothing is left to do for the goal, or `limit` boxes were tried.
+
+    `inside`: the largest box of floats in the true box, whose ends lie at most one float inside the root's.
+    """
+    with np.errstate(all="ignore"):
+        return _search(_Problem(program, root, inside), goal, limit)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    program: Tape
+    root: Pair
+    inside: Pair
+
+    def points(self, x: Array) -> Pair:
+        """Enclosures of points (m x k): an end that is no float by its two neighbours."""
+        low, high = x, x
+        first, last = (end[:, None] for end in self.inside)
+        bottom, top = (end[:, None] for end in self.root)
+        low, high = np.where(x < first, bottom, low), np.where(x < first, first, high)
+        return np.where(x > last, last, low), np.where(x > last, top, high)
+
+
+def _search(problem: _Problem, goal: Goal, limit: int) -> Found:
+    inner = _explore(problem, Inner(math.inf, -math.inf, None, None, None))
+    low, high = problem.root
+    leaves, inner = _boxes(problem, low[:, None], high[:, None], np.zeros(1, dtype=np.int64), inner)
+    boxes, splits = 1, list[tuple[int, int]]()
+    count = 1
+    while True:
+        todo = goal(leaves, inner)
+        todo = np.where((leaves.cut < 0), 0.0, todo)
+        rows = np.nonzero(todo > 0.0)[0]
+        if len(rows) == 0 or boxes + 2 > limit:
+            break
+        worst = rows[np.argsort(-todo[rows], kind="stable")][: min(_BATCH, (limit - boxes) // 2)]
+        parents = leaves.only(worst)
+        kept = np.ones(len(todo), dtype=bool)
+        kept[worst] = False
+        children = count + np.arange(2 * len(worst), dtype=np.int64)
+        count += len(children)
+        splits += zip(parents.node.tolist(), parents.cut.tolist(), strict=True)
+        new, inner = _boxes(problem, *_halves(parents), children, inner)
+        leaves = leaves.only(kept).with_more(new)
+        boxes += len(children)
+    unresolved = goal(leaves, inner) > 0.0
+    return Found(leaves, inner, boxes, not unresolved.any(), split_tree(splits))
+
+
+def _halves(parents: Leaves) -> Pair:
+    """Left and right children in turn."""
+    k = len(parents.node)
+    columns = np.arange(k)
+    centre = middle(parents.low, parents.high)[parents.cut, columns]
+    low, high = np.repeat(parents.low, 2, axis=1), np.repeat(parents.high, 2, axis=1)
+    high[parents.cut, 2 * columns] = centre
+    low[parents.cut, 2 * columns + 1] = centre
+    return low, high
+
+
+def split_tree(splits: list[tuple[int, int]]) -> Tree:
+    """Nested ("split", variable, left, right) and "leaf"; node 0 is the root, the j-th split makes 2j+1 and 2j+2."""
+    made: dict[int, Tree] = {}
+    for j in range(len(splits) - 1, -1, -1):
+        node, variable = splits[j]
+        made[node] = ("split", variable, made.pop(2 * j + 1, "leaf"), made.pop(2 * j + 2, "leaf"))
+    return made.get(0, "leaf")
+
+
+# --- one batch of boxes ---------------------------------------------------------------------------------------------
+
+
+def _boxes(problem: _Problem, low: Array, high: Array, node: NDArray[np.int64], inner: Inner) -> tuple[Leaves, Inner]:
+    """Ranges on boxes (m x k), and the inner values with their centres'."""
+    m, k = low.shape
+    parts = enclose(problem.program, low, high, slopes=True)
+    first = parts[0]
+    value = _common(parts)
+    sound = first.defined & first.continuous
+    slope = _slopes(parts, sound)
+    sound = sound & np.isfinite(slope[0]).all(axis=0) & np.isfinite(slope[1]).all(axis=0)
+    down, up = _centres(low, high, slope, sound)
+    centres = problem.points(np.concatenate((down, up), axis=1))
+    at = enclose(problem.program, *centres)
+    inner = _better(inner, np.concatenate((down, up), axis=1), at)
+    there = _common(at)
+    for side, centre in enumerate((down, up)):
+        here = there[0][side * k : (side + 1) * k], there[1][side * k : (side + 1) * k]
+        known = sound & at[0].defined[side * k : (side + 1) * k]
+        form = _mean_value(here, (low, high), centre, slope)
+        form = np.where(known, form[0], -np.inf), np.where(known, form[1], np.inf)
+        value = _meet(value, form)
+    if m > 1:
+        value = _on_faces(problem, (low, high), slope, sound, value)
+    cut = _cuts(problem, low, high, slope, sound)
+    return Leaves(low, high, value[0], value[1], first.defined, first.continuous, node, cut), inner
+
+
+def _common(parts: list[Enclosure]) -> Pair:
+    """What all forms say of the value; the first alone where they have nothing in common (no value there)."""
+    value = parts[0].value
+    for part in parts[1:]:
+        value = _meet(value, part.value)
+    return value
+
+
+def _meet(a: Pair, b: Pair) -> Pair:
+    low, high = meet(a, b)
+    empty = ~(low <= high)
+    return np.where(empty, a[0], low), np.where(empty, a[1], high)
+
+
+def _slopes(parts: list[Enclosure], sound: Flags) -> Pair:
+    low, high = (np.full_like(end, s) for end, s in zip(_slope(parts[0]), (-np.inf, np.inf), strict=True))
+    for part in parts:
+        one = _slope(part)
+        known = sound & part.defined & part.continuous & ~np.isnan(one[0]) & ~np.isnan(one[1])
+        low, high = _meet((low, high), (np.where(known, one[0], -np.inf), np.where(known, one[1], np.inf)))
+    return low, high
+
+
+def _slope(part: Enclosure) -> Pair:
+    assert part.slope is not None
+    return part.slope
+
+
+def _centres(low: Array, high: Array, slope: Pair, sound: Flags) -> Pair:
+    """Baumann's centres, for the lower and the upper bound; the midpoint where no slope is known."""
+    centre = middle(low, high)
+    least, most = slope
+    width = most - least
+    share = np.where(width > 0, most / width, 0.5)
+    down = share * low - (least / np.where(width > 0, width, 1.0)) * high
+    up = (most / np.where(width > 0, width, 1.0)) * high - np.where(width > 0, least / width, 0.5) * low
+    down = np.where(least >= 0, low, np.where(most <= 0, high, down))
+    up = np.where(least >= 0, high, np.where(most <= 0, low, up))
+    usable = sound & np.isfinite(down) & np.isfinite(up)
+    down, up = np.where(usable, down, centre), np.where(usable, up, centre)
+    return np.clip(down, low, high), np.clip(up, low, high)
+
+
+def _mean_value(here: Pair, box: Pair, centre: Array, slope: Pair) -> Pair:
+    away = add(box, negate((centre, centre)))
+    terms = scale(slope, away)
+    total = here
+    for i in range(len(centre)):
+        total = add(total, (terms[0][i], terms[1][i]))
+    return total
+
+
+def _on_faces(problem: _Problem, box: Pair, slope: Pair, sound: Flags, value: Pair) -> Pair:
+    """The lower and upper bounds on the faces where the expression is least and most."""
+    low, high = box
+    rising, falling = sound & (slope[0] >= 0), sound & (slope[1] <= 0)
+    some = (rising | falling).any(axis=0)
+    if not some.any():
+        return value
+    bottom = np.where(falling, high, low), np.where(rising, low, high)
+    top = np.where(rising, high, low), np.where(falling, low, high)
+    faces = np.concatenate((bottom[0], top[0]), axis=1), np.concatenate((bottom[1], top[1]), axis=1)
+    parts = enclose(problem.program, *faces)
+    k = low.shape[1]
+    there = _common(parts)
+    defined = parts[0].defined
+    least = np.where(some & defined[:k], there[0][:k], -np.inf)
+    most = np.where(some & defined[k:], there[1][k:], np.inf)
+    return _meet(value, (least, most))
+
+
+def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags) -> NDArray[np.int64]:
+    """The variable to bisect: the largest |slope| times width; where no slope is known the relatively widest; -1 where
+    no side can be cut."""
+    m, k = low.shape
+    if m == 0:
+        return np.full(k, -1, dtype=np.int64)
+    width = high - low
+    whole = (problem.root[1] - problem.root[0])[:, None]
+    share = np.where(np.isinf(whole), np.where(np.isinf(width), 1.0, width / (1.0 + width)), width / whole)
+    size = np.maximum(np.abs(slope[0]), np.abs(slope[1])) * width
+    score = np.where(sound & np.isfinite(size).all(axis=0), size + 1e-3 * size.max(axis=0) * share, share)
+    centre = middle(low, high)
+    near = (np.minimum(np.abs(low), np.abs(high)) < _FAR) | (np.isinf(low) & np.isinf(high))
+    possible = (centre > low) & (centre < high) & np.where(np.isinf(width), near, share > _FINE)
+    score = np.where(possible, score, -1.0)
+    best = np.argmax(score, axis=0)
+    return np.where(possible.any(axis=0), best, -1).astype(np.int64)
+
+
+# --- values that are attained ---------------------------------------------------------------------------------------
+
+
+def _better(inner: Inner, x: Array, at: list[Enclosure]) -> Inner:
+    """The inner values, with those at points x (m x k)."""
+    value = _common(at)
+    known = at[0].defined
+    lost = inner.lost
+    if lost is None and not known.all():
+        lost = x[:, int(np.argmin(known))]
+    least = np.where(known & np.isfinite(value[1]), value[1], np.inf)
+    most = np.where(known & np.isfinite(value[0]), value[0], -np.inf)
+    i, j = int(np.argmin(least)), int(np.argmax(most))
+    inner = replace(inner, lost=lost)
+    if least[i] < inner.least:
+        inner = replace(inner, least=float(least[i]), at_least=x[:, i])
+    if most[j] > inner.most:
+        inner = replace(inner, most=float(most[j]), at_most=x[:, j])
+    return inner
+
+
+def _explore(problem: _Problem, inner: Inner) -> Inner:
+    """Corners, a spread of points, then closer and closer around the best two."""
+    low, high = problem.root
+    m = len(low)
+    if m == 0:
+        return inner
+    start = np.concatenate((corners(low, high), placed(low, high, spread(m, _SPREAD))), axis=1)
+    inner = _better(inner, start, enclose(problem.program, *problem.points(start)))
+    for round in range(_ROUNDS if m > 1 else 0):
+        near = [
+            placed(np.maximum(low, at - reach), np.minimum(high, at + reach), spread(m, _AROUND))
+            for at in (inner.at_least, inner.at_most)
+            if at is not None
+            for reach in [_reach(low, high, at) * 0.35 ** (round + 1)]
+        ]
+        if not near:
+            break
+        x = np.concatenate(near, axis=1)
+        inner = _better(inner, x, enclose(problem.program, *problem.points(x)))
+    return inner
+
+
+def _reach(low: Array, high: Array, at: Array) -> Array:
+    width = high - low
+    return np.where(np.isfinite(width), width, 1.0 + np.abs(at))

@@ -1,0 +1,368 @@
+"""Whether a function that vanishes to second order at e = 0 is negative elsewhere on a box around it.
+
+S(e, x) is no difference of positive numbers near e = 0, where it and its slope vanish: no bisection ends there. But
+let N(c, x), a symmetric matrix, be such that S(e, x) <= - e'N e, N the average of N(c, x) over copies c of e in any
+box around 0 that holds e. Positive definite N for every c in the box then gives S < 0 for every e of it but 0. So N is
+tried on the whole box, and where that fails on smaller ones, half as wide each time; what is left of the box is covered
+by slabs on which S keeps off 0 (`bounds.nonzero`). Positive definite by |I - T'N T/s| < 1 (`slope.lipschitz_bound` of
+the field (I - T'N T/s) t of t), with a constant T that makes T'N T the unit matrix in the middle, and s in the middle
+of its eigenvalues.
+
+Refuted by a point, exact and rational, where S >= 0 and e is not 0: from samples, from a direction along which N is not
+positive, or from a slab.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from hgogen.algebra.pointwise import values
+from hgogen.algebra.tape import Tape, tape
+from hgogen.check import Verdict
+from hgogen.intervals.bounds import Sign, nonzero
+from hgogen.intervals.box import Box, Point, Sides
+from hgogen.intervals.proof import Proof, ends
+from hgogen.intervals.slope import lipschitz_bound
+
+_GRID = 1024  # of a side: samples are exact
+_SCALES = 10  # halvings of the box at which samples are taken
+_SAMPLES, _ROUNDS, _BEST = 2000, 12, 6
+_SMALLEST = 10  # halvings after which N is not tried further
+_RELATIVE = (0.05, 0.002)  # of the norm
+_FEW = 100
+_BITS = 128
+_FAR = Fraction(10)  # for samples of what has no range
+
+
+@dataclass(frozen=True)
+class SecondOrder:
+    """S < 0 is asked for all x of `box` and all e of `around` but 0.
+
+    `matrix`: N of the `copies`, one tuple of symbols (n) each in the order of e, and of x.
+    """
+
+    value: sp.Expr
+    matrix: sp.Matrix
+    copies: tuple[tuple[sp.Symbol, ...], ...]
+    errors: tuple[sp.Symbol, ...]
+    around: Box
+    box: Box
+    states: tuple[sp.Symbol, ...] = ()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """PROVED with the proofs, REFUTED with an exact point and the value there, or UNKNOWN; `reason` says how."""
+
+    verdict: Verdict
+    reason: str
+    point: Mapping[sp.Symbol, Fraction] = field(default_factory=dict, hash=False)
+    proofs: tuple[Proof, ...] = ()
+
+
+def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
+    """Whether S < 0, as above; `boxes` for each question of a sign. With an `obstacle`, why N says nothing of S, it is
+    refuted or unknown."""
+    program = _Program.of(asked)
+    found = next(program.violations(_samples(program)), None)
+    if found:
+        return _refuted(program, found)
+    if obstacle:
+        return Answer(Verdict.UNKNOWN, obstacle)
+    share, proofs = _largest(asked, boxes)
+    if proofs is None:
+        found = next(program.violations(_along(program)), None)
+        if found:
+            return _refuted(program, found)
+        reason = "near e = 0 the second order does not decide it"
+        return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for a sign")
+    if share == 1:
+        return Answer(Verdict.PROVED, "its second order is definite on the whole box of errors", proofs=proofs)
+    left = tuple(nonzero(asked.value, slab, boxes=boxes, refute=False) for slab in _slabs(asked, share))
+    for sign in left:
+        found = next(program.violations(_of(sign)), None)
+        if found:
+            return _refuted(program, found)
+    if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
+        total = sum(sign.range.boxes for sign in left)
+        reason = f"its second order is definite on {share} of the box of errors, {total} boxes cover the rest"
+        slabs = tuple(_proof(asked.value, slab, sign) for slab, sign in zip(_slabs(asked, share), left, strict=True))
+        return Answer(Verdict.PROVED, reason, proofs=(*proofs, *slabs))
+    reason = f"its second order is definite on {share} of the box of errors; the rest is not decided"
+    return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for each of {len(left)} slabs")
+
+
+# --- a counterexample ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Program:
+    """S as a tape and as a numpy function."""
+
+    asked: SecondOrder
+    symbols: tuple[sp.Symbol, ...]
+    exactly: Tape
+    floats: Any
+
+    @classmethod
+    def of(cls, asked: SecondOrder) -> "_Program":
+        others = sorted(asked.value.free_symbols - {*asked.errors}, key=str)
+        symbols = (*asked.errors, *others)
+        return cls(asked, symbols, tape([asked.value], symbols), sp.lambdify(symbols, asked.value, "numpy"))
+
+    def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, str]]:
+        """Those of the points where S >= 0 is proved and e is not 0, with the value there."""
+        everything = {**self.asked.box, **self.asked.around}
+        sides = Sides(self.symbols, tuple(everything[s] for s in self.symbols))
+        for point in points:
+            if not any(point[e] for e in self.asked.errors) or not sides.contains(point):
+                continue
+            (ball,) = values(self.exactly, [point[s] for s in self.symbols], _BITS)
+            if ball >= 0:
+                yield point, f"{float(ball.mid()):.3g}"
+
+    def ratio(self, x: np.ndarray) -> np.ndarray:
+        """S/|e|^2 at points (number of symbols, k), -inf where it is not a number."""
+        with np.errstate(all="ignore"):
+            value = np.broadcast_to(np.asarray(self.floats(*x), dtype=float), x.shape[1:])
+            found = value / (x[: len(self.asked.errors)] ** 2).sum(axis=0)
+        return np.where(np.isfinite(found), found, -np.inf)
+
+
+def _refuted(program: _Program, found: tuple[Point, str]) -> Answer:
+    point, value = found
+    return Answer(Verdict.REFUTED, f"it is {value} there", point)
+
+
+def _samples(program: _Program) -> Iterator[Point]:
+    """The worst of a fixed set of random points, each moved uphill; e on scales down to a thousandth of its box."""
+    n, rng = len(program.asked.errors), np.random.default_rng(1)
+    low, high = _floats(program)
+    size = len(program.symbols)
+    whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
+    whole[:, : _SAMPLES // 4] = rng.integers(0, 2, size=(size, _SAMPLES // 4)) * _GRID
+    scale = 2.0 ** -rng.integers(0, _SCALES, size=_SAMPLES)
+
+    def placed(grid: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        x = low[:, None] + (high - low)[:, None] * (grid / _GRID)
+        x[:n] = x[:n] * scale
+        return np.asarray(x)
+
+    ratio = program.ratio(placed(whole, scale))
+    for k in np.argsort(-ratio, kind="stable")[:_BEST]:
+        best, small, most = whole[:, k], scale[k], ratio[k]
+        for step in range(_ROUNDS):
+            reach = max(1, _GRID >> (step + 2))
+            near = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(size, 48)), 0, _GRID)
+            scales = np.minimum(small * 2.0 ** rng.integers(-1, 2, size=48), 1.0)
+            tried = program.ratio(placed(near, scales))
+            j = int(np.argmax(tried))
+            if tried[j] > most:
+                best, small, most = near[:, j], scales[j], tried[j]
+        yield _exactly(program, best, Fraction(float(small)))
+
+
+def _floats(program: _Program) -> tuple[np.ndarray, np.ndarray]:
+    pairs = [_sampled(program, s) for s in program.symbols]
+    return np.array([float(a) for a, _ in pairs]), np.array([float(b) for _, b in pairs])
+
+
+def _sampled(program: _Program, symbol: sp.Symbol) -> tuple[Fraction, Fraction]:
+    return _cut({**program.asked.box, **program.asked.around}[symbol])
+
+
+def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
+    """A range for samples, cut where it is not bounded."""
+    low, high = ends
+    first = Fraction(low) if abs(low) != float("inf") else min(-_FAR, Fraction(min(high, 0)) - _FAR)
+    last = Fraction(high) if abs(high) != float("inf") else max(_FAR, first + _FAR)
+    return first, last
+
+
+def _exactly(program: _Program, grid: np.ndarray, scale: Fraction) -> Point:
+    point = {}
+    for symbol, k in zip(program.symbols, grid, strict=True):
+        low, high = _sampled(program, symbol)
+        value = low + (high - low) * int(k) / _GRID
+        point[symbol] = value * scale if symbol in program.asked.errors else value
+    return point
+
+
+def _along(program: _Program) -> Iterator[Point]:
+    """Short steps e from points x where N of zero copies is not positive definite, along its worst direction."""
+    asked, n = program.asked, len(program.asked.errors)
+    matrix, box = _near(asked, Fraction(0))
+    eigenvalues = _Eigenvalues.of(matrix, box)
+    reach = min(min(-Fraction(a), Fraction(b)) for a, b in asked.around.values())
+    for found in eigenvalues.worst():
+        x = {s: found[s] if s in found else _cut(asked.box[s])[0] for s in program.symbols[n:]}
+        direction = np.linalg.eigh(eigenvalues.matrix(found))[1][:, 0]
+        e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
+        for k, sign in product(range(0, 40, 3), (1, -1)):
+            yield x | {s: sign * d * reach / 2**k for s, d in zip(asked.errors, e, strict=True)}
+
+
+def _of(sign: Sign) -> Iterator[Point]:
+    """Where a search met the largest value."""
+    if sign.range.most is not None:
+        yield dict(sign.range.most.point)
+
+
+# --- positive definite --------------------------------------------------------------------------------------
+
+
+def _largest(asked: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, ...] | None]:
+    """The share of the box of e on which N is proved positive definite, halved as often as it takes; none where it is
+    not even at e = 0."""
+    share, proofs = Fraction(1), None
+    if _definite(*_near(asked, Fraction(0)), boxes) is None:
+        return share, None
+    for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
+        proofs = _definite(*_near(asked, share), boxes)
+        if proofs is not None:
+            break
+    return share, proofs
+
+
+def _near(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
+    """N and its box, every copy in `share` of the box of e; where N reads x and a copy by their difference alone, it
+    is one symbol."""
+    box, matrix = dict(asked.box), asked.matrix
+    if not share:
+        matrix = matrix.xreplace({c: sp.S.Zero for copy in asked.copies for c in copy})
+        return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
+    for copy in asked.copies:
+        for e, c in zip(asked.errors, copy, strict=True):
+            low, high = (Fraction(end) * share for end in asked.around[e])
+            box[c] = low, high
+        for x, c in zip(asked.states, copy, strict=bool(asked.states)):
+            behind = sp.Dummy(f"{x.name}_behind", real=True)
+            joined = matrix.xreplace({x: behind + c})
+            if c in matrix.free_symbols and not {x, c} & joined.free_symbols:
+                matrix, (first, last) = joined, asked.box[x]
+                box[behind] = first - box[c][1], last - box[c][0]
+    return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
+
+
+def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, ...] | None:
+    """The proof that N is positive definite on the whole box, or None."""
+    n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
+    if not eigenvalues.least > 0:
+        return None
+    T = np.linalg.inv(np.linalg.cholesky(eigenvalues.middle)).T
+    short = sp.Matrix(n, n, [_short(value) for value in T.ravel()])
+    moved = _Eigenvalues.of(short.T * matrix * short, box)
+    if not moved.least > 0:
+        return None
+    t = tuple(sp.Dummy(f"t{i + 1}", real=True) for i in range(n))
+    rows = (sp.eye(n) - short.T * matrix * short / _short((moved.least + moved.most) / 2)) * sp.Matrix(t)
+    whole: Box = {**box, **dict.fromkeys(t, (Fraction(-1), Fraction(1)))}
+    for relative in _RELATIVE:
+        found = lipschitz_bound(rows, t, whole, boxes=boxes, relative=relative)
+        if found.verdict is Verdict.PROVED and found.high < 1:
+            return (Proof("slope", tuple(rows), whole, None, Fraction(found.high), found.variables, found.tree, t),)
+        if found.verdict is not Verdict.PROVED or found.low >= 1:
+            break
+    return None
+
+
+def _short(value: float) -> sp.Rational:
+    return sp.Rational(f"{float(value):.4g}")
+
+
+@dataclass(frozen=True)
+class _Eigenvalues:
+    """Those of a symmetric matrix of symbols, at sample points of their box, in floats: nothing is proved here.
+
+    `least`, `most`: the extremes; `middle`: the matrix in the middle.
+    """
+
+    symbols: tuple[sp.Symbol, ...]
+    sides: tuple[tuple[Fraction, Fraction], ...]
+    floats: Any
+    grid: np.ndarray
+    found: np.ndarray
+
+    @classmethod
+    def of(cls, matrix: sp.Matrix, box: Box) -> "_Eigenvalues":
+        symbols = tuple(box)
+        sides = tuple(_cut(box[s]) for s in symbols)
+        graph = sp.lambdify(symbols, list(matrix), "numpy")
+        rng, size = np.random.default_rng(1), len(symbols)
+        corners = rng.integers(0, 2, size=(size, _FEW)) * _GRID
+        inner = rng.integers(0, _GRID + 1, size=(size, _FEW))
+        grid = np.concatenate((np.full((size, 1), _GRID // 2), corners, inner), axis=1)
+        n = matrix.rows
+
+        def floats(grid: np.ndarray) -> np.ndarray:
+            low = np.array([float(a) for a, _ in sides]).reshape(-1, 1)
+            high = np.array([float(b) for _, b in sides]).reshape(-1, 1)
+            with np.errstate(all="ignore"):
+                entries = graph(*(low + (high - low) * (grid / _GRID)))
+            whole = np.array([np.broadcast_to(np.asarray(entry, dtype=float), grid.shape[1:]) for entry in entries])
+            return whole.T.reshape(-1, n, n)
+
+        return cls(symbols, sides, floats, grid, _spectrum(floats(grid)))
+
+    @property
+    def least(self) -> float:
+        """-inf where the matrix is not finite."""
+        return float(self.found[:, 0].min())
+
+    @property
+    def most(self) -> float:
+        """The largest."""
+        return float(self.found[:, -1].max())
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(n, n)."""
+        return np.asarray(self.floats(self.grid[:, :1])[0])
+
+    def matrix(self, point: Point) -> np.ndarray:
+        """(n, n) at a point of the grid."""
+        shares = [(point[s] - a) / (b - a) * _GRID for s, (a, b) in zip(self.symbols, self.sides, strict=True)]
+        return np.asarray(self.floats(np.array([[float(share)] for share in shares]).reshape(-1, 1))[0])
+
+    def worst(self) -> Iterator[Point]:
+        """Points with small eigenvalues, each moved downhill, while they are finite."""
+        rng = np.random.default_rng(2)
+        for k in np.argsort(self.found[:, 0], kind="stable")[:_BEST]:
+            best, least = self.grid[:, k], self.found[k, 0]
+            if not np.isfinite(least):
+                continue
+            for step in range(_ROUNDS):
+                reach = max(1, _GRID >> (step + 2))
+                near = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(len(best), 48)), 0, _GRID)
+                found = _spectrum(self.floats(near))[:, 0]
+                j = int(np.argmin(np.where(np.isfinite(found), found, np.inf)))
+                if np.isfinite(found[j]) and found[j] < least:
+                    best, least = near[:, j], found[j]
+            yield {s: a + (b - a) * int(i) / _GRID for s, (a, b), i in zip(self.symbols, self.sides, best, strict=True)}
+
+
+def _spectrum(matrices: np.ndarray) -> np.ndarray:
+    """Eigenvalues (k, n) of matrices (k, n, n), -inf where they are not finite."""
+    good = np.isfinite(matrices).all(axis=(1, 2))
+    values = np.linalg.eigvalsh(np.where(good[:, None, None], matrices, 0.0))
+    return np.where(good[:, None], values, -np.inf)
+
+
+def _slabs(asked: SecondOrder, share: Fraction) -> Iterator[Box]:
+    """Boxes that cover what `share` of the box of e leaves."""
+    inner: dict[sp.Symbol, tuple[Any, Any]] = dict(asked.around)
+    for e in asked.errors:
+        low, high = (Fraction(end) for end in asked.around[e])
+        yield {**asked.box, **inner, e: (low, low * share)}
+        yield {**asked.box, **inner, e: (high * share, high)}
+        inner[e] = low * share, high * share
+
+
+def _proof(expression: sp.Expr, box: Box, sign: Sign) -> Proof:
+    found = sign.range
+    return Proof("range", (expression,), box, *ends(found.low, found.high), found.variables, found.tree)

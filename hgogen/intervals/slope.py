@@ -1,0 +1,208 @@
+"""How steep a vector field is on a box: L_b = sup |db/dx| of the spectral norm, or why there is none.
+
+A box is convex, so a continuous b whose Jacobian is bounded is Lipschitz (mean value theorem); kinks (Abs, Min, Max)
+do no harm, jumps in the state do. Not Lipschitz is shown by a point of the box towards which an entry of the Jacobian
+tends to infinity.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from itertools import islice
+
+import sympy as sp
+
+from hgogen.algebra.points import exact, kind, put
+from hgogen.algebra.tape import tape
+from hgogen.check import Verdict
+from hgogen.intervals.box import Box, Point, Sides, rational, sides
+from hgogen.intervals.search import Tree, everywhere, search
+from hgogen.intervals.spectral import Field, Steep, steepest
+from hgogen.intervals.zeros import special_point
+
+# What jumps hides from the symbolic derivative, and what bends is better read by slopes.
+JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2)
+KINKS = (sp.Abs, sp.Min, sp.Max)
+
+LIMIT = 4000
+_FIRST = 500  # boxes before a singular point is looked for
+_WORK = 400_000  # boxes times rows times symbols squared, so that large systems take seconds, too
+_RELATIVE = 0.02
+_STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
+_OPERATIONS = 150  # of a slope whose limit is asked for
+_NEAR = (10, 30, 60)  # binary digits of the distances at which the growth is seen
+
+
+@dataclass(frozen=True)
+class Lipschitz:
+    """Whether b is Lipschitz in some symbols on a box.
+
+    PROVED: |db/dx| <= `high` on the box, and >= `low` at a point of it. REFUTED: `witness` is a point towards which
+    `slope`, an entry of the Jacobian, tends to infinity. UNKNOWN: `reason` says how many boxes were tried.
+    `variables`, `tree`: the bisection, as in `bounds.Range`.
+    """
+
+    verdict: Verdict
+    low: float
+    high: float
+    reason: str
+    boxes: int
+    variables: tuple[sp.Symbol, ...]
+    witness: Mapping[sp.Symbol, Fraction] = field(default_factory=dict, hash=False)
+    tree: Tree = field(default="leaf", repr=False)
+
+
+def lipschitz_bound(
+    b: Iterable[sp.Expr], states: Sequence[sp.Symbol], box: Box, *, boxes: int = LIMIT, relative: float = _RELATIVE
+) -> Lipschitz:
+    """The supremum over the box of the spectral norm of db/dx, outward, at most `relative` too large or `reason` says
+    why.
+
+    Raises: `EmptyBox`; `NoTape` for a function without a rule.
+    """
+    whole, around = sides(sp.Tuple(*(exact(sp.sympify(row)) for row in b)), box)
+    rows = [row for row in whole if not (row.is_number and row.is_real)]
+    read = [x for x in states if x in around.symbols]
+    if not rows:
+        return Lipschitz(Verdict.PROVED, 0.0, 0.0, "it is constant", 0, around.symbols)
+    if any(row.has(*_STRANGE) for row in rows):
+        return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, "it is not a finite real number", 0, around.symbols)
+    if not read:
+        return _constant(rows, around, boxes)
+    vector = _field(rows, read, around)
+    boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
+    found = steepest(vector, around.outer, relative, min(boxes, _FIRST))
+    steep = None if found.bounded else _endless(rows, read, around)
+    if not (found.finished or steep) and boxes > _FIRST:
+        found = steepest(vector, around.outer, relative, boxes)
+    if found.bounded:
+        reason = "" if found.finished else f"{found.boxes} boxes bring it no closer to the slopes that are attained"
+        return _answer(Verdict.PROVED, found, reason, around)
+    if steep:
+        slope, point = steep
+        at = ", ".join(f"{s} = {value}" for s, value in point.items())
+        reason = f"the slope {slope} has no bound towards {at}"
+        return Lipschitz(Verdict.REFUTED, found.low, math.inf, reason, found.boxes, around.symbols, point)
+    return _answer(Verdict.UNKNOWN, found, f"{found.boxes} boxes give no bound", around)
+
+
+def _answer(verdict: Verdict, found: Steep, reason: str, around: Sides) -> Lipschitz:
+    return Lipschitz(verdict, found.low, found.high, reason, found.boxes, around.symbols, tree=found.tree)
+
+
+def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
+    """For rows that do not depend on the state: Lipschitz where they are defined."""
+    found = [search(tape([row], around.symbols), around.outer, around.inner, everywhere, boxes) for row in rows]
+    tried = sum(one.boxes for one in found)
+    if all(one.defined for one in found):
+        return Lipschitz(Verdict.PROVED, 0.0, 0.0, "it does not depend on the state", tried, around.symbols)
+    reason = f"{tried} boxes do not show that it is defined"
+    return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, tried, around.symbols)
+
+
+def _field(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> Field:
+    program = tape(rows, around.symbols)
+    entries = _varying_slopes(rows, states)
+    at = tuple(around.symbols.index(x) for x in states)
+    return Field(program, at, tape(entries.values(), around.symbols), tuple(entries))
+
+
+def _varying_slopes(rows: list[sp.Expr], states: list[sp.Symbol]) -> dict[tuple[int, int], sp.Expr]:
+    """The entries of the Jacobian that vary, where the rows are smooth; constant ones the rows' tape gives as well."""
+    if any(row.has(*JUMPS, *KINKS) for row in rows):
+        return {}
+    slopes = {(i, j): row.diff(x) for i, row in enumerate(rows) for j, x in enumerate(states) if x in row.free_symbols}
+    return {place: slope for place, slope in slopes.items() if slope.free_symbols}
+
+
+# --- not Lipschitz --------------------------------------------------------------------------------------------------
+
+
+def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tuple[sp.Expr, Point] | None:
+    """A slope, and a point towards which it tends to infinity along a line in the box."""
+    real = {s: sp.Dummy(s.name, real=True) for s in around.symbols}
+    plain = {dummy: s for s, dummy in real.items()}
+    around = Sides(tuple(real.values()), around.ends)
+    states = [real[x] for x in states]
+    for row in (row.xreplace(real) for row in rows):
+        if row.has(*JUMPS):
+            continue
+        for point in _suspects(row, around):
+            for x in states:
+                slope = row.diff(x)
+                if slope == 0 or slope.has(sp.re, sp.im) or slope.count_ops() >= _OPERATIONS:
+                    continue  # re and im stand in the slope of |e| where e is not real everywhere: limits are dear
+                if _grows(slope, point, around):
+                    return slope.xreplace(plain), {plain[s]: value for s, value in point.items()}
+    return None
+
+
+def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
+    """Points where a root, a power, a logarithm or an inverse function of the row is singular."""
+    for argument in dict.fromkeys(_singular_arguments(row)):
+        symbols = [s for s in around.symbols if s in argument.free_symbols]
+        own = around.only(symbols)
+        if not symbols:
+            continue
+        found = special_point(argument, tape([argument], own.symbols), own, ("= 0",))
+        if found:
+            yield around.centre() | found[1]
+
+
+def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
+    for node in sorted(row.atoms(sp.Pow, sp.log, sp.asin, sp.acos, sp.atanh, sp.acosh), key=str):
+        if isinstance(node, sp.Pow):
+            if not (node.exp.is_Integer and node.exp > 0):
+                yield node.base
+        elif isinstance(node, sp.log):
+            yield node.args[0]
+        else:
+            yield node.args[0] - 1
+            yield node.args[0] + 1
+    for node in sorted(row.atoms(sp.tan), key=str):
+        yield sp.cos(node.args[0])
+
+
+def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
+    """Whether |slope| tends to infinity towards the point along a line in the box: by its limit, and as seen."""
+    t = sp.Dummy("t", positive=True)
+    exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
+    for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits is dear
+        moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
+        along = put(slope, {s: rational(value) + t * rational(moved[s]) for s, value in point.items()})
+        along = along and _settled(along, t)
+        if not along or not along.has(t) or along.has(sp.Heaviside):
+            continue
+        sizes = [_size(along, {t: sp.Rational(1, 2**digits)}) for digits in _NEAR]
+        if None in sizes or not sizes[0] < sizes[1] < sizes[2]:  # type: ignore[operator]
+            continue
+        try:
+            limit = sp.limit(along, t, 0, "+")
+        except (NotImplementedError, ValueError, TypeError, RecursionError, sp.PoleError):
+            return False  # nor would it be found along other lines, and each try may be dear
+        if limit in (sp.oo, -sp.oo):
+            return True
+    return False
+
+
+def _settled(along: sp.Expr, t: sp.Symbol) -> sp.Expr:
+    """Heaviside, |..|, Min and Max as what they are for small t > 0, where their arguments at 0 tell."""
+    return along.replace(lambda node: isinstance(node, (sp.Heaviside, *KINKS)), lambda node: _branch(node, t))
+
+
+def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:
+    if isinstance(node, (sp.Min, sp.Max)):
+        way = 1 if isinstance(node, sp.Max) else -1
+        ahead = (a for a in node.args if all((way * (a - b)).subs(t, 0).is_positive for b in node.args if b != a))
+        return next(ahead, node)
+    (argument, *_) = node.args
+    start = argument.subs(t, 0)
+    above, below = (argument, -argument) if isinstance(node, sp.Abs) else (sp.S.One, sp.S.Zero)
+    return above if start.is_positive else below if start.is_negative else node
+
+
+def _size(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Rational]) -> sp.Expr | None:
+    if kind(expression, at) not in ("> 0", "< 0"):
+        return None
+    return abs(expression.xreplace(dict(at)).evalf(20))

@@ -1,0 +1,264 @@
+"""The spectral norm of a Jacobian on a box: branch and bound with interval matrices.
+
+A matrix on a box is enclosed entry by entry: by the slopes of the vector field's tape, and where the field has no
+kinks by the Jacobian as expressions, in natural and mean value form. With M its midpoint and D its radii,
+|J| <= |M| + |D|_F, also |J|^2 <= |J|_1 |J|_inf, and for a power m of two |M|^2 = |M'M| <= |(M'M)^m|_F^(1/m), too large
+by the factor n^(1/(2m)) at most. A lower bound is |J v| / |v| at points, with any v.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hgogen.algebra.tape import Tape
+from hgogen.intervals.enclosure import Flags, enclose
+from hgogen.intervals.floats import corners, middle
+from hgogen.intervals.outward import Array, Pair, add, down, meet, negate, power, scale, square_root, up
+from hgogen.intervals.search import Tree, split_tree
+
+_BATCH = 128
+_FINE = 2.0**-40  # of the root's width: no box is cut further
+_SQUARINGS = 7
+_SHARP = 8  # rows or columns beyond which the power would cost too much
+_LOST = 1e-290  # far above what underflow can change in a matrix of entries below 1
+
+
+@dataclass(frozen=True)
+class Field:
+    """A vector field as a tape, the indices of its states among the tape's symbols, and those entries of its Jacobian
+    that vary, at `places` (row, column), as a second tape; no entries where the field has kinks or jumps."""
+
+    program: Tape
+    states: tuple[int, ...]
+    jacobian: Tape
+    places: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Steep:
+    """high >= |J| on the whole box, low <= |J| at the point `at`; `smooth`: the field is proved defined;
+    `worst`: the middle of the box that decides high."""
+
+    low: float
+    high: float
+    at: Array | None
+    worst: Array
+    smooth: bool
+    boxes: int
+    finished: bool
+    tree: Tree
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the field is proved defined, without jumps, with a bounded Jacobian."""
+        return self.smooth and math.isfinite(self.high)
+
+
+def steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
+    """Bisect the box until high is within `relative` of low, or `limit` boxes were tried."""
+    with np.errstate(all="ignore"):
+        return _steepest(field, root, relative, limit)
+
+
+def _steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
+    low, high = root[0][:, None], root[1][:, None]
+    node = np.zeros(1, dtype=np.int64)
+    norm, smooth, cut = _norms(field, root, low, high)
+    best, at = _attained(field, corners(*root)[:, : limit + 1])
+    splits: list[tuple[int, int]] = []
+    while True:
+        todo = ((norm > (1.0 + relative) * best) | ~smooth) & (cut >= 0)
+        rows = np.nonzero(todo)[0]
+        boxes = 1 + 2 * len(splits)
+        if len(rows) == 0 or boxes + 2 > limit:
+            break
+        rows = rows[np.argsort(-norm[rows], kind="stable")][: min(_BATCH, (limit - boxes) // 2)]
+        children = boxes + np.arange(2 * len(rows), dtype=np.int64)
+        splits += zip(node[rows].tolist(), cut[rows].tolist(), strict=True)
+        new_low, new_high = _halves(low[:, rows], high[:, rows], cut[rows])
+        more = _norms(field, root, new_low, new_high)
+        value, point = _attained(field, middle(new_low, new_high))
+        best, at = (value, point) if value > best else (best, at)
+        kept = np.ones(len(norm), dtype=bool)
+        kept[rows] = False
+        low, high = np.hstack((low[:, kept], new_low)), np.hstack((high[:, kept], new_high))
+        norm, smooth, cut = (np.concatenate((a[kept], b)) for a, b in zip((norm, smooth, cut), more, strict=True))
+        node = np.concatenate((node[kept], children))
+    worst = int(np.argmax(np.where(smooth, norm, np.inf)))
+    most = float(norm.max())
+    done = bool(most <= (1.0 + relative) * best)
+    centre = middle(low, high)[:, worst]
+    return Steep(best, most, at, centre, bool(smooth.all()), 1 + 2 * len(splits), done, split_tree(splits))
+
+
+def _halves(low: Array, high: Array, cut: NDArray[np.int64]) -> Pair:
+    columns = np.arange(low.shape[1])
+    centre = middle(low, high)[cut, columns]
+    low, high = np.repeat(low, 2, axis=1), np.repeat(high, 2, axis=1)
+    high[cut, 2 * columns] = centre
+    low[cut, 2 * columns + 1] = centre
+    return low, high
+
+
+def _norms(field: Field, root: Pair, low: Array, high: Array) -> tuple[Array, Flags, NDArray[np.int64]]:
+    """Upper bounds of |J| on boxes (m x k), whether the field is defined and continuous there, where to cut."""
+    matrix, smooth, weight = _matrices(field, low, high)
+    return np.where(smooth, _norm(matrix), np.inf), smooth, _cuts(root, low, high, weight)
+
+
+def _matrices(field: Field, low: Array, high: Array, wide: bool = True) -> tuple[Pair, Flags, Array | None]:
+    """Enclosures of J (rows x states x k), where it can be used, and how much each variable matters (m x k).
+
+    `wide`: boxes and not points, for which the mean value form is no use."""
+    rows = enclose(field.program, low, high, slopes=True)
+    smooth = np.logical_and.reduce([row.defined for row in rows])  # what jumps in a state has an infinite slope
+    continuous = np.logical_and.reduce([row.continuous for row in rows])
+    slopes = [row.slope for row in rows if row.slope is not None]
+    picked = list(field.states)
+    matrix = np.stack([slope[0][picked] for slope in slopes]), np.stack([slope[1][picked] for slope in slopes])
+    if not (field.places and wide):
+        return matrix, smooth, None
+    entries = enclose(field.jacobian, low, high, slopes=True)
+    centre = middle(low, high)
+    away = add((low, high), negate((centre, centre)))
+    there = enclose(field.jacobian, centre, centre)
+    weight = np.zeros(low.shape)
+    usable_everywhere = smooth & continuous
+    for place, entry, middle_value in zip(field.places, entries, there, strict=True):
+        value, slope = entry.value, entry.slope
+        assert slope is not None
+        terms = scale(slope, away)
+        weight = weight + np.maximum(np.abs(terms[0]), np.abs(terms[1]))
+        form = middle_value.value
+        for i in np.nonzero(((slope[0] != 0) | (slope[1] != 0)).any(axis=1))[0]:
+            form = add(form, (terms[0][i], terms[1][i]))
+        usable = entry.defined & entry.continuous & middle_value.defined
+        usable = usable & ~np.isnan(form[0]) & ~np.isnan(form[1])
+        form = np.where(usable, form[0], -np.inf), np.where(usable, form[1], np.inf)
+        first, last = matrix[0][place], matrix[1][place]
+        joint = meet((first, last), _met(value, form, entry.defined))
+        sound = (joint[0] <= joint[1]) & usable_everywhere
+        matrix[0][place], matrix[1][place] = np.where(sound, joint[0], first), np.where(sound, joint[1], last)
+    return matrix, smooth, weight
+
+
+def _met(value: Pair, form: Pair, defined: Flags) -> Pair:
+    low, high = meet(value, form)
+    return np.where(defined, low, -np.inf), np.where(defined, high, np.inf)
+
+
+def _norm(matrix: Pair) -> Array:
+    """Upper bounds of the spectral norms of interval matrices (rows x columns x k)."""
+    (low, high), exponent = _scaled(matrix)
+    size = np.maximum(np.abs(low), np.abs(high))
+    plain = _frobenius((size, size))
+    centre = np.where(np.isfinite(low) & np.isfinite(high), low / 2.0 + high / 2.0, 0.0)
+    radius = np.maximum(up(high - centre), up(centre - low))
+    sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius((radius, radius)))
+    sums = _largest_sum(size), _largest_sum(np.swapaxes(size, 0, 1))
+    mixed = up(np.sqrt(up(sums[0] * sums[1])))
+    found = np.fmin(np.fmin(plain, mixed), sharp)
+    found = np.where(np.isnan(found), np.inf, up(found + _LOST))
+    zero = ((low == 0) & (high == 0)).all(axis=(0, 1))
+    return np.asarray(np.where(zero & (exponent == 0), 0.0, up(np.ldexp(found, exponent))))
+
+
+def _scaled(matrix: Pair) -> tuple[Pair, NDArray[np.int64]]:
+    """The matrices divided by powers of two that bring their largest entries below 1, and the exponents; what
+    underflows changes a norm by less than `_LOST`."""
+    largest = np.maximum(np.abs(matrix[0]), np.abs(matrix[1])).max(axis=(0, 1))
+    usable = (largest > 0) & np.isfinite(largest)
+    exponent = np.where(usable, np.frexp(np.where(usable, largest, 1.0))[1], 0).astype(np.int64)
+    return (np.ldexp(matrix[0], -exponent), np.ldexp(matrix[1], -exponent)), exponent
+
+
+def _largest_sum(size: Array) -> Array:
+    """Upper bounds of the largest sum of a row, of nonnegative matrices (rows x columns x k)."""
+    total = np.zeros((size.shape[0], size.shape[2]))
+    for column in np.moveaxis(size, 1, 0):
+        total = up(total + column)
+    return np.asarray(total.max(axis=0))
+
+
+def _frobenius(matrix: Pair) -> Array:
+    total: Pair = (np.zeros(matrix[0].shape[2:]), np.zeros(matrix[0].shape[2:]))
+    for square in zip(*(end.reshape(-1, *end.shape[2:]) for end in power(matrix, 2)), strict=True):
+        total = add(total, (square[0], square[1]))
+    return square_root(total)[1]
+
+
+def _point_norm(matrix: Array) -> Array:
+    """Upper bounds of |M|_2, M of floats (rows x columns x k), by the Frobenius norm of a power of M'M."""
+    (matrix, _), exponent = _scaled((matrix, matrix))
+    largest = np.abs(matrix).max(axis=(0, 1))
+    gram = _product(_swap((matrix, matrix)), (matrix, matrix))
+    logarithm = np.zeros(largest.shape)  # of what was taken out, base 2, exact
+    times = 1
+    for _ in range(_SQUARINGS):
+        gram, times = _product(gram, gram), 2 * times
+        size = np.abs(gram[1]).max(axis=(0, 1))
+        out = np.where(size > 0, np.frexp(np.where(size > 0, size, 1.0))[1], 0)
+        gram = np.ldexp(gram[0], -out), np.ldexp(gram[1], -out)
+        logarithm = 2.0 * logarithm + out
+    size = np.maximum(np.abs(gram[0]), np.abs(gram[1]))
+    root = _frobenius((size, size))
+    # |M|^(2 times) <= root 2^logarithm; the roots are square roots, rounded up
+    parts = 2 * times
+    whole = np.floor_divide(logarithm, parts)
+    norm = np.ldexp(root, (logarithm - parts * whole).astype(int))
+    for _ in range(_SQUARINGS + 1):
+        norm = square_root((norm, norm))[1]
+    norm = up(np.ldexp(norm, whole.astype(int)) + _LOST)
+    return np.asarray(np.where(largest > 0, up(np.ldexp(norm, exponent)), 0.0))
+
+
+def _swap(matrix: Pair) -> Pair:
+    return np.swapaxes(matrix[0], 0, 1), np.swapaxes(matrix[1], 0, 1)
+
+
+def _product(a: Pair, b: Pair) -> Pair:
+    """The product of interval matrices (n x m x k) (m x l x k)."""
+    shape = (a[0].shape[0], b[0].shape[1], a[0].shape[2])
+    total: Pair = (np.zeros(shape), np.zeros(shape))
+    for i in range(a[0].shape[1]):
+        left = a[0][:, i, None], a[1][:, i, None]
+        right = b[0][None, i, :], b[1][None, i, :]
+        total = add(total, scale(left, right))
+    return total
+
+
+def _attained(field: Field, points: Array) -> tuple[float, Array | None]:
+    """The best lower bound of |J| at points (m x k), and the point."""
+    matrix, smooth, _ = _matrices(field, points, points, wide=False)
+    usable = smooth & np.isfinite(matrix[0]).all(axis=(0, 1)) & np.isfinite(matrix[1]).all(axis=(0, 1))
+    if not usable.any():
+        return 0.0, None
+    matrix = matrix[0][:, :, usable], matrix[1][:, :, usable]
+    matrix, exponent = _scaled(matrix)
+    floats = np.moveaxis(matrix[0] / 2.0 + matrix[1] / 2.0, -1, 0)
+    vectors = np.linalg.svd(floats)[2][:, 0, :].T[:, None, :]  # columns x 1 x k
+    image = _product(matrix, (vectors, vectors))
+    squares = power(image, 2)
+    below: Pair = (np.zeros(vectors.shape[2]), np.zeros(vectors.shape[2]))
+    for low, high in zip(squares[0][:, 0], squares[1][:, 0], strict=True):
+        below = add(below, (low, high))
+    length = _frobenius((vectors, vectors))
+    values = down(square_root(below)[0] / length)
+    values = np.maximum(down(np.ldexp(np.maximum(down(values - _LOST), 0.0), exponent)), 0.0)
+    best = int(np.argmax(values))
+    return float(values[best]), points[:, usable][:, best]
+
+
+def _cuts(root: Pair, low: Array, high: Array, weight: Array | None) -> NDArray[np.int64]:
+    width = high - low
+    whole = (root[1] - root[0])[:, None]
+    share = np.where(np.isinf(whole), np.where(np.isinf(width), 1.0, 0.5), width / whole)
+    score = share
+    if weight is not None:
+        score = np.where(np.isfinite(weight).all(axis=0), weight + 1e-3 * weight.max(axis=0) * share, share)
+    centre = middle(low, high)
+    possible = (centre > low) & (centre < high) & (share > _FINE) & (np.abs(centre) < 2.0**40)
+    best = np.argmax(np.where(possible, score, -1.0), axis=0)
+    return np.where(possible.any(axis=0), best, -1).astype(np.int64)

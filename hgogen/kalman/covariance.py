@@ -1,0 +1,181 @@
+"""The covariance of a Riccati observer in three views.
+
+    information  S' = -F'S - S F - rho (S - S_0) + C' R_theta^-1 C - S Q_theta S       (the papers print this one)
+    covariance   P' =  F P + P F' + rho (P - P S_0 P) + Q_theta - P C' R_theta^-1 C P  (P = S^-1)
+    factored     P  =  L D L', L unit lower triangular, D > 0         (positive definite by construction)
+
+F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = 0. Source: Boizot, Busvelle, Gauthier
+2010, (4); Thornton 1976 for the time update, Bierman 1977 for the measurement update of the factors.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.kalman.riccati import Riccati
+from hgogen.observer import Ode
+from hgogen.program import Field
+
+
+def pack(matrix: Any) -> Any:
+    """Lower triangle of a symmetric SX matrix, column by column (n (n + 1)/2)."""
+    n = matrix.shape[0]
+    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j, n)))
+
+
+def unpack(packed: Any, n: int) -> Any:
+    """The symmetric SX matrix (n, n) of its packed lower triangle."""
+    matrix = ca.SX(n, n)
+    entries = iter(range(n * (n + 1) // 2))
+    for j in range(n):
+        for i in range(j, n):
+            matrix[i, j] = matrix[j, i] = packed[next(entries)]
+    return matrix
+
+
+def unit_lower(packed: Any, n: int) -> Any:
+    """The unit lower triangular SX matrix (n, n) of its packed strict lower triangle (n (n - 1)/2)."""
+    matrix = ca.SX.eye(n)
+    entries = iter(range(n * (n - 1) // 2))
+    for j in range(n):
+        for i in range(j + 1, n):
+            matrix[i, j] = packed[next(entries)]
+    return matrix
+
+
+def pack_unit_lower(matrix: Any) -> Any:
+    """Strict lower triangle, column by column."""
+    n = matrix.shape[0]
+    return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1, n))) if n > 1 else ca.SX(0, 1)
+
+
+def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(L, d) of a symmetric positive definite matrix = L diag(d) L', by Cholesky.
+
+    Raises: `numpy.linalg.LinAlgError` where it is not positive definite.
+    """
+    root = np.linalg.cholesky(np.asarray(matrix, dtype=float))
+    scale = np.diag(root)
+    return root / scale, scale**2
+
+
+def information_ode(part: Riccati) -> Ode:
+    """z and S as one differential equation."""
+
+    def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        n = part.dynamics.n
+        z, S = values[part.z.name], unpack(values["S"], n)
+        F, C, weight, error = _along(part, z, u, y, valid)
+        correction = solve(S, C.T @ ca.diag(weight) @ error)
+        slope = C.T @ ca.diag(weight) @ C - F.T @ S - S @ F - S @ part.noise() @ S
+        slope -= part.rho * (S - ca.diag(ca.SX(ca.DM(1 / part.cap))))
+        return {part.z.name: part.flow(z, u, y, valid) + correction, "S": pack(slope)}
+
+    start = np.linalg.inv(part.covariance)
+    return Ode((part.z, _symmetric("S", start, "inverse covariance")), rate)
+
+
+def covariance_ode(part: Riccati) -> Ode:
+    """z and P as one differential equation."""
+
+    def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        z, P = values[part.z.name], unpack(values["P"], part.dynamics.n)
+        F, C, weight, error = _along(part, z, u, y, valid)
+        gain = P @ C.T @ ca.diag(weight)
+        slope = F @ P + P @ F.T + part.noise() - gain @ C @ P
+        slope += part.rho * (P - P @ ca.diag(ca.SX(ca.DM(1 / part.cap))) @ P)
+        return {part.z.name: part.flow(z, u, y, valid) + gain @ error, "P": pack(slope)}
+
+    return Ode((part.z, _symmetric("P", part.covariance, "covariance")), rate)
+
+
+def _along(part: Riccati, z: Any, u: Any, y: Any, valid: Any) -> tuple[Any, Any, Any, Any]:
+    """F, C, the weights 1/R_theta of the valid outputs, and y - h(z, u), of which an invalid one counts as 0."""
+    F, C = part.jacobian(z, u, y, valid), part.dynamics.output_jacobian(z, u)
+    theta, outputs = part.theta.value, part.dynamics.outputs
+    weights = ca.vertcat(*(part.scaling.weight(part.R[j], theta, j) for j in range(outputs)))
+    weight = ca.if_else(valid, weights, 0)
+    return F, C, weight, y - part.dynamics.output(z, u)
+
+
+def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
+    n = len(start)
+    pairs = [(i, j) for j in range(n) for i in range(j, n)]
+    return Field(
+        name,
+        tuple(float(start[i, j]) for i, j in pairs),
+        labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
+        meaning=f"{meaning}, lower triangle by columns",
+    )
+
+
+def pivots(S: Any) -> tuple[Any, list[Any]]:
+    """L, unit lower triangular, and the diagonal of D of a symmetric SX matrix (n, n) = L D L'."""
+    n = S.shape[0]
+    L, d = ca.SX.eye(n), list[Any]()
+    for j in range(n):
+        d.append(S[j, j] - sum(L[j, k] ** 2 * d[k] for k in range(j)))
+        for i in range(j + 1, n):
+            L[i, j] = (S[i, j] - sum(L[i, k] * L[j, k] * d[k] for k in range(j))) / d[j]
+    return L, d
+
+
+def solve(S: Any, right: Any) -> Any:
+    """S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
+    n, (L, d) = S.shape[0], pivots(S)
+    x = [right[i] for i in range(n)]
+    for i in range(n):
+        x[i] = x[i] - sum(L[i, k] * x[k] for k in range(i))
+    x = [x[i] / d[i] for i in range(n)]
+    for i in reversed(range(n)):
+        x[i] = x[i] - sum(L[k, i] * x[k] for k in range(i + 1, n))
+    return ca.vertcat(*x)
+
+
+def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> tuple[Any, Any, dict[str, Any]]:
+    """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the values worth a name.
+
+    Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
+    """
+    n = d.shape[0]
+    stacked, weight = ca.horzcat(transition @ L, shaped), ca.vertcat(d, weights)
+    rows = [stacked[i, :].T for i in range(n)]
+    factor, diagonal, names = ca.SX.eye(n), [], dict[str, Any]()
+    for j in range(n):
+        weighted = rows[j] * weight
+        diagonal.append(ca.dot(rows[j], weighted))
+        inverse = 1 / diagonal[j]
+        names |= {f"w{j + 1}_{k + 1}": rows[j][k] for k in range(rows[j].shape[0])}
+        names |= {f"d{j + 1}": diagonal[j]} | ({f"d{j + 1}_inverse": inverse} if j < n - 1 else {})
+        for i in range(j + 1, n):
+            factor[i, j] = ca.dot(rows[i], weighted) * inverse
+            names[f"l{i + 1}{j + 1}"] = factor[i, j]
+            rows[i] = rows[i] - factor[i, j] * rows[j]
+    return factor, ca.vertcat(*diagonal), names
+
+
+def measurement_update(L: Any, d: Any, c: Any, r: Any) -> tuple[Any, Any, Any]:
+    """Factors after one scalar measurement with row c (1, n) and variance r (Bierman), and the gain K (n).
+
+    The recursion runs from the last state to the first because L is lower triangular; where c = (c_1, 0, ..., 0) it
+    reduces to alpha = r + c_1^2 d_1, K = c_1 d_1 L[:,1]/alpha, d_1 <- d_1 r/alpha, L unchanged.
+    """
+    n = d.shape[0]
+    f = L.T @ c.T
+    v = d * f
+    alpha, inverse, gain = r, 1 / r, ca.SX(n, 1)
+    factor, diagonal = ca.SX(L), ca.SX(d)
+    for j in reversed(range(n)):
+        if f[j].is_zero():
+            continue
+        before, last = alpha, inverse
+        alpha = alpha + v[j] * f[j]
+        inverse = 1 / alpha
+        diagonal[j] = d[j] * before * inverse
+        for i in range(j + 1, n):
+            factor[i, j] = L[i, j] - f[j] * gain[i] * last
+            gain[i] = gain[i] + L[i, j] * v[j]
+        gain[j] = v[j]
+    return factor, diagonal, gain * inverse

@@ -1,0 +1,93 @@
+"""The second derivatives of the outputs in the Riccati equation of a minimum-energy estimator.
+
+    Pi' = -Pi F - F'Pi - Pi Q^-1 Pi + C'R C - s D,    D = sum_j R_j (y_j - h_j) d2h_j/dz2
+    P'  = F P + P F' + Q^-1 - P C'R C P + s P D P,    P = Pi^-1
+    s = rate/max(rate, nu),    nu = |Pi^(-1/2) D Pi^(-1/2)|_F = sqrt(tr (P D)^2)
+
+With s = 1 a large error takes more from Pi than there is, and Pi loses positive definiteness. As it stands, s D lies
+between -rate Pi and rate Pi: P' <= F P + P F' + Q^-1 + rate P and Pi' <= -Pi F - F'Pi + C'R C + rate Pi, so both stay
+finite and positive definite. Up to nu = rate the term is whole. A step of finite length need not follow: what is no
+longer positive definite after it restarts at its first value, and the status says so.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+
+from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
+from hgogen.kalman.riccati import Riccati
+from hgogen.method import FACTORED, Explicit
+from hgogen.observer import Clock, Ode, Pieces
+from hgogen.program import Bit, Block, Field, Program, When, sym
+from hgogen.runge_kutta import RK4
+
+RESTARTED = Bit(
+    "COVARIANCE_RESTARTED",
+    "a step left the covariance without positive variances: it restarted at its first value",
+    "none if rare; if it comes again, shorten dt, lower curvature or raise Q",
+)
+VIEWS = {"information": ("S", information_ode), "covariance": ("P", covariance_ode)}
+
+
+@dataclass(frozen=True, eq=False)
+class Curved:
+    """A Riccati observer at theta = 1 with the term; `rate` (1/s): SX scalar, at most `fastest`."""
+
+    plain: Riccati
+    rate: Any
+    fastest: float
+
+    def pieces(self, method: Any, clock: Clock) -> Pieces:
+        """By an explicit method in its own view; by classical Runge-Kutta on (z, P) where the method is another."""
+        explicit = method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
+        plain = explicit.riccati(self.plain, clock)
+        plain = replace(plain, why=plain.why.removesuffix(FACTORED))  # not with the term
+        moves = explicit.ode(self.equation(explicit.view), clock)
+        if 1 / self.fastest < plain.limit:
+            why = "beyond it the second derivatives of the output can take all of Pi in one step"
+            plain = replace(plain, limit=1 / self.fastest, why=why)
+        covariance = next(field for field in plain.fields if field.name == VIEWS[explicit.view][0])
+        return replace(
+            plain,
+            bits=(*plain.bits, RESTARTED),
+            predict=(*moves.predict, *_kept_definite(covariance, self.plain.dynamics.n)),
+        )
+
+    def equation(self, view: str) -> Ode:
+        """z and Pi (its name is S), or z and P."""
+        name, ode = VIEWS[view]
+        plain, n = ode(self.plain), self.plain.dynamics.n
+
+        def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+            slopes, X = plain.rhs(values, u, y, valid), unpack(values[name], n)
+            D = self._pull(values[self.plain.z.name], u, y, valid)
+            PD = X @ D if name == "P" else ca.horzcat(*(solve(X, D[:, j]) for j in range(n)))
+            size = ca.sum1(ca.sum2(PD * PD.T))  # nu^2, which rounding can make negative
+            share = self.rate / ca.sqrt(ca.fmax(self.rate**2, size))
+            term = PD @ X if name == "P" else -D
+            return {**slopes, name: slopes[name] + pack(share * term)}
+
+        return Ode(plain.fields, rate)
+
+    def _pull(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
+        """D (n, n)."""
+        dynamics = self.plain.dynamics
+        pull = valid * (y - dynamics.output(z, u)) / self.plain.R
+        return sum(
+            (pull[j] * slope for j, slope in enumerate(dynamics.output_curvature(z, u))),
+            ca.SX(dynamics.n, dynamics.n),
+        )
+
+
+def _kept_definite(covariance: Field, n: int) -> Program:
+    """The packed symmetric matrix (n, n) as it was first where a pivot of L D L' is not positive."""
+    place = f"state.{covariance.name}"
+    found = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(place, covariance.size), n))[1]))
+    first = {place: ca.SX(ca.DM(covariance.initial)), "status.COVARIANCE_RESTARTED": ca.SX(1)}
+    return (
+        Block("is it positive definite?", {"work.broken": ca.logic_not(found)}),
+        When("work.broken", (Block("a covariance that is none restarts", first),)),
+    )

@@ -1,0 +1,336 @@
+"""The Riccati observer on P = L D L' as statements: unrolled for few states, with loops over columns for many.
+
+Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
+and scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are scaled, a congruence, which
+keeps what the last samples showed, and h Q_theta keeps the rank. A part that forgets has no Q, and needs no cap:
+
+    P <- exp(rho h) Phi P Phi',   P^-1 <- P^-1 + (1 - exp(-rho h)) S_0,   S_0 = diag(1/cap_i)
+
+The second is a scalar update for each state, of a sample that is the estimate: it moves P alone. Where A = 0 both
+together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
+from hgogen.kalman.riccati import Riccati
+from hgogen.observer import HUGE, BadGain, Clock, Pieces
+from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
+from hgogen.runge_kutta import HEUN, RK4, Stages, advance
+from hgogen.stability import decay_limits
+
+# D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
+SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
+Factors = Callable[[Any], dict[str, Any]]  # of a vector (n), those of P as writes
+POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
+
+
+@dataclass(frozen=True)
+class Moved:
+    """z over one step, F at its midpoint, and Phi = I + hF + (hF)^2/2 as an operator."""
+
+    part: Riccati
+    clock: Clock
+
+    @property
+    def z(self) -> Any:
+        """The symbols of z (n)."""
+        return sym(f"state.{self.part.z.name}", self.part.dynamics.n)
+
+    def stages(self) -> Stages:
+        """The Runge-Kutta step of z."""
+        return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._given(c))}, {"z": self.z}, self.clock.dt)
+
+    def jacobian(self, stages: Stages) -> Any:
+        """F (n, n), at the third stage's argument and what is given at mid-step."""
+        return self.part.jacobian(stages.arguments[2]["z"], *self._given(0.5))
+
+    def transition(self, stages: Stages) -> Any:
+        """Phi = I + hF + (hF)^2/2, sparse."""
+        F, h = self.jacobian(stages), self.clock.dt
+        return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
+
+    def weights(self) -> Any:
+        """h theta^(1+g) weights, the diagonal of h Q_theta in its factor (k)."""
+        return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
+
+    def grown(self, d: Any) -> Any:
+        """The diagonal factor d (n) of P as it grows where the past is forgotten."""
+        return d if self.part.forgetting is None else sym("derived.growth") * d
+
+    def priors(self) -> list[Any]:
+        """Rows (1, n) whose samples, of variance 1, have the information (1 - exp(-rho h)) S_0."""
+        return [ca.sparsify(row) for row in ca.vertsplit(ca.diag(sym("derived.prior", self.part.dynamics.n)))]
+
+    @property
+    def equation(self) -> str:
+        """Of P over one step."""
+        grows = "" if self.part.forgetting is None else "exp(rho h) "
+        return f"P <- {grows}Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
+
+    def _given(self, c: float) -> tuple[Any, Any, Any]:
+        """Input, measurement and its validity at the fraction c of the step."""
+        return self.clock.u(c), self.clock.y(c), self.clock.valid
+
+    def row(self, output: int) -> Any:
+        """c = dh/dz of an output (1, n), sparse."""
+        return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
+
+    def variance(self, output: int) -> Any:
+        """r = R_theta/h, h the sampling period of that output."""
+        return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
+
+
+def entries(name: str, matrix: Any) -> dict[str, Any]:
+    """Those of a sparse SX matrix that are computed, by name, for the C printer."""
+    rows, columns = matrix.shape
+    listed = ((i, j, matrix[i, j]) for i in range(rows) for j in range(columns))
+    return {f"{name}_{i + 1}{j + 1}": entry for i, j, entry in listed if entry.n_dep()}
+
+
+def common(part: Riccati, clock: Clock) -> dict[str, Any]:
+    """What the pieces of every factored covariance have: the status bit, what a step forgets, and the step lengths. P
+    has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h lambda."""
+    limits = decay_limits(part.slopes(POINTS)[0], HEUN.polynomial)
+    why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
+    found: dict[str, Any] = {
+        "limit": float(limits.max()),
+        "caution": float(limits.min()),
+        "why": why,
+        "bits": (part.limited,),
+    }
+    found["uses_output"] = part.known is not None
+    if part.forgetting is not None:
+        growth = ca.exp(part.rho * clock.dt)
+        share = ca.fmax(growth - 1, 0) / growth
+        prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
+        found["derived"] = (
+            scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
+            Field("prior", (0.0,) * len(part.cap), meaning="root of the information that a step adds to each state's"),
+        )
+        found["tune"] = (Block("what a step forgets", {"derived.growth": growth, "derived.prior": prior}),)
+    return found
+
+
+def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
+    """What each D_i (n) stays above: a share of its natural size, that of P(0) = `values`, of the noise that one step
+    adds, and of one sample's variance, the smallest."""
+    noise, variances = part.nominal
+    natural = np.minimum(values, clock.dt * factor(noise)[1]) if part.factor.size else values.copy()
+    least = min(part.scaling.variances(variances, theta).min() for theta in (1.0, part.theta.peak))
+    natural[0] = min(natural[0], least / max(clock.period(j) for j in range(clock.outputs)))
+    return np.maximum(SMALLEST * natural, TINY)
+
+
+def largest(part: Riccati) -> np.ndarray:
+    """What each P_ii (n) stays below: its cap; where the past is forgotten, twice (1 + 2 mu/rho) cap_i at the smallest
+    rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box. For S' = -rho (S - S_0) -
+    F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what the points miss."""
+    if part.forgetting is None:
+        return part.cap
+    unit = np.sqrt(part.cap)
+    F = part.slopes(POINTS)[0] * unit / unit[:, None]
+    mu = np.linalg.eigvalsh((F + np.swapaxes(F, 1, 2)) / 2).max(initial=0.0)
+    return np.asarray(np.minimum(2 * (1 + 2 * mu / part.forgetting.low[0]) * part.cap, HUGE * HUGE))
+
+
+def _diagonal(part: Riccati, clock: Clock, values: np.ndarray) -> Field:
+    return Field(
+        "D",
+        tuple(float(value) for value in values),
+        low=tuple(map(float, smallest(part, clock, values))),
+        high=tuple(map(float, largest(part))),
+        meaning="diagonal factor of the covariance P = L D L'",
+    )
+
+
+# ---------------------------------------------------------------- unrolled
+
+
+def unrolled(part: Riccati, clock: Clock) -> Pieces:
+    """Straight-line code; L packed by columns."""
+    return Pieces(
+        fields=(part.z, *_factors(part, clock)),
+        **common(part, clock),
+        predict=(_predict(part, clock), *(_cap(part) if part.forgetting is None else _renewed(part, clock))),
+        update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
+    )
+
+
+def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
+    n, deviation = part.dynamics.n, np.sqrt(part.cap)
+    start, diagonal = factor(part.covariance)
+    pairs = [(i, j) for j in range(n) for i in range(j + 1, n)]
+    if not pairs:
+        return (_diagonal(part, clock, diagonal),)
+    L = Field(
+        "L",
+        tuple(float(start[i, j]) for i, j in pairs),
+        low=tuple(float(-LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
+        high=tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
+        labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
+        meaning="unit lower factor of P, strict lower triangle by columns",
+    )
+    return (L, _diagonal(part, clock, diagonal))
+
+
+def _symbols(part: Riccati) -> tuple[Any, Any]:
+    n = part.dynamics.n
+    lower = unit_lower(sym("state.L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
+    return lower, sym("state.D", n)
+
+
+def _written(L: Any, d: Any) -> dict[str, Any]:
+    return {"state.L": ca.densify(pack_unit_lower(L)), "state.D": d} if d.numel() > 1 else {"state.D": d}
+
+
+def _predict(part: Riccati, clock: Clock) -> Block:
+    moved = Moved(part, clock)
+    stages = moved.stages()
+    transition, (L, d) = moved.transition(stages), _symbols(part)
+    L, d, names = time_update(L, moved.grown(d), transition, part.scaled_factor(), moved.weights())
+    return Block(
+        f"z by classical Runge-Kutta; P = L D L' by {moved.equation}",
+        {f"state.{part.z.name}": stages.result["z"], **_written(L, d)},
+        {**stages.names, **entries("Phi", transition), **names},
+    )
+
+
+def _renewed(part: Riccati, clock: Clock) -> Program:
+    blocks = []
+    for i, row in enumerate(Moved(part, clock).priors(), 1):
+        L, d, _ = measurement_update(*_symbols(part), row, ca.SX(1))
+        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(L, d)))
+    return (*blocks, near(part, _variances(part)))
+
+
+def near(part: Riccati, variance: list[Any]) -> Block:
+    """Say so where a P_ii (`variance`) of a part that forgets is above half its cap."""
+    over = _beyond(variance, [float(value) / 2 for value in part.cap])
+    return Block("is the covariance near S_0^-1?", {"status.COVARIANCE_LIMITED": over})
+
+
+def _variances(part: Riccati) -> list[Any]:
+    L, d = _symbols(part)
+    return [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
+
+
+def _cap(part: Riccati) -> Program:
+    L, d = _symbols(part)
+
+    def scaled(scale: Any) -> dict[str, Any]:
+        return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
+
+    return capped(part, _variances(part), scaled)
+
+
+def capped(part: Riccati, variance: list[Any], scaled: Factors) -> Program:
+    """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), a congruence."""
+    caps = [float(value) for value in part.cap]
+    scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
+    limited = {"status.COVARIANCE_LIMITED": ca.SX(1)}
+    return (
+        Block("largest variances", {"work.capped": _beyond(variance, caps)}),
+        When("work.capped", (Block("cap", {**scaled(scale), **limited}),)),
+    )
+
+
+def _beyond(variance: list[Any], limits: list[float]) -> Any:
+    return reduce(ca.logic_or, [value > limit for value, limit in zip(variance, limits, strict=True)])
+
+
+def _update(part: Riccati, clock: Clock, output: int) -> Program:
+    moved = Moved(part, clock)
+    L, d, gain = measurement_update(*_symbols(part), moved.row(output), moved.variance(output))
+    return (
+        Block(
+            "correct by the scalar update",
+            {f"state.{part.z.name}": moved.z + gain * sym("work.e"), **_written(L, d)},
+            {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
+        ),
+    )
+
+
+# ---------------------------------------------------------------- loops
+
+
+def looped(part: Riccati, clock: Clock) -> Pieces:
+    """L as the columns of a group, matrix operations as kernels; needs diagonal Q and P(0).
+
+    Raises: `BadGain` where they are not.
+    """
+    n = part.dynamics.n
+    for name, matrix in (("Q", part.nominal[0]), ("covariance", part.covariance)):
+        if np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+            raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
+    columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
+    return Pieces(
+        fields=(part.z, _diagonal(part, clock, np.diag(part.covariance).copy())),
+        groups=(Group("column", n, (columns,), "columns of the unit lower factor of P"),),
+        **common(part, clock),
+        predict=_looped_predict(part, clock),
+        update=tuple(_looped_update(part, clock, j) for j in range(clock.outputs)),
+    )
+
+
+def _looped_predict(part: Riccati, clock: Clock) -> Program:
+    moved, n, h = Moved(part, clock), part.dynamics.n, clock.dt
+    stages = moved.stages()
+    F = ca.sparsify(moved.jacobian(stages))
+    entries = sym("work.F", F.nnz())
+    held = ca.SX(F.sparsity(), entries)
+    v = sym("column.v", n)
+    noise: Program = ()
+    if part.factor.size:
+        scaled = Block("h Q_theta", {"work.w": moved.weights() * part.spread() ** 2})
+        noise = (scaled, Kernel("add", n, "column.v", (("state.D", n), ("work.w", n))))
+    return (
+        Block(
+            "z by classical Runge-Kutta; the Jacobian F at mid-step, its entries by columns",
+            {f"state.{part.z.name}": stages.result["z"], "work.F": ca.vertcat(*F.nonzeros())},
+            stages.names,
+        ),
+        Kernel("expand", n, "column.v"),
+        Loop(
+            "column",
+            n,
+            (Block("a column of Phi L", {"column.v": v + h * (held @ (v + h / 2 * (held @ v)))}),),
+        ),
+        *((Block("forgetting", {"state.D": moved.grown(sym("state.D", n))}),) if part.forgetting is not None else ()),
+        Kernel("triangularise", n, "column.v", (("state.D", n),)),
+        *noise,
+        *_looped_limit(part),
+        When("work.limited", (Block("limited", {"status.COVARIANCE_LIMITED": ca.SX(1)}),)),
+        *_looped_keep(n),
+    )
+
+
+def _looped_limit(part: Riccati) -> Program:
+    n = part.dynamics.n
+    limits = Block("largest variances", {"work.caps": ca.SX(ca.DM(part.cap))})
+    name, more = ("cap", ()) if part.forgetting is None else ("renew", (("derived.prior", n),))
+    return (limits, Kernel(name, n, "column.v", (("state.D", n), ("work.caps", n), *more), result="work.limited"))
+
+
+def _looped_keep(n: int) -> Program:
+    v = sym("column.v", n)
+    kept = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
+    return (Loop("column", n, (Block("a lost value restarts", {"column.v": kept}),)),)
+
+
+def _looped_update(part: Riccati, clock: Clock, output: int) -> Program:
+    moved, n = Moved(part, clock), part.dynamics.n
+    row = {"work.c": ca.densify(moved.row(output)).T, "work.r": moved.variance(output)}
+    arguments = (("state.D", n), ("work.c", n), ("work.r", 1), ("work.K", n))
+    gain = sym("work.K", n)
+    return (
+        Block("the measurement's row and variance", row),
+        Kernel("correct", n, "column.v", arguments),
+        Block("correct", {f"state.{part.z.name}": moved.z + gain * sym("work.e")}),
+    )

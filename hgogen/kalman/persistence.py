@@ -1,0 +1,204 @@
+"""Whether an input shows every state of a state-affine plant: regular persistence.
+
+    x' = A(u, y) x + b(u, y),  y = C(u) x + d(u),   Phi' = A Phi,  Phi(s) = I,   W(s, T) = integral_s^(s+T) Phi' C'C Phi
+
+The input is regularly persistent if some T, a > 0 have W(s, T) >= a I for every s.
+
+A known input, constant or periodic, is proved so where A(t), C(t) depend on nothing else: the rows N_0 = C,
+N_(k+1) = N_k A + N_k' have rank n at one time t_0. For then no x but 0 has C Phi x = 0 near t_0, W over any window with
+t_0 inside is positive definite, and every window of two periods has such a time in it. The observer clamps an input to
+its declared range: what it takes is periodic as well, and is the input around a t_0 where that is inside the range. A
+and C are shown to be finite for every input in its range, so that Phi exists. A constant input without that rank is
+refuted. Along a record, see `hgogen.excitation`. Source: G. Besancon, G. Bornard, H. Hammouri, European Journal of
+Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for the rank.
+"""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+import sympy as sp
+
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.points import exact
+from hgogen.algebra.tape import NoTape
+from hgogen.analysis.determinant import determinant
+from hgogen.check import Check, Verdict
+from hgogen.form import Form
+from hgogen.intervals.bounds import Box, bound, box, nonzero
+from hgogen.intervals.slope import JUMPS, KINKS
+from hgogen.observer import BadGain
+from hgogen.reading.expression import parse
+from hgogen.reading.tokens import BadExpression
+from hgogen.signal import Signal
+
+t = Signal("t", "s", "time")  # equal to that of a trial
+_EXACTLY = 'Write a multiple of pi as such: period = "2*pi", not 6.283185, which is the period of no sine of t.'
+_SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the period, at which the rank is asked
+
+
+def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:
+    """The check that the inputs are regularly persistent, for all parameter values; any are where A, C read none.
+
+    Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, its text, or a number, None where they are
+    not known beforehand; `period` (s) of them all, as 2*sympy.pi or "2*pi", where one varies.
+
+    proved, refuted (a constant input), or unknown: as the module says.
+
+    Raises: `BadGain` for names that are not the plant's inputs, or expressions of something else.
+    """
+    given = None if inputs is None else _given(form, inputs)
+    told = ", ".join(f"{name} = {expression}" for name, expression in (given or {}).items())
+    check = Check(id, f"the input is regularly persistent{': ' + told if told else ''}", Verdict.UNKNOWN, "")
+
+    def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
+        return Check(id, check.claim, verdict, reason, fix=fix)
+
+    if not form.structured:
+        return answer(Verdict.UNKNOWN, "it is not shown that the plant is state-affine, with this A and C")
+    read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
+    A, C = _along_time(form, given or {})
+    symbols = A.free_symbols | C.free_symbols
+    measured = ", ".join(sorted(str(z) for z in symbols & {*form.states}))
+    if measured:
+        fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
+        return answer(Verdict.UNKNOWN, f"A depends on {measured}, which is measured, not known beforehand", fix)
+    if given is None and symbols & {*form.system.inputs}:
+        fix = "Give inputs= and period= where it is, or judge a record by hgogen.excitation.along."
+        return answer(Verdict.UNKNOWN, "the input is not known beforehand", fix)
+    if given is None or t not in symbols:
+        doubt = _doubt(form, A, C, {u: given[u.name] for u in form.system.inputs if u in read} if given else {})
+        return answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
+    if period is None:
+        return answer(Verdict.UNKNOWN, "the input varies, and no period is given", f"Give its period. {_EXACTLY}")
+    length, rough = _expression("period", period), (*JUMPS, *KINKS)
+    if not (length.is_positive and length.is_finite) or A.has(*rough) or C.has(*rough):
+        return answer(Verdict.UNKNOWN, "the period is no positive number, or A(t), C(t) have kinks or jumps")
+    if not all(is_zero(e.xreplace({t: t + length}) - e) for e in given.values()):
+        return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", _EXACTLY)
+    doubt = _unbounded(form, given, length)
+    if doubt:
+        return answer(Verdict.UNKNOWN, doubt)
+    for share in _SHARES:
+        when = sp.Rational(str(round(float(share * length), 3)))
+        if _inside(form, given, when) and _full(form, A, C, when):
+            reason = f"rank {form.n} of C, C A + C', .. at t = {float(when):g}, and so in every period"
+            return answer(Verdict.PROVED, reason)
+    reason = f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times with the input inside its range"
+    return answer(Verdict.UNKNOWN, reason)
+
+
+def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
+    names = [u.name for u in form.system.inputs]
+    for name in inputs:
+        if name not in names:
+            fix = f"; its inputs are {', '.join(names)}" if names else ", which has none"
+            raise BadGain(f"inputs {name!r}", f"is no input of the plant{fix}")
+    for name in names:
+        if name not in inputs:
+            raise BadGain(f"inputs {name!r}", f"must be given, as every one of {', '.join(names)}")
+    return {name: _expression(f"inputs {name}", inputs[name]) for name in names}
+
+
+def _expression(name: str, value: Any) -> sp.Expr:
+    """A number, a text or an expression, of the time alone, with exact numbers."""
+    try:
+        found = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
+    except (BadExpression, sp.SympifyError) as error:
+        raise BadGain(f"{name} = {value!r}", f"is no expression of the time: {error}") from None
+    if not isinstance(found, sp.Expr) or found.free_symbols - {t}:
+        raise BadGain(f"{name} = {value}", "must be an expression of hgogen.trial.t alone")
+    return exact(found)
+
+
+def _along_time(form: Form, given: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
+    """A (n, n) and C (p, n) with the given inputs as expressions of time and fixed parameters at their values."""
+    system = form.system
+    values = {u: given[u.name] for u in system.inputs if u.name in given}
+    values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
+    C = sp.Matrix([[sp.diff(row, z) for z in form.states] for row in form.output])
+    return tuple(matrix.applyfunc(exact).xreplace(values) for matrix in (sp.Matrix(form.A), C))
+
+
+def _unbounded(form: Form, given: Mapping[str, sp.Expr], length: sp.Expr) -> str:
+    """What is not shown to be finite and real over a period: an input, or an entry of A, C for inputs in their ranges;
+    "" if nothing."""
+    period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
+    rough = next((f"{name} = {e}" for name, e in given.items() if not _finite(e, period)), "")
+    loose = {u.name: given[u.name] for u in form.system.inputs if not u.bounded}
+    ranged = [u for u in form.system.inputs if u.bounded]
+    around = box((*ranged, *form.system.parameters), form.system.nominal) | period
+    entries = (e for matrix in _along_time(form, loose) for e in matrix)
+    rough = rough or next((str(e) for e in entries if not _finite(e, around)), "")
+    return f"{rough} is not shown to be a finite real number over the whole period" if rough else ""
+
+
+def _doubt(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> str:
+    """What is in the way of a constant input: it is no real number, the observer clamps it, or A, C are not finite; ""
+    if nothing."""
+    for u, value in constants.items():
+        if not _finite(value, {}):
+            return f"{u} = {value} is not shown to be a finite real number"
+        if u.bounded and not _within(value, *box((u,))[u]):
+            return f"{u} = {value} is not shown to be in the range of {u}, to which the observer clamps it"
+    around = box(form.system.parameters, form.system.nominal)
+    rough = next((str(e) for matrix in (A, C) for e in matrix if not _finite(e, around)), "")
+    return f"{rough} is not shown to be a finite real number" if rough else ""
+
+
+def _finite(e: sp.Expr, around: Box) -> bool:
+    try:
+        found = bound(e, around)
+    except NoTape:
+        return False
+    return found.defined and found.finite
+
+
+def _within(value: sp.Expr, low: Any, high: Any) -> bool:
+    """Whether a constant is in the closed range: exactly for a rational, else strictly by rigorous bounds."""
+    if value.is_Rational:
+        return bool(low <= Fraction(int(value.p), int(value.q)) <= high)
+    found = bound(value, {})
+    return bool(low < found.low and found.high < high)
+
+
+def _inside(form: Form, given: Mapping[str, sp.Expr], when: sp.Rational) -> bool:
+    """Whether each input that the observer clamps is strictly inside its range at that time, and so around it."""
+    found = {u: bound(given[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
+    ranges = box(found)
+    return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in found.items())
+
+
+def _rows(A: sp.Matrix, C: sp.Matrix, count: int) -> sp.Matrix:
+    """N_0 = C, N_(k+1) = N_k A + N_k', one below the other."""
+    rows = [C]
+    for _ in range(count - 1):
+        rows.append(rows[-1] * A + rows[-1].diff(t))
+    return sp.Matrix.vstack(*rows)
+
+
+def _size(rows: sp.Matrix) -> sp.Expr:
+    """The sum of squares of the minors of n rows, which is det(N'N): 0 where the rank is below n."""
+    if rows.rows == rows.cols:
+        return determinant(rows.tolist()).value
+    return determinant((rows.T * rows).tolist()).value
+
+
+def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational) -> bool:
+    """Whether the rows have rank n at that time, for all parameter values: proved."""
+    around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
+    try:
+        return nonzero(_size(_rows(A, C, form.n)), around).verdict is Verdict.PROVED
+    except NoTape:
+        return False
+
+
+def _constant(answer: Any, form: Form, A: sp.Matrix, C: sp.Matrix) -> Check:
+    if _full(form, A, C, sp.S.Zero):
+        check: Check = answer(Verdict.PROVED, f"the pair (C, A) has rank {form.n}")
+    elif is_zero(_size(_rows(A, C, form.n)), box(form.system.parameters, form.system.nominal)):
+        fix = "Vary the input, so that it shows the states that a constant one hides."
+        check = answer(Verdict.REFUTED, f"the pair (C, A) has a rank below {form.n}", fix)
+    else:
+        check = answer(Verdict.UNKNOWN, f"it is not shown that the pair (C, A) has rank {form.n}")
+    return check

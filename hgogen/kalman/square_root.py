@@ -1,0 +1,155 @@
+"""The Riccati observer on P = S S' as straight-line statements, S lower triangular with a positive diagonal.
+
+    time         S S' = [Phi S, sqrt(h) W] [Phi S, sqrt(h) W]',  W W' = Q_theta, by Gram-Schmidt on the rows of the
+                 stack, each made orthogonal to those before it: the triangle of a QR factorisation without its Q
+    measurement  of row c and variance r, f = S' c', from the last column to the first, b = 0 and alpha = r at first:
+                 beta = sqrt(alpha/(alpha + f_j^2)), S_ij <- beta (S_ij - f_j b_i/alpha), b_i <- b_i + f_j S_ij (with S
+                 before), alpha <- alpha + f_j^2; the gain is b/alpha
+
+Numbers of the size of a standard deviation: half the decades of P, in exchange for n square roots a step and n a
+sample. Source: Carlson, "Fast triangular formulation of the square root filter", AIAA Journal 11 (1973); Potter's
+update (Battin 1964) keeps no triangle; Kaminski, Bryson, Schmidt, IEEE TAC 16 (1971).
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.kalman.covariance import factor
+from hgogen.kalman.factored import Moved, capped, common, entries, largest, near, smallest
+from hgogen.kalman.riccati import Riccati
+from hgogen.observer import BadGain, Clock, Pieces
+from hgogen.program import Block, Field, Program, column, sym
+
+LARGEST = 7  # states: beyond, straight-line code fills the flash
+
+
+def square_root(part: Riccati, clock: Clock) -> Pieces:
+    """Predict, then one scalar update for each output.
+
+    Raises: `BadGain` for more than 7 states.
+    """
+    n = part.dynamics.n
+    if n > LARGEST:
+        raise BadGain("cholesky", f"takes up to {LARGEST} states, there are {n}; take continuous_discrete, which loops")
+    return Pieces(
+        fields=(part.z, _root(part, clock)),
+        **common(part, clock),
+        predict=(_predict(part, clock), *(_cap(part) if part.forgetting is None else _renewed(part, clock))),
+        update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
+    )
+
+
+def triangle(stack: Any) -> Any:
+    """The lower triangular SX matrix S (n, n), positive diagonal, with S S' = stack stack' (n, k), and values worth a
+    name."""
+    n = stack.shape[0]
+    rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Any]()
+    for j in range(n):
+        S[j, j] = ca.sqrt(ca.dot(rows[j], rows[j]))
+        inverse = 1 / S[j, j]
+        unit = rows[j] * inverse
+        names |= {f"s{j + 1}{j + 1}": S[j, j]} | ({f"s{j + 1}{j + 1}_inverse": inverse} if j < n - 1 else {})
+        names |= {f"q{j + 1}_{k + 1}": unit[k] for k in range(unit.shape[0])}
+        for i in range(j + 1, n):
+            S[i, j] = ca.dot(rows[i], unit)
+            names[f"s{i + 1}{j + 1}"] = S[i, j]
+            rows[i] = rows[i] - S[i, j] * unit
+    return S, names
+
+
+def carlson(S: Any, c: Any, r: Any) -> tuple[Any, Any]:
+    """S after one scalar measurement with row c (1, n) and variance r, and the gain (n)."""
+    n = S.shape[0]
+    f, after = S.T @ c.T, ca.SX(S)
+    alpha, b = r, ca.SX(n, 1)
+    for j in reversed(range(n)):
+        if f[j].is_zero():
+            continue
+        grown = alpha + f[j] * f[j]
+        beta, share = ca.sqrt(alpha / grown), f[j] / alpha
+        for i in range(j, n):
+            after[i, j] = beta * (S[i, j] - share * b[i])
+            b[i] = b[i] + f[j] * S[i, j]
+        alpha = grown
+    return after, b / alpha
+
+
+def _pairs(n: int) -> list[tuple[int, int]]:
+    return [(i, j) for j in range(n) for i in range(j, n)]
+
+
+def _root(part: Riccati, clock: Clock) -> Field:
+    n, deviation = part.dynamics.n, np.sqrt(largest(part))
+    start = np.linalg.cholesky(part.covariance)
+    floor = np.sqrt(smallest(part, clock, factor(part.covariance)[1]))
+    return Field(
+        "root",
+        tuple(float(start[i, j]) for i, j in _pairs(n)),
+        low=tuple(float(floor[i] if i == j else -deviation[i]) for i, j in _pairs(n)),
+        high=tuple(float(deviation[i]) for i, j in _pairs(n)),
+        labels=tuple(f"{i + 1},{j + 1}" for i, j in _pairs(n)),
+        meaning="S of the covariance P = S S', lower triangle by columns",
+    )
+
+
+def _symbols(part: Riccati) -> Any:
+    n = part.dynamics.n
+    packed, S = sym("state.root", n * (n + 1) // 2), ca.SX(n, n)
+    for k, (i, j) in enumerate(_pairs(n)):
+        S[i, j] = packed[k]
+    return S
+
+
+def _written(S: Any) -> dict[str, Any]:
+    return {"state.root": column(S[i, j] for i, j in _pairs(S.shape[0]))}
+
+
+def _predict(part: Riccati, clock: Clock) -> Block:
+    moved = Moved(part, clock)
+    stages = moved.stages()
+    transition, S = moved.transition(stages), _symbols(part)
+    if part.forgetting is not None:
+        S = ca.sqrt(sym("derived.growth")) * S
+    shaped = part.scaled_factor() @ ca.diag(ca.sqrt(moved.weights()))
+    S, names = triangle(ca.horzcat(transition @ S, shaped))
+    return Block(
+        f"z by classical Runge-Kutta; P = S S' by {moved.equation}",
+        {f"state.{part.z.name}": stages.result["z"], **_written(S)},
+        {**stages.names, **entries("Phi", transition), **names},
+    )
+
+
+def _renewed(part: Riccati, clock: Clock) -> Program:
+    blocks = []
+    for i, row in enumerate(Moved(part, clock).priors(), 1):
+        S, _ = carlson(_symbols(part), row, ca.SX(1))
+        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(S)))
+    return (*blocks, near(part, _variances(part)))
+
+
+def _variances(part: Riccati) -> list[Any]:
+    S = _symbols(part)
+    return [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
+
+
+def _cap(part: Riccati) -> Program:
+    S = _symbols(part)
+
+    def scaled(scale: Any) -> dict[str, Any]:
+        return _written(ca.diag(scale) @ S)
+
+    return capped(part, _variances(part), scaled)
+
+
+def _update(part: Riccati, clock: Clock, output: int) -> Program:
+    moved = Moved(part, clock)
+    S, gain = carlson(_symbols(part), moved.row(output), moved.variance(output))
+    return (
+        Block(
+            "correct by the scalar update",
+            {f"state.{part.z.name}": moved.z + gain * sym("work.e"), **_written(S)},
+            {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
+        ),
+    )

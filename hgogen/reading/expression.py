@@ -1,0 +1,353 @@
+"""Text to SymPy by a grammar of its own: a user's text is never run as Python.
+
+    value      sums, products, quotients, powers (**, right to left), signs, parentheses; binding as in Python
+    call       a name of a fixed table and values; Piecewise((value, condition), ..., (value, True))
+    condition  True, False, relations < <= > >=, joined by & and | in parentheses; inside Piecewise only
+    name       a declared symbol; pi and E unless declared; decimals are exact rationals
+
+The parser descends by binding power (V. R. Pratt, Top down operator precedence, 1973): `_Parser.value` takes one
+operand and then every operator that binds more tightly than the one on its left.
+
+A text means what SymPy makes of it: exp(log(x)) is x and x/x is 1, also where the text as written has no value.
+`read` tells such folding, which the grammar sees before SymPy does.
+"""
+
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from fractions import Fraction
+from typing import Any
+
+import sympy as sp
+
+from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
+from hgogen.reading.tokens import BadExpression, Token, tokens
+
+__all__ = ["BadExpression", "parse", "read"]
+
+CHARACTERS, TOKENS, DEPTH = 100_000, 20_000, 100  # of one expression
+DIGITS, DECADES = 400, 400  # of one number as written: double precision ends at 308
+BITS, TOTAL_BITS = 4096, 100_000  # of one number computed, of all the coefficients of one sum
+EXPONENT = 10**6  # of a power
+LARGEST_EXP = 700  # beyond it exp of a number is no double
+ARGUMENTS = 20  # of Min, Max and Piecewise
+
+_BINDING = {"<": 1, "<=": 1, ">": 1, ">=": 1, "|": 2, "&": 3, "+": 4, "-": 4, "*": 5, "/": 5, "**": 7}
+_SIGN, _POWER = 6, 6  # a sign binds more tightly than *, less than **; the exponent may carry a sign
+_RELATIONS = {"<": sp.Lt, "<=": sp.Le, ">": sp.Gt, ">=": sp.Ge}
+_ONE = "exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh Abs sign Heaviside"
+_FUNCTIONS: dict[str, tuple[Callable[..., sp.Expr], int, int]] = {
+    **{name: (getattr(sp, name), 1, 1) for name in _ONE.split()},
+    "abs": (sp.Abs, 1, 1),
+    "atan2": (sp.atan2, 2, 2),
+    **{name: (getattr(sp, name.capitalize()), 1, ARGUMENTS) for name in ("Min", "min", "Max", "max")},
+}
+FUNCTIONS = (*sorted(_FUNCTIONS), "Piecewise")
+_CONSTANTS = {"pi": sp.pi, "E": sp.E}
+_INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
+
+
+def parse(text: str, symbols: Mapping[str, sp.Symbol]) -> sp.Expr:
+    """The SymPy expression of a text.
+
+    Args: `symbols`: every declared name with its symbol; a declared name wins over pi, E and, unless an opening
+    parenthesis follows, over a function.
+
+    Raises: `BadExpression` for a text outside the grammar, too long, too deep, or with numbers too large; for a
+    division by zero and for what is not real.
+    """
+    return read(text, symbols).reading
+
+
+def read(text: str, symbols: Mapping[str, sp.Symbol]) -> Fold:
+    """A text with its expression, and what SymPy folded away in between; arguments and errors as of `parse`."""
+    if not isinstance(text, str):
+        raise BadExpression(str(text), 1, f"is of type {type(text).__name__}; write the expression as text")
+    if len(text) > CHARACTERS:
+        raise BadExpression(text, CHARACTERS, f"is longer than {CHARACTERS} characters; name parts of it")
+    try:
+        parser = _Parser(text, symbols)
+        reading = parser.whole()
+        return Fold(text, reading, lost(parser.demanded, reading))
+    except RecursionError:  # in SymPy, where the caller has left little of the stack
+        raise BadExpression(text, 1, "is nested too deep for the stack; flatten it") from None
+
+
+class _Parser:
+    """One text, and the place up to which it is read."""
+
+    def __init__(self, text: str, symbols: Mapping[str, sp.Symbol]) -> None:
+        self.text, self.symbols = text, symbols
+        self.tokens: list[Token] = []
+        for token in tokens(text):
+            if len(self.tokens) == TOKENS:
+                raise self.bad(token, f"has more than {TOKENS} numbers, names and signs; name parts of it")
+            self.tokens.append(token)
+        self.at = self.depth = 0
+        self.demanded: list[Demand] = []  # of what is written, before it is folded
+
+    def bad(self, token: Token, reason: str) -> BadExpression:
+        """The error at a token."""
+        return BadExpression(self.text, token.column, reason)
+
+    def whole(self) -> sp.Expr:
+        """The value of the whole text."""
+        value = self.number_like(self.value(0), self.tokens[0])
+        if self.next.kind != "end":
+            raise self.bad(self.next, self.surplus())
+        return value
+
+    @property
+    def next(self) -> Token:
+        """The first token that is not read."""
+        return self.tokens[self.at]
+
+    def take(self) -> Token:
+        """Read one token; the end is never passed."""
+        token = self.next
+        self.at += token.kind != "end"
+        return token
+
+    def taken(self, sign: str) -> bool:
+        """Whether the next token is `sign`, which is read then."""
+        return self.next.text == sign and bool(self.take())
+
+    def expect(self, sign: str, where: str) -> None:
+        """Read `sign`."""
+        if not self.taken(sign):
+            raise self.bad(self.next, f"{where} needs {sign!r} here, not {self.shown(self.next)}")
+
+    def shown(self, token: Token) -> str:
+        """A token in a sentence."""
+        return "the end" if token.kind == "end" else repr(token.text[:40])
+
+    def surplus(self) -> str:
+        """What is wrong with a token that no operator leads to."""
+        token = self.next
+        if token.text in (")", ","):
+            return f"{token.text!r} has no opening parenthesis or call before it; remove it"
+        return f"{self.shown(token)} follows a value; write an operator, such as *, between them"
+
+    def number_like(self, value: sp.Basic, token: Token) -> sp.Expr:
+        """The value itself, unless it is a condition."""
+        if not isinstance(value, sp.Expr):
+            raise self.bad(token, "a condition stands where a value belongs; conditions belong in Piecewise")
+        return value
+
+    def condition_like(self, value: sp.Basic, token: Token, fix: str) -> sp.Basic:
+        """The condition itself, unless it is a value."""
+        if isinstance(value, sp.Expr):
+            raise self.bad(token, f"{value if value.is_Atom else 'a value'} stands where a condition belongs; {fix}")
+        return value
+
+    def value(self, binding: int) -> sp.Basic:
+        """An operand and all operators on its right that bind more tightly than `binding`."""
+        self.depth += 1
+        first = self.next
+        if self.depth > DEPTH:
+            raise self.bad(first, f"is nested more than {DEPTH} deep; flatten it")
+        left = self.operand()
+        while _BINDING.get(self.next.text, 0) > binding:
+            left = _RULES[self.next.text](self, left, first)
+        self.depth -= 1
+        return left
+
+    def operand(self) -> sp.Basic:
+        """A number, a name, a call, a value in parentheses, or one of them with signs before it."""
+        token = self.take()
+        if token.text in ("+", "-"):
+            negative = token.text == "-"
+            while self.next.text in ("+", "-"):
+                negative ^= self.take().text == "-"
+            value = self.number_like(self.value(_SIGN), token)
+            return -value if negative else value
+        if token.text == "(":
+            value = self.value(0)
+            self.expect(")", f"the parenthesis of column {token.column}")
+            return value
+        if token.kind == "number":
+            return self.literal(token)
+        if token.kind == "name":
+            return self.call(token) if self.next.text == "(" else self.named(token)
+        raise self.bad(
+            token, f"{self.shown(token)} stands where a number, a name or a parenthesis belongs; complete it"
+        )
+
+    def literal(self, token: Token) -> sp.Rational:
+        """The exact rational of a number as written."""
+        mantissa, _, exponent = token.text.lower().partition("e")
+        if len(mantissa) > DIGITS or len(exponent) > 5 or abs(int(exponent or 0)) > DECADES:
+            raise self.bad(
+                token,
+                f"the number has more than {DIGITS} digits or a power of ten beyond {DECADES}; write a shorter one",
+            )
+        if mantissa.isdigit() and not exponent:
+            return sp.Integer(int(mantissa))
+        exact = Fraction(token.text)
+        return sp.Rational(exact.numerator, exact.denominator)
+
+    def named(self, token: Token) -> sp.Basic:
+        """A declared symbol, or a constant."""
+        name = token.text
+        if name in self.symbols:
+            return self.symbols[name]
+        if name in _CONSTANTS:
+            return _CONSTANTS[name]
+        if name in ("True", "False"):
+            return sp.true if name == "True" else sp.false
+        if name in FUNCTIONS:
+            raise self.bad(token, f"the function {name} needs its argument; write {name}(...)")
+        near = get_close_matches(name[:60], [*self.symbols, *_CONSTANTS], n=1, cutoff=0.5)
+        fix = f"did you mean {near[0]}?" if near else "declare it"
+        raise self.bad(token, f"the name {name[:60]!r} is not declared; {fix}")
+
+    def call(self, token: Token) -> sp.Expr:
+        """A function of the table, applied."""
+        name = token.text
+        if name not in FUNCTIONS:
+            if name in self.symbols or name in _CONSTANTS:
+                raise self.bad(token, f"{name[:60]!r} is no function; write * before the parenthesis")
+            near = get_close_matches(name[:60], FUNCTIONS, n=1)
+            known = f"did you mean {near[0]}?" if near else f"the functions are {', '.join(FUNCTIONS)}"
+            raise self.bad(token, f"there is no function {name[:60]!r}; {known}")
+        self.take()
+        if name == "Piecewise":
+            return self.piecewise(token)
+        function, least, most = _FUNCTIONS[name]
+        values: list[sp.Expr] = []
+        while not values or self.taken(","):
+            first = self.next
+            values.append(self.number_like(self.value(0), first))
+            if len(values) > most:
+                raise self.bad(first, f"{name} takes {most} argument{'s' * (most > 1)} at most; remove this one")
+        self.expect(")", f"{name} of column {token.column}")
+        if len(values) < least:
+            raise self.bad(token, f"{name} needs {least} arguments; it has {len(values)}")
+        if name in ("exp", "sinh", "cosh"):
+            self.not_huge(values[0], token)
+        self.demanded += of_call(function, values[0])
+        return self.real(function(*values), token)
+
+    def not_huge(self, value: sp.Expr, token: Token) -> None:
+        """Refuse exp of a large number, and exp(k log c), which SymPy would write out as the number c**k."""
+        if value.is_number and not abs(value.evalf(10)) <= LARGEST_EXP:
+            raise self.bad(token, f"exp of a number beyond {LARGEST_EXP} is out of range; write a smaller one")
+        if value.has(sp.log):
+            for term in sp.Add.make_args(value):
+                if abs(term.as_coeff_Mul()[0]) > LARGEST_EXP:
+                    raise self.bad(token, f"exp of more than {LARGEST_EXP} logarithms; write a power")
+
+    def piecewise(self, token: Token) -> sp.Expr:
+        """Pairs up to the first that is always true; SymPy is not asked to solve the conditions."""
+        pairs: list[tuple[sp.Expr, sp.Basic]] = []
+        closed, count, before = False, 0, len(self.demanded)
+        while not count or self.taken(","):
+            if count and self.next.text == ")":
+                break
+            count += 1
+            if count > ARGUMENTS:
+                raise self.bad(self.next, f"Piecewise takes {ARGUMENTS} pairs at most; nest it")
+            self.expect("(", "Piecewise((value, condition), ...)")
+            first = self.next
+            value = self.number_like(self.value(0), first)
+            self.expect(",", "the pair (value, condition)")
+            first = self.next
+            condition = self.condition_like(self.value(0), first, "compare with < <= > >= or write True")
+            self.expect(")", "the pair (value, condition)")
+            if condition != sp.false and not closed:
+                pairs.append((value, condition))
+            closed |= condition == sp.true
+        self.expect(")", f"Piecewise of column {token.column}")
+        del self.demanded[before:]  # which branch is taken is not known here
+        if not closed:
+            raise self.bad(token, "Piecewise has no value where every condition fails; end it with (value, True)")
+        return pairs[0][0] if len(pairs) == 1 else sp.Piecewise(*pairs, evaluate=False)
+
+    def real(self, value: sp.Expr, token: Token) -> sp.Expr:
+        """The value, unless it is infinite or complex."""
+        if value in _INFINITE:
+            raise self.bad(token, "is infinite or undefined here; remove the division by zero or the pole")
+        if value.has(sp.I, *_INFINITE) or (value.is_number and value.is_real is False):
+            raise self.bad(token, "is not a real number; keep roots, logarithms and asin, acos in their domain")
+        return self.bounded(value, token)
+
+    def bounded(self, value: sp.Expr, token: Token) -> sp.Expr:
+        """The value, unless its number is huge."""
+        if _bits(value.as_coeff_Mul()[0]) > BITS:
+            raise self.bad(token, f"makes a number of more than {BITS} bits; write smaller numbers")
+        return value
+
+    def sum(self, left: sp.Basic, first: Token) -> sp.Expr:
+        """All terms at once: SymPy would sort a growing sum anew with every term."""
+        terms, operator = [self.number_like(left, first)], self.next
+        while self.next.text in ("+", "-"):
+            negative, first = self.take().text == "-", self.next
+            term = self.number_like(self.value(4), first)
+            terms.append(-term if negative else term)
+        if sum(_bits(term.as_coeff_Mul()[0]) for term in terms) > TOTAL_BITS:
+            raise self.bad(operator, f"the numbers of the sum have more than {TOTAL_BITS} bits; write shorter ones")
+        return self.bounded(sp.Add(*terms), operator)
+
+    def product(self, left: sp.Basic, first: Token) -> sp.Expr:
+        """One factor or divisor, from left to right as in Python."""
+        operator = self.take()
+        value, start = self.number_like(left, first), self.next
+        factor = self.number_like(self.value(5), start)
+        if operator.text == "/" and factor == 0:
+            raise self.bad(operator, "divides by zero; remove the division")
+        if operator.text == "*":
+            return self.bounded(value * factor, operator)
+        self.demanded += of_power(factor, sp.S.NegativeOne)
+        return self.real(value / factor, operator)
+
+    def power(self, left: sp.Basic, first: Token) -> sp.Expr:
+        """base ** exponent, never written out as a huge number."""
+        operator = self.take()
+        base, start = self.number_like(left, first), self.next
+        exponent = self.number_like(self.value(_POWER), start)
+        if base == sp.E:
+            self.not_huge(exponent, operator)
+        if exponent.is_number:
+            if base == 0 and exponent.is_negative is not False:
+                raise self.bad(operator, "divides by zero: a negative power of 0; remove it")
+            if not abs(exponent.evalf(10)) <= EXPONENT:
+                raise self.bad(operator, f"the exponent is beyond {EXPONENT}; write a smaller one")
+            if _number_bits(base) * abs(exponent.evalf(10)) > BITS:
+                raise self.bad(operator, f"makes a number of more than {BITS} bits; write smaller numbers")
+        self.demanded += of_power(base, exponent)
+        return self.real(base**exponent, operator)
+
+    def relation(self, left: sp.Basic, first: Token) -> sp.Basic:
+        """One comparison of two values."""
+        operator = self.take()
+        lhs, start = self.number_like(left, first), self.next
+        rhs = self.number_like(self.value(1), start)
+        if _BINDING.get(self.next.text) == 1:
+            raise self.bad(self.next, "compares a comparison; write (a < b) & (b < c)")
+        return _RELATIONS[operator.text](lhs, rhs)
+
+    def join(self, left: sp.Basic, first: Token) -> sp.Basic:
+        """Two conditions joined by & or |."""
+        operator = self.take()
+        fix = f"put parentheses around the comparisons on both sides of {operator.text}"
+        lhs, start = self.condition_like(left, first, fix), self.next
+        rhs = self.condition_like(self.value(_BINDING[operator.text]), start, fix)
+        return (sp.And if operator.text == "&" else sp.Or)(lhs, rhs)
+
+
+_RULES: dict[str, Callable[[_Parser, sp.Basic, Token], sp.Basic]] = {
+    **dict.fromkeys(_RELATIONS, _Parser.relation),
+    **dict.fromkeys("&|", _Parser.join),
+    **dict.fromkeys("+-", _Parser.sum),
+    **dict.fromkeys("*/", _Parser.product),
+    "**": _Parser.power,
+}
+
+
+def _bits(number: Any) -> int:
+    return int(number.p).bit_length() + int(number.q).bit_length() if number.is_Rational and number != 1 else 0
+
+
+def _number_bits(base: sp.Expr) -> int:
+    """The most bits among the numbers that an integer power of `base` would multiply out; 0 and 1 stay small."""
+    numbers = [factor for factor in sp.Mul.make_args(base) if factor.is_number and factor not in (0, 1, -1)]
+    return max((_bits(atom) for factor in numbers for atom in factor.atoms(sp.Rational)), default=0)

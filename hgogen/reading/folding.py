@@ -1,0 +1,134 @@
+"""What SymPy folds away from a text: places where it has no real value as written, and has one as read.
+
+exp(log(x)) is read as x, x/x as 1, sqrt(x)**2 as x. An operation demands something of its argument:
+
+    log a, a**s     a >= 0, a != 0           a**(p/q), q > 1, p > 0    a >= 0      1/a       a != 0
+    tan a           cos a != 0               asin a, acos a            1 - a**2 >= 0
+    acosh a         a - 1 >= 0               atanh a                   1 - a**2 >= 0, != 0
+
+A demand of the text is lost if no operation of what is read makes it. What a Piecewise demands is not followed: a
+branch that is not taken demands nothing.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import sympy as sp
+
+from hgogen.check import Verdict
+from hgogen.errors import HgogenError
+from hgogen.intervals.bounds import Box, bound, nonzero
+
+_LENGTH = 60  # of an expression in a sentence
+
+
+class Demand(NamedTuple):
+    """There is no real value where `of` is zero, "=", or negative, "<"."""
+
+    relation: str
+    of: sp.Expr
+
+
+_DEMANDS: dict[type, Callable[[sp.Expr], tuple[Demand, ...]]] = {
+    sp.log: lambda a: (Demand("<", a), Demand("=", a)),
+    sp.tan: lambda a: (Demand("=", sp.cos(a)),),
+    sp.asin: lambda a: (Demand("<", 1 - a**2),),
+    sp.acos: lambda a: (Demand("<", 1 - a**2),),
+    sp.acosh: lambda a: (Demand("<", a - 1),),
+    sp.atanh: lambda a: (Demand("<", 1 - a**2), Demand("=", 1 - a**2)),
+}
+
+
+def of_call(function: object, argument: sp.Expr) -> Iterator[Demand]:
+    """What function(argument) demands."""
+    if function is sp.sqrt:
+        yield from of_power(argument, sp.S.Half)
+    elif isinstance(function, type) and function in _DEMANDS:
+        for demand in _DEMANDS[function](argument):
+            yield from _plain(demand)
+
+
+def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
+    """What base**exponent demands; a**0 is 1, also where a = 0."""
+    if exponent == 0:
+        return
+    if not exponent.is_integer:
+        yield from _plain(Demand("<", base))
+    if exponent.is_positive is not True:
+        yield from _plain(Demand("=", base))
+
+
+def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
+    """Those that the reading does not make, each once."""
+    written = dict.fromkeys(written)
+    kept = set(_all(reading)) if written else set()
+    return tuple(demand for demand in written if demand not in kept)
+
+
+def _all(expression: sp.Expr) -> Iterator[Demand]:
+    for node in sp.preorder_traversal(expression):
+        if isinstance(node, sp.Pow):
+            yield from of_power(node.base, node.exp)
+        elif isinstance(node, sp.Function) and node.args:
+            yield from of_call(node.func, node.args[0])
+
+
+def _plain(demand: Demand) -> Iterator[Demand]:
+    """The same demand of factors that may fail it, without their positive numbers; a divisor demands for itself."""
+    if not demand.of.free_symbols:  # the parser has judged the numbers
+        return
+    yield from (_signs if demand.relation == "<" else _zeros)(demand.of)
+
+
+def _signs(value: sp.Expr) -> Iterator[Demand]:
+    """A root is not negative where it is real."""
+    pairs = [(factor.primitive()[1], factor.as_base_exp()[1]) for factor in sp.Mul.make_args(value)]
+    left = [factor for factor, exponent in pairs if exponent.is_integer and not factor.is_nonnegative]
+    if left:
+        yield Demand("<", sp.Mul(*left))
+
+
+def _zeros(value: sp.Expr) -> Iterator[Demand]:
+    for factor in sp.Mul.make_args(value.primitive()[1]):
+        base, exponent = factor.as_base_exp()
+        if factor.is_number or factor.is_zero is False or exponent.is_negative:
+            continue
+        if base != value and isinstance(base, sp.Mul | sp.Pow | sp.Add):
+            yield from _zeros(base)
+        elif isinstance(base, sp.Abs):
+            yield from _zeros(base.args[0])
+        else:
+            yield Demand("=", -base if base.could_extract_minus_sign() else base)
+
+
+@dataclass(frozen=True)
+class Fold:
+    """A text, the `reading` that SymPy makes of it, and the demands that are `lost`."""
+
+    text: str
+    reading: sp.Expr
+    lost: tuple[Demand, ...]
+
+    def on(self, box: Box) -> str:
+        """What is read otherwise than written, as far as it is not excluded on the closed box; "" if it is."""
+        places: dict[sp.Expr, str] = {}
+        for relation, a in self.lost:
+            if not _met(relation, a, box):
+                places[a] = "<=" if places.get(a, relation) != relation else relation
+        if not places:
+            return ""
+        where = " or ".join(f"{_short(str(a))} {relation} 0" for a, relation in places.items())
+        reading = _short(str(self.reading))
+        return f"SymPy reads {_short(self.text)} as {reading}, also where {where}; {reading} is what is meant here"
+
+
+def _met(relation: str, a: sp.Expr, box: Box) -> bool:
+    try:
+        return nonzero(a, box).verdict is Verdict.PROVED if relation == "=" else bound(a, box).low >= 0
+    except HgogenError:
+        return False
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LENGTH else f"{text[: _LENGTH - 3]}..."

@@ -1,0 +1,312 @@
+"""Exact identities: quotients of polynomials with rational coefficients, whose letters are names and functions.
+
+A quotient is zero if its numerator is, after t^q = g for t = g^(1/q), cos^2 = 1 - sin^2, cosh^2 = 1 + sinh^2. A sum in
+exp becomes a product. What is shown to be zero is zero wherever both sides are defined; what is not shown may still be.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+from hgogen.recheck.arithmetic import Arithmetic, Undefined
+
+MOST_TERMS = 20_000
+_LONGEST = 20_000  # bits of a coefficient
+
+Monomial = tuple[tuple[int, int], ...]  # (letter, exponent > 0), letters rising
+Polynomial = Mapping[Monomial, Fraction]
+
+
+class TooLarge(Exception):  # the claim it belongs to is then not verified
+    """An identity beyond the size that is worth its time."""
+
+
+def _plus(a: Polynomial, b: Polynomial, factor: Fraction | int = 1) -> Polynomial:
+    result = dict(a)
+    for monomial, coefficient in b.items():
+        value = result.get(monomial, Fraction(0)) + factor * coefficient
+        if value:
+            result[monomial] = value
+        else:
+            result.pop(monomial, None)
+    return _sized(result)
+
+
+def _times(a: Polynomial, b: Polynomial) -> Polynomial:
+    if len(a) * len(b) > 20 * MOST_TERMS:
+        raise TooLarge
+    result: dict[Monomial, Fraction] = {}
+    for left, p in a.items():
+        for right, q in b.items():
+            monomial = _product(left, right)
+            result[monomial] = result.get(monomial, Fraction(0)) + p * q
+    return _sized({monomial: value for monomial, value in result.items() if value})
+
+
+def _sized(a: dict[Monomial, Fraction]) -> Polynomial:
+    if len(a) > MOST_TERMS or any(
+        max(value.numerator.bit_length(), value.denominator.bit_length()) > _LONGEST for value in a.values()
+    ):
+        raise TooLarge
+    return a
+
+
+def _product(a: Monomial, b: Monomial) -> Monomial:
+    powers = dict(a)
+    for letter, exponent in b:
+        powers[letter] = powers.get(letter, 0) + exponent
+    return tuple(sorted(powers.items()))
+
+
+def _constant(value: Fraction | int) -> Polynomial:
+    return {(): Fraction(value)} if value else {}
+
+
+_ONE = _constant(1)
+
+
+@dataclass(frozen=True)
+class Quotient:
+    """numerator / product of the denominator's factors, each with its power."""
+
+    top: Polynomial
+    bottom: tuple[tuple[Polynomial, int], ...] = ()
+
+    def __add__(self, other: "Quotient") -> "Quotient":
+        if self.bottom == other.bottom:
+            return Quotient(_plus(self.top, other.top), self.bottom)
+        factors = _merged(self.bottom, other.bottom, max)
+        left, right = (_times(one.top, _expanded(_missing(factors, one.bottom))) for one in (self, other))
+        return Quotient(_plus(left, right), factors)
+
+    def __neg__(self) -> "Quotient":
+        return Quotient({monomial: -value for monomial, value in self.top.items()}, self.bottom)
+
+    def __sub__(self, other: "Quotient") -> "Quotient":
+        return self + -other
+
+    def __mul__(self, other: "Quotient") -> "Quotient":
+        return Quotient(_times(self.top, other.top), _merged(self.bottom, other.bottom, lambda a, b: a + b))
+
+    def __truediv__(self, other: "Quotient") -> "Quotient":
+        if not other.top:
+            raise Undefined("division by zero")
+        inverse = Quotient(_expanded(other.bottom), ((other.top, 1),))
+        if len(other.top) == 1 and () in other.top:  # a number
+            inverse = Quotient({m: c / other.top[()] for m, c in _expanded(other.bottom).items()})
+        return self * inverse
+
+    @property
+    def number(self) -> Fraction | None:
+        """Its value where it is written as a number."""
+        if self.bottom or any(self.top.keys() - {()}):
+            return None
+        return self.top.get((), Fraction(0))
+
+
+Factors = tuple[tuple[Polynomial, int], ...]
+
+
+def _merged(a: Factors, b: Factors, join: Any) -> Factors:
+    result = list(a)
+    for factor, power in b:
+        at = next((k for k, (known, _) in enumerate(result) if known == factor), None)
+        if at is None:
+            result.append((factor, power))
+        else:
+            result[at] = (factor, join(result[at][1], power))
+    return tuple(result)
+
+
+def _missing(whole: Factors, part: Factors) -> Factors:
+    have = [(factor, next((p for known, p in part if known == factor), 0)) for factor, _ in whole]
+    return tuple((factor, power - had) for (factor, power), (_, had) in zip(whole, have, strict=True) if power > had)
+
+
+def _expanded(factors: Factors) -> Polynomial:
+    return reduce(_times, (factor for factor, power in factors for _ in range(power)), _ONE)
+
+
+@dataclass(frozen=True)
+class _Kernel:
+    """A letter that stands for a function's value; `args` are quotients in letters before it."""
+
+    name: str
+    args: tuple[Quotient, ...]
+    degree: int = 0  # q of a root
+
+
+class Algebra:
+    """Letters as they are met: names first, then functions of what was met before.
+
+    `nonnegative`: names whose range has no number below zero, so that the root of a square is known.
+    """
+
+    def __init__(self, names: Iterable[str], nonnegative: Iterable[str] = ()) -> None:
+        self.letters: list[str | _Kernel] = list(names)
+        self.nonnegative = frozenset(nonnegative)
+        self.arithmetic = Arithmetic(self.number, self.power, self.root, self.function, self._no_hull)
+
+    def number(self, value: Fraction) -> Quotient:
+        """A rational number."""
+        return Quotient(_constant(value))
+
+    def letter(self, name: str) -> Quotient:
+        """A name."""
+        return self._at(self.letters.index(name))
+
+    def _at(self, index: int) -> Quotient:
+        return Quotient({((index, 1),): Fraction(1)})
+
+    def _no_hull(self, a: Quotient, b: Quotient) -> Quotient:
+        raise Undefined("Min and Max have no slope in closed form")
+
+    def power(self, x: Quotient, exponent: int) -> Quotient:
+        """A whole power."""
+        if exponent < 0:
+            return self.number(Fraction(1)) / self.power(x, -exponent)
+        if len(x.top) > 1 and exponent > 64:
+            raise TooLarge
+        result, square = self.number(Fraction(1)), x
+        while exponent:
+            if exponent % 2:
+                result = result * square
+            exponent //= 2
+            square = square * square if exponent else square
+        return result
+
+    def root(self, x: Quotient, exponent: Fraction) -> Quotient:
+        """x^(p/q), as a letter t = x^(1/q) to the power p."""
+        p, q = exponent.numerator, exponent.denominator
+        known = self._known_root(x, q)
+        return self.power(known or self._kernel(_Kernel("root", (x,), q)), p)
+
+    def _known_root(self, x: Quotient, q: int) -> Quotient | None:
+        """The q-th root of a product of q-th powers of letters that are not negative."""
+        if x.bottom or len(x.top) != 1:
+            return None
+        ((monomial, value),) = x.top.items()
+        if any(exponent % q or not self._not_negative(letter) for letter, exponent in monomial):
+            return None
+        root = (
+            [round(part ** (1 / q)) for part in (value.numerator, value.denominator)] if 0 < value < 2**40 else [0, 1]
+        )
+        factor = Fraction(*root) if root[1] else Fraction(0)
+        if not factor or factor**q != value:
+            return None
+        return Quotient({tuple((letter, exponent // q) for letter, exponent in monomial): factor})
+
+    def _not_negative(self, letter: int) -> bool:
+        kind = self.letters[letter]
+        if isinstance(kind, str):
+            return kind in self.nonnegative
+        return kind.name in ("root", "exp", "Abs", "cosh")
+
+    def function(self, name: str, args: tuple[Quotient, ...]) -> Quotient:
+        """A function's value, as a letter; tan and exp of a sum by others."""
+        one = self.number(Fraction(1))
+        if name == "tan":
+            return self.function("sin", args) / self.function("cos", args)
+        if name == "exp":
+            return self._exp(args[0])
+        if not args:
+            return self._kernel(_Kernel(name, ()))
+        if args[0].number == 0 and name in ("sin", "sinh", "tanh", "asin", "asinh", "atan", "atanh"):
+            return self.number(Fraction(0))
+        if args[0].number == 0 and name in ("cos", "cosh"):
+            return one
+        if name == "log" and args[0].number == 1:
+            return self.number(Fraction(0))
+        if name in _ODD or name in _EVEN:
+            return self._with_sign(name, args[0])
+        return self._kernel(_Kernel(name, args))
+
+    def _with_sign(self, name: str, x: Quotient) -> Quotient:
+        mirrored = self._find(_Kernel(name, (-x,)))
+        if mirrored is None:
+            return self._kernel(_Kernel(name, (x,)))
+        return self._at(mirrored) if name in _EVEN else -self._at(mirrored)
+
+    def _exp(self, x: Quotient) -> Quotient:
+        """exp(sum of c m) = product of exp(|c| m / k)^(k) with whole k, over one for c < 0."""
+        if x.bottom:
+            mirrored = self._find(_Kernel("exp", (-x,)))
+            one = self.number(Fraction(1))
+            return self._kernel(_Kernel("exp", (x,))) if mirrored is None else one / self._at(mirrored)
+        result = self.number(Fraction(1))
+        for monomial, value in sorted(x.top.items()):
+            unit = Quotient({monomial: Fraction(1, value.denominator)})
+            if abs(value.numerator) > 64:
+                unit, value = Quotient({monomial: abs(value)}), Fraction(1 if value > 0 else -1)
+            result = result * self.power(self._kernel(_Kernel("exp", (unit,))), value.numerator)
+        return result
+
+    def _kernel(self, kernel: _Kernel) -> Quotient:
+        found = self._find(kernel)
+        if found is None:
+            self.letters.append(kernel)
+            found = len(self.letters) - 1
+        return self._at(found)
+
+    def _find(self, kernel: _Kernel) -> int | None:
+        """The letter of the same function of the same arguments."""
+        for index, known in enumerate(self.letters):
+            if (
+                isinstance(known, _Kernel)
+                and (known.name, known.degree, len(known.args)) == (kernel.name, kernel.degree, len(kernel.args))
+                and all(self.is_zero(a - b) for a, b in zip(known.args, kernel.args, strict=True))
+            ):
+                return index
+        return None
+
+    def is_zero(self, x: Quotient) -> bool:
+        """Whether x is shown to be zero wherever it is defined."""
+        top = x.top
+        while top:
+            found = self._reducible(top)
+            if found is None:
+                return False
+            top = self._reduced(top, *found)
+        return True
+
+    def _reducible(self, top: Polynomial) -> tuple[int, int, Quotient] | None:
+        """The last letter t with a power of its relation t^q = g, with q and g."""
+        best: tuple[int, int, Quotient] | None = None
+        for monomial in top:
+            for letter, exponent in monomial:
+                if best is not None and letter <= best[0]:
+                    continue
+                rule = self._relation(letter)
+                if rule is not None and exponent >= rule[0]:
+                    best = (letter, *rule)
+        return best
+
+    def _relation(self, letter: int) -> tuple[int, Quotient] | None:
+        kernel = self.letters[letter]
+        if isinstance(kernel, str):
+            return None
+        if kernel.name == "root":
+            return kernel.degree, kernel.args[0]
+        if kernel.name in ("cos", "cosh"):
+            other = self.function("sin" if kernel.name == "cos" else "sinh", kernel.args)
+            square = other * other
+            return 2, self.number(Fraction(1)) + (-square if kernel.name == "cos" else square)
+        return None
+
+    def _reduced(self, top: Polynomial, letter: int, degree: int, value: Quotient) -> Polynomial:
+        """The numerator after t^q = g; the denominator that g brings in changes no zero."""
+        parts: dict[int, dict[Monomial, Fraction]] = {}
+        for monomial, coefficient in top.items():
+            powers = dict(monomial)
+            times, left = divmod(powers.pop(letter, 0), degree)
+            if left:
+                powers[letter] = left
+            parts.setdefault(times, {})[tuple(sorted(powers.items()))] = coefficient
+        terms = (Quotient(part) * self.power(value, times) for times, part in sorted(parts.items()))
+        return reduce(lambda a, b: a + b, terms).top
+
+
+_ODD = frozenset(("sin", "sinh", "tanh", "asin", "asinh", "atan", "atanh"))
+_EVEN = frozenset(("cos", "cosh", "Abs"))

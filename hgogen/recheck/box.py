@@ -1,0 +1,275 @@
+"""Bounds on a box, verified again: a walk over the certificate's bisection, each leaf by mpmath's intervals.
+
+A leaf is shown by the natural interval extension, on the faces towards which the expression is monotone, or by the
+mean value form f(x) in f(c) + sum_i [df/dx_i] (x_i - c_i). Where that is too weak the leaf is bisected further, up to a
+limit of boxes. The pieces of a bisection cover their box by construction.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from mpmath import libmp
+
+from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
+from hgogen.recheck.interval import Interval, NotExact, between, fractions, intervals, point
+from hgogen.recheck.text import Expression
+
+MORE = 2000  # boxes beyond the certificate's own leaves
+
+End = Fraction | float
+Box = Mapping[str, tuple[End, End]]
+Slopes = Mapping[int, Interval]
+
+_duals = dual(intervals)
+
+
+class NotShown(Exception):
+    """A statement that the arithmetic does not confirm; the text says which and where."""
+
+
+@dataclass(frozen=True)
+class Try:
+    """What one box says: shown or not, and the slopes by which to choose where to cut, if there are any."""
+
+    shown: bool
+    slopes: Slopes | None = None
+
+
+def leaves(tree: str, box: Box) -> list[Box]:
+    """The leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf.
+
+    Raises: `NotShown` for a text that is no bisection of this box.
+    """
+    found: list[Box] = []
+    left = [box]
+    for token in tree.split():
+        if not left:
+            raise NotShown("its bisection goes on after its last leaf")
+        here = left.pop()
+        if token == ".":
+            found.append(here)
+        elif token in here and here[token][0] < here[token][1]:
+            left += reversed(halves(here, token))
+        else:
+            raise NotShown(f"its bisection cuts {token!r}, which is no side of the box")
+    if left:
+        raise NotShown("its bisection leaves a gap")
+    return found
+
+
+def halves(box: Box, name: str) -> tuple[Box, Box]:
+    """The box cut in two: a side at its midpoint, an unbounded one at 0, or beyond 0 at twice its end and one."""
+    low, high = box[name]
+    cut = _middle(low, high)
+    return {**box, name: (low, cut)}, {**box, name: (cut, high)}
+
+
+def _middle(low: End, high: End) -> Fraction:
+    if high == math.inf:
+        return Fraction(0) if low < 0 else 2 * Fraction(low) + 1
+    if low == -math.inf:
+        return Fraction(0) if high > 0 else 2 * Fraction(high) - 1
+    return (Fraction(low) + Fraction(high)) / 2
+
+
+def covered(box: Box, tree: str, attempt: Callable[[Box], Try]) -> int:
+    """How many boxes it took to show a statement on the whole box.
+
+    Raises: `NotShown` with the box that was not shown.
+    """
+    left = leaves(tree, box)
+    limit = len(left) + MORE
+    tried = 0
+    while left:
+        here = left.pop()
+        tried += 1
+        answer = attempt(here)
+        if answer.shown:
+            continue
+        middle = centre_of(here)
+        if not attempt(middle).shown:  # no bisection would help
+            raise NotShown(f"it does not hold at {_text(middle)}")
+        name = _widest(here, box, answer.slopes)
+        if name is None or tried >= limit:
+            raise NotShown(f"it does not follow on {_text(here)} ({tried} boxes)")
+        left += halves(here, name)
+    return tried
+
+
+def centre_of(box: Box) -> Box:
+    """The box's middle, as a box."""
+    return {name: (low, low) if low == high else (_middle(low, high),) * 2 for name, (low, high) in box.items()}
+
+
+def _widest(here: Box, whole: Box, slopes: Slopes | None) -> str | None:
+    """The side to cut: where the expression varies most, else the widest for its range."""
+    sizes = {}
+    for index, (name, (low, high)) in enumerate(here.items()):
+        if low == high:
+            continue
+        first, last = whole[name]
+        width = _width(low, high)
+        share = width / _width(first, last) if math.isfinite(_width(first, last)) else width
+        steep = _magnitude(slopes[index]) if slopes and index in slopes else 0.0
+        size = steep * width if slopes else share
+        sizes[name] = share if math.isinf(width) or size != size else size + 1e-6 * share
+    return max(sizes, key=lambda name: sizes[name]) if sizes else None
+
+
+def _width(low: End, high: End) -> float:
+    try:
+        return float(high - low)
+    except OverflowError:
+        return math.inf
+
+
+def _magnitude(x: Interval) -> float:
+    return max(abs(_float(end)) for end in x.ends)
+
+
+def _float(end: object) -> float:
+    try:
+        return float(libmp.to_float(end))
+    except OverflowError:
+        return math.inf
+
+
+def _text(box: Box) -> str:
+    return ", ".join(_side(name, *ends) for name, ends in box.items()) or "its only point"
+
+
+def _side(name: str, low: End, high: End) -> str:
+    return f"{name} = {_short(low)}" if low == high else f"{name} in [{_short(low)}, {_short(high)}]"
+
+
+def _short(end: End) -> str:
+    try:
+        return f"{float(end):.6g}"
+    except OverflowError:
+        return "beyond 1e308"
+
+
+# --- one expression
+
+
+def sides(box: Box) -> dict[str, Interval]:
+    """The box as intervals."""
+    return {name: between(low, high) for name, (low, high) in box.items()}
+
+
+def ranged(expression: Expression, low: End, high: End) -> Callable[[Box], Try]:
+    """The statement that the expression is real and low <= value <= high; an infinite bound says nothing."""
+
+    def attempt(box: Box) -> Try:
+        try:
+            natural = evaluate(expression, sides(box), intervals)
+        except Undefined:
+            return Try(False)
+        below, above = not _above(natural, low), not _below(natural, high)
+        if not (below or above):
+            return Try(True)
+        slopes = _slopes(expression, box)
+        if slopes is None:
+            return Try(False)
+        shown = not (below and not _bounded(expression, box, slopes, low, 1))
+        shown = shown and not (above and not _bounded(expression, box, slopes, high, -1))
+        return Try(shown, slopes)
+
+    return attempt
+
+
+def _above(value: Interval, low: End) -> bool:
+    return low == -math.inf or value.at_least(Fraction(low))
+
+
+def _below(value: Interval, high: End) -> bool:
+    return high == math.inf or value.at_most(Fraction(high))
+
+
+def _slopes(expression: Expression, box: Box) -> Slopes | None:
+    """Enclosures of the derivatives by the place of their names; None where there is none, or an unbounded side."""
+    if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
+        return None
+    one = point(Fraction(1))
+    values = {
+        name: Dual(side, {k: one} if box[name][0] < box[name][1] else {})
+        for k, (name, side) in enumerate(sides(box).items())
+    }
+    try:
+        return dict(evaluate(expression, values, _duals).slopes)
+    except Undefined:
+        return None
+
+
+def _bounded(expression: Expression, box: Box, slopes: Slopes, limit: End, sign: int) -> bool:
+    """Whether value >= limit on the box (sign 1), or value <= limit (sign -1)."""
+    meets = _above if sign > 0 else _below
+    face = _face(box, slopes, sign)
+    if all(low == high for low, high in face.values()):
+        return _at(expression, {name: Fraction(low) for name, (low, _) in face.items()}, limit, sign)
+    try:
+        if meets(evaluate(expression, sides(face), intervals), limit):
+            return True
+        centre = {name: _centre(face[name], slopes.get(k), sign) for k, name in enumerate(face)}
+        total = evaluate(expression, {name: point(value) for name, value in centre.items()}, intervals)
+    except Undefined:
+        return False
+    for k, name in enumerate(face):
+        if k in slopes:
+            total = total + slopes[k] * (between(*face[name]) - point(centre[name]))
+    return meets(total, limit)
+
+
+def _face(box: Box, slopes: Slopes, sign: int) -> dict[str, tuple[End, End]]:
+    """The face where a monotone expression is least (sign 1) or greatest (sign -1)."""
+    face = dict(box)
+    for k, (name, (low, high)) in enumerate(box.items()):
+        slope = slopes.get(k, point(Fraction(0)))
+        rising, falling = slope.at_least(Fraction(0)), slope.at_most(Fraction(0))
+        if rising or falling:
+            end = low if rising == (sign > 0) or (rising and falling) else high
+            face[name] = (end, end)
+    return face
+
+
+def _centre(side: tuple[End, End], slope: Interval | None, sign: int) -> Fraction:
+    """Where the mean value form is best for this bound (Baumann 1988); any point of the side is right."""
+    low, high = Fraction(side[0]), Fraction(side[1])
+    if low == high or slope is None:
+        return low
+    least, most = (_float(end) for end in slope.ends)
+    share = most / (most - least) if math.isfinite(most - least) and most > least else 0.5
+    share = share if sign > 0 else 1 - share
+    if not 0 <= share <= 1:
+        share = 0.5
+    return low + (high - low) * Fraction(1 - share)
+
+
+def _at(expression: Expression, at: Mapping[str, Fraction], limit: End, sign: int) -> bool:
+    """The bound at one point, in exact fractions where the value is one."""
+    try:
+        try:
+            value = evaluate(expression, at, fractions)
+            return bool(value >= limit) if sign > 0 else bool(value <= limit)
+        except NotExact:
+            value = evaluate(expression, {name: point(one) for name, one in at.items()}, intervals)
+    except (Undefined, ZeroDivisionError):
+        return False
+    return (_above if sign > 0 else _below)(value, limit)
+
+
+def witnessed(expression: Expression, at: Mapping[str, Fraction]) -> str:
+    """What the expression is at a point: "zero", "negative", "positive", "undefined", or "" where it is not decided."""
+    try:
+        value = evaluate(expression, at, fractions)
+    except (Undefined, ZeroDivisionError):
+        return "undefined"
+    except NotExact:
+        try:
+            sign = evaluate(expression, {name: point(one) for name, one in at.items()}, intervals).sign
+        except Undefined:
+            return ""
+        return {1: "positive", -1: "negative", 0: ""}[sign]
+    return "zero" if value == 0 else "positive" if value > 0 else "negative"

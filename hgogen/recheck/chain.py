@@ -1,0 +1,99 @@
+"""The plant as chains, for the claims about observers: the a_i of a form, chains of integrators, and slopes.
+
+w_i = a_1 .. a_i z_i:   w_i' = w_(i+1) + c_i(w, u),   c_i = a_1 .. a_i b_i,   y = w_1 + o(u)
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from hgogen.recheck.algebra import Quotient
+from hgogen.recheck.box import NotShown, covered
+from hgogen.recheck.context import Context, declared_box, finite, only
+from hgogen.recheck.file import Observer, part
+from hgogen.recheck.matrix import column, entries
+from hgogen.recheck.slope import steep
+from hgogen.recheck.text import Expression, expression, number
+
+
+def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
+    """a_i of the one chain, or a_(k,i) of chain k, and the expression that it stands in. Raises: `NotShown`."""
+    _ = context.equations
+    chain, index = place if len(place) == 2 else (1, *place)
+    at = place_of(context, chain, index)
+    if index == 1:
+        return context.first_gain(chain - 1), context.form.output[chain - 1]
+    entry = context.form.A[at - 1][at]
+    return context.value(entry), entry
+
+
+def place_of(context: Context, chain: int, index: int) -> int:
+    """The row of a chain's state, from 0. Raises: `NotShown`."""
+    blocks = context.form.blocks
+    if not (1 <= chain <= min(len(blocks), len(context.form.output)) and 1 <= index <= blocks[chain - 1]):
+        raise NotShown("the form has no such row")
+    return sum(blocks[: chain - 1]) + index - 1
+
+
+def built(context: Context, names: Sequence[str]) -> Observer:
+    """The file's observer, one of these names, with its numbers. Raises: `NotShown`."""
+    observer = context.file.observer
+    if observer is None or observer.name not in names or not observer.numbers:
+        raise NotShown(f"the file has no {' or '.join(names)} observer with its numbers")
+    return observer
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Coordinates S w of integrators, S = diag(`units`): `expressions` of parameters, from z to them; with how many
+    boxes they were shown to be finite and not zero."""
+
+    units: list[Fraction]
+    expressions: list[Expression]
+    boxes: int
+
+
+def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
+    """The one chain in coordinates S w: the claim's `scale` is units_i a_1 .. a_i, constant in time.
+
+    Raises: `NotShown`.
+    """
+    _ = context.equations
+    n, algebra, product = len(context.z), context.algebra, context.algebra.number(Fraction(1))
+    if len(context.form.blocks) != 1:
+        raise NotShown("the form is not one chain")
+    units, scale = column(evidence, "units", n), constants(context, entries(evidence, "scale", n))
+    for i, (unit, text) in enumerate(zip(units, scale, strict=True), 1):
+        product = product * wanted_gain(context, (i,))[0]
+        context.same(text, algebra.number(unit) * product, f"its scale {text.text} is not that of w_{i}")
+        if unit <= 0:
+            raise NotShown("its units are not positive")
+    return Scale(units, scale, invertible(context, scale))
+
+
+def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
+    """Expressions of parameters alone. Raises: `NotShown`."""
+    found = [expression(text, context.form.box) for text in texts]
+    for text in found:
+        only(text.names, context.file.parameters, f"the constant {text.text}")
+    return found
+
+
+def invertible(context: Context, scale: Sequence[Expression]) -> int:
+    """That each is finite and not zero on its box; with how many boxes. Raises: `NotShown`."""
+    box = context.form.box
+    return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
+
+
+def slope(context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression]) -> tuple[Fraction, int]:
+    """The claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is shown.
+
+    Raises: `NotShown`.
+    """
+    rows = context.form.b
+    where = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
+    bound = number(evidence.get("bound"))
+    if bound < 0:
+        raise NotShown("its bound is negative")
+    return bound, covered(where, part(evidence, "tree", str), steep(rows, context.z, bound, scale))

@@ -1,0 +1,260 @@
+"""What a rule of a certificate works with: its exact algebra, and what has been shown of its form.
+
+Every rule first shows that the form is the plant:
+
+    dX/dz (A z + b) = f(X(z), u),   h(X(z), u) = output,   Z(X(z)) = z,   X(Z(x)) = x
+
+as rational functions, X = from_form, Z = to_form, where every expression has a value on its whole box.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from decimal import Context as Digits
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+from hgogen.recheck.algebra import Algebra, Quotient
+from hgogen.recheck.arithmetic import Dual, dual, evaluate
+from hgogen.recheck.box import Box, NotShown, covered, ranged
+from hgogen.recheck.file import Certificate, Claim, ends, part
+from hgogen.recheck.text import Expression, expression, number
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a rule showed, as a sentence, and with how many boxes."""
+
+    sentence: str
+    boxes: int = 0
+
+
+class Context:
+    """A certificate with its exact algebra, and what has been shown of it."""
+
+    def __init__(self, certificate: Certificate) -> None:
+        self.file = certificate
+        self.form, self.plant = certificate.form, certificate.plant
+        self.z = self.form.states
+        self.algebra = algebra_of(self.form.box)
+
+    @cached_property
+    def letters(self) -> dict[str, Quotient]:
+        """The form's names as letters, fixed parameters as their numbers."""
+        return letters_of(self.algebra, self.form.box)
+
+    def value(self, text: Expression) -> Quotient:
+        """An expression of the form's names."""
+        return value_of(text, self.letters, self.algebra)
+
+    @property
+    def equations(self) -> Shown:
+        """The form is the plant, by exact algebra. Raises: `NotShown`."""
+        if self._fault:
+            raise NotShown(self._fault)
+        return Shown("the form's equations are the plant's")
+
+    @cached_property
+    def _fault(self) -> str:
+        """Why the form is not shown to be the plant, or ""."""
+        try:
+            self._finite()
+            self._flow()
+            self._undone()
+        except NotShown as error:
+            return str(error)
+        return ""
+
+    def _finite(self) -> None:
+        """Every expression is a finite number on its whole box: an identity says nothing where a side has no value."""
+        form, plant = self.form, self.plant
+        if len(form.states) != len(plant.states):
+            raise NotShown("the form has not as many states as the plant")
+        rows = [*form.from_form, *form.b, *form.output, *(entry for row in form.A for entry in row)]
+        for where, box, texts in (
+            ("the plant", plant.box, (*plant.flow, *plant.output, *form.to_form)),
+            ("the form", form.box, rows),
+        ):
+            for text in texts:
+                try:
+                    finite(text, box)
+                except NotShown as error:
+                    raise NotShown(
+                        f"{_cut(text.text)} of {where} is not shown to be a finite number: {error}"
+                    ) from None
+
+    def _flow(self) -> None:
+        """dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z."""
+        algebra, form, plant = self.algebra, self.form, self.plant
+        z = self.letters
+        for change in (*form.to_form, *form.from_form):
+            only(change.names & set(self.file.inputs), (), "the change of coordinates")
+        rates = [self.value(row) for row in form.b]
+        for i, row in enumerate(form.A):
+            for j, entry in enumerate(row):
+                rates[i] = rates[i] + self.value(entry) * z[form.states[j]]
+        moving = {name: Dual(z[name], {0: rates[form.states.index(name)]} if name in form.states else {}) for name in z}
+        images = [evaluate(inverse, moving, dual(algebra.arithmetic)) for inverse in form.from_form]
+        x = {**z, **{name: image.value for name, image in zip(plant.states, images, strict=True)}}
+        for name, flow, image in zip(plant.states, plant.flow, images, strict=True):
+            speed = image.slopes.get(0, algebra.number(Fraction(0)))
+            self._same(value_of(flow, x, algebra), speed, f"{name}' of the form is not the plant's")
+        for given, output in zip(plant.output, form.output, strict=True):
+            self._same(value_of(given, x, algebra), self.value(output), "the form's output is not the plant's")
+        for name, forward in zip(form.states, form.to_form, strict=True):
+            self._same(value_of(forward, x, algebra), z[name], f"{name} is not undone by the inverse")
+
+    def _undone(self) -> None:
+        """X(Z(x)) = x on the plant's ranges: z tells all of x."""
+        form, plant = self.form, self.plant
+        algebra = algebra_of(plant.box)
+        x = letters_of(algebra, plant.box)
+        z = {**x, **{name: value_of(row, x, algebra) for name, row in zip(form.states, form.to_form, strict=True)}}
+        for name, row in zip(plant.states, form.from_form, strict=True):
+            if not algebra.is_zero(value_of(row, z, algebra) - x[name]):
+                raise NotShown(f"{name} is not undone by the change of coordinates")
+
+    @cached_property
+    def rates(self) -> tuple[Expression, ...]:
+        """A z + b, row by row."""
+        return self._rows(lambda entry: entry.text != "0")
+
+    @cached_property
+    def nonlinear(self) -> tuple[Expression, ...]:
+        """b, with the terms of A z whose factor reads a state, row by row."""
+        return self._rows(lambda entry: not entry.names.isdisjoint(self.form.states))
+
+    def _rows(self, kept: Callable[[Expression], bool]) -> tuple[Expression, ...]:
+        form = self.form
+        terms = (
+            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if kept(entry)]
+            for row in form.A
+        )
+        return tuple(
+            expression(" + ".join((f"({rest.text})", *row)), form.box) for rest, row in zip(form.b, terms, strict=True)
+        )
+
+    def _same(self, a: Quotient, b: Quotient, complaint: str) -> None:
+        if not self.algebra.is_zero(a - b):
+            raise NotShown(complaint)
+
+    def same(self, text: Expression, wanted: Quotient, complaint: str) -> None:
+        """That an expression of the file is what has to be shown."""
+        self._same(self.value(text), wanted, complaint)
+
+    def first_gain(self, chain: int) -> Quotient:
+        """a_1 = dy/dz of the first state z of a chain, 0, 1, ... That y(z) - y(0) = z dy/dz for every z makes it the
+        same for every z.
+
+        Raises: `NotShown`.
+        """
+        first, output = self.heads[chain], self.form.output[chain]
+        slope = self.slope(output, first)
+        rest = value_of(output, {**self.letters, first: self.algebra.number(Fraction(0))}, self.algebra)
+        self._same(self.value(output) - rest, slope * self.letters[first], f"the output is not linear in {first}")
+        return slope
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """The first state of each chain."""
+        blocks = self.form.blocks
+        return tuple(self.z[sum(blocks[:i])] for i in range(len(blocks)))
+
+    def slope(self, text: Expression, name: str) -> Quotient:
+        """A partial derivative, in closed form."""
+        one, zero = self.algebra.number(Fraction(1)), self.algebra.number(Fraction(0))
+        values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in self.letters.items()}
+        found: Quotient = evaluate(text, values, dual(self.algebra.arithmetic)).slopes.get(0, zero)
+        return found
+
+
+def algebra_of(box: Box) -> Algebra:
+    """The algebra of a box's names; a name of one value is no letter."""
+    free = [name for name, (low, high) in box.items() if low < high]
+    return Algebra(free, [name for name in free if box[name][0] >= 0])
+
+
+def letters_of(algebra: Algebra, box: Box) -> dict[str, Quotient]:
+    """A box's names as letters, those of one value as that number."""
+    return {
+        name: algebra.letter(name) if low < high else algebra.number(Fraction(low)) for name, (low, high) in box.items()
+    }
+
+
+def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
+    """An expression's value in the algebra, its names replaced by `values`."""
+    found: Quotient = evaluate(text, values, algebra.arithmetic)
+    return found
+
+
+# --- pieces of rules
+
+RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an enclosure has
+
+
+def only(names: Iterable[str], allowed: Iterable[str], complaint: str) -> None:
+    """That only allowed names are read. Raises: `NotShown`."""
+    strange = sorted(set(names) - set(allowed))
+    if strange:
+        raise NotShown(f"{complaint} reads {', '.join(strange)}")
+
+
+def narrowed(box: Box, names: Iterable[str]) -> Box:
+    """The sides of a box that have these names, sorted."""
+    return {name: box[name] for name in sorted(names)}
+
+
+def finite(text: Expression, box: Box) -> int:
+    """That an expression is a finite number on its whole box; with how many boxes. Raises: `NotShown`."""
+    return covered(narrowed(box, text.names), ".", ranged(text, -math.inf, math.inf))
+
+
+def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
+    """The model's box of these names; the claim's own must be the same."""
+    wanted = narrowed(box, names)
+    given = part(evidence, "box", dict)
+    found = {name: ends(*_pair(pair), name) for name, pair in sorted(given.items())}
+    if found != wanted:
+        raise NotShown("its box is not the model's ranges of the names it reads")
+    return wanted
+
+
+def _pair(value: object) -> tuple[object, object]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise NotShown("a range of its box has not two ends")
+    return value[0], value[1]
+
+
+def enclosed(context: Context, claim: Claim, wanted: Quotient, source: Expression) -> tuple[Fraction, Fraction, Shown]:
+    """The claim's enclosure low <= e <= high of what has to be shown, on the model's box."""
+    evidence = claim.evidence
+    text = expression(part(evidence, "expression", str), context.form.box)
+    context.same(text, wanted, f"its expression {text.text} is not what the form has")
+    low, high = number(evidence.get("low")), number(evidence.get("high"))
+    box = declared_box(evidence, context.form.box, text.names)
+    boxes = covered(box, part(evidence, "tree", str), ranged(text, low, high))
+    if text.text != source.text:  # the form's own expression is defined there, too
+        boxes += finite(source, context.form.box)
+    return low, high, Shown(f"{short(low, -1)} <= {_cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def short(value: Fraction, way: int = 0) -> str:
+    """A number for a sentence: of 6 digits, and not below it for `way` 1, not above it for `way` -1."""
+    text = str(value)
+    if len(text) <= 12:
+        return text
+    rounding = {1: ROUND_CEILING, 0: ROUND_HALF_EVEN, -1: ROUND_FLOOR}[way]
+    found = Digits(prec=6, rounding=rounding).divide(Decimal(value.numerator), Decimal(value.denominator))
+    return f"{found:f}" if -4 <= found.adjusted() < 6 else f"{found:e}"
+
+
+def on(box: Box) -> str:
+    """The sides of a box that are no points, for a sentence."""
+    named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
+    return f" on {', '.join(named)}" if named else ""

@@ -1,0 +1,297 @@
+"""What a certificate file holds, read at the door: every part has its type, every name its range.
+
+The file says nothing twice that could disagree: a claim's expressions are compared with the form's by the rules.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Any
+
+from hgogen.errors import HgogenError
+from hgogen.recheck.box import Box, End
+from hgogen.recheck.text import Expression, expression, number
+
+FORMAT, VERSION = "hgogen certificate", "1"
+LARGEST = 50_000_000  # characters of a file
+ABOUT = ("plant", "form", "observer")  # the parts that say what is proved about
+SHOWN = 16  # digits of their digest that are printed
+_KEYS = {
+    "the file": ("format", "version", "hgogen", *ABOUT, "model", "claims", "digest"),
+    "plant": ("name", "states", "inputs", "parameters", "outputs", "flow", "output"),
+    "form": ("kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"),
+    "a range": ("name", "low", "high"),
+    "a claim": ("id", "verdict", "evidence"),
+}
+
+
+# What an observer is built with, by its name: its equations stand where a rule reads them. Numbers, or lists of them;
+# of `EXPRESSED` the gains of z, which may hold parameters.
+OBSERVERS: Mapping[str, tuple[str, ...]] = {
+    "high_gain": ("theta", "gains"),
+    "filtered": ("theta", "alpha", "beta", "gains"),
+    "filtered_injection": ("theta", "F", "G", "NH"),
+    "low_power": ("theta", "gains"),
+    "peaking_free": ("theta", "gains", "last"),
+    "stubborn": ("theta", "decay", "r", "gains"),
+    "dead_zone": ("theta", "decay", "r", "gains"),
+}
+EXPRESSED = ("high_gain",)
+
+
+@dataclass(eq=False)
+class NoCertificate(HgogenError):
+    """A file that is no certificate."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f"this is no certificate: {self.reason}; write one with hgogen check MODEL --certificate FILE"
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Names with their ranges, and expressions of them: the plant's, or the form's."""
+
+    states: tuple[str, ...]
+    box: Box
+    flow: tuple[Expression, ...]
+    output: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class FormFile:
+    """The form: z = to_form(x), x = from_form(z), z' = A z + b, y = output; the sizes of its chains, in order, and how
+    they may read each other."""
+
+    kind: str
+    states: tuple[str, ...]
+    box: Box
+    to_form: tuple[Expression, ...]
+    from_form: tuple[Expression, ...]
+    A: tuple[tuple[Expression, ...], ...]
+    b: tuple[Expression, ...]
+    output: tuple[Expression, ...]
+    blocks: tuple[int, ...]
+    alignment: str
+
+
+@dataclass(frozen=True)
+class Observer:
+    """An observer; where something is proved of it, the `numbers` that it is built with, by the names of `OBSERVERS`,
+    and the `gains` of those in `EXPRESSED`."""
+
+    name: str
+    numbers: Mapping[str, Any]
+    gains: tuple[Expression, ...] = ()
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim: its verdict, and what shows it, as the file says."""
+
+    id: str
+    verdict: str
+    evidence: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate as it is read; `model`: the digest of what it is about; `named`: the file says the same;
+    `untouched`: its digest is that of its content."""
+
+    name: str
+    plant: Equations
+    form: FormFile
+    observer: Observer | None
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    claims: tuple[Claim, ...]
+    model: str
+    named: bool
+    untouched: bool
+
+
+def digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of the content without its digest. It finds accidents; who forges a file makes it anew."""
+    return _hashed({key: value for key, value in content.items() if key != "digest"})
+
+
+def model_digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of what is proved about: plant, form and observer, with their equations, ranges and numbers."""
+    return _hashed({key: content.get(key) for key in ABOUT})
+
+
+def _hashed(value: Mapping[str, Any]) -> str:
+    """SHA-256 of the value as JSON with sorted keys and no white space."""
+    return sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def read(text: str) -> Certificate:
+    """The certificate in a text.
+
+    Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an expression or number.
+    """
+    if len(text) > LARGEST:
+        raise NoCertificate(f"it has more than {LARGEST} characters")
+    try:
+        content = json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
+    except RecursionError:
+        raise NoCertificate("its JSON is nested too deep") from None
+    except ValueError as error:
+        raise NoCertificate(f"its JSON cannot be read ({error})") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise NoCertificate(f'it does not say "format": "{FORMAT}"')
+    if content.get("version") != VERSION:
+        raise NoCertificate(f"its version is {content.get('version')!r}, this reader's is {VERSION!r}")
+    return _read(content)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key stands twice")
+    return found
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number here")
+
+
+def _read(content: Mapping[str, Any]) -> Certificate:
+    plant, form = part(content, "plant", dict), part(content, "form", dict)
+    _known("the file", content)
+    _known("plant", plant)
+    _known("form", form)
+    states, inputs, parameters = ({**_signals(plant, kind)} for kind in ("states", "inputs", "parameters"))
+    common = {**inputs, **parameters}
+    z = _signals(form, "states")
+    x_box, z_box = {**states, **common}, {**z, **common}
+    if len(x_box) < len(states) + len(inputs) + len(parameters) or len(z_box) < len(z) + len(common):
+        raise NoCertificate("a name is declared twice")
+    n, m = len(states), len(part(plant, "outputs", list))
+    return Certificate(
+        name=part(plant, "name", str),
+        plant=Equations(tuple(states), x_box, _rows(plant, "flow", x_box, n), _rows(plant, "output", x_box, m)),
+        form=FormFile(
+            kind=part(form, "kind", str),
+            states=tuple(z),
+            box=z_box,
+            to_form=_rows(form, "to_form", x_box, len(z)),
+            from_form=_rows(form, "from_form", z_box, n),
+            A=tuple(
+                tuple(expression(entry, z_box) for entry in texts)
+                for texts in _sized(part(form, "A", list), len(z), lambda row: _sized(row, len(z)))
+            ),
+            b=_rows(form, "b", z_box, len(z)),
+            output=_rows(form, "output", z_box, m),
+            blocks=_blocks(form, len(z)),
+            alignment=part(form, "alignment", str),
+        ),
+        observer=_observer(content, z_box, len(z)),
+        inputs=tuple(inputs),
+        parameters=tuple(parameters),
+        claims=_claims(content),
+        model=model_digest(content),
+        named=content.get("model") == model_digest(content),
+        untouched=content.get("digest") == digest(content),
+    )
+
+
+def part(holder: Mapping[str, Any], key: str, kind: type) -> Any:
+    """One part of a JSON object. Raises: `NoCertificate` where it is missing or of another type."""
+    value = holder.get(key)
+    if not isinstance(value, kind):
+        raise NoCertificate(f"its part {key!r} is missing or no {kind.__name__}")
+    return value
+
+
+def _known(what: str, holder: Mapping[str, Any]) -> None:
+    """A part that nothing reads could say anything. Raises: `NoCertificate`."""
+    _parts(what, holder, _KEYS[what])
+
+
+def _parts(what: str, holder: Mapping[str, Any], known: Iterable[str]) -> None:
+    strange = sorted(holder.keys() - set(known))
+    if strange:
+        raise NoCertificate(f"{what} has a part {strange[0]!r}, which is unknown here")
+
+
+def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
+    sizes = [number(size) for size in part(form, "blocks", list)]
+    if any(size.denominator > 1 or size < 1 for size in sizes) or sum(sizes) != count:
+        raise NoCertificate("its blocks are not the sizes of chains of the form's states")
+    return tuple(map(int, sizes))
+
+
+def _observer(content: Mapping[str, Any], names: Mapping[str, Any], count: int) -> Observer | None:
+    if content.get("observer", 0) is None:
+        return None
+    found = dict(part(content, "observer", dict))
+    name = part(found, "name", str)
+    del found["name"]
+    if not found:
+        return Observer(name, {})
+    _parts("observer", found, OBSERVERS.get(name, ()))
+    if missing := sorted(set(OBSERVERS.get(name, ())) - found.keys()):
+        raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
+    gains = _rows({"gains": found.pop("gains")}, "gains", names, count) if name in EXPRESSED else ()
+    return Observer(name, {key: _numbers(value) for key, value in found.items()}, gains)
+
+
+def _numbers(value: Any, depth: int = 0) -> Any:
+    """A number, or a list of numbers, or of such lists."""
+    if isinstance(value, list) and depth < 2:
+        return [_numbers(each, depth + 1) for each in value]
+    return number(value)
+
+
+def _sized(rows: Any, count: int, each: Any = None) -> list[Any]:
+    if not isinstance(rows, list) or len(rows) != count:
+        raise NoCertificate(f"a list has not its {count} entries")
+    return [each(row) for row in rows] if each else rows
+
+
+def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: int) -> tuple[Expression, ...]:
+    return tuple(expression(text, names) for text in _sized(part(holder, key, list), count))
+
+
+def _signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
+    """Names with closed ranges, both ends null for an unbounded one; a parameter's fixed value is both ends."""
+    found: dict[str, tuple[End, End]] = {}
+    for entry in part(holder, key, list):
+        if not isinstance(entry, dict):
+            raise NoCertificate(f"an entry of {key!r} is no object")
+        _known("a range", entry)
+        name = part(entry, "name", str)
+        if not name.isidentifier() or name in found:
+            raise NoCertificate(f"{name!r} in {key!r} is no name, or stands twice")
+        found[name] = ends(entry.get("low"), entry.get("high"), name)
+    return found
+
+
+def ends(low: object, high: object, name: str) -> tuple[End, End]:
+    """A closed range; None is an infinite end. Raises: `NoCertificate` for an empty one."""
+    least = -math.inf if low is None else number(low)
+    most = math.inf if high is None else number(high)
+    if not least <= most:
+        raise NoCertificate(f"the range of {name} is empty")
+    return least, most
+
+
+def _claims(content: Mapping[str, Any]) -> tuple[Claim, ...]:
+    found = []
+    for entry in part(content, "claims", list):
+        if not isinstance(entry, dict):
+            raise NoCertificate("a claim is no object")
+        _known("a claim", entry)
+        found.append(Claim(part(entry, "id", str), part(entry, "verdict", str), part(entry, "evidence", dict)))
+    return tuple(found)
+
+
+__all__ = [
+    *("FORMAT", "SHOWN", "VERSION", "Certificate", "Claim", "NoCertificate", "Unreadable"),
+    *("digest", "model_digest", "part", "read"),
+]

@@ -1,0 +1,382 @@
+"""The arithmetics that verify ranges: mpmath's intervals, outward rounded, and exact fractions at a point."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+from mpmath import libmp
+
+from hgogen.recheck.arithmetic import Arithmetic, Undefined
+
+PRECISION = 80  # bits
+_GUARD = 30  # bits computed beyond these, and then given away as a margin for the error of a function's value
+_LARGEST = 2**16  # of an argument of exp and of the exponent of 2 of an angle
+_LONGEST = 4096  # bits of an exact fraction; beyond it intervals answer
+
+Ends = tuple[Any, Any]  # two numbers of mpmath, low and high
+_DOWN, _UP = libmp.round_floor, libmp.round_ceiling
+_INFINITE = (libmp.fninf, libmp.finf)
+
+
+class NotExact(Exception):
+    """A value that is no rational number, or too long a one."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The numbers from `ends[0]` to `ends[1]`; an end may be infinite, none is NaN."""
+
+    ends: Ends
+
+    def __add__(self, other: "Interval") -> "Interval":
+        return Interval(libmp.mpi_add(self.ends, other.ends, PRECISION))
+
+    def __neg__(self) -> "Interval":
+        return Interval(libmp.mpi_neg(self.ends))
+
+    def __sub__(self, other: "Interval") -> "Interval":
+        return Interval(libmp.mpi_sub(self.ends, other.ends, PRECISION))
+
+    def __mul__(self, other: "Interval") -> "Interval":
+        return Interval(libmp.mpi_mul(self.ends, other.ends, PRECISION))
+
+    def __truediv__(self, other: "Interval") -> "Interval":
+        if other.sign == 0:
+            raise Undefined("division by what may be zero")
+        return Interval(libmp.mpi_div(self.ends, other.ends, PRECISION))
+
+    @property
+    def sign(self) -> int:
+        """1 or -1 where every number has that sign, else 0."""
+        low, high = self.ends
+        return 1 if libmp.mpf_sign(low) > 0 else -1 if libmp.mpf_sign(high) < 0 else 0
+
+    @property
+    def finite(self) -> bool:
+        """Whether both ends are numbers."""
+        return not any(end in (*_INFINITE, libmp.fnan) for end in self.ends)
+
+    def at_least(self, bound: Fraction) -> bool:
+        """Whether no number of the interval is below the bound."""
+        return bool(libmp.mpf_ge(self.ends[0], _rounded(bound, _UP)))
+
+    def at_most(self, bound: Fraction) -> bool:
+        """Whether no number of the interval is above the bound."""
+        return bool(libmp.mpf_le(self.ends[1], _rounded(bound, _DOWN)))
+
+
+def _rounded(value: Fraction, direction: str) -> Any:
+    return libmp.from_rational(value.numerator, value.denominator, PRECISION, direction)
+
+
+def point(value: Fraction) -> Interval:
+    """The narrowest interval about a number."""
+    return Interval((_rounded(value, _DOWN), _rounded(value, _UP)))
+
+
+def between(low: Fraction | float, high: Fraction | float) -> Interval:
+    """The interval from low to high, either of which may be infinite."""
+    ends = (
+        libmp.fninf if low == -math.inf else _rounded(Fraction(low), _DOWN),
+        libmp.finf if high == math.inf else _rounded(Fraction(high), _UP),
+    )
+    return Interval(ends)
+
+
+def intersection(a: Interval, b: Interval) -> Interval:
+    """What two enclosures of one value have in common."""
+    return Interval((_larger(a.ends[0], b.ends[0]), _smaller(a.ends[1], b.ends[1])))
+
+
+def hull(a: Interval, b: Interval) -> Interval:
+    """The narrowest interval that holds both."""
+    return Interval((_smaller(a.ends[0], b.ends[0]), _larger(a.ends[1], b.ends[1])))
+
+
+def _smaller(a: Any, b: Any) -> Any:
+    return a if libmp.mpf_le(a, b) else b
+
+
+def _larger(a: Any, b: Any) -> Any:
+    return b if libmp.mpf_le(a, b) else a
+
+
+# --- functions
+
+
+def _outward(value: Any, up: bool) -> Any:
+    """A value with an error of a few units of its last place, moved outward by far more than that."""
+    if value in (libmp.fzero, *_INFINITE):
+        return value
+    margin = libmp.mpf_shift(libmp.mpf_abs(value), -PRECISION)
+    moved = libmp.mpf_add if up else libmp.mpf_sub
+    return moved(value, margin, PRECISION + 2, _UP if up else _DOWN)
+
+
+def _rising(function: Callable[..., Any]) -> Callable[[Interval], Interval]:
+    """A function that rises, from its values at the ends."""
+
+    def apply(x: Interval) -> Interval:
+        low, high = (function(end, PRECISION + _GUARD) for end in x.ends)
+        if libmp.fnan in (low, high):
+            raise Undefined("no value")
+        return Interval((_outward(low, False), _outward(high, True)))
+
+    return apply
+
+
+def _inside(x: Interval, low: int, high: int) -> None:
+    if not (x.at_least(Fraction(low)) and x.at_most(Fraction(high))):
+        raise Undefined(f"an argument outside [{low}, {high}]")
+
+
+def _exp(x: Interval) -> Interval:
+    """Beyond the largest argument, exp is between 0 and its value there, or above it."""
+    bound = point(Fraction(_LARGEST)).ends[0]
+    below = libmp.mpf_neg(bound)
+    ends = (_larger(_smaller(end, bound), below) for end in x.ends)
+    values = _rising(libmp.mpf_exp)(Interval(tuple(ends)))
+    low = libmp.fzero if libmp.mpf_lt(x.ends[0], below) else values.ends[0]
+    high = libmp.finf if libmp.mpf_gt(x.ends[1], bound) else values.ends[1]
+    return Interval((low, high))
+
+
+def _log(x: Interval) -> Interval:
+    if x.sign <= 0:
+        raise Undefined("the logarithm of what may be zero or less")
+    return _rising(libmp.mpf_log)(x)
+
+
+def _small(x: Interval) -> bool:
+    """Whether an angle is small enough to be reduced at small cost."""
+    return all(end == libmp.fzero or (end not in _INFINITE and end[2] + end[3] < 64) for end in x.ends)
+
+
+def _sin(x: Interval) -> Interval:
+    return _UNIT if not _small(x) else Interval(libmp.mpi_sin(x.ends, PRECISION))
+
+
+def _cos(x: Interval) -> Interval:
+    return _UNIT if not _small(x) else Interval(libmp.mpi_cos(x.ends, PRECISION))
+
+
+def _tan(x: Interval) -> Interval:
+    """Where the cosine keeps its sign and the interval is shorter than a period, tan rises."""
+    width = libmp.mpf_sub(x.ends[1], x.ends[0], PRECISION, _UP)
+    if not _small(x) or libmp.mpf_gt(width, libmp.from_int(3)) or _cos(x).sign == 0:
+        raise Undefined("a pole of tan")
+    return _sin_over_cos(x.ends[0], x.ends[1])
+
+
+def _sin_over_cos(low: Any, high: Any) -> Interval:
+    first, last = (_sin(Interval((end, end))) / _cos(Interval((end, end))) for end in (low, high))
+    return Interval((first.ends[0], last.ends[1]))
+
+
+def _abs(x: Interval) -> Interval:
+    return Interval(libmp.mpi_abs(x.ends, PRECISION))
+
+
+def _sign(x: Interval) -> Interval:
+    """Of a number that may be zero: [-1, 1]."""
+    return _UNIT if x.sign == 0 else point(Fraction(x.sign))
+
+
+def _sinh(x: Interval) -> Interval:
+    return _rising(libmp.mpf_sinh)(_bounded(x))
+
+
+def _cosh(x: Interval) -> Interval:
+    x = _abs(_bounded(x))  # cosh rises from 0 on
+    return intersection(_rising(libmp.mpf_cosh)(x), between(1, math.inf))
+
+
+def _tanh(x: Interval) -> Interval:
+    """tanh lies within 1, whatever an end beyond the largest argument."""
+    bound = between(-_LARGEST, _LARGEST)
+    ends = [_larger(_smaller(end, bound.ends[1]), bound.ends[0]) for end in x.ends]
+    values = intersection(_rising(libmp.mpf_tanh)(Interval((ends[0], ends[1]))), _UNIT)
+    low = values.ends[0] if ends[0] == x.ends[0] else _UNIT.ends[0]
+    high = values.ends[1] if ends[1] == x.ends[1] else _UNIT.ends[1]
+    return Interval((low, high))
+
+
+def _bounded(x: Interval) -> Interval:
+    if not (x.at_least(Fraction(-_LARGEST)) and x.at_most(Fraction(_LARGEST))):
+        raise Undefined("too large an argument")
+    return x
+
+
+def _asin(x: Interval) -> Interval:
+    _inside(x, -1, 1)
+    return _rising(libmp.mpf_asin)(x)
+
+
+def _acos(x: Interval) -> Interval:
+    _inside(x, -1, 1)
+    return -_rising(lambda end, bits: libmp.mpf_neg(libmp.mpf_acos(end, bits)))(x)
+
+
+def _acosh(x: Interval) -> Interval:
+    if not x.at_least(Fraction(1)):
+        raise Undefined("acosh below 1")
+    return _rising(libmp.mpf_acosh)(x)
+
+
+def _atanh(x: Interval) -> Interval:
+    if _above(x, -1) and _above(-x, -1):
+        return _rising(libmp.mpf_atanh)(x)
+    raise Undefined("atanh at 1 or beyond")
+
+
+def _above(x: Interval, bound: int) -> bool:
+    return bool(libmp.mpf_gt(x.ends[0], libmp.from_int(bound)))
+
+
+def _atan2(y: Interval, x: Interval) -> Interval:
+    """Away from the cut, by the quotient that has no pole."""
+    half = _pi() * point(Fraction(1, 2))
+    if x.sign > 0:
+        return _atan(y / x)
+    if y.sign:
+        quarter = half if y.sign > 0 else -half
+        return quarter - _atan(x / y)
+    raise Undefined("atan2 on its cut")
+
+
+_atan = _rising(libmp.mpf_atan)
+_UNIT = between(-1, 1)
+
+
+def _pi() -> Interval:
+    return Interval(tuple(libmp.mpf_pi(PRECISION, way) for way in (_DOWN, _UP)))
+
+
+def _least(*args: Interval) -> Interval:
+    return Interval((reduce(_smaller, [x.ends[0] for x in args]), reduce(_smaller, [x.ends[1] for x in args])))
+
+
+def _most(*args: Interval) -> Interval:
+    return Interval((reduce(_larger, [x.ends[0] for x in args]), reduce(_larger, [x.ends[1] for x in args])))
+
+
+_FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
+    "pi": _pi,
+    "exp": _exp,
+    "log": _log,
+    "sin": _sin,
+    "cos": _cos,
+    "tan": _tan,
+    "atan": _atan,
+    "atan2": _atan2,
+    "asin": _asin,
+    "acos": _acos,
+    "sinh": _sinh,
+    "cosh": _cosh,
+    "tanh": _tanh,
+    "acosh": _acosh,
+    "atanh": _atanh,
+    "asinh": _rising(libmp.mpf_asinh),
+    "Abs": _abs,
+    "sign": _sign,
+    "Min": _least,
+    "Max": _most,
+}
+
+
+def _function(name: str, args: tuple[Interval, ...]) -> Interval:
+    return _FUNCTIONS[name](*args)
+
+
+def _power(x: Interval, exponent: int) -> Interval:
+    """x^k from the ends; an even power of an interval about zero begins at 0."""
+    if exponent < 0:
+        return point(Fraction(1)) / _power(x, -exponent)
+    if exponent == 0:
+        return point(Fraction(1))
+    if exponent % 2 == 0:
+        x = _abs(x)
+    low, high = x.ends
+    return Interval((_whole(low, exponent, _DOWN), _whole(high, exponent, _UP)))
+
+
+def _whole(end: Any, exponent: int, direction: str) -> Any:
+    if end == libmp.fninf:
+        return end if exponent % 2 else libmp.finf
+    return end if end == libmp.finf else libmp.mpf_pow_int(end, exponent, PRECISION, direction)
+
+
+def _root(x: Interval, exponent: Fraction) -> Interval:
+    """x^(p/q) of x >= 0, x > 0 for a negative exponent."""
+    if not x.at_least(Fraction(0)):
+        raise Undefined("a root of what may be negative")
+    if exponent < 0:
+        return point(Fraction(1)) / _root(x, -exponent)
+    p, q = exponent.numerator, exponent.denominator
+    root = _rising(lambda end, bits: end if end == libmp.finf else libmp.mpf_nthroot(end, q, bits))(x)
+    return _power(intersection(root, between(0, math.inf)), p)
+
+
+intervals = Arithmetic(point, _power, _root, _function, hull)
+
+
+# --- exact fractions
+
+
+def _exact_power(x: Fraction, exponent: int) -> Fraction:
+    if exponent < 0 and not x:
+        raise Undefined("division by zero")
+    if max(x.numerator.bit_length(), x.denominator.bit_length()) * abs(exponent) > _LONGEST:
+        raise NotExact
+    return x**exponent
+
+
+def _exact_root(x: Fraction, exponent: Fraction) -> Fraction:
+    if x < 0 or (x == 0 and exponent < 0):
+        raise Undefined("a root of a negative number")
+    q = exponent.denominator
+    parts = [_whole_root(part, q) for part in (x.numerator, x.denominator)]
+    return _exact_power(Fraction(*parts), exponent.numerator)
+
+
+def _whole_root(value: int, q: int) -> int:
+    root = round(value ** (1 / q)) if value < 2**50 else math.isqrt(value) if q == 2 else 0
+    if root**q != value:
+        raise NotExact
+    return root
+
+
+# f(0) of the functions with a rational value there
+_AT_ZERO = {
+    **dict.fromkeys(("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh"), 0),
+    **dict.fromkeys(("cos", "exp", "cosh"), 1),
+}
+
+
+def _exact_function(name: str, args: tuple[Fraction, ...]) -> Fraction:
+    if name in ("Min", "Max"):
+        return min(args) if name == "Min" else max(args)
+    if name == "Abs":
+        return abs(args[0])
+    if name == "sign":
+        return Fraction((args[0] > 0) - (args[0] < 0))
+    if name == "log":
+        if args[0] <= 0:
+            raise Undefined("the logarithm of zero or less")
+        if args[0] == 1:
+            return Fraction(0)
+    if name in _AT_ZERO and args == (Fraction(0),):
+        return Fraction(_AT_ZERO[name])
+    raise NotExact
+
+
+def _same(a: Fraction, b: Fraction) -> Fraction:
+    if a != b:
+        raise NotExact
+    return a
+
+
+fractions = Arithmetic(lambda value: value, _exact_power, _exact_root, _exact_function, _same)

@@ -1,0 +1,139 @@
+"""Matrices of fractions as a certificate writes them, and their signs by elimination: exact."""
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+from hgogen.recheck.box import NotShown
+from hgogen.recheck.text import number
+
+LARGEST = 40  # rows or columns: beyond, an elimination in fractions takes too long
+Matrix = list[list[Fraction]]
+
+
+def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
+    """A list of `count` entries. Raises: `NotShown`."""
+    found = holder.get(key)
+    if not isinstance(found, list) or len(found) != count:
+        raise NotShown(f"its {key} has not {count} entries")
+    return found
+
+
+def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
+    """`count` numbers. Raises: `NotShown`."""
+    return [_number(value, key) for value in entries(holder, key, count)]
+
+
+def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matrix:
+    """Numbers (rows, columns). Raises: `NotShown`."""
+    found = entries(holder, key, rows)
+    if max(rows, columns) > LARGEST:
+        raise NotShown(f"its {key} has more than {LARGEST} rows or columns")
+    if any(not isinstance(row, list) or len(row) != columns for row in found):
+        raise NotShown(f"its {key} is not {rows} x {columns}")
+    return [[_number(value, key) for value in row] for row in found]
+
+
+def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
+    """One number. Raises: `NotShown`."""
+    return _number(holder.get(key), key)
+
+
+def _number(value: Any, key: str) -> Fraction:
+    """A number, or its text."""
+    if isinstance(value, list):
+        raise NotShown(f"its {key} has a list where a number should stand")
+    return value if isinstance(value, Fraction) else number(value)
+
+
+def above_zero(holder: Mapping[str, Any], key: str) -> Fraction:
+    """One number > 0. Raises: `NotShown`."""
+    value = scalar(holder, key)
+    if value <= 0:
+        raise NotShown(f"its {key} is not positive")
+    return value
+
+
+def unit(n: int) -> Matrix:
+    """The unit matrix (n, n)."""
+    return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
+
+
+def zeros(rows: int, columns: int) -> Matrix:
+    """A matrix of zeros."""
+    return [[Fraction(0)] * columns for _ in range(rows)]
+
+
+def scaled(factor: Fraction, M: Matrix) -> Matrix:
+    """factor M."""
+    return [[factor * value for value in row] for row in M]
+
+
+def plus(*terms: Matrix) -> Matrix:
+    """The sum."""
+    return [[sum(values, Fraction(0)) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
+
+
+def times(A: Matrix, B: Matrix) -> Matrix:
+    """A B."""
+    columns = transposed(B)
+    return [[sum((a * b for a, b in zip(row, each, strict=True)), Fraction(0)) for each in columns] for row in A]
+
+
+def transposed(M: Matrix) -> Matrix:
+    """M'."""
+    return [list(column) for column in zip(*M, strict=True)]
+
+
+def twice(P: Matrix, N: Matrix) -> Matrix:
+    """N'P + P N of a symmetric P."""
+    PN = times(P, N)
+    return plus(PN, transposed(PN))
+
+
+def similar(t: Sequence[Fraction], N: Matrix) -> Matrix:
+    """T N T^-1, T the diagonal t."""
+    return [[t[i] * value / t[j] for j, value in enumerate(row)] for i, row in enumerate(N)]
+
+
+def companion(K: Sequence[Fraction]) -> Matrix:
+    """A - K C (n, n) of a chain of integrators."""
+    return [[Fraction(int(j == i + 1)) - (k if j == 0 else 0) for j in range(len(K))] for i, k in enumerate(K)]
+
+
+def demand_positive(matrices: Mapping[str, Matrix]) -> None:
+    """That these symmetric matrices are positive definite. Raises: `NotShown`."""
+    _demand(matrices, True)
+
+
+def demand_nonnegative(matrices: Mapping[str, Matrix]) -> None:
+    """That these symmetric matrices have no negative eigenvalue. Raises: `NotShown`."""
+    _demand(matrices, False)
+
+
+def _demand(matrices: Mapping[str, Matrix], strictly: bool) -> None:
+    for name, M in matrices.items():
+        if transposed(M) != M:
+            raise NotShown(f"its {name} is not symmetric")
+        if not _nonnegative(M, strictly):
+            raise NotShown(f"its {name} is not positive {'' if strictly else 'semi'}definite")
+
+
+def _nonnegative(M: Matrix, strictly: bool) -> bool:
+    """Whether a symmetric matrix has no negative eigenvalue, `strictly` none of zero, by the pivots of its elimination:
+    a pivot of zero wants a row of zeros."""
+    M = [list(row) for row in M]
+    for k, row in enumerate(M):
+        if row[k] < 0 or (row[k] == 0 and (strictly or any(row[k:]))):
+            return False
+        if row[k] == 0:
+            continue
+        for i in range(k + 1, len(M)):
+            factor = M[i][k] / row[k]
+            M[i] = [x - factor * y for x, y in zip(M[i], row, strict=True)]
+    return True
+
+
+def decaying(N: Matrix, P: Matrix) -> Matrix:
+    """-I - N'P - P N, which is positive definite where P shows N to decay."""
+    return scaled(Fraction(-1), plus(unit(len(N)), twice(P, N)))

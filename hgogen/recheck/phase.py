@@ -1,0 +1,136 @@
+"""The rank of the map to phase coordinates, verified again: Phi = (y, y', .., y^(n-1)) and det dPhi/dx.
+
+Phi_1 = h, Phi_(k+1) = dPhi_k/dx f + sum_u dPhi_k/du u', as rational functions, with the derivatives of inputs as names.
+Source: Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from itertools import pairwise
+
+from hgogen.recheck.algebra import Algebra, Quotient
+from hgogen.recheck.arithmetic import Dual, dual, evaluate
+from hgogen.recheck.box import Box, NotShown, covered, ranged
+from hgogen.recheck.context import (
+    Context,
+    Shown,
+    algebra_of,
+    declared_box,
+    finite,
+    letters_of,
+    narrowed,
+    short,
+    value_of,
+)
+from hgogen.recheck.file import Claim, part
+from hgogen.recheck.slope import regular
+from hgogen.recheck.text import Expression, expression, number
+
+MOST = 6  # states, beyond which the determinant's expansion is too long
+
+
+def phases(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
+    """Phi is the output with its derivatives along the plant's flow, and smooth on the box."""
+    plant, states = context.plant, context.plant.states
+    box, rates, Phi = _read(context, claim)
+    if len(plant.output) != 1 or len(Phi) != len(states):
+        raise NotShown("it is not one output with n - 1 derivatives")
+    for row in (*plant.flow, *plant.output):
+        finite(row, plant.box)
+    algebra = algebra_of(box)
+    letters = letters_of(algebra, box)
+    speeds = {name: value_of(row, letters, algebra) for name, row in zip(states, plant.flow, strict=True)}
+    speeds |= {name: letters[rate] for name, rate in rates.items()}
+    if not algebra.is_zero(value_of(Phi[0], letters, algebra) - value_of(plant.output[0], letters, algebra)):
+        raise NotShown("it does not begin with the output")
+    if context.form.kind == "phase":
+        for row, image in zip(context.form.to_form, Phi, strict=True):
+            if not algebra.is_zero(value_of(row, letters, algebra) - value_of(image, letters, algebra)):
+                raise NotShown("the form's states are not Phi")
+    known = set(states) | set(rates) | set(context.file.parameters)
+    for k, (before, after) in enumerate(pairwise(Phi), 1):
+        if before.names - known:
+            raise NotShown(f"it does not say the derivative of {sorted(before.names - known)[0]}")
+        moving = {name: Dual(letter, {0: speeds[name]} if name in speeds else {}) for name, letter in letters.items()}
+        speed = evaluate(before, moving, dual(algebra.arithmetic)).slopes.get(0, algebra.number(Fraction(0)))
+        if not algebra.is_zero(value_of(after, letters, algebra) - speed):
+            raise NotShown(f"its entry {k + 1} is not the derivative of entry {k}")
+    boxes = sum(_smooth(row, states, box) for row in Phi)
+    return Shown("Phi = (y, y', ..) along the plant's flow", boxes)
+
+
+def rank(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
+    """det dPhi/dx keeps clear of zero; Phi is another claim."""
+    (source,) = [other for other in context.file.claims if other.id == "phase.chain"] or [claim]
+    box, _, Phi = _read(context, source)
+    states = context.plant.states
+    if len(states) > MOST:
+        raise NotShown(f"the determinant of more than {MOST} states is not computed")
+    algebra = algebra_of(box)
+    letters = letters_of(algebra, box)
+    rows = [[_slope(row, name, letters, algebra) for name in states] for row in Phi]
+    text = expression(part(claim.evidence, "expression", str), box)
+    if not algebra.is_zero(value_of(text, letters, algebra) - _determinant(rows, algebra)):
+        raise NotShown(f"its expression {text.text} is not the determinant")
+    low, high = number(claim.evidence.get("low")), number(claim.evidence.get("high"))
+    if low <= 0 <= high:
+        raise NotShown("its bounds do not keep clear of zero")
+    where = declared_box(claim.evidence, box, text.names)
+    boxes = covered(where, part(claim.evidence, "tree", str), ranged(text, low, high))
+    return Shown(f"{short(low, -1)} <= det dPhi/dx <= {short(high, 1)}", boxes)
+
+
+def _read(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[Expression]]:
+    """The plant's box with the derivatives of inputs, unbounded where they have no range; which name is the derivative
+    of which, by the names; Phi."""
+    count, inputs = len(context.plant.states), context.file.inputs
+    lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in _suffixes(count))] for name in inputs]
+    derived = {other for line in lines for other in line[1:]}
+    rates = {one: after for line in lines if line[0] not in derived for one, after in pairwise(line)}
+    box = {**dict.fromkeys(rates.values(), (-math.inf, math.inf)), **context.plant.box}
+    if derived & {*context.plant.states, *context.file.parameters}:
+        raise NotShown("a name that a derivative of an input would have is taken")
+    return box, rates, [expression(text, box) for text in part(claim.evidence, "chain", list)]
+
+
+def _suffixes(count: int) -> list[str]:
+    """Of the derivatives of order 1, 2, .. of a name."""
+    return [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
+
+
+def _smooth(row: Expression, states: Sequence[str], box: Box) -> int:
+    read = [name for name in states if name in row.names]
+    return covered(narrowed(box, row.names), ".", regular([row], read)) if _bounded(row, box) else _entire(row)
+
+
+def _bounded(row: Expression, box: Box) -> bool:
+    return all(math.isfinite(end) for name in row.names for end in box[name])
+
+
+def _entire(row: Expression) -> int:
+    """Where a side is unbounded: a polynomial."""
+    if any(step.op not in ("number", "symbol", "add", "sub", "mul", "neg", "power") for step in row.instructions):
+        raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
+    if any(step.op == "power" and not (isinstance(step.value, int) and step.value >= 0) for step in row.instructions):
+        raise NotShown(f"{row.text[:60]} is not shown to be smooth on an unbounded box")
+    return 0
+
+
+def _slope(row: Expression, name: str, letters: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
+    one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
+    values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in letters.items()}
+    found: Quotient = evaluate(row, values, dual(algebra.arithmetic)).slopes.get(0, zero)
+    return found
+
+
+def _determinant(rows: list[list[Quotient]], algebra: Algebra) -> Quotient:
+    """By expansion along the first row."""
+    if not rows:
+        return algebra.number(Fraction(1))
+    total = algebra.number(Fraction(0))
+    for j, entry in enumerate(rows[0]):
+        if entry.top:
+            minor = _determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]], algebra)
+            total = total + (entry * minor if j % 2 == 0 else -(entry * minor))
+    return total

@@ -1,0 +1,143 @@
+"""Bounds of a Jacobian's spectral norm on a box, verified again, and that an expression is smooth there.
+
+A Jacobian on a box is enclosed entry by entry, by forward derivatives in mpmath's intervals; where that is too weak, by
+the mean value form of each entry, with second derivatives.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+
+from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
+from hgogen.recheck.box import Box, Slopes, Try, centre_of, sides
+from hgogen.recheck.interval import Interval, intersection, intervals, point
+from hgogen.recheck.text import Expression
+
+_duals = dual(intervals)
+
+
+def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Try]:
+    """The statement that expressions and their derivatives in `names` are finite."""
+
+    def attempt(box: Box) -> Try:
+        try:
+            return Try(all(x.finite for row in _jacobian(expressions, names, box) for x in row))
+        except Undefined:
+            return Try(False)
+
+    return attempt
+
+
+def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:
+    """Enclosures of values and slopes: (n, 1 + m)."""
+    places = {name: k for k, name in enumerate(names)}
+    one, zero = point(Fraction(1)), point(Fraction(0))
+    values = {name: Dual(side, {places[name]: one} if name in places else {}) for name, side in sides(box).items()}
+    found = [evaluate(row, values, _duals) for row in rows]
+    return [[row.value, *(row.slopes.get(k, zero) for k in range(len(names)))] for row in found]
+
+
+def steep(
+    rows: Sequence[Expression], names: Sequence[str], bound: Fraction, scale: Sequence[Expression] = ()
+) -> Callable[[Box], Try]:
+    """The statement |J| <= bound in the spectral norm, J the Jacobian of `rows` in `names`; of S J S^-1 for a diagonal
+    S = `scale`."""
+
+    def attempt(box: Box) -> Try:
+        try:
+            J = [row[1:] for row in _jacobian(rows, names, box)]
+            S = [evaluate(factor, sides(box), intervals) for factor in scale]
+        except Undefined:
+            return Try(False)
+        if S:
+            J = [[S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)]
+        if _norm(J, bound):
+            return Try(True)
+        varying = _second(rows, names, box, scale)
+        if varying is None:
+            return Try(False)
+        centre = centre_of(box)
+        middle = _second(rows, names, centre, scale)
+        if middle is None:
+            return Try(False)
+        away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
+        found = [
+            [intersection(x, _mean_value(at.value, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
+            for three in zip(J, middle, varying, strict=True)
+        ]
+        return Try(_norm(found, bound), _weights([x for row in varying for x in row]))
+
+    return attempt
+
+
+def _second(
+    rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
+) -> list[list[Dual]] | None:
+    """S J S^-1 with the slopes of its entries in all of the box's names, by their places; None where there are none."""
+    if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
+        return None
+    one, zero = point(Fraction(1)), Dual(point(Fraction(0)), {})
+    inner = {name: Dual(side, {k: one}) for k, (name, side) in enumerate(sides(box).items())}
+    places = {name: k for k, name in enumerate(names)}
+    values = {name: Dual(x, {places[name]: Dual(one, {})} if name in places else {}) for name, x in inner.items()}
+    try:
+        slopes = [evaluate(row, values, dual(_duals)).slopes for row in rows]
+        S = [evaluate(factor, inner, _duals) for factor in scale]
+        J = [[row.get(k, zero) for k in range(len(names))] for row in slopes]
+        return [[S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
+    except Undefined:
+        return None
+
+
+def _mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
+    for k, slope in slopes.items():
+        centre = centre + slope * away[k]
+    return centre
+
+
+def _weights(entries: Sequence[Dual]) -> Slopes:
+    """How much the entries vary with each name."""
+    found: dict[int, Interval] = {}
+    for entry in entries:
+        for k, slope in entry.slopes.items():
+            size = intervals.function("Abs", (slope,))
+            found[k] = found[k] + size if k in found else size
+    return found
+
+
+def _norm(J: list[list[Interval]], bound: Fraction) -> bool:
+    """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
+    n = len(J[0])
+    squares = [intervals.power(x, 2) for row in J for x in row]
+    total = point(Fraction(0))
+    for square in squares:
+        total = total + square
+    if total.at_most(bound**2):
+        return True
+    M = [[-_dot([row[i] for row in J], [row[j] for row in J]) for j in range(n)] for i in range(n)]
+    for i in range(n):
+        square = point(Fraction(0))
+        for row in J:
+            square = square + intervals.power(row[i], 2)
+        M[i][i] = point(bound**2) - square
+    return positive(M)
+
+
+def _dot(a: list[Interval], b: list[Interval]) -> Interval:
+    total = point(Fraction(0))
+    for x, y in zip(a, b, strict=True):
+        total = total + x * y
+    return total
+
+
+def positive(M: list[list[Interval]]) -> bool:
+    """Whether every symmetric matrix within M is positive definite."""
+    M = [list(row) for row in M]
+    n = len(M)
+    for k in range(n):
+        if M[k][k].sign <= 0:
+            return False
+        for i in range(k + 1, n):
+            for j in range(i, n):
+                M[i][j] = M[j][i] = M[i][j] - M[k][i] * M[k][j] / M[k][k]
+    return True

@@ -1,0 +1,240 @@
+"""Guards: no input, sample or parameter, however absurd, makes the state infinite or not a number.
+
+A value is taken if it is a number of plausible size, and clamped to its declared range; what the step wrote is kept in
+its box; each guard says in the status what it did.
+"""
+
+from collections.abc import Iterable
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+
+from hgogen.check import Verdict
+from hgogen.intervals.box import box
+from hgogen.intervals.glance import enclose
+from hgogen.observer import HUGE, Clock, Observer
+from hgogen.program import INF, Block, Field, Program, When, address, column, scope, sym, walk
+from hgogen.signal import Signal
+
+LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
+
+SCOPES = ("state", "input", "output", "plant", "gain", "derived", "work")  # other scopes are groups
+SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
+
+SIGNAL_BITS: dict[str, tuple[str, str]] = {
+    "MISSING": ("{} is not finite: predicted only", "none; watch for a sensor that stays silent"),
+    "REJECTED": (
+        "{} is implausible, outside its range by more than the range's width: predicted only",
+        "check the sensor and the declared range",
+    ),
+    "LATE": (
+        "the sample of {} was taken in a period before this one: not used",
+        "none if rare; a sensor that is always late needs its delay in the model",
+    ),
+    "EARLY": (
+        "the sample of {} is of a period to come: not used",
+        "call predict first; check the count of periods",
+    ),
+    "REPEATED": ("a second sample of {} in one period: not used", "give each sample once"),
+    "REUSED": (
+        "{} is not finite or absurd (beyond 1e15): the last valid one was used",
+        "check the source of the input",
+    ),
+    "CLAMPED": (
+        "{} was clamped to its range",
+        "the proofs hold on the range only; widen it or limit the input",
+    ),
+}
+STEP_BITS: dict[str, tuple[str, str]] = {
+    "OUTSIDE_BOX": (
+        "the estimate is outside the declared box, where the model is evaluated at the edge",
+        "normal while the estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow",
+    ),
+    "SINGULAR": (
+        "the outputs and their derivatives do not tell the state here: no correction, or no inverse",
+        "none if brief; if it stays, the inputs or the region of operation hide the state",
+    ),
+    "STATE_LIMITED": (
+        "the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended",
+        "none if brief; if it stays, widen the ranges{or_lower}",
+    ),
+    "RESTARTED": (
+        "a value was lost (not finite), and the whole state restarted",
+        "treat the estimate as new; check parameters (tune was called?) and ranges",
+    ),
+    "ADAPTED": ("adapt was called again in one period: nothing done", "call it once, after the updates"),
+    "PARAMETER_LIMITED": (
+        "tune only: a parameter was out of its range and was limited, or not finite and took its nominal value",
+        "correct the parameter and tune again",
+    ),
+}
+
+
+def or_lower(observer: Observer) -> str:
+    """The advice to lower the high gain, for less of a peak; "" where there is none, or a proof would be lost."""
+    if any(check.id.endswith(".theta") and check.verdict is Verdict.PROVED for check in observer.checks):
+        return ""
+    high = (gain.name for gain in observer.gains if gain.name in ("theta", "theta_1") and gain.initial[0] > 1)
+    return "".join(f" or lower {name}" for name in high)
+
+
+def outside(observer: Observer) -> Block:
+    """Say so where the estimate is outside the declared box, so that the model is evaluated at its edge."""
+    z, box = observer.z, observer.dynamics.box
+    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(box) if low > -INF]
+    return Block("outside the declared box the model is evaluated at its edge", {"status.OUTSIDE_BOX": _any(tests)})
+
+
+def unrecovered(observer: Observer) -> tuple[Block, ...]:
+    """Say so where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
+    form = observer.form
+    if form.behind is None:
+        return ()
+    inputs = form.system.inputs
+    _, usable = observer.dynamics.recovered(observer.z, sym("state.u", len(inputs)) if inputs else ca.SX(0, 1))
+    return (Block("where the inverse is no number, states rest", {"status.SINGULAR": ca.logic_not(usable)}),)
+
+
+def _any(tests: Iterable[Any]) -> Any:
+    """Whether one of the truth values holds; 0 for none."""
+    tests = list(tests)
+    return reduce(ca.logic_or, tests) if tests else ca.SX(0)
+
+
+def _within(value: Any, limit: float) -> Any:
+    """|value| <= limit; 0 for what is not a number."""
+    return ca.fabs(value) <= limit
+
+
+def guard_inputs(observer: Observer) -> Block:
+    """Each input: the last valid one where it is no number or absurd, clamped to its range."""
+    values, writes, names = [], {}, dict[str, Any]()
+    last = sym("state.u", len(observer.form.system.inputs))
+    for i, signal in enumerate(observer.form.system.inputs):
+        raw, (low, high) = sym(f"input.{signal.name}"), signal.interval
+        usable = _within(raw, HUGE)
+        taken = ca.if_else(usable, raw, last[i])
+        clamped = ca.fmin(ca.fmax(taken, low), high) if signal.bounded else taken
+        values.append(clamped)
+        writes[f"status.REUSED_{signal.name}"] = ca.logic_not(usable)
+        if signal.bounded:
+            writes[f"status.CLAMPED_{signal.name}"] = ca.logic_or(taken < low, taken > high)
+        names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": taken}
+    return Block("guard the input", {"work.u": column(values), **writes}, names)
+
+
+def _judged(signal: Signal, readings: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
+    """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
+    prediction."""
+    low, high = readings
+    width = high - low
+    number = _within(raw, LARGEST_NUMBER)
+    if width < INF:
+        plausible = ca.logic_and(raw >= low - width, raw <= high + width)
+    else:
+        plausible = _within(raw, HUGE)
+    valid = ca.logic_and(number, ca.logic_and(plausible, _within(error, 10 * HUGE)))
+    rejected = ca.logic_and(number, ca.logic_not(valid))
+    return valid, {
+        f"status.MISSING_{signal.name}": ca.logic_not(number),
+        f"status.REJECTED_{signal.name}": rejected,
+    }
+
+
+def _readings(observer: Observer) -> list[tuple[float, float]]:
+    """What each output can read: its declared range, else what the ranges of states, inputs and parameters give."""
+    form = observer.form
+    signals = box((*form.states, *form.system.inputs, *form.system.parameters))
+    signals |= {p: (Fraction(str(p.nominal)),) * 2 for p in form.system.parameters if not p.bounded}
+    given = [enclose(expression, signals) for expression in form.output]
+    return [
+        signal.interval if signal.bounded else (float(low), float(high))
+        for signal, (low, high) in zip(form.system.outputs, given, strict=True)
+    ]
+
+
+def measure(observer: Observer, clock: Clock, j: int) -> Block:
+    """The sample of output j, its innovation, and whether it can be used."""
+    signal = observer.form.system.outputs[j]
+    raw = sym(f"output.{signal.name}")
+    error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
+    valid, status = _judged(signal, _readings(observer)[j], raw, error)
+    return Block(f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status})
+
+
+def guard_outputs(observer: Observer, clock: Clock) -> Block:
+    """All samples at once for a part that integrates with the measurement: y now, y at the last call, valid."""
+    u = sym("state.u", clock.inputs) if clock.inputs else ca.SX(0, 1)
+    predicted = observer.dynamics.output(observer.z, u)
+    last, had = sym("state.y", clock.outputs), sym("state.y_valid", clock.outputs)
+    now, before, valid, status = [], [], [], {}
+    for j, signal in enumerate(observer.form.system.outputs):
+        raw = sym(f"output.{signal.name}")
+        usable, bits = _judged(signal, _readings(observer)[j], raw, raw - predicted[j])
+        now.append(ca.if_else(usable, raw, predicted[j]))
+        before.append(ca.if_else(ca.logic_and(usable, had[j]), last[j], now[-1]))
+        valid.append(usable)
+        status.update(bits)
+    return Block(
+        "guard the samples",
+        {"work.y": column(now), "work.y_last": column(before), "work.valid": column(valid), **status},
+    )
+
+
+def kept(program: Program, state: tuple[Field, ...]) -> Program:
+    """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart."""
+    written = _written(program)
+    fields = [f for f in state if f"state.{f.name}" in written and f.kind == "real"]
+    if not fields:
+        return ()
+    usable = [_within(sym(f"state.{f.name}", f.size)[i], HUGE * HUGE) for f in fields for i in range(f.size)]
+    lost = Block("is a value lost?", {"work.lost": ca.logic_not(reduce(ca.logic_and, usable))})
+    fresh = {f"state.{f.name}": column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
+    restart = Block("a value is lost: all restart", {**fresh, "status.RESTARTED": ca.SX(1)})
+    return (lost, When("work.lost", (restart,)), *(_kept(f) for f in fields))
+
+
+def _written(program: Program) -> set[str]:
+    """The places that a program changes."""
+    writes = (item for s in walk(program) if isinstance(s, Block) for item in s.writes.items())
+    return {p for p, value in writes if not _same(value, sym(p, ca.SX(value).numel())) and not _of_member(value)}
+
+
+def _of_member(value: Any) -> bool:
+    """Whether the value is that of a field of a group, which is kept in its box there."""
+    elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
+    return all(e.is_symbolic() and scope(address(e)[0]) not in SCOPES for e in elements)
+
+
+def _same(a: Any, b: Any) -> bool:
+    return bool(ca.is_equal(ca.densify(ca.SX(a)), b, 1))
+
+
+def _kept(field: Field) -> Block:
+    value, limit = sym(f"state.{field.name}", field.size), HUGE * HUGE
+    box = [(max(low, -limit), min(high, limit)) for low, high in field.box]
+    clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
+    writes = {f"state.{field.name}": column(clamped)}
+    if field.outer:
+        writes["status.STATE_LIMITED"] = _any(
+            ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(box)
+        )
+    return Block(f"keep {field.name} in its box", writes)
+
+
+def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
+    """Each parameter in its range, its nominal value where it is no number; then the derived gains."""
+    blocks = []
+    for kind, fields in (("plant", plant), ("gain", gains)):
+        for field in fields:
+            value = sym(f"{kind}.{field.name}", field.size)
+            kept, changed = [], []
+            for i, (low, high) in enumerate(field.box):
+                clamped = ca.fmin(ca.fmax(value[i], low), high)
+                kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
+                changed.append(ca.logic_not(ca.logic_and(value[i] >= low, value[i] <= high)))
+            writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": _any(changed)}
+            blocks.append(Block(f"{field.name} in its range", writes))
+    return (*blocks, *derived)

@@ -1,0 +1,214 @@
+"""Python's reading of a step: the same program, block by block, in double precision."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from hgogen.program import Block, Call, Copy, Field, Kernel, Loop, Program, When, lines_of, places, scope, walk
+from hgogen.step import Step
+from hgogen.stepping.kernels import KERNELS
+
+Action = Callable[[], None]
+Bound = tuple[Action, list[np.ndarray]]
+
+
+def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
+    """The block as an action that reads `arguments` where they lie, and its result arrays."""
+    buffer, evaluate = block.graph.buffer()
+    results = [np.zeros(block.graph.numel_out(i)) for i in range(len(block.writes) + len(block.names))]
+    for index, array in enumerate(arguments):
+        buffer.set_arg(index, array.data)
+    for index, array in enumerate(results):
+        if array.size:
+            buffer.set_res(index, array.data)
+
+    def run() -> None:
+        evaluate()
+
+    run.keep = (buffer, arguments, results)  # type: ignore[attr-defined]
+    return run, results[: len(block.writes)]
+
+
+class Machine:
+    """The memory of a step and its programs as closures over that memory.
+
+    `memory` maps each place to an array: (size), (count, size) for a field of a group, (count, count, size) for one of
+    a group in a group.
+    """
+
+    def __init__(
+        self,
+        step: Step,
+        bind: Callable[[Block, list[np.ndarray]], Bound] = casadi_block,
+        dtype: Any = np.float64,
+    ) -> None:
+        self.step, self._bind, self._dtype = step, bind, dtype
+        self.memory: dict[str, np.ndarray] = {}
+        self._rows: dict[str, np.ndarray] = {}  # the member that a loop is at
+        self._tables: dict[str, np.ndarray] = {}  # the array that a loop runs over: in a group, that of its member
+        self._groups = {line[-1].name: line for line in lines_of(step.groups)}
+        self._bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
+        self.status = 0
+        programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
+        for place, size in sorted(places(programs), reverse=True):  # the largest size, of a name in several sections
+            self.memory.setdefault(place, np.zeros(size, dtype))
+        for kind, fields in (
+            ("plant", step.plant),
+            ("gain", step.gains),
+            ("derived", step.derived),
+            ("state", step.state),
+        ):
+            for field in fields:
+                self.memory[f"{kind}.{field.name}"] = np.zeros(field.size, dtype)
+        for name, line in self._groups.items():
+            for field in line[-1].fields:
+                place, shape = f"{name}.{field.name}", (*(group.count for group in line), field.size)
+                self.memory[place] = np.zeros(shape, dtype)
+                self._tables[place] = self.memory[place] if len(line) == 1 else np.zeros(shape[1:], dtype)
+                self._rows[place] = np.zeros(field.size, dtype)
+        for kind, fields in (("plant", step.plant), ("gain", step.gains)):
+            self._fill(kind, fields)
+        self._tune = self._program(step.tuning)
+        self._sections = {section.name: self._program(section.program) for section in step.sections}
+        self._timed = {section.name: self._program(section.program) for section in step.timed}
+        self._estimate = self._program(step.estimate)
+        self.tune()
+        self.reset()
+
+    def tune(self) -> int:
+        """Limit the parameters to their ranges and compute the derived ones; returns the status."""
+        return self._run(self._tune)
+
+    def reset(self) -> None:
+        """The state as before the first call."""
+        self._fill("state", self.step.state)
+        for name, line in self._groups.items():
+            for field in line[-1].fields:
+                self.memory[f"{name}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+
+    def section(self, name: str) -> int:
+        """Run one section; returns its status."""
+        return self._run((self._sections | self._timed)[name])
+
+    def call(self) -> int:
+        """All sections, then the estimate; returns the status."""
+        status = 0
+        for actions in self._sections.values():
+            status |= self._run(actions)
+        self._run(self._estimate)
+        return status
+
+    def estimate(self) -> None:
+        """Only the estimate."""
+        self._run(self._estimate)
+
+    def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
+        for field in fields:
+            self.memory[f"{kind}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+
+    def _run(self, action: Action) -> int:
+        self.status = 0
+        action()
+        return self.status
+
+    def _program(self, program: Program) -> Action:
+        makers: Mapping[type, Callable[[Any], Action]] = {
+            Block: self._block,
+            Loop: self._loop,
+            When: self._when,
+            Copy: self._copy,
+            Call: lambda call: self._sections[call.section.name],
+            Kernel: self._kernel,
+        }
+        actions = [makers[type(statement)](statement) for statement in program]
+
+        def run() -> None:
+            for action in actions:
+                action()
+
+        return run
+
+    def _array(self, place: str) -> np.ndarray:
+        return self._rows[place] if scope(place) in self._groups else self.memory[place]
+
+    def _block(self, block: Block) -> Action:
+        evaluate, results = self._bind(block, [self._array(place) for place, _ in block.reads])
+        writes = [(self._array(p), r) for p, r in zip(block.writes, results, strict=True) if scope(p) != "status"]
+        raised = [
+            (self._bits[p.split(".", 1)[1]], r)
+            for p, r in zip(block.writes, results, strict=True)
+            if scope(p) == "status"
+        ]
+
+        def run() -> None:
+            evaluate()
+            for target, result in writes:
+                target[:] = result
+            for bit, result in raised:
+                if result[0] != 0:
+                    self.status |= bit
+
+        return run
+
+    def _loop(self, loop: Loop) -> Action:
+        body = self._program(loop.body)
+        touched = sorted(
+            {p for p, _ in places(loop.body)}
+            | {s.columns for s in walk(loop.body) if isinstance(s, Kernel) and s.columns}
+        )
+        pairs = [(self._tables[p], self._rows[p]) for p in touched if scope(p) == loop.group]
+        pairs += [(self.memory[p], self._tables[p]) for p in touched if self._inside(p, loop.group)]
+        start = self._array(loop.start) if loop.start else np.zeros(1)
+        active = self._array(loop.active) if loop.active else np.array([loop.count])
+        index = self._array(loop.index) if loop.index else np.zeros(1)
+        total = self._groups[loop.group][-1].count
+
+        def run() -> None:
+            first = int(start[0])
+            for k in range(min(loop.count, int(active[0]))):
+                member = index[0] = (first + k) % total
+                for stored, row in pairs:
+                    row[:] = stored[member]
+                body()
+                for stored, row in pairs:
+                    stored[member] = row
+
+        return run
+
+    def _inside(self, place: str, group: str) -> bool:
+        """Whether the place is one of a group in the members of `group`."""
+        return any(above.name == group for above in self._groups.get(scope(place), ())[:-1])
+
+    def _copy(self, copy: Copy) -> Action:
+        arrays = [a for p, a in self.memory.items() if scope(p) == copy.group or self._inside(p, copy.group)]
+        source, target = self._array(copy.source), self._array(copy.target)
+
+        def run() -> None:
+            for array in arrays:
+                array[int(target[0])] = array[int(source[0])]
+
+        return run
+
+    def _when(self, when: When) -> Action:
+        flag, body, otherwise = (
+            self._array(when.flag),
+            self._program(when.body),
+            self._program(when.otherwise),
+        )
+
+        def run() -> None:
+            (body if flag[0] != 0 else otherwise)()
+
+        return run
+
+    def _kernel(self, kernel: Kernel) -> Action:
+        operation, columns = KERNELS[kernel.name], [self._tables[kernel.columns]] if kernel.columns else []
+        arguments = [*columns, *(self._array(place) for place, _ in kernel.arguments)]
+        result = self._array(kernel.result) if kernel.result else np.zeros(1)
+
+        def run() -> None:
+            with np.errstate(all="ignore"):
+                result[0] = operation(*arguments) or 0
+
+        return run

@@ -1,0 +1,1 @@
+"""What forms are made of: orders of states, coordinates, and the hypotheses on a_i, b and the output."""

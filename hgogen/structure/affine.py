@@ -1,0 +1,90 @@
+"""Rows that are affine in some states, exactly, and the states that an output shows alone."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import sympy as sp
+
+from hgogen.algebra.identity import free_of
+from hgogen.check import Verdict
+from hgogen.signal import Signal
+from hgogen.structure.apart import apart
+from hgogen.structure.chain import Rows, listed, of_plant, slope_in
+from hgogen.structure.dynamics import Dynamics
+from hgogen.system import System
+
+
+@dataclass(frozen=True)
+class Affine:
+    """A row as sum_k slopes[k] x_k + rest over the states asked, slopes and rest free of them; `answer`: whether that
+    is proved, refuted (False) or neither, and `why`."""
+
+    slopes: tuple[sp.Expr, ...]
+    rest: sp.Expr
+    answer: bool | None = True
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Output number `output` is gain * (state number `state`) + offset, the gain bounded away from zero; neither reads
+    a state."""
+
+    state: int
+    output: int
+    gain: sp.Expr
+    offset: sp.Expr
+
+
+def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
+    """The row of that name as an affine function of the states. A slope that varies with one of them refutes it, and so
+    does what is left after the slopes; proved is that nothing is left."""
+    none, slopes, rest, may = (sp.S.Zero,) * len(states), [], row, list[sp.Symbol]()
+    for x in states:
+        sure, maybe = rows.reads(row, (x,))
+        gain = free_of(slope_in(row, x), states, rows.box) if sure or maybe else sp.S.Zero
+        varies, may_vary = rows.reads(gain, states)
+        if varies:
+            why = f"{name} has the slope {gain} in {x}, which varies with {listed(varies)}"
+            return Affine(none, row, False, why)
+        may += may_vary
+        slopes.append(gain)
+        rest -= gain * x
+    rest = free_of(sp.expand(rest), states, rows.box)
+    sure, maybe = rows.reads(rest, states)
+    if sure:
+        return Affine(none, row, False, f"{name} is not affine in {listed(sure)}")
+    doubtful = list(dict.fromkeys((*may, *maybe)))
+    if doubtful:
+        return Affine(tuple(slopes), rest, None, f"{name} is not shown to be affine in {listed(doubtful)}")
+    return Affine(tuple(slopes), rest)
+
+
+def measurements(plant: System) -> tuple[Measurement, ...]:
+    """The states that an output shows alone, each by the first such output, as far as is proved."""
+    rows, found = of_plant(plant), dict[int, Measurement]()
+    for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
+        line = affine(name, row, plant.states, rows)
+        seen = [(k, gain) for k, gain in enumerate(line.slopes) if gain != 0]
+        if line.answer and len(seen) == 1 and apart("gain", "c", seen[0][1], plant).verdict is Verdict.PROVED:
+            found.setdefault(seen[0][0], Measurement(seen[0][0], j, seen[0][1], line.rest))
+    return tuple(found.values())
+
+
+def known(dynamics: Dynamics) -> Callable[[Any, Any, Any, Any], Any]:
+    """Of SX z (n), u (m), y (p), valid (p): z with what is measured in the place of its estimate, for a form in the
+    plant's own coordinates."""
+    found = measurements(dynamics.form.system)
+
+    def replaced(z: Any, u: Any, y: Any, valid: Any) -> Any:
+        values = [z[i] for i in range(dynamics.n)]
+        offset = dynamics.output(ca.SX.zeros(dynamics.n), u)
+        slope = dynamics.output_jacobian(z, u)
+        for one in found:
+            shown = (y[one.output] - offset[one.output]) / slope[one.output, one.state]
+            values[one.state] = ca.if_else(valid[one.output], shown, values[one.state])
+        return ca.vertcat(*values)
+
+    return replaced

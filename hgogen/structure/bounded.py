@@ -1,0 +1,35 @@
+"""Whether what is nonlinear in a form is bounded on the declared ranges: |b_i| <= mu.
+
+phi of a phase form, at its place in b, is taken as a function of the plant's states where it has poles in the box of z.
+"""
+
+from hgogen.algebra.tape import NoTape
+from hgogen.check import Check, Verdict
+from hgogen.form import Form
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.box import box
+from hgogen.intervals.digits import up
+
+BOXES = 500  # mu need not be the least
+
+
+def bounded(id: str, form: Form) -> Check:
+    """The check that every row of b is bounded, by mu: proved with it, or unknown."""
+    claim = "phi is bounded on the declared ranges of states and inputs"
+    rows = form.b if form.behind is None else form.behind
+    states = form.states if form.behind is None else form.system.states
+    read = {s for row in rows for s in row.free_symbols}
+    loose = [s.name for s in (*states, *form.system.inputs) if s in read and not s.bounded]
+    if loose:
+        fix = f"Declare a range for {', '.join(loose)}; of an input's derivative by rates=((low, high), ..)."
+        reason = f"no range is declared for {', '.join(loose)}; an input that steps has none"
+        return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
+    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        found = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
+    except NoTape as missing:
+        return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
+    if not all(values.finite and values.defined for values in found):
+        return Check(id, claim, Verdict.UNKNOWN, "no bound was found; it may have poles on the box")
+    mu = max((max(abs(values.low), abs(values.high)) for values in found), default=0.0)
+    return Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")

@@ -1,0 +1,288 @@
+"""The order of the states in a triangular form, of one output or several, and why there is none.
+
+Nothing is permuted: y brings in one state, the row of that state the next. A row is a link,
+
+    gain * state + rest,
+
+of a shape: CONSTANT, the gain varies with inputs and parameters only; MEASURED, with z_1 too; UNIFORM, the row has any
+slope in the state that is not zero identically. What is read is what `identity` proves to matter; an answer is True or
+False only where that is proved, else None.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import sympy as sp
+
+from hgogen.algebra.identity import Box, dependence, free_of, is_zero
+from hgogen.algebra.points import put
+from hgogen.intervals.box import box
+from hgogen.intervals.slope import JUMPS
+from hgogen.system import System
+
+Answer = tuple[bool | None, str]
+
+_INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
+
+
+class Shape(Enum):
+    """How a row may depend on the state that it brings in."""
+
+    CONSTANT = "inputs and parameters only"
+    MEASURED = "inputs, parameters and the measured state only"
+    UNIFORM = "anything"
+
+
+@dataclass(frozen=True)
+class Rows:
+    """x_i' = flow[i], y_j = output[j], with the outputs' names; `ranges` of any symbols.
+
+    A symbol that is no state and whose ends in the box are equal has that value.
+    """
+
+    states: tuple[sp.Symbol, ...]
+    flow: tuple[sp.Expr, ...]
+    names: tuple[str, ...]
+    output: tuple[sp.Expr, ...]
+    ranges: Box
+
+    @cached_property
+    def box(self) -> Box:
+        """The ranges, without a state's that is a point: what matters is read off changes of the state."""
+        return {s: (low, high) for s, (low, high) in self.ranges.items() if low != high or s not in self.states}
+
+    def reads(self, row: sp.Expr, among: Iterable[sp.Symbol]) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
+        """The symbols that the row is proved to vary with, and those of which it is not known."""
+        return dependence(row, among, self.box)
+
+    def rate(self, state: sp.Symbol) -> sp.Expr:
+        """x' of a state."""
+        return self.flow[self.states.index(state)]
+
+
+def of_plant(plant: System) -> Rows:
+    """The rows of a plant on its box; a parameter without a range has its value."""
+    fixed = {p: (value, value) for p, value in plant.nominal.items() if not p.bounded}
+    return Rows(
+        plant.states, plant.flow, tuple(y.name for y in plant.outputs), plant.output, box(plant.signals) | fixed
+    )
+
+
+@dataclass(frozen=True)
+class Link:
+    """A row, named y or x', and the state it brings in.
+
+    `gain`, `rest`: row = gain * state + rest where `affine`; `varies`: states that the gain is proved to vary with,
+    `may_vary`: those of which it is not known; `strays`: later states that the row may read as well; `slope`: the
+    row's derivative, and whether it `moves`, is not zero identically.
+    """
+
+    name: str
+    row: sp.Expr
+    state: sp.Symbol
+    gain: sp.Expr
+    rest: sp.Expr
+    affine: bool | None
+    varies: tuple[sp.Symbol, ...]
+    may_vary: tuple[sp.Symbol, ...]
+    strays: tuple[sp.Symbol, ...]
+    slope: sp.Expr
+    moves: bool | None
+
+    @property
+    def jumps(self) -> str:
+        """A part in which the row may jump in its state, which its slope does not see; "" without."""
+        rough = () if self.affine else (str(node) for node in self.row.atoms(*JUMPS) if node.has(self.state))
+        return min(rough, default="")
+
+    def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
+        """Whether the row has the shape, and what is wrong; `measured` is z_1 where a gain may vary with it."""
+        if shape is Shape.UNIFORM:
+            return self._uniform()
+        allowed = {measured} if shape is Shape.MEASURED else set()
+        varies = [x for x in self.varies if x not in allowed]
+        doubtful = [x for x in self.may_vary if x not in allowed]
+        where = f"{self.name} brings in {self.state}"
+        if varies and (self.affine is not False or self.slope.has(*varies)):
+            text = f" with a slope that varies with {listed(varies)}, {self.slope}; it may vary with {shape.value}"
+            return False, where + text
+        if self.affine is False:
+            return False, f"{where} in a way that is not linear"
+        if self.strays:
+            return None, f"{where}, and {listed(self.strays)} with it as far as is known"
+        if doubtful:
+            return None, f"{where} with a slope that may vary with {listed(doubtful)}, {self.slope}"
+        if self.affine is None:
+            return None, f"{where} in a way that is not shown to be linear"
+        return True, where
+
+    def _uniform(self) -> Answer:
+        where = f"{self.name} brings in {self.state}"
+        if self.moves is False:
+            return False, f"{where} with a slope that is zero"
+        if self.strays:
+            return None, f"{where}, and {listed(self.strays)} with it as far as is known"
+        return (True, where) if self.moves else (None, f"{where} with a slope that is not shown to differ from zero")
+
+
+@dataclass(frozen=True)
+class Chains:
+    """A chain of links for each output, as far as it was followed.
+
+    `broken`: why not every state was met, or ""; `certain`: that is proved, so that no order does.
+    """
+
+    links: tuple[tuple[Link, ...], ...]
+    broken: str = ""
+    certain: bool = True
+
+    @property
+    def order(self) -> tuple[sp.Symbol, ...]:
+        """The states, chain by chain."""
+        return tuple(link.state for links in self.links for link in links)
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """The length of each chain."""
+        return tuple(map(len, self.links))
+
+    def answer(self, shape: Shape) -> Answer:
+        """Whether every row has the shape, and the chains hold all states; else what is wrong."""
+        doubt = ""
+        for links in self.links:
+            for i, link in enumerate(links):
+                answer, why = link.answer(shape if i or shape is Shape.UNIFORM else Shape.CONSTANT, links[0].state)
+                if answer is False:
+                    return (False if self.certain else None), why
+                doubt = doubt or ("" if answer else why)
+        if self.broken:
+            return (False if self.certain else None), self.broken
+        return (None, doubt) if doubt else (True, " and ".join(self._told(links) for links in self.links))
+
+    def _told(self, links: Sequence[Link]) -> str:
+        return " -> ".join([links[0].name, *(link.state.name for link in links)])
+
+
+def levelwise(rows: Rows) -> Chains:
+    """A chain for each output, level by level: a row reads the states of its level and before, of every chain, and
+    its own next state. For one output this is the triangular form.
+
+    The order is forced: a row that brings in one new state must have it as its next, one that brings in none ends its
+    chain, one that brings in several, or two rows with the same next, leave no order at all.
+    """
+    left = list(rows.states)
+    chains: list[list[Link]] = [[] for _ in rows.output]
+    active = dict(enumerate(zip(rows.names, rows.output, strict=True)))
+    certain, alone = True, len(rows.output) == 1
+
+    def broken(why: str, sure: bool = True) -> Chains:
+        return Chains(tuple(map(tuple, chains)), why, certain and sure)
+
+    while left:
+        found: dict[int, Link] = {}
+        for j, (name, row) in active.items():
+            sure, maybe = rows.reads(row, left)
+            if alone and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
+                sure = dependence(row, left)[0]
+            stop = _stop(name, sure, maybe, left, alone or not chains[j])
+            if stop:
+                return broken(*stop)
+            if sure or maybe:
+                certain = certain and (bool(sure) or alone)
+                found[j] = link(name, row, (*sure, *maybe), rows)
+        both = twice(found.values())
+        if both:
+            return broken(f"{both[0].name} and {both[1].name} bring in the same state, {both[0].state}")
+        if not found:
+            return broken(f"no row brings in {listed(left)}")
+        for j, new in found.items():
+            chains[j].append(new)
+            left.remove(new.state)
+        active = {j: (f"{new.state}'", rows.rate(new.state)) for j, new in found.items()}
+    return Chains(tuple(map(tuple, chains)), certain=certain)
+
+
+def _stop(
+    name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], left: Sequence[sp.Symbol], must: bool
+) -> tuple[str, bool] | None:
+    """Why the order ends at a row that reads these new states, and whether that is proved; it `must` read one."""
+    if len(sure) > 1:
+        return f"{name} brings in {listed(sure)} together, and each row may bring in one new state", True
+    if not sure and len(maybe) > 1:
+        return f"{name} may bring in {listed(maybe)}, and none is shown to matter", False
+    if must and not sure and not maybe:
+        return f"{name} brings in no new state, so the output never shows {listed(left)}", True
+    return None
+
+
+def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
+    """The row as a link to the first of the new states; the others are strays."""
+    state, strays = new[0], tuple(new[1:])
+    clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
+    slope = slope_in(clean, state)
+    gain, rest, affine = _line(row, clean, state, slope, rows)
+    varies, may_vary = rows.reads(gain, rows.states)
+    if affine is False and not varies:
+        varies = (state,)
+    still = is_zero(slope, rows.box)
+    moves = None if still is None else not still
+    return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
+
+
+def slope_in(row: sp.Expr, state: sp.Symbol) -> sp.Expr:
+    """d row/d state over the reals: SymPy's |x| of a complex x has another derivative."""
+    plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
+    slope = row.xreplace(plain).diff(plain.get(state, state))
+    return slope.xreplace({dummy: s for s, dummy in plain.items()})
+
+
+def _line(
+    row: sp.Expr, clean: sp.Expr, state: sp.Symbol, slope: sp.Expr, rows: Rows
+) -> tuple[sp.Expr, sp.Expr, bool | None]:
+    """gain, rest, and whether row = gain * state + rest with both free of the state; `clean` is the row without what
+    it does not read. The gain is the slope, or the row's difference between 0 and 1, where the slope is not exact."""
+    gain = free_of(slope, rows.states, rows.box)
+    start, end = (_at(clean, state, value) for value in (0, 1))
+    lines = [(gain, _rest(clean, state, gain)), (end - start, start)]
+    for a, b in lines:
+        if not (a.has(state, *_INFINITE) or b.has(state, *_INFINITE)) and is_zero(row - a * state - b, rows.box):
+            return a, b, True
+    return gain, lines[0][1], _on_a_line(row, state, rows.box)
+
+
+def _rest(row: sp.Expr, state: sp.Symbol, gain: sp.Expr) -> sp.Expr:
+    """row - gain * state, which is free of the state: its value at 0, or where that is 0/0 at 1, 2, 3."""
+    values = (_at(row, state, value) - gain * value for value in range(4))
+    return next((rest for rest in values if not rest.has(*_INFINITE)), row - gain * state)
+
+
+def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
+    """The row at a value of the state, nan where it compares what is not real there."""
+    found = put(row, {state: sp.Integer(value)})
+    return sp.nan if found is None else found
+
+
+def _on_a_line(row: sp.Expr, state: sp.Symbol, box: Box) -> bool | None:
+    """False: three values of the state, all else equal, at which the row is not on a line."""
+    a, b = (sp.Dummy(name, real=state.is_real) for name in ("a", "b"))
+    ends = {s: box[state] for s in (a, b) if state in box}
+    one, other = row.xreplace({state: a}), row.xreplace({state: b})
+    bend = (row - one) * (b - state) - (other - row) * (state - a)
+    return False if is_zero(bend, {**box, **ends}) is False else None
+
+
+def twice(links: Iterable[Link]) -> tuple[Link, Link] | None:
+    """Two links with the same state."""
+    seen: dict[sp.Symbol, Link] = {}
+    for found in links:
+        if found.state in seen:
+            return seen[found.state], found
+        seen[found.state] = found
+    return None
+
+
+def listed(symbols: Iterable[sp.Symbol]) -> str:
+    """Names with commas."""
+    return ", ".join(s.name for s in symbols)

@@ -1,0 +1,56 @@
+"""Whether b is Lipschitz where an observer evaluates it: with its argument clamped to the box of z.
+
+z = Phi(x) takes the plant's box to a part of the box of z. What is shown on that image says nothing of the rest of the
+box of z, through which the estimate may pass. A clamp of each component is Lipschitz, so b is after it if it is on the
+box.
+"""
+
+import math
+from collections.abc import Sequence
+
+import sympy as sp
+
+from hgogen.algebra.tape import NoTape
+from hgogen.check import Check, Verdict
+from hgogen.form import Form
+from hgogen.intervals.box import box
+from hgogen.intervals.digits import up
+from hgogen.intervals.slope import lipschitz_bound
+from hgogen.signal import Signal
+
+BOXES = 500  # the bound need not be the least
+_HOW = "by outward-rounded intervals"
+
+
+def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
+    """`OBSERVER.lipschitz`, of a form in coordinates other than the plant's states in an order, with signs; there the
+    form's own check is of the same box, and none is made. None either where b is 0.
+    """
+    if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
+        return ()
+    verdict, reason = _found(form, boxes)
+    claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
+    return (Check(f"{observer}.lipschitz", claim, verdict, reason),)
+
+
+def _found(form: Form, boxes: int) -> tuple[Verdict, str]:
+    """PROVED or UNKNOWN: beyond the image of the plant's box b is not the plant's, and nothing there refutes."""
+    if form.behind is None:
+        high, why = _steepest(form.b, form.states, form, boxes)
+        return (Verdict.UNKNOWN, why) if why else (Verdict.PROVED, f"L_b <= {up(high)}, {_HOW}")
+    taken = "b is taken at Psi(z), clamped to the plant's ranges"
+    if _steepest(form.from_form, form.states, form, boxes)[1]:
+        return Verdict.UNKNOWN, f"{taken}, which may jump: Psi may have poles in the box of z"
+    why = _steepest(form.behind, form.system.states, form, boxes)[1]
+    return (Verdict.UNKNOWN, f"{taken}; {why}") if why else (Verdict.PROVED, f"{taken}, both of bounded slope, {_HOW}")
+
+
+def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> tuple[float, str]:
+    """(the steepest slope of the rows on the box of the states, why none is proved or "")."""
+    around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        found = lipschitz_bound(rows, states, around, boxes=boxes)
+    except NoTape as missing:
+        return math.inf, f"{missing.what} may jump or be singular"
+    proved = found.verdict is Verdict.PROVED and math.isfinite(found.high)
+    return found.high, "" if proved else found.reason

@@ -1,0 +1,43 @@
+"""The hypothesis that a known function of inputs and parameters is a finite real number on the whole box."""
+
+import sympy as sp
+
+from hgogen.algebra.points import exact, kind, points, settled, witness
+from hgogen.algebra.tape import NoTape
+from hgogen.check import Check, Verdict
+from hgogen.intervals.bounds import bound, box
+from hgogen.intervals.proof import Proof
+from hgogen.intervals.singular import singular
+from hgogen.system import System
+
+_BOXES = 2000
+
+
+def defined(id: str, name: str, c: sp.Expr, system: System) -> Check:
+    """The check that c is defined on the box; `name` is what the report calls it.
+
+    proved: by outward-rounded intervals and bisection. refuted: with a point. unknown: neither, or a range is missing.
+    """
+    claim = f"{name} = {c} is a finite real number on the box"
+    c = exact(settled(c, {p: value for p, value in system.nominal.items() if not p.bounded}))
+    signals = tuple(s for s in system.signals if s in c.free_symbols)
+    around = box(signals, system.nominal)
+    try:
+        found = bound(c, around, boxes=_BOXES)
+    except NoTape as missing:
+        return Check(id, claim, Verdict.UNKNOWN, str(missing))
+    if found.defined:
+        reason = "outward-rounded intervals find no singular point"
+        proof = Proof("range", (c,), around, None, None, found.variables, found.tree)
+        return Check(id, claim, Verdict.PROVED, reason, proofs=(proof,))
+    loose = ", ".join(s.name for s in signals if not s.bounded)
+    if loose:
+        fix = f"Declare low= and high= for {loose}."
+        return Check(id, claim, Verdict.UNKNOWN, f"no range is declared for {loose}", fix=fix)
+    fix = f"Narrow the ranges so that {name} is defined everywhere."
+    for point in points(signals):
+        if kind(c, point) == "undefined":
+            return Check(id, claim, Verdict.REFUTED, f"{name} is not a finite real number", witness(point), fix)
+    poles = singular([c], around)
+    reason = f"holds where {' and '.join(sorted(set(poles.values())))}" if poles else found.note
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)

@@ -1,0 +1,279 @@
+"""A form's equations as CasADi graphs: z' = A(u) z + b(sat(z), u), y = h(z, u), with their Jacobians.
+
+sat clamps the argument of b to the declared box of the states; the linear part is never clamped; the Jacobian is the
+model's, A(u) + b*(sat(z), u), at the clamped point. Parameters with a range become places `plant.NAME`, the others are
+folded.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.analysis.determinant import determinant
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.graph import to_casadi
+from hgogen.intervals.box import box
+from hgogen.intervals.glance import contains_zero, enclose
+from hgogen.program import INF, column, sym
+from hgogen.signal import Signal, resting
+
+# A value beyond this is absurd in any unit; its square still is a float.
+HUGE = 1e15
+
+
+@dataclass(eq=False)
+class Singular(HgogenError):
+    """A model whose Jacobian is not finite at a point of the declared box, where an observer may evaluate it."""
+
+    system: str
+    point: dict[str, float]
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{name} = {value:g}" for name, value in self.point.items())
+        return (
+            f"the Jacobian of {self.system} has numbers that are not finite at {at}, a point of the declared box; "
+            "narrow the ranges so that they stay away from there"
+        )
+
+
+def clamp(value: Any, low: float, high: float) -> Any:
+    """SX min(max(value, low), high); as it is where there is no bound."""
+    value = value if low == -INF else ca.fmax(value, low)
+    return value if high == INF else ca.fmin(value, high)
+
+
+@dataclass(eq=False)
+class NoDeterminant(HgogenError):
+    """A form whose det dPhi/dx is undefined wherever it was asked."""
+
+    system: str
+
+    def __str__(self) -> str:
+        return (
+            f"det dPhi/dx of {self.system} is a finite real number at no sample point of the box: an observer would "
+            "never correct; narrow the ranges to where the plant's equations are defined"
+        )
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Graphs of `form`; z is an SX column (n), u an SX column (m)."""
+
+    form: Form
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.form.n
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.form.output)
+
+    @cached_property
+    def box(self) -> tuple[tuple[float, float], ...]:
+        """Each state's declared range."""
+        return tuple(z.interval for z in self.form.states)
+
+    def saturated(self, z: Any) -> Any:
+        """z clamped to the box."""
+        return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self.box))
+
+    def flow(self, z: Any, u: Any) -> Any:
+        """z' (n), with the argument of b clamped."""
+        linear, nonlinear = self._graphs(self.saturated(z), u)
+        return linear @ z + nonlinear
+
+    def linear(self, u: Any) -> Any:
+        """A(u), sparse (n, n), of a form whose A is free of states."""
+        return self._graphs(self._z, u)[0]
+
+    def nonlinear(self, z: Any, u: Any) -> Any:
+        """b (n), with its argument clamped."""
+        return self._graphs(self.saturated(z), u)[1]
+
+    def affine(self, z: Any, u: Any) -> tuple[Any, Any]:
+        """A (n, n), sparse, and b (n), both at sat(z)."""
+        return self._graphs(self.saturated(z), u)
+
+    def jacobian(self, z: Any, u: Any) -> Any:
+        """d(A z + b)/dz at (sat(z), u), n x n: A(u) + b* where A is free of states."""
+        linear, rest = self._graphs(self._z, self._u)
+        slope = ca.jacobian(rest, self._z)
+        if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
+            slope += ca.jacobian(linear @ self._z, self._z) - linear
+        return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
+
+    def output(self, z: Any, u: Any) -> Any:
+        """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped."""
+        return self._output(z, u)
+
+    def output_jacobian(self, z: Any, u: Any) -> Any:
+        """dh/dz, p x n."""
+        slope = ca.jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
+        return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
+
+    def output_curvature(self, z: Any, u: Any) -> tuple[Any, ...]:
+        """d2h_j/dz2 (n, n) at (sat(z), u), for each output."""
+        rows = column(self._convert(self.form.output, self._z, self._u))
+        found = tuple(ca.hessian(rows[j], self._z)[0] for j in range(self.outputs))
+        return tuple(ca.substitute(list(found), [self._z, self._u], [self.saturated(z), u]))
+
+    def estimate(self, z: Any, u: Any) -> Any:
+        """The plant's states, as first declared, from z (n) and u (m).
+
+        The map back is shown to be one on the box only: beyond an end where it turns round it is evaluated at that
+        end, since the square of a root below 0 is no level.
+        """
+        system = self.form.system
+        if self._moved:
+            return column(self._of_plant([expression for _, expression in system.reported], z, u))
+        linear, rest = zip(*(_split(e, self.form.states) for _, e in self.form.estimates), strict=True)
+        kept = column(clamp(z[i], *_reach(rest, s, self.form.states)) for i, s in enumerate(self.form.states))
+        return column(self._convert(linear, z, u)) + column(self._convert(rest, kept, u))
+
+    def recovered(self, z: Any, u: Any) -> tuple[Any, Any]:
+        """(the states of the form's system from z, each in its range, whether the inverse is a number there).
+
+        Where it is none, as at 0/0, a state takes its resting value.
+        """
+        raw = self._saturating(self.form.from_form, z, u)
+        usable = reduce(ca.logic_and, (ca.fabs(raw[i]) <= HUGE for i in range(raw.numel())))
+        values = (
+            clamp(ca.if_else(usable, raw[i], resting(s)), *s.interval) for i, s in enumerate(self.form.system.states)
+        )
+        return column(values), usable
+
+    def pulled(self, vector: Any, z: Any, u: Any, least: float) -> tuple[Any, Any]:
+        """((dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); whether it is above)."""
+        n, place = self.n, self.saturated(z)
+        entries = self._convert(list(self._map.T), place, u)
+        solved = ca.solve(ca.sparsify(ca.reshape(column(entries), n, n)), vector)
+        regular = ca.fabs(self.determinant(place, u)) > least
+        return column(ca.if_else(regular, solved[i], 0) for i in range(n)), regular
+
+    def determinant(self, z: Any, u: Any) -> Any:
+        """det dPhi/dx."""
+        return self._convert([determinant(self._map.tolist()).value], z, u)[0]
+
+    def largest_determinant(self) -> float:
+        """The largest |det dPhi/dx| in the middle, on corners and at random points of the box.
+
+        Raises: `NoDeterminant` where it is finite at none of them.
+        """
+        values = self._numbers(self.determinant(self._z, self._u), self._points(64))
+        finite = values[np.isfinite(values)]
+        if not finite.size:
+            raise NoDeterminant(self.form.system.name)
+        return float(np.abs(finite).max())
+
+    def linearised(self, samples: int = 64, seed: int = 1, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and
+        inputs; F = A(u, z) alone where that is `affine`.
+
+        Parameters are nominal; where a signal has no range the sample is its nominal value, or 0.
+
+        Raises: `Singular` where one of them is not finite.
+        """
+        points = self._points(samples, seed)
+        slope = ca.densify(self.affine(self._z, self._u)[0]) if affine else self.jacobian(self._z, self._u)
+        F = self._numbers(slope, points)
+        H = self._numbers(self.output_jacobian(self._z, self._u), points)
+        finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(H).all(axis=(1, 2))
+        if not finite.all():
+            names = map(str, (*self.form.to_form, *self.form.system.inputs))
+            point = points[int(np.argmin(finite))]
+            raise Singular(self.form.system.name, dict(zip(names, point.tolist(), strict=True)))
+        return F, H
+
+    def _points(self, samples: int, seed: int = 1) -> np.ndarray:
+        """Middle of the box, corners and random points, (1 + 2 samples, n + m)."""
+        signals = [*self.form.states, *self.form.system.inputs]
+        rng = np.random.default_rng(seed)
+        corners = rng.integers(0, 2, size=(samples, len(signals))).astype(float)
+        points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
+        lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
+        return np.asarray(lows + points * (highs - lows))
+
+    def _numbers(self, matrix: Any, points: np.ndarray) -> np.ndarray:
+        plant = [p for p in self.form.system.parameters if p.bounded]
+        graph = ca.Function("F", [self._z, self._u, *(sym(f"plant.{p.name}") for p in plant)], [matrix])
+        nominal = [float(p.nominal or 0) for p in plant]
+        return np.array([np.array(graph(v[: self.n], v[self.n :], *nominal)) for v in points])
+
+    @cached_property
+    def _z(self) -> Any:
+        return sym("form.z", self.n)
+
+    @cached_property
+    def _u(self) -> Any:
+        return column(
+            sym("form.u", max(1, len(self.form.system.inputs)))[i] for i in range(len(self.form.system.inputs))
+        )
+
+    def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
+        n = self.n
+        linear = ca.sparsify(ca.reshape(column(self._convert(list(self.form.A.T), z, u)), n, n))
+        if self.form.behind is not None:
+            return linear, column(self._of_plant(self.form.behind, z, u))
+        return linear, column(self._convert(self.form.b, z, u))
+
+    @property
+    def _map(self) -> sp.ImmutableDenseMatrix:
+        """dPhi/dx, of a form that carries it."""
+        assert self.form.jacobian is not None
+        return self.form.jacobian
+
+    @cached_property
+    def _moved(self) -> bool:
+        """Whether the form's coordinates are more than the system's states in another order, with signs."""
+        return not all(x.is_Symbol or (-x).is_Symbol for x in self.form.from_form)
+
+    def _of_plant(self, expressions: Any, z: Any, u: Any) -> list[Any]:
+        """Expressions of the states of the form's system, inputs and parameters."""
+        states, _ = self.recovered(z, u)
+        return self._convert(expressions, states, u, self.form.system.states)
+
+    def _output(self, z: Any, u: Any) -> Any:
+        return self._saturating(self.form.output, z, u)
+
+    def _saturating(self, expressions: Sequence[sp.Expr], z: Any, u: Any) -> Any:
+        """Terms linear in a state at z, the others at sat(z)."""
+        linear, rest = zip(*(_split(e, self.form.states) for e in expressions), strict=True)
+        return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
+
+    def _convert(self, expressions: Any, z: Any, u: Any, states: Sequence[sp.Symbol] | None = None) -> list[Any]:
+        system = self.form.system
+        constants = {p: value for p, value in system.nominal.items() if not p.bounded}
+        symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
+        symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
+        symbols |= {p: sym(f"plant.{p.name}") for p in system.parameters if p.bounded}
+        return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)
+
+
+def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
+    """(terms linear in a state with a coefficient free of states, the rest)."""
+    linear: list[sp.Expr] = []
+    rest: list[sp.Expr] = []
+    for term in sp.Add.make_args(sp.expand_mul(expression)):
+        _, factor = term.as_independent(*states, as_Add=False)
+        (linear if factor in states else rest).append(term)
+    return sp.Add(*linear), sp.Add(*rest)
+
+
+def _reach(rows: Iterable[sp.Expr], state: Signal, states: Iterable[Signal]) -> tuple[float, float]:
+    """The state's range, without an end beyond which every row that reads the state goes on in one direction."""
+    slopes = [sp.diff(row, state) for row in rows if state in row.free_symbols]
+    around, (low, high) = box(states), state.interval
+
+    def turns(beyond: tuple[float, float]) -> bool:
+        return any(contains_zero(enclose(slope, {**around, state: beyond})) for slope in slopes)
+
+    return (low if turns((-INF, low)) else -INF), (high if turns((high, INF)) else INF)

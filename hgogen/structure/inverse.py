@@ -1,0 +1,173 @@
+"""The inverse of a map z = Phi(x, u): one state after the other where a row brings in one, the rest where it is linear.
+
+A candidate counts only if Psi(Phi(x, u), u) = x is shown exactly, for the signs that the ranges of x and the values of
+fixed parameters give; then Phi is one to one wherever Psi(Phi) is defined, and of several branches the one that fits
+the ranges is taken.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import sympy as sp
+from sympy.solvers.solveset import NonlinearError
+
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.points import exact, kind, points
+from hgogen.analysis.lie import size
+from hgogen.signal import Signal
+from hgogen.structure.diffeomorphism import EMPTY, stand_ins
+
+# Beyond so many nodes an expression is not simplified.
+_LIMIT = 400
+_BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
+    sp.exp: sp.log,
+    sp.log: sp.exp,
+    sp.sinh: sp.asinh,
+    sp.asinh: sp.sinh,
+    sp.tanh: sp.atanh,
+    sp.atanh: sp.tanh,
+    sp.atan: sp.tan,
+    sp.tan: sp.atan,
+    sp.sin: sp.asin,
+    sp.cos: sp.acos,
+}
+
+
+def inverse(
+    images: Mapping[sp.Symbol, sp.Expr],
+    states: Sequence[Signal],
+    known: Sequence[Signal],
+    fixed: Mapping[Signal, float] = EMPTY,
+) -> dict[sp.Symbol, sp.Expr] | None:
+    """Each state as an expression of z, inputs and parameters; None where none was found.
+
+    Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may read; `fixed`: the
+    values of those of them that never change.
+    """
+    plain = stand_ins((*states, *known), fixed)
+    forward = {z: exact(e).xreplace(plain) for z, e in images.items()}
+    unknown = [plain[x] for x in states]
+    solved = _solved(forward, unknown)
+    if solved is None:
+        return None
+    back = {dummy: signal for signal, dummy in plain.items()}
+    found = {x: solved[plain[x]].xreplace(back) for x in states}
+    return found if _holds(found, images, (*states, *known), fixed) else None
+
+
+def tidy(expression: sp.Expr) -> sp.Expr:
+    """The expression with common factors cancelled, functions and roots taken as symbols of their own."""
+    if size([expression]) > _LIMIT:
+        return expression
+    roots = {p for p in expression.atoms(sp.Pow) if not p.exp.is_Integer}
+    stands = {f: sp.Dummy() for f in sorted(roots | expression.atoms(sp.Function), key=sp.default_sort_key)}
+    whole = expression.xreplace(stands)
+    return sp.cancel(whole).xreplace({dummy: f for f, dummy in stands.items()})
+
+
+def _solved(forward: Mapping[sp.Symbol, sp.Expr], unknown: list[sp.Symbol]) -> dict[sp.Symbol, sp.Expr] | None:
+    solved: dict[sp.Symbol, sp.Expr] = {}
+    rows = dict(forward)
+    while len(solved) < len(unknown):
+        left = [x for x in unknown if x not in solved]
+        new = _next(rows, left, forward) or _linear(rows, left, forward)
+        if not new:
+            return None
+        solved |= new
+        rows = {z: tidy(e.xreplace(new)) for z, e in rows.items() if e.free_symbols & set(left)}
+    return solved
+
+
+def _next(
+    rows: Mapping[sp.Symbol, sp.Expr], left: Sequence[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
+) -> dict[sp.Symbol, sp.Expr]:
+    """The state of the first row that brings in only one and can be solved for it."""
+    for z, row in rows.items():
+        read = [x for x in left if x in row.free_symbols]
+        if len(read) == 1:
+            for candidate in _roots(row - z, read[0]):
+                if _undoes(candidate, read[0], forward):
+                    return {read[0]: candidate}
+    return {}
+
+
+def _linear(
+    rows: Mapping[sp.Symbol, sp.Expr], left: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
+) -> dict[sp.Symbol, sp.Expr]:
+    """All that are left at once, where the numerators are linear in them together."""
+    numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(left)]
+    try:
+        matrix, right = sp.linear_eq_to_matrix(numerators, left)
+    except (NonlinearError, ValueError):
+        return {}
+    if matrix.rows != matrix.cols or tidy(matrix.det()) == 0:
+        return {}
+    found = dict(zip(left, map(tidy, matrix.LUsolve(right)), strict=True))
+    return found if all(_undoes(e, x, forward) for x, e in found.items()) else {}
+
+
+def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
+    """Solutions of equation = 0 for x: of a polynomial of degree 1 or 2, or behind a function that occurs alone."""
+    numerator = sp.fraction(sp.together(equation))[0]
+    if numerator.is_polynomial(x):
+        coefficients = sp.Poly(numerator, x).all_coeffs()
+        if len(coefficients) == 2:
+            yield -coefficients[1] / coefficients[0]
+        elif len(coefficients) == 3 and coefficients[1] == 0:
+            a, _, c = coefficients
+            root = sp.sqrt(sp.factor(-c / a))  # a product shows its sign
+            yield from (root, -root)
+        elif len(coefficients) == 3:
+            a, b, c = coefficients
+            root = sp.sqrt(tidy(b**2 - 4 * a * c))
+            yield from ((-b + root) / (2 * a), (-b - root) / (2 * a))
+        return
+    functions = numerator.atoms(sp.Function, sp.Pow)
+    inner = {f for f in functions if x in f.free_symbols and not f.is_polynomial(x)}
+    for f in sorted(inner, key=sp.default_sort_key):
+        value = sp.Dummy()
+        rest = numerator.xreplace({f: value})
+        if x in rest.free_symbols or not rest.is_polynomial(value):
+            continue
+        for root in _roots(rest, value):
+            undone = _behind(f, root)
+            if undone is not None:
+                yield from _roots(undone, x)
+
+
+def _behind(f: sp.Expr, value: sp.Expr) -> sp.Expr | None:
+    """What is 0 where f = value, with the function undone; None for one without an inverse here."""
+    if isinstance(f, sp.Pow):
+        return f.base - value ** (1 / f.exp) if f.exp.is_Rational else None
+    back = _BACK.get(type(f))
+    return None if back is None else f.args[0] - back(value)
+
+
+def _undoes(candidate: sp.Expr, x: sp.Symbol, forward: Mapping[sp.Symbol, sp.Expr]) -> bool:
+    """Whether the candidate, an expression of z, is x where z = Phi(x)."""
+    error = tidy(candidate.xreplace(dict(forward)) - x)
+    if error == 0 or size([error]) > _LIMIT:
+        return bool(error == 0)
+    signs = {s: (0, sp.oo) if s.is_nonnegative else (-sp.oo, 0) for s in error.free_symbols if _signed(s)}
+    answer = is_zero(error, signs)
+    return bool(sp.simplify(error) == 0) if answer is None else answer
+
+
+def _signed(s: sp.Symbol) -> bool:
+    return bool(s.is_nonnegative or s.is_nonpositive)
+
+
+def _holds(
+    found: Mapping[sp.Symbol, sp.Expr],
+    images: Mapping[sp.Symbol, sp.Expr],
+    signals: Sequence[Signal],
+    fixed: Mapping[Signal, float],
+) -> bool:
+    """A second look: at sample points of the box nothing speaks against it."""
+    errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in found.items()]
+    read = [s for s in signals if any(s in e.free_symbols for e in errors)]
+    return not any(kind(e, point) in ("> 0", "< 0") and _large(e, point) for point in points(read) for e in errors)
+
+
+def _large(error: sp.Expr, point: Mapping[Signal, sp.Rational]) -> bool:
+    """Whether it is more than what 15 digits leave."""
+    return bool(abs(error.xreplace(dict(point)).evalf(30)) > sp.Rational(1, 10**9))

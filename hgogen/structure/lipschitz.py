@@ -1,0 +1,96 @@
+"""The hypothesis on b: Lipschitz in the state on the declared box, uniformly in inputs and parameters.
+
+The bound L_b = sup |db/dx| comes from outward-rounded intervals (`slope`). A state without a range is unbounded
+here, because an observer does not clamp it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import sympy as sp
+
+from hgogen.algebra.tape import NoTape
+from hgogen.check import Check, Verdict
+from hgogen.intervals.bounds import box as box_of
+from hgogen.intervals.digits import up
+from hgogen.intervals.proof import Proof, ends
+from hgogen.intervals.singular import singular
+from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
+from hgogen.system import System
+
+__all__ = ["JUMPS", "KINKS", "lipschitz"]
+
+
+def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
+    """The check that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters,
+    `name` is what the report calls it.
+
+    proved: with L_b. refuted: with a point towards which a slope tends to infinity. where: for some inputs or
+    parameters alone it may be singular; closed parts of the box without them have a bound each. unknown: a range is
+    missing, there may be a jump or a singular state, near which no bound is known, or the boxes tried give no bound.
+    """
+
+    def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
+        return Check(id, f"{name} is Lipschitz in the state on the box", verdict, reason, fix=fix)
+
+    box = box_of(system.signals, system.nominal)
+    rows = tuple(b)
+    try:
+        found = lipschitz_bound(rows, system.states, box)
+    except NoTape as missing:
+        return answer(
+            Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
+        )
+    if found.verdict is Verdict.PROVED:
+        return _proved(answer(Verdict.PROVED, _bound(found)), rows, system, found)
+    if found.verdict is Verdict.REFUTED:
+        return _refuted(
+            answer(Verdict.REFUTED, found.reason, "Narrow the ranges so that it stays away from there."), found
+        )
+    jumps = sorted({str(node) for row in rows for node in row.atoms(*JUMPS) if node.has(*system.states)})
+    if jumps:
+        return answer(Verdict.UNKNOWN, f"{jumps[0]} may jump", "Write saturations with sympy.Min and sympy.Max.")
+    slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
+    poles = singular([*rows, *slopes], box)
+    names = ", ".join(sorted({s.name for row in rows for s in row.free_symbols if s in _loose(system)}))
+    if names:
+        return answer(Verdict.UNKNOWN, f"no bound without a range for {names}", f"Declare low= and high= for {names}.")
+    if poles:
+        conditions = set(poles.values())
+        conditions -= {positive.replace(" > 0", " != 0") for positive in conditions if " > 0" in positive}
+        fix = "Narrow the ranges so that it stays away from there."
+        if any(node.has(*system.states) for node in poles):
+            there = " or ".join(_where_not(condition) for condition in sorted(conditions))
+            return answer(Verdict.UNKNOWN, f"no uniform bound is shown; it may be singular {there}", fix)
+        holds = " and ".join(sorted(conditions))
+        return answer(Verdict.WHERE, f"holds on every closed part of the box where {holds}", fix)
+    return answer(Verdict.UNKNOWN, found.reason)
+
+
+def _where_not(condition: str) -> str:
+    """Where a condition of `singular` fails."""
+    return f"at {condition.replace(' != 0', ' = 0')}" if " != 0" in condition else f"unless {condition}"
+
+
+def _loose(system: System) -> set[sp.Symbol]:
+    return {s for s in (*system.states, *system.inputs) if not s.bounded}
+
+
+def _bound(found: Lipschitz) -> str:
+    boxes = f"{found.boxes} box{'' if found.boxes == 1 else 'es'}"
+    if found.high == 0:
+        return "it does not depend on the state"
+    return f"L_b <= {up(found.high)}, by outward-rounded intervals on {boxes}"
+
+
+def _proved(check: Check, rows: tuple[sp.Expr, ...], system: System, found: Lipschitz) -> Check:
+    box = box_of(system.signals, system.nominal)
+    read = {s: box[s] for s in system.signals if any(s in row.free_symbols for row in rows)}
+    proof = Proof(
+        "slope", rows, read, None, ends(0.0, found.high)[1], found.variables, found.tree, tuple(system.states)
+    )
+    return replace(check, proofs=(proof,))
+
+
+def _refuted(check: Check, found: Lipschitz) -> Check:
+    return replace(check, witness={s.name: float(value) for s, value in found.witness.items()})

@@ -1,0 +1,75 @@
+"""The a_i of a form in their ranges: what they can be on the declared box, and A, C at the ends of the ranges.
+
+z_(i,j)' = a_(i,j+1) z_(i,j+1) + ..,  y_i = a_(i,1) z_(i,1) + ..: a chain's (A, C) is linear in its a_(i,j), so that the
+ends of their ranges are the vertices of a polytope that holds it for every input and parameter.
+"""
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from itertools import product
+
+import sympy as sp
+
+from hgogen.algebra.points import exact
+from hgogen.algebra.tape import NoTape
+from hgogen.form import Form
+from hgogen.intervals.bounds import LIMIT, Range, bound, box
+
+Corner = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]  # A (n, n) and C (n) of a chain
+
+VARYING = 8  # a_i of a chain that may vary: their ends have 2^8 combinations
+
+
+def chains(form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
+    """a_(i,1), .., a_(i,n_i) of each output, exact, constants at their values."""
+    return tuple(tuple(exact(sp.sympify(a).xreplace(fixed(form))) for a in chain) for chain in form.gains)
+
+
+def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
+    """The parameters without a range, at their values."""
+    return {p: value for p, value in form.system.nominal.items() if not p.bounded}
+
+
+def signals(form: Form) -> tuple[sp.Symbol, ...]:
+    """z, inputs and parameters."""
+    return (*form.states, *form.system.inputs, *form.system.parameters)
+
+
+def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
+    """The range of an expression on the declared box; None where there is no rule for it."""
+    try:
+        return bound(expression, box(signals(form)), boxes=boxes, relative=0.005)
+    except NoTape:
+        return None
+
+
+def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | str:
+    """The ranges of a chain's a_1..a_n on the declared box; or why there are none."""
+    found = []
+    for i, a in enumerate(chain, 1):
+        known = span(a, form)
+        if not (known and known.defined and known.finite):
+            return f"a_{i} = {a} has no finite range on the box"
+        found.append(known)
+    return tuple(found)
+
+
+def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | str:
+    """(A, C) of a chain at the ends of the ranges of its a_1..a_n; or why there are none."""
+    found = extents(chain, form)
+    if isinstance(found, str):
+        return found
+    ends = [
+        (Fraction(int(a.p), int(a.q)),) if a.is_Rational else (Fraction(known.low), Fraction(known.high))
+        for a, known in zip(chain, found, strict=True)
+    ]
+    if sum(len(pair) > 1 for pair in ends) > VARYING:
+        return f"more than {VARYING} of the a_i vary, whose ranges have too many vertices"
+    n = range(len(ends))
+    return [
+        (
+            tuple(tuple(a[j] if j == i + 1 else Fraction(0) for j in n) for i in n),
+            tuple(a[0] if j == 0 else Fraction(0) for j in n),
+        )
+        for a in product(*ends)
+    ]

@@ -1,0 +1,111 @@
+"""The hypothesis 0 < a_m <= a <= a_M on the closed box of what a varies with, and the sign of a."""
+
+from dataclasses import replace
+
+import sympy as sp
+
+from hgogen.algebra.points import exact, kind, points, settled
+from hgogen.algebra.tape import NoTape
+from hgogen.check import Check, Verdict
+from hgogen.intervals.bounds import Range, Sign, bound, box, nonzero
+from hgogen.intervals.digits import down, up
+from hgogen.intervals.proof import Proof, ends
+from hgogen.signal import Signal
+from hgogen.system import System
+
+_FEW = 200  # boxes for a sign that only chooses coordinates
+
+
+def sign(a: sp.Expr, system: System) -> int:
+    """1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
+    a, signals = _varying(a, system)
+    try:
+        found = nonzero(a, box(system.signals, system.nominal), boxes=_FEW)
+    except NoTape:
+        found = None
+    if found and found.verdict is Verdict.PROVED:
+        return found.sign
+    seen = {kind(a, point) for point in points(signals)}
+    return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
+
+
+def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
+    """The check that 0 < a_m <= a <= a_M. `name` is what the report calls a.
+
+    proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
+    and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
+    """
+    check = Check(id, f"0 < a_m <= {name} = {a} <= a_M on the box", Verdict.UNKNOWN, "")
+    a, signals = _varying(a, system)
+    try:
+        found = nonzero(a, box(system.signals, system.nominal))
+    except NoTape as missing:
+        return replace(check, reason=str(missing))
+    if found.verdict is Verdict.PROVED and found.sign > 0:
+        return _proved(check, a, found, signals, system)
+    negative = found.range.least
+    if found.verdict is Verdict.REFUTED:
+        reason, witness = found.reason, found.witness
+    elif negative is not None and negative.value < 0:
+        reason, witness = "is negative", negative.point
+    else:
+        return _unknown(check, found.reason, signals)
+    at = {s.name: float(value) for s, value in witness.items()}
+    fix, consequence = _fix(id, name, signals, system)
+    refuted = replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at)
+    return replace(refuted, fix=fix, consequence=consequence)
+
+
+def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
+    """Once the sign is proved, as tight a range as there is."""
+    around = box(system.signals, system.nominal)
+    found = bound(a, around)
+    low, high = max(found.low, first.range.low), min(found.high, first.range.high)
+    if high == float("inf"):
+        return _unknown(check, f"{found.boxes} boxes give no upper bound", signals)
+    tightest = found if found.low > 0 else first.range
+    proof = Proof(
+        "range",
+        (a,),
+        {s: around[s] for s in signals},
+        *ends(tightest.low, tightest.high),
+        tightest.variables,
+        tightest.tree,
+    )
+    return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, found, first), proofs=(proof,))
+
+
+def _range(a: sp.Expr, low: float, high: float, found: Range, first: Sign) -> str:
+    if a.is_Rational:
+        return f"it is {a}"
+    boxes = max(found.boxes, first.range.boxes)
+    return (
+        f"between {down(low)} and {up(high)}, by outward-rounded intervals on {boxes} box{'' if boxes == 1 else 'es'}"
+    )
+
+
+def _unknown(check: Check, reason: str, signals: tuple[Signal, ...]) -> Check:
+    loose = ", ".join(s.name for s in signals if not s.bounded)
+    if loose:
+        return replace(check, reason=f"no range is declared for {loose}", fix=f"Declare low= and high= for {loose}.")
+    return replace(check, reason=f"no point refutes it, {reason}")
+
+
+def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
+    """a with constants at their values, all numbers exact, and the signals that it then varies with."""
+    a = exact(settled(a, {p: value for p, value in system.nominal.items() if not p.bounded}))
+    return a, tuple(s for s in (*system.states, *system.inputs, *system.parameters) if s in a.free_symbols)
+
+
+def _fix(id: str, name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
+    """What to do about it, and what follows for him who accepts it."""
+    if not signals:
+        return f"{name} is a constant; correct the model or the parameter's value.", ""
+    names = ", ".join(s.name for s in signals)
+    inputs = ", ".join(s.name for s in signals if s in system.inputs)
+    narrow = f"Restrict the range of {names} so that {name} keeps one sign"
+    if not inputs:
+        return f"{narrow}.", ""
+    coasts = f"the observer coasts while {name} is near 0"
+    consequence = f"{coasts}: the states behind it are then seen only through changes of {inputs}"
+    return f"{narrow}, or build with accept=({id!r},) knowing that {consequence}.", consequence
