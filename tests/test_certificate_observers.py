@@ -35,26 +35,58 @@ def heated() -> hg.Form:
     )
 
 
-# Observers whose bound is certified, by name: on `heated`, and with the gain above the bound.
-BUILT: dict[str, dict[str, Any]] = {
-    "filtered": {"theta": 1e4, "alpha": 3, "beta": 1, "poles": (-1, -1)},
-    "filtered_injection": {"theta": 1e4, "F": ((-3, 0), (1, -3)), "G": (1, 0), "H": ((2, 0), (0, 1))},
-    "low_power": {"theta": 1e4},
-    "peaking_free": {"theta": 1e4},
-    "stubborn": {"theta": 1e4, "decay": 0.5, "r": 10, "poles": POLES},
-    "dead_zone": {"theta": 1e4, "decay": 1, "r": 0.1, "poles": POLES},
+def several(align: str) -> hg.Form:
+    """Two outputs, with chains of this alignment; of "driven" with gains that the input drives."""
+    x = [hg.Signal(f"x{i}", low=-1, high=2) for i in range(1, 5)]
+    u, y = hg.Signal("u", low=-1, high=1), (hg.Signal("y1"), hg.Signal("y2"))
+    x1, x2, x3, x4 = x
+    a = 2 + u if align == "driven" else 2
+    flows = {
+        "end": ([x2 * x3 * x4, x3 - x2, a * x4, x1 * x2], [x1, x2]),
+        "top": ([a * x2 + sp.sin(x1) * x3, x1 * x4, -3 * x4 + x1, x2 * x4], [x1, x3 + u]),
+    }
+    flow, output = flows["end" if align == "end" else "top"]
+    plant = hg.System("several", states=x, inputs=(u,), outputs=y, flow=flow, output=output)
+    return hg.forms.block_triangular(plant, "end" if align == "end" else "top")
+
+
+def driven() -> hg.Form:
+    """x1' = (2 + u + sin(u)/4) x2, x2' = -sin(x1), y = x1."""
+    x = [hg.Signal(f"x{i}", low=-1, high=2) for i in (1, 2)]
+    u, y = hg.Signal("u", low=-1, high=2), hg.Signal("y")
+    flow = [(2 + u + sp.sin(u) / 4) * x[1], -sp.sin(x[0])]
+    return hg.forms.triangular(hg.System("driven", states=x, inputs=(u,), outputs=(y,), flow=flow, output=[x[0]]))
+
+
+# Observers whose bound is certified, with a gain above it: the form, the observer, its arguments.
+BUILT: dict[str, tuple[Callable[[], hg.Form], str, dict[str, Any]]] = {
+    "filtered": (heated, "filtered", {"theta": 1e4, "alpha": 3, "beta": 1, "poles": (-1, -1)}),
+    "filtered_injection": (
+        heated,
+        "filtered_injection",
+        {"theta": 1e4, "F": ((-3, 0), (1, -3)), "G": (1, 0), "H": ((2, 0), (0, 1))},
+    ),
+    "low_power": (heated, "low_power", {"theta": 1e4}),
+    "peaking_free": (heated, "peaking_free", {"theta": 1e4}),
+    "stubborn": (heated, "stubborn", {"theta": 1e4, "decay": 0.5, "r": 10, "poles": POLES}),
+    "dead_zone": (heated, "dead_zone", {"theta": 1e4, "decay": 1, "r": 0.1, "poles": POLES}),
+    "driven": (driven, "high_gain", {"theta": 1e4, "gains": (3, 1)}),
+    "top": (lambda: several("top"), "high_gain", {"theta": 1e5, "poles": [POLES, POLES]}),
+    "end": (lambda: several("end"), "high_gain", {"theta": 1e5, "poles": [(-1,), (-1, -1, -1)]}),
+    "several driven": (lambda: several("driven"), "high_gain", {"theta": 1e5, "gains": [(3, 1), (3, 1)]}),
 }
 
 
 @cache
-def _written(name: str) -> str:
-    observer = getattr(hg.observers, name)(heated(), **BUILT[name])
+def _written(case: str) -> str:
+    form, name, arguments = BUILT[case]
+    observer = getattr(hg.observers, name)(form(), **arguments)
     return json.dumps(certificate(observer.form, observer.checks, observer.name))
 
 
-def written(name: str) -> dict[str, Any]:
-    """The certificate of an observer on `heated`."""
-    content: dict[str, Any] = json.loads(_written(name))
+def written(case: str) -> dict[str, Any]:
+    """The certificate of an observer."""
+    content: dict[str, Any] = json.loads(_written(case))
     return content
 
 
@@ -75,12 +107,12 @@ def claim_of(content: dict[str, Any], id: str) -> dict[str, Any]:
 # --- what is written is verified ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", BUILT)
-def test_all_claims_of_an_observer_are_verified(name: str) -> None:
-    content = written(name)
+@pytest.mark.parametrize("case", BUILT)
+def test_all_claims_of_an_observer_are_verified(case: str) -> None:
+    content = written(case)
     result = found(content)
     assert set(result.values()) == {"verified"}
-    assert f"{name}.theta" in result
+    assert len([id for id in result if id.startswith(f"{BUILT[case][1]}.")]) >= 2
     assert not falsehood(content)
 
 
@@ -177,7 +209,7 @@ def falsehood(content: dict[str, Any]) -> str:
         if id.endswith(".convergence"):
             bound = threshold(name, told)
             for theta in (bound * (1 + 1e-9), 10 * bound):
-                if said := (_limited if name in ("stubborn", "dead_zone") else _linear)(content, o, told, theta, 3):
+                if said := ORACLES[name](content, o, told, theta, 3):
                     return f"{id} at theta = {theta}: {said}"
         if id.endswith(".theta") and o["theta"] <= threshold(
             name, claim_of(content, f"{name}.convergence")["evidence"]
@@ -187,40 +219,89 @@ def falsehood(content: dict[str, Any]) -> str:
 
 
 def floats_of(observer: dict[str, Any]) -> Numbers:
-    return {key: floats(value) for key, value in observer.items() if key != "name"}
+    wanted = {key: value for key, value in observer.items() if key != "name"}
+    if observer["name"] == "high_gain":  # its gains may be expressions
+        del wanted["gains"]
+    return {key: floats(value) for key, value in wanted.items()}
 
 
 def threshold(name: str, told: dict[str, Any]) -> float:
     e = {key: floats(told[key]) for key in ("bound", "push", "peak", "margin", "mu") if key in told}
     if "push" in e:
         return max(1.0, 2 * e["push"] * e["bound"])
+    if name == "high_gain":
+        return max(1.0, 2 * e["peak"] * e["bound"])
     weight = e["peak"] + (e["mu"] if name == "stubborn" else 0)
     return max(1.0, 2 * e["bound"] * max(weight / e["margin"], e["peak"]))
 
 
-def slopes(content: dict[str, Any]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """dc/dw in the coordinates of integrators, and their scale a_1 .. a_i from z, at sample points."""
-    form, plant = content["form"], content["plant"]
-    yield from _sampled(json.dumps([form, plant["inputs"] + plant["parameters"]]))
-
-
 @cache
-def _sampled(text: str) -> list[tuple[np.ndarray, np.ndarray]]:
+def sampled(text: str) -> list[tuple[dict[str, float], np.ndarray, np.ndarray, np.ndarray]]:
+    """Of [form, inputs and parameters]: points of the box, with A, C and db/dz there."""
     form, common = json.loads(text)
     every = form["states"] + common
     symbols = {s["name"]: sp.Symbol(s["name"]) for s in every}
     z = [symbols[s["name"]] for s in form["states"]]
-    b = sp.Matrix([sp.sympify(row, symbols) for row in form["b"]])
-    a = [sp.sympify(form["output"][0], symbols).diff(z[0])]
-    a += [sp.sympify(form["A"][i][i + 1], symbols) for i in range(len(z) - 1)]
-    graph = sp.lambdify(list(symbols.values()), [b.jacobian(z).tolist(), a], "math")
+    b, h = (sp.Matrix([sp.sympify(row, symbols) for row in form[part]]) for part in ("b", "output"))
+    A = sp.Matrix([[sp.sympify(entry, symbols) for entry in row] for row in form["A"]])
+    graph = sp.lambdify(list(symbols.values()), [A.tolist(), h.jacobian(z).tolist(), b.jacobian(z).tolist()], "math")
     draw, points = random.Random(3), []
     ranges = [[float(Fraction(s[end])) for end in ("low", "high")] for s in every]
     for _ in range(SAMPLES):
-        J, gains = map(np.array, graph(*(draw.choice([*ends, draw.uniform(*ends)]) for ends in ranges)))
-        scale = np.cumprod(gains)
-        points.append((scale[:, None] * J / scale, scale))
+        at = [draw.choice([*ends, draw.uniform(*ends)]) for ends in ranges]
+        points.append((dict(zip(symbols, at, strict=True)), *(np.array(M, dtype=float) for M in graph(*at))))
     return points
+
+
+def samples(content: dict[str, Any]) -> list[tuple[dict[str, float], np.ndarray, np.ndarray, np.ndarray]]:
+    plant = content["plant"]
+    return sampled(json.dumps([content["form"], plant["inputs"] + plant["parameters"]]))
+
+
+def slopes(content: dict[str, Any]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """dc/dw in the coordinates of integrators, and their scale a_1 .. a_i from z, at sample points."""
+    for _, A, C, J in samples(content):
+        scale = np.cumprod([C[0, 0], *np.diag(A, 1)])
+        yield scale[:, None] * J / scale, scale
+
+
+def _constant(content: dict[str, Any], o: Numbers, told: dict[str, Any], theta: float, times: int) -> str:
+    """V = e'P e in e = Delta S (z - x), of the gains K."""
+    blocks = [int(size) for size in content["form"]["blocks"]]
+    late = [max(blocks) - size if content["form"]["alignment"] == "end" else 0 for size in blocks]
+    power = np.array([level for size in blocks for level in range(1, size + 1)], dtype=float)
+    power_of_error = np.array([level + more for size, more in zip(blocks, late, strict=True) for level in range(size)])
+    chain = np.array(
+        [[float(i == k) for i in range(len(blocks))] for k, size in enumerate(blocks) for _ in range(size)]
+    )
+    P = floats(told["P"])
+    for at, A, C, J in samples(content):
+        K, S = (
+            np.array([float(sp.sympify(text).subs(at)) for text in texts])
+            for texts in (content["observer"]["gains"], told["scale"])
+        )
+        T = S * theta ** -power_of_error.astype(float)
+        M = A - (theta**power * K)[:, None] * (chain @ C) + J
+        M = T[:, None] * M / T
+        if np.linalg.norm(S[:, None] * J / S, 2) > floats(told["bound"]) * (1 + 1e-9):
+            return "the slope is larger"
+        if np.linalg.eigvalsh(P).max() > floats(told["peak"]) * (1 + 1e-12):
+            return "the peak is larger"
+        if np.linalg.eigvalsh(P).min() <= 0 or np.linalg.eigvalsh(P @ M + M.T @ P).max() > 1e-9 * abs(P @ M).max():
+            return "V' may be positive"
+        for told_a, a in zip(told.get("ranges", []), _gains(A, C, blocks), strict=False):
+            if not float(Fraction(told_a["low"])) - 1e-12 <= a <= float(Fraction(told_a["high"])) + 1e-12:
+                return "an a_i is outside its range"
+    return ""
+
+
+def _gains(A: np.ndarray, C: np.ndarray, blocks: list[int]) -> list[float]:
+    heads = [sum(blocks[:k]) for k in range(len(blocks))]
+    return [
+        C[k, h] if i == h else A[i - 1, i]
+        for k, (h, size) in enumerate(zip(heads, blocks, strict=True))
+        for i in range(h, h + size)
+    ]
 
 
 def _linear(content: dict[str, Any], o: Numbers, told: dict[str, Any], theta: float, times: int) -> str:
@@ -276,6 +357,13 @@ def _limited(content: dict[str, Any], o: Numbers, told: dict[str, Any], theta: f
     return ""
 
 
+ORACLES = {
+    **dict.fromkeys(FIELDS, _linear),
+    **dict.fromkeys(("stubborn", "dead_zone"), _limited),
+    "high_gain": _constant,
+}
+
+
 # --- no changed number ----------------------------------------------------------------------------------------------
 
 
@@ -303,11 +391,16 @@ def changed(content: dict[str, Any], path: tuple[Any, ...], how: str) -> dict[st
     return result
 
 
-@pytest.mark.parametrize("how", ["sign", "more", "less", "far", "zero"])
-@pytest.mark.parametrize("name", BUILT)
-def test_a_forger_gets_only_true_statements_through(name: str, how: str) -> None:
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("how", ["less", *(pytest.param(how, marks=SLOW) for how in ("sign", "more", "far", "zero"))])
+@pytest.mark.parametrize("case", BUILT)
+def test_a_forger_gets_only_true_statements_through(case: str, how: str) -> None:
     """Of the observer's numbers, and of all evidence about it; what is still verified is not refuted by sampling."""
-    content = written(name)
+    content, name = written(case), BUILT[case][1]
+    kept = (f"{name}.", "triangular.structure", "block_triangular.structure")  # the others take time, and stand apart
+    content["claims"] = [claim for claim in content["claims"] if claim["id"].startswith(kept)]
     every = [("observer", *path) for path in places(content["observer"])]
     for k, claim in enumerate(content["claims"]):
         if claim["id"].startswith(f"{name}."):
@@ -323,8 +416,24 @@ def test_a_forger_gets_only_true_statements_through(name: str, how: str) -> None
         except (NoCertificate, Unreadable):
             failed += 1
             continue
-        if "fails" in result.values():
+        if "fails" in [what for id, what in result.items() if id.startswith(f"{name}.")]:
             failed += 1
         else:
             assert not falsehood(forged), (path, falsehood(forged))
     assert failed > len(every) // 3
+
+
+def test_a_range_of_a_gain_that_reads_the_state_proves_nothing() -> None:
+    """A(xhat) is not A(x): the error has a term more than A - K C and b give."""
+    text = json.dumps(written("driven"))
+    content = json.loads(text)
+    for holder, name in ((content["plant"], "x1"), (content["form"], "z1")):
+        for key in ("flow", "b", "A"):
+            if key in holder:
+                holder[key] = json.loads(json.dumps(holder[key]).replace("sin(u)", f"sin({name})").replace("u", name))
+    claims = json.dumps(content["claims"]).replace('"u": ', '"z1": ').replace("u + sin(u)", "z1 + sin(z1)")
+    content["claims"] = json.loads(claims)
+    result = {row.id: row for row in recheck(sealed(content)).rows}
+    assert result["triangular.structure"].found == result["triangular.a_2"].found == "verified"
+    assert result["high_gain.convergence"].found == "fails"
+    assert "A reads z1" in result["high_gain.convergence"].sentence

@@ -17,7 +17,7 @@ from itertools import product
 
 from hgogen.recheck.box import NotShown
 from hgogen.recheck.chain import built, constants, invertible, slope, wanted_gain
-from hgogen.recheck.context import RANGE, Context, Shown, enclosed, finite, on, short
+from hgogen.recheck.context import RANGE, Context, Shown, enclosed, finite, on, only, short
 from hgogen.recheck.file import Claim, Observer
 from hgogen.recheck.matrix import Matrix, decaying, demand_positive, entries, matrix, plus, scalar, scaled, unit, zeros
 from hgogen.recheck.text import Expression
@@ -33,6 +33,8 @@ def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     gains = observer.gains
     if context.form.alignment not in ("", "top", "end"):
         raise NotShown("its chains are not aligned at the top or at the end")
+    for entry in (entry for row in context.form.A for entry in row):
+        only(entry.names & set(context.z), (), "A")
     scale = constants(context, entries(evidence, "scale", n))
     _ = constants(context, [k.text for k in gains])
     boxes = invertible(context, scale) + sum(finite(k, box) for k in gains)
