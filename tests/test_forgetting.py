@@ -3,19 +3,25 @@
 S' = -rho (S - S_0) - A'S - S A + C'R^-1 C, which is linear: S is what the samples show plus what S_0 leaves.
 """
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
 from native_step import NativeStep
+from oracle import kalman_like as oracle
 from plants import chain, model
-from scipy.linalg import solve_discrete_lyapunov
+from scipy.integrate import solve_ivp
+from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
 import hgogen as hg
-from hgogen.emit import native
+from hgogen.emit import layout, native
 from hgogen.emit.cprint import Real
+from hgogen.emit.exact import machine
 from hgogen.kalman.factored import largest
 from hgogen.observer import Observer
+from hgogen.trial import t
 
 NAN = float("nan")
 EPS_NEURON = 0.8
@@ -81,3 +87,181 @@ def test_in_silence_the_covariance_tends_to_its_limit(name: str, method: str, re
     assert scaled @ (P / np.outer(unit, unit)) == pytest.approx(np.eye(n), abs=limits)
     assert (np.diag(P) < largest(of.parts[0])).all()
     assert all("COVARIANCE_LIMITED" in step.flags(status) for status in found.status[count // 2 :])
+
+
+@needs_compiler
+@pytest.mark.parametrize("method", ["continuous_discrete", "cholesky"])
+def test_after_a_long_silence_samples_tell_every_state(method: str) -> None:
+    """100 s without a sample; then the plant is at (1.5, -2). Of the wrong rate the samples of .1 s leave the share
+    12 r/(100 .1^2) over D_2 = 1136 (s. above), r = R/dt: 1e-8. What is left is the line between two samples, a
+    y'' dt^2/8 < 1e-4 over 1/rho."""
+    step, h, quiet = sampled("pendulum", method), 1e-3, 100_000
+    time = np.arange(500) * h
+
+    def flow(_: float, x: np.ndarray) -> list[float]:
+        return [x[1], -19.6 * np.sin(x[0]) - 0.1 * x[1]]
+
+    truth = solve_ivp(flow, (0, 1), (1.5, -2.0), t_eval=time, method="DOP853", rtol=1e-12, atol=1e-12).y.T
+    y = np.concatenate([np.full(quiet, NAN), truth[:, 0]])
+    step.reset()
+    found = step.run(u=np.zeros(len(y)), y=y)
+    assert np.abs(found.x[quiet:] - truth)[time >= 0.1].max() < 1e-4
+    assert not any(found.status[quiet + 2 :])
+
+
+def test_eight_states_after_a_silence_are_the_oracles() -> None:
+    """In loops; at rest in silence, as the plant is. P in full loses eps cond P."""
+    of, step, n = observer("chain"), sampled("chain", "continuous_discrete"), 8
+    (part,) = of.parts
+    y = np.concatenate([np.full(900, NAN), 0.01 * np.cos(0.3 * np.arange(300) * 0.01)])
+    A, last = np.eye(n, k=1), np.eye(n)[-1]
+    A[-1, -1] = -1
+    step.reset()
+    found = step.run(u=np.zeros(1200), y=y, engine="python")
+    given = (4.0, np.array([1e-3]), np.zeros(n), part.covariance, 0.01, np.zeros(1200), y[:, None], caps(of))
+    expected = oracle.run(lambda u, v: A, lambda u, v: -np.sin(v[0]) * last, *given)
+    assert found.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+
+
+@needs_compiler
+def test_a_sample_now_and_then_is_enough() -> None:
+    """Every third of the chain's samples."""
+    of = hg.observers.kalman_like(hg.forms.state_affine(chain(8)), rho=1.0, R=1e-6, initial={"x8": 1.0})
+    y = np.zeros(3000)
+    y[np.arange(3000) % 3 != 0] = NAN
+    found = hg.sample(of, dt=0.01).run(u=np.zeros(3000), y=y)
+    assert np.abs(found.x[-1]).max() < 1e-3
+
+
+@needs_compiler
+@reals
+@pytest.mark.parametrize(("name", "method"), VIEWS)
+def test_c_is_python_to_the_bit_after_a_silence(name: str, method: str, real: Real) -> None:
+    step = sampled(name, method)
+    reader, compiled = machine(step, real), NativeStep(step, real)
+    reader.memory["input.tau" if name == "pendulum" else "input.u"][0] = 0
+    for sample in np.concatenate([np.full(200, NAN), np.linspace(1, 1.1, 20)]):
+        reader.memory["output.y"][0] = sample
+        status, found = reader.call(), compiled.run(np.zeros((1, 1)), np.array([[sample]]))
+        assert found.status[0] == status
+    again = {place: array.copy() for place, array in reader.memory.items()}
+    layout.unpack_state(step, compiled.state, again)
+    for place, array in again.items():
+        np.testing.assert_array_equal(array, reader.memory[place], err_msg=place)
+
+
+@needs_compiler
+def test_what_rounds_away_is_neither_forgotten_nor_told() -> None:
+    """1e-3 of rho = 1e-2 at dt = 1 ms: exp(1e-8) is 1 in float. P would shrink for ever if S_0 were still told."""
+    of = hg.observers.kalman_like(hg.forms.state_affine(chain(1)), rho=0.01, R=1.0)
+    compiled = NativeStep(hg.sample(of, dt=1e-3), "float")
+    compiled.params["gain"]["rho"] = 1e-5
+    compiled.tune()
+    assert (compiled.params["derived"]["growth"][0], compiled.params["derived"]["prior"][0]) == (1, 0)
+
+
+# --- with states that the input hides -----------------------------------------------------------------------
+
+HIDDEN, DT = 20.0, 0.01
+
+
+@cache
+def neuron(rho: float, method: str = "continuous_discrete") -> hg.Step:
+    form = hg.forms.state_affine(model("fitzhugh_nagumo"))
+    of = hg.observers.kalman_like(form, rho=rho, R=0.008, inputs={"u": sp.sin(t)}, period=2 * sp.pi)
+    return hg.sample(of, getattr(hg.methods, method), dt=DT)
+
+
+def moved(start: np.ndarray, excited: bool, duration: float) -> np.ndarray:
+    """The plant from `start` with u = sin t, or 0."""
+
+    def flow(time: float, x: np.ndarray) -> list[float]:
+        u = np.sin(time) if excited else 0.0
+        return [x[0] - x[0] ** 3 / 3 - x[1] * u, EPS_NEURON * (3 * np.sin(x[0]) - x[1] - x[2]), 0.0]
+
+    time = np.arange(round(duration / DT) + 1) * DT
+    return solve_ivp(flow, (0, duration), start, t_eval=time, method="DOP853", rtol=1e-10, atol=1e-10).y.T
+
+
+def settled(step: hg.Step, real: Real, first: np.ndarray, jump: float, band: float) -> float:
+    """How long eta's error is above the band after the input is sin t, from `first` on, which u = 0 moves, and eta then
+    jumps; with no samples before it, a fresh observer's."""
+    start = first[-1] + (0, 0, jump)
+    truth = np.concatenate([first[:-1], moved(start, True, 30.0)])
+    quiet = len(first) - 1
+    u = np.concatenate([np.zeros(quiet), np.sin(np.arange(len(truth) - quiet) * DT)])
+    found = NativeStep(step, real).run(u[:, None], truth[:, :1])
+    above = np.flatnonzero(np.abs(found.x - truth)[quiet:, 2] > band)
+    return (above[-1] + 1) * DT
+
+
+START = np.array([1.06, 2.69, 5.0])
+
+
+@needs_compiler
+@reals
+@pytest.mark.parametrize("band", [0.3, 0.1])
+def test_hidden_states_settle_no_later_than_a_fresh_observers(band: float, real: Real) -> None:
+    """u = 0 hides x2 and eta for 20 s. (e' S e)' <= -rho (e' S e - e' S_0 e); the plant leaves e3 = 5 as it is and
+    brings e2 to -5: e' S_0 e is below 25/900 + 25/576 < .08, and e' S e = .55 at first, for S(0) = 9 S_0. So it is no
+    larger than a fresh observer's when the input comes back, and decays by the same law."""
+    step = neuron(0.3)
+    hidden = settled(step, real, moved(START, False, HIDDEN), 0.0, band)
+    assert hidden <= settled(step, real, START[None], 0.0, band)
+
+
+def test_with_a_rate_above_the_plants_no_direction_is_lost() -> None:
+    """Of the hidden states e2 + e3 decays at eps, and rho = 2 > 2 eps forgets it faster: S tends to the solution of
+    rho (S - S_0) + A'S + S A = 0, to first order in h, which is below S(0)."""
+    step = neuron(2.0)
+    step.reset()
+    step.run(u=np.zeros(2000), y=np.zeros(2000), engine="python")
+    P = covariance(step, np.frombuffer(step.save(), layout.state_type(step)))[1:, 1:]
+    A = EPS_NEURON * np.array([[-1.0, -1], [0, 0]])
+    S = solve_continuous_lyapunov(A.T + np.eye(2), 2 * np.diag(1 / caps(step.observer)[1:]))
+    assert np.linalg.inv(P) == pytest.approx(S, rel=2.0 * DT)
+    assert np.linalg.eigvalsh(P - step.observer.parts[0].covariance[1:, 1:])[0] > 0
+
+
+@needs_compiler
+@reals
+def test_a_jump_of_what_was_hidden_is_found(real: Real) -> None:
+    """eta jumps from 5 to 0 at the end of the 20 s: the error of a fresh observer at eta = 5. By the test above e' S e
+    is no larger than the fresh one's either. At rho = .3 it settles after 12 s, as after a jump with nothing hidden."""
+    step = neuron(2.0)
+    hidden = settled(step, real, moved(START, False, HIDDEN), -5.0, 0.1)
+    assert hidden <= settled(step, real, START[None], 0.0, 0.1)
+
+
+@needs_compiler
+def test_a_million_samples_leave_the_covariance_its_rank_in_float() -> None:
+    """20 s with u = 0, 30 s with sin t, two hundred times; A does not depend on y. P in units of double's is the unit
+    matrix but for rounding: n^2 eps a step, of which 1/(rho h) count, times what scaling by a root of P can lose, the
+    root of its condition number."""
+    step, eps = neuron(2.0), np.finfo(np.float32).eps
+    quiet, busy = np.zeros((2000, 1)), np.sin(np.arange(3000) * DT)[:, None]
+    builds = [NativeStep(step, real) for real in ("float", "double")]
+    for u in (quiet, busy) * 200:
+        found, _ = (build.run(u, np.zeros((len(u), 1))) for build in builds)
+        assert not any("RESTARTED" in step.flags(status) for status in np.unique(found.status))
+        P, exact = (covariance(step, build.state) for build in builds)
+        root = np.linalg.inv(np.linalg.cholesky(exact))
+        rounding = 9 * eps / (2.0 * DT) * np.sqrt(np.linalg.cond(exact))
+        assert root @ P @ root.T == pytest.approx(np.eye(3), abs=rounding)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: neuron(0.3).observer, "lower rho, or scale R down"),
+        (lambda: hg.observers.riccati(hg.forms.triangular(chain(2)), Q=(1, 1), R=1), "scale Q and R down together"),
+        (
+            lambda: hg.observers.hamilton_jacobi(hg.forms.triangular(chain(2)), Q=(1, 1), R=1),
+            "scale the weights Q and R up",
+        ),
+    ],
+    ids=["kalman_like", "riccati", "hamilton_jacobi"],
+)
+def test_the_advice_is_the_observers(make: Callable[[], Observer], said: str) -> None:
+    (bit,) = (bit for bit in hg.sample(make(), dt=0.01).bits if bit.name == "COVARIANCE_LIMITED")
+    assert said in bit.action
