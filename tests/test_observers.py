@@ -20,6 +20,7 @@ from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck
+from hgogen.emit.cost import cost
 from hgogen.innovation import BadWindow, BadWindowSize
 from hgogen.observer import BadGain, Clock
 from hgogen.structure.dynamics import Singular
@@ -86,6 +87,15 @@ def test_theta_stays_in_its_range_and_grows_with_the_innovation(
 def test_the_logistic_keeps_the_range_too(share: float, innovation: float) -> None:
     after = law(adaptive(mu=hg.theta.logistic(0.16, 500.0)), 0.01)
     assert 1 <= after(1 + 7 * share, innovation) <= 8
+
+
+def test_a_logistic_that_is_never_0_holds_theta_above_1() -> None:
+    """theta - 1 = mu/(lambda Delta T) at rest, to the share lambda dt/2 + 2 mu/(lambda Delta T) = .6%."""
+    mu = 1 / (1 + np.exp(10))
+    after, theta = law(adaptive(mu=hg.theta.logistic(0.2, 50.0), rise_time=0.1, rate=1.0), 0.01), 1.0
+    for _ in range(1500):  # exp(-15) of the start is left
+        theta = after(theta, 0.0)
+    assert theta - 1 == pytest.approx(mu / (1.0 * 0.1), rel=0.006)
 
 
 def test_a_sample_of_theta_by_hand() -> None:
@@ -157,6 +167,18 @@ def test_window_and_staggered_agree_on_smooth_data() -> None:
         _, few = innovations(hg.innovation.staggered(0.5, predictors=5), dt, **record)
         assert np.abs(few - window)[2 * N :].max() < window.max() / 5
     assert np.log2(differences[0] / differences[1]) == pytest.approx(1, abs=0.3)
+
+
+def test_what_each_costs() -> None:
+    """The neuron has one sine, a Runge-Kutta step four: 400 for a window of N = 100 samples, 4 for each of M = 4
+    predictors, beside the filter's own and an exponential of theta."""
+    plain = cost(hg.sample(fitzhugh_nagumo(), dt=0.01)).functions
+    for innovation, sines in (
+        (hg.innovation.window(1.0, method=hg.methods.rk4), 400),
+        (hg.innovation.staggered(1.0, predictors=4, method=hg.methods.rk4), 5 * 4),
+    ):
+        step = hg.sample(fitzhugh_nagumo(theta=adaptive(innovation=innovation)), dt=0.01)
+        assert cost(step).functions - plain == sines + 1
 
 
 @pytest.mark.parametrize("way", ["window", "staggered"])
