@@ -28,7 +28,7 @@ from hgogen.stability import decay_limits
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
 Factors = Callable[[Any], dict[str, Any]]  # of a vector (n), those of P as writes
-POINTS = 12  # corners, and as many points inside, at which the model's decay is judged
+POINTS = 12  # corners, and as many points inside, at which the model's decay and growth are judged
 
 
 @dataclass(frozen=True)
@@ -99,23 +99,29 @@ def common(part: Riccati, clock: Clock) -> dict[str, Any]:
     has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h lambda."""
     limits = decay_limits(part.slopes(POINTS)[0], HEUN.polynomial)
     why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
-    found: dict[str, Any] = {
+    return {
         "limit": float(limits.max()),
         "caution": float(limits.min()),
         "why": why,
         "bits": (part.limited,),
+        "uses_output": part.known is not None,
+        **({} if part.forgetting is None else _forgotten(part, clock)),
     }
-    found["uses_output"] = part.known is not None
-    if part.forgetting is not None:
-        growth = ca.exp(part.rho * clock.dt)
-        share = ca.fmax(growth - 1, 0) / growth
-        prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
-        found["derived"] = (
+
+
+def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:
+    """exp(rho h), and the roots of (1 - exp(-rho h)) S_0; both from one rounding of exp, so that S tends to S_0 however
+    small rho h is."""
+    growth = ca.exp(part.rho * clock.dt)
+    share = ca.fmax(growth - 1, 0) / growth
+    prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
+    return {
+        "derived": (
             scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
-            Field("prior", (0.0,) * len(part.cap), meaning="root of the information that a step adds to each state's"),
-        )
-        found["tune"] = (Block("what a step forgets", {"derived.growth": growth, "derived.prior": prior}),)
-    return found
+            Field("prior", (0.0,) * len(part.cap), meaning="roots of (1 - exp(-rho dt)) S_0, told in a step"),
+        ),
+        "tune": (Block("what a step forgets", {"derived.growth": growth, "derived.prior": prior}),),
+    }
 
 
 def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:

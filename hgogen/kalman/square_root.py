@@ -6,9 +6,10 @@
                  beta = sqrt(alpha/(alpha + f_j^2)), S_ij <- beta (S_ij - f_j b_i/alpha), b_i <- b_i + f_j S_ij (with S
                  before), alpha <- alpha + f_j^2; the gain is b/alpha
 
-Numbers of the size of a standard deviation: half the decades of P, in exchange for n square roots a step and n a
-sample. Source: Carlson, "Fast triangular formulation of the square root filter", AIAA Journal 11 (1973); Potter's
-update (Battin 1964) keeps no triangle; Kaminski, Bryson, Schmidt, IEEE TAC 16 (1971).
+Numbers of the size of a standard deviation: half the decades of P, in exchange for n square roots a step, n a sample
+and, where the past is forgotten, n (n + 1)/2 a step for the prior's samples. Source: Carlson, "Fast triangular
+formulation of the square root filter", AIAA Journal 11 (1973); Potter's update (Battin 1964) keeps no triangle;
+Kaminski, Bryson, Schmidt, IEEE TAC 16 (1971).
 """
 
 from typing import Any

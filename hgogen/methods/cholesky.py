@@ -5,8 +5,9 @@
     at a valid sample, with r = R_theta/h, c = dh_j/dz:  alpha = r + c P c',  K = P c'/alpha,  P <- P - K c P  (Carlson)
 
 The same step as `continuous_discrete` but for rounding: positive definite by construction, no limit on h from the
-covariance; its numbers span half the decades, for 2n square roots. Up to 7 states. Differential equations that are no
-Riccati observer go by classical Runge-Kutta. Source: Carlson, AIAA Journal 11 (1973).
+covariance; its numbers span half the decades, for 2n square roots, and n (n + 1)/2 more where the past is forgotten
+(`kalman_like`). Up to 7 states. Differential equations that are no Riccati observer go by classical Runge-Kutta.
+Source: Carlson, AIAA Journal 11 (1973).
 """
 
 from dataclasses import dataclass

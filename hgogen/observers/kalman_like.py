@@ -58,8 +58,8 @@ THEOREM = Theorem(
         Hypothesis("S(0), R are positive definite, rho > 0", verdict=Verdict.PROVED, reason="else it is refused"),
         *OPERATION,
         Hypothesis(
-            "s < 1: the input shows more than S_0 does",
-            reason="s is at most the sum of P_ii S_0ii; watch the status COVARIANCE_LIMITED: one is above 1/2",
+            "the largest eigenvalue s of S_0 P is below 1: the input shows more than S_0 does",
+            reason="it is at most the sum of P_ii S_0ii; the status COVARIANCE_LIMITED tells that one is above 1/2",
         ),
     ),
     REFERENCE,
@@ -106,6 +106,7 @@ def kalman_like(
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else covariance, n)
+    unseen = _unseen(z.box, start)
     gains = (
         gain("rho", rate, 1e-3 * rate, 1e3 * rate, "rate at which the past is forgotten", "1/s"),
         wide("R", variances, "output noise", "y^2 s"),
@@ -118,7 +119,7 @@ def kalman_like(
         factor=np.zeros((n, 0)),
         R=sym("gain.R", outputs),
         covariance=start,
-        cap=_cap(z.box, start),
+        cap=unseen,
         limited=LIMITED,
         nominal=(np.zeros((n, n)), np.array(variances)),
         forgetting=gains[0],
@@ -134,12 +135,12 @@ def kalman_like(
         checks=(*form.checks, check),
         accepted=accept,
         theorem=THEOREM,
-        equations=EQUATIONS,
+        equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(f'{value:g}' for value in unseen)})"),
         reference=REFERENCE,
     )
 
 
-def _cap(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarray:
+def _unseen(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarray:
     """The diagonal of S_0^-1 (n): the square of the outer box's half-width, and four times P(0); without a range, 1e12
     P(0)."""
     half = np.array([(high - low) / 2 for low, high in box])
