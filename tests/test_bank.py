@@ -275,6 +275,14 @@ def test_a_member_restarts_from_the_selected_estimate_with_its_first_gain() -> N
     assert (memory["member.theta"][1:] < before["member.theta"][1:]).all()
 
 
+def test_just_after_a_restart_the_oldest_has_the_age_of_all_periods_but_one() -> None:
+    """0, T, .., (N - 1) T, by theta = 1 + 7 exp(-.1 age), which has lost 1e3 times its rounding after 1,000 samples."""
+    made = step(count=4, period=2.0, selection="newest")
+    made.run(**{name: values[:1001] for name, values in zip("uy", record()[1:], strict=True)}, engine="python")
+    ages = -np.log((made._machine.memory["member.theta"][:, 0] - 1) / 7) / 0.1
+    assert sorted(ages) == pytest.approx([0, 2, 4, 6], abs=1e-10)
+
+
 def test_the_predictors_of_a_member_restart_from_its_estimate() -> None:
     made = around("adaptive")
     made.reset()
