@@ -254,16 +254,8 @@ class Window:
             {"state.filled": count, "work.oldest": oldest, "work.first": first, "work.steps": count - 1},
         )
         load = {"work.zw": z, "work.sum": ca.SX(0)} | ({"work.uw": u} if m else {})
-        held = {0.0: sym("work.uw", m), 1.0: u} if m else {}
-
-        def between(c: float) -> Any:
-            if not m:
-                return ca.SX(0, 1)
-            if clock.between == "hold" or c == 1.0:
-                return held[1.0]
-            return held[0.0] if c == 0.0 else held[0.0] + c * (held[1.0] - held[0.0])
-
-        moved = predictor.moved(sym("work.zw", n), between, clock.dt)
+        before = sym("work.uw", m)
+        moved = predictor.moved(sym("work.zw", n), lambda c: clock.between_samples(c, before, u), clock.dt)
         error = y - predictor.dynamics.output(moved, u)
         rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
         added = _summed(self.weights, rates * (error * error))

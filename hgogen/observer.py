@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-import casadi as ca
 import numpy as np
 import sympy as sp
 
@@ -65,6 +64,11 @@ def positive(name: str, value: Any) -> float:
     return number
 
 
+def on_line(c: float, last: Any, now: Any) -> Any:
+    """What runs on the line from `last` to `now`, at the fraction c of the step; the ends as they are."""
+    return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
+
+
 @dataclass(frozen=True)
 class Clock:
     """Sampling as a part sees it: the step length, what the input does between samples, and the numbers of all places
@@ -83,22 +87,20 @@ class Clock:
 
     def u(self, c: float) -> Any:
         """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
-        if not self.inputs:
-            return ca.SX(0, 1)
-        last, now = sym("state.u", self.inputs), sym("work.u", self.inputs)
-        if self.between == "hold" or c == 1.0:
-            return now
-        return last if c == 0.0 else last + c * (now - last)
+        return self.between_samples(c, sym("state.u", self.inputs), sym("work.u", self.inputs))
+
+    def between_samples(self, c: float, last: Any, now: Any) -> Any:
+        """The input (m) at the fraction c of a step between two samples of it."""
+        return now if self.between == "hold" else on_line(c, last, now)
 
     @property
     def u_now(self) -> Any:
         """The input (m) that `predict` has just stored, for the sections after it."""
-        return sym("state.u", self.inputs) if self.inputs else ca.SX(0, 1)
+        return sym("state.u", self.inputs)
 
     def y(self, c: float) -> Any:
         """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
-        last, now = sym("work.y_last", self.outputs), sym("work.y", self.outputs)
-        return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
+        return on_line(c, sym("work.y_last", self.outputs), sym("work.y", self.outputs))
 
     @property
     def valid(self) -> Any:

@@ -22,13 +22,13 @@ INF = float("inf")
 
 
 def sym(place: str, size: int = 1) -> Any:
-    """The SX column (size) that stands for a place; the same symbols for the same arguments."""
+    """The SX column (size) that stands for a place, empty for size 0; the same symbols for the same arguments."""
     return _column(place, size)
 
 
 @cache
 def _column(place: str, size: int) -> Any:
-    return ca.vertcat(*(ca.SX.sym(f"{place}:{index}:{size}") for index in range(size)))
+    return column(ca.SX.sym(f"{place}:{index}:{size}") for index in range(size))
 
 
 def address(symbol: Any) -> tuple[str, int, int]:

@@ -131,7 +131,7 @@ def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tupl
     if strange:
         raise NoResponse(observer.name, f"its estimate reads {min(strange)}, which is not in its linear error core")
     E = numbers(ca.jacobian(observer.z, line.x), known)
-    z, u = sym("form.z", form.n), sym("form.u", len(form.system.inputs)) if form.system.inputs else ca.SX(0, 1)
+    z, u = sym("form.z", form.n), sym("form.u", len(form.system.inputs))
     back = ca.jacobian(observer.dynamics.estimate(z, u), z)
     if any(scope(address(symbol)[0]) == "form" for symbol in ca.symvar(back)):
         return E, tuple(signal.name for signal in form.states), "form"

@@ -297,8 +297,7 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state
 
 
 def _estimate(observer: Observer) -> Program:
-    inputs = observer.form.system.inputs
-    values = observer.dynamics.estimate(observer.z, sym("state.u", len(inputs)) if inputs else ca.SX(0, 1))
+    values = observer.dynamics.estimate(observer.z, sym("state.u", len(observer.form.system.inputs)))
     writes = {f"estimate.{s.name}": values[i] for i, (s, _) in enumerate(observer.form.estimates)}
     return (Block("the plant's state", writes),)
 

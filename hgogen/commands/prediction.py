@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import to_casadi
+from hgogen.observer import on_line
 from hgogen.program import column, sym
 from hgogen.runge_kutta import RK4, advance
 from hgogen.signal import Signal
@@ -89,7 +90,7 @@ def _functions(step: Step) -> tuple[Any, Any, Any]:
     u0, u1 = (ca.SX.sym(name, len(step.inputs)) for name in ("u0", "u1"))
 
     def between(c: float) -> Any:
-        return u1 if step.between == "hold" or c == 1.0 else u0 + c * (u1 - u0)
+        return u1 if step.between == "hold" else on_line(c, u0, u1)
 
     moved = advance(RK4, lambda v, c: {"z": dynamics.flow(v["z"], between(c))}, {"z": z}, step.dt).result["z"]
     plant = dict(zip(step.states, ca.vertsplit(x), strict=True))

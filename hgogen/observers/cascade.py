@@ -30,7 +30,7 @@ from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, reals, tunable
-from hgogen.program import INF, Field, sym
+from hgogen.program import INF, Field, column, sym
 from hgogen.signal import resting
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -95,8 +95,7 @@ def cascade(
         first = (v[1] + level * alpha[0] * e, level * level * alpha[1] * e)
         return {"v": ca.vertcat(*first, *(level * alpha[i] * (found[i - 1] - v[i]) for i in range(2, n)))}
 
-    inputs = len(form.system.inputs)
-    u = sym("state.u", inputs) if inputs else ca.SX(0, 1)
+    u = sym("state.u", len(form.system.inputs))
     return observer_on(
         chain,
         "cascade",
@@ -130,7 +129,7 @@ def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] 
     """The field v (n), at rest with xhat = w(0); v_i keeps to the outer box of w_(i-1), v_2 to that of w_1'."""
     w, n = chain.field(initial, float(slopes[0])), chain.n
     system = chain.form.system
-    u = ca.SX(ca.DM([resting(signal) for signal in system.inputs])) if system.inputs else ca.SX(0, 1)
+    u = column(map(resting, system.inputs))
     places = {f"plant.{field.name}": np.array(field.initial) for field in tunable(system.parameters)}
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), places).reshape(-1)
     rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]

@@ -102,7 +102,8 @@ def hamilton_jacobi(
         limited=LIMITED,
         nominal=(noise, np.array(variances)),
     )
-    curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state.z", n), _still(form)))
+    u = sym("work.u", len(form.system.inputs))
+    curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state.z", n), u))
     part = Curved(plain, sym("gain.curvature"), rate) if curved else plain
     return Observer(
         form=form,
@@ -133,10 +134,6 @@ def _rate(curvature: float) -> float:
 def _inverse(name: str, matrix: np.ndarray) -> np.ndarray:
     inverse = np.linalg.inv(matrix)
     return spd(f"the inverse of {name}", (inverse + inverse.T) / 2, len(matrix))
-
-
-def _still(form: Form) -> Any:
-    return sym("work.u", len(form.system.inputs)) if form.system.inputs else np.zeros((0, 1))
 
 
 def _inverted(n: int) -> Any:

@@ -173,7 +173,6 @@ def _least(dynamics: Dynamics, share: float) -> float:
 
 
 def _notices(dynamics: Dynamics, least: float) -> tuple[Block, ...]:
-    inputs = dynamics.form.system.inputs
-    z, u = sym("state.z", dynamics.n), sym("state.u", len(inputs)) if inputs else ca.SX(0, 1)
+    z, u = sym("state.z", dynamics.n), sym("state.u", len(dynamics.form.system.inputs))
     regular = ca.fabs(dynamics.determinant(dynamics.saturated(z), u)) > least
     return (Block("near a singular point there is no correction", {"status.SINGULAR": ca.logic_not(regular)}),)

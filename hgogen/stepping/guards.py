@@ -92,8 +92,7 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
     form = observer.form
     if form.behind is None:
         return ()
-    inputs = form.system.inputs
-    _, usable = observer.dynamics.recovered(observer.z, sym("state.u", len(inputs)) if inputs else ca.SX(0, 1))
+    _, usable = observer.dynamics.recovered(observer.z, sym("state.u", len(form.system.inputs)))
     return (Block("where the inverse is no number, states rest", {"status.SINGULAR": ca.logic_not(usable)}),)
 
 
@@ -166,8 +165,7 @@ def measure(observer: Observer, clock: Clock, j: int) -> Block:
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
     """All samples at once for a part that integrates with the measurement: y now, y at the last call, valid."""
-    u = sym("state.u", clock.inputs) if clock.inputs else ca.SX(0, 1)
-    predicted = observer.dynamics.output(observer.z, u)
+    predicted = observer.dynamics.output(observer.z, sym("state.u", clock.inputs))
     last, had = sym("state.y", clock.outputs), sym("state.y_valid", clock.outputs)
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):

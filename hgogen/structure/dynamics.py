@@ -214,9 +214,7 @@ class Dynamics:
 
     @cached_property
     def _u(self) -> Any:
-        return column(
-            sym("form.u", max(1, len(self.form.system.inputs)))[i] for i in range(len(self.form.system.inputs))
-        )
+        return sym("form.u", len(self.form.system.inputs))
 
     def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
         n = self.n
