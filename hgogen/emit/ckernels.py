@@ -144,7 +144,7 @@ static bool PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE
 static bool PREFIX_renew(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE], const REAL c[SIZE])
 {
     REAL gain[SIZE];
-    bool near = false;
+    bool limited = false;
     for (unsigned i = 0u; i < SIZE; ++i) {
         REAL alpha = ONE;
         for (unsigned k = 0u; k < SIZE; ++k) {
@@ -170,9 +170,9 @@ static bool PREFIX_renew(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SI
         for (unsigned k = 0u; k < i; ++k) {
             variance = variance + L[k].v[i]*L[k].v[i]*D[k];
         }
-        near = near || variance > caps[i]/TWO;
+        limited = limited || variance > caps[i]/TWO;
     }
-    return near;
+    return limited;
 }
 """,
     "balance": """
