@@ -10,6 +10,7 @@ from emitted import M4F, M7, files, run, step, tool
 
 import hgogen as hg
 from hgogen.emit.cprint import literal
+from hgogen.emit.native import WARNINGS
 
 NAMES = list(emitted.STEPS)
 ARM = ("-std=c99", "-O2", "-ffp-contract=off")
@@ -32,7 +33,7 @@ def test_a_float_build_calls_nothing_in_double_and_holds_no_static_data(
     name: str, machine: tuple[str, ...], tmp_path: Path
 ) -> None:
     compiler, nm, size = (tool(f"arm-none-eabi-{end}") for end in ("gcc", "nm", "size"))
-    run([compiler, *ARM, *machine, *hg.native.WARNINGS, "-c", firmware(name, tmp_path), "-o", "step.o"], tmp_path)
+    run([compiler, *ARM, *machine, *WARNINGS, "-c", firmware(name, tmp_path), "-o", "step.o"], tmp_path)
     needed = set(re.findall(r"\bU (\w+)", run([nm, "step.o"], tmp_path)))
     compiler_s = {"memset", "memcpy"}  # for arrays
     if machine is M0:  # float by helpers, none of them of double
