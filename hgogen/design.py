@@ -197,10 +197,10 @@ def slope(form: Form, gamma: float = 1.0) -> float:
     if not 1 <= real("gamma", gamma) < math.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
     found = steepness(integrators("adaptive_lmi", form), gamma)
-    if isinstance(found, Nothing) or found.high is None:
+    if isinstance(found, Nothing) or found.proof.high is None:
         raise BadGain(f"the slope of {form.system.name}", f"has no bound: {found}")
-    near = float(found.high)
-    return near if near >= found.high else math.nextafter(near, math.inf)
+    near = float(found.proof.high)
+    return near if near >= found.proof.high else math.nextafter(near, math.inf)
 
 
 def _limit(name: str, value: Any) -> float:

@@ -24,7 +24,7 @@ from hgogen.intervals.proof import Proof
 Evidence = dict[str, Any]
 Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]
 _DIGITS = 12
-_LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so that a weaker arithmetic reaches it
+LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so that a weaker arithmetic reaches it
 
 
 def evidence(form: Form, check: Check) -> Evidence | None:
@@ -198,15 +198,15 @@ def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None
 
 
 def _lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return steep(form, form.nonlinear, check.proofs[0], _LOOSE) if check.proofs else None
+    return steep(form, form.nonlinear, check.proofs[0], LOOSE) if check.proofs else None
 
 
 def _whole_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return steep(form, (*form.flow, *form.output), check.proofs[0], _LOOSE) if check.proofs else None
+    return steep(form, (*form.flow, *form.output), check.proofs[0], LOOSE) if check.proofs else None
 
 
 def _flow_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return steep(form, form.flow, check.proofs[0], _LOOSE) if check.proofs else None
+    return steep(form, form.flow, check.proofs[0], LOOSE) if check.proofs else None
 
 
 def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:

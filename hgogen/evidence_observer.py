@@ -1,13 +1,17 @@
 """The evidence of a claim about an observer: what `recheck.recheck` needs to verify it, by what was found of it."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from fractions import Fraction
 
 from hgogen.check import Check, Verdict
-from hgogen.convergence.certified import ThetaBound
+from hgogen.convergence.adaptive_gain import Adapting, Attenuating, Candidate, gain, share_given
+from hgogen.convergence.certified import Steep, ThetaBound
 from hgogen.convergence.certified_core import CoreBound
+from hgogen.convergence.dwell import Held
+from hgogen.convergence.gain_update import Weighted
 from hgogen.convergence.sector import Decay, SectorBound
-from hgogen.evidence import Evidence, enclosure, steep, text
+from hgogen.evidence import LOOSE, Evidence, enclosure, steep, text
 from hgogen.form import Form
 from hgogen.intervals.proof import Grounds
 from hgogen.structure.polytope import chains
@@ -66,6 +70,56 @@ def _sector(form: Form, found: SectorBound) -> Evidence | None:
     }
 
 
+def _held(form: Form, found: Held) -> Evidence:
+    """A lower bound of P of the claim of convergence."""
+    return {"least": str(found.least)}
+
+
+def _weighted(form: Form, found: Weighted) -> Evidence:
+    """P and b of D."""
+    peak = {} if found.peak is None else {"peak": str(found.peak)}
+    return {"P": numbers(found.P), "b": str(found.b), **peak}
+
+
+def _steep(form: Form, found: Steep | None) -> Evidence | None:
+    """A bound of dc/dw in scaled coordinates of integrators."""
+    if found is None:
+        return None
+    slope = steep(form, (*form.b, *found.scale), found.proof, LOOSE)
+    return slope and {"units": list(map(str, found.units)), "scale": [text(form, s) for s in found.scale], **slope}
+
+
+def _candidate(form: Form, found: Candidate) -> Evidence:
+    return {"P": numbers(found.P)}
+
+
+def _adapting(form: Form, proof: Adapting) -> Evidence | None:
+    """P, lambda_max(P), k and lambda."""
+    slope, found = _steep(form, proof.given.steep), proof.found
+    return slope and {"P": numbers(found.P), "peak": str(found.peak), "decay": str(found.decay), **slope}
+
+
+def _attenuating(form: Form, proof: Attenuating) -> Evidence | None:
+    """The same with the disturbance, for the k as written: s of (87), and mu."""
+    slope, found, disturbed = _steep(form, proof.given.steep), proof.found, proof.given.disturbance
+    if slope is None or disturbed is None:
+        return None
+    given = replace(proof.given, slope=Fraction(slope["bound"]))
+    share, mu = share_given(found, given), gain(found, given)
+    if share is None or mu is None:
+        return None
+    return {
+        "P": numbers(found.P),
+        "peak": str(found.peak),
+        "G_1": numbers(disturbed.plant),
+        "G_2": list(map(str, disturbed.measurement)),
+        "delta_1": str(disturbed.deltas[0]),
+        "share": str(share),
+        "mu": str(mu),
+        **slope,
+    }
+
+
 def _powers(found: Decay) -> list[str]:
     return [str(found.growth**i) for i in range(len(found.P))]
 
@@ -85,5 +139,11 @@ _MAKERS: dict[type, Callable[..., Evidence | None]] = {
     CoreBound: _core,
     Decay: _decay,
     SectorBound: _sector,
+    Held: _held,
+    Weighted: _weighted,
+    Steep: _steep,
+    Candidate: _candidate,
+    Adapting: _adapting,
+    Attenuating: _attenuating,
     type(None): _nothing,
 }

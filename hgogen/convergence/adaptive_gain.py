@@ -23,12 +23,13 @@ approaches to state reconstruction for dynamic systems" (2020), theorems 5-7.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from flint import fmpq, fmpq_mat
 
 from hgogen.algebra.definite import (
@@ -49,11 +50,12 @@ from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
-from hgogen.convergence.certified import Nothing, slope
+from hgogen.convergence.certified import Nothing, Steep, slope
 from hgogen.intervals.box import rational
 from hgogen.intervals.digits import down, up
-from hgogen.intervals.proof import Proof
+from hgogen.intervals.proof import Grounds
 from hgogen.observer import BadGain, reals
+from hgogen.structure.polytope import chains
 
 _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)
 
@@ -120,14 +122,28 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Given:
-    """What an observer gives: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on; None where no k
-    is known, for the `reason`."""
+    """What an observer gives: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, found as
+    `steep`; None where no k is known, for the `reason`."""
 
     low: Fraction
     high: Fraction
     slope: Fraction | None
     reason: str = ""
     disturbance: Disturbance | None = None
+    steep: Steep | None = None
+
+
+@dataclass(frozen=True)
+class Adapting:
+    """What shows a claim of the observer: `found` with all that is `given`."""
+
+    found: Candidate
+    given: Given
+
+
+@dataclass(frozen=True)
+class Attenuating(Adapting):
+    """The same of the L2 gain."""
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
@@ -165,12 +181,14 @@ def disturbance(given: Any, n: int) -> Disturbance:
     return Disturbance(rationals(G), tuple(map(Fraction, g.tolist())))
 
 
-def steepness(chain: Integrators, gamma: float) -> Proof | Nothing:
+def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
     """k >= |T^-1 dc/dw T| on the box for every gamma from this one on, by outward-rounded intervals; or why there is
     none."""
-    least = Fraction(gamma)
-    powers = (least ** -(i + 1) for i in range(chain.n))
-    return slope(chain.form, [rational(x) * p for x, p in zip(powers, chain.products, strict=True)])
+    units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
+    (a,) = chains(chain.form)
+    scale = tuple(rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
+    found = slope(chain.form, scale)
+    return found if isinstance(found, Nothing) else Steep(units, scale, found)
 
 
 def verified(
@@ -253,7 +271,11 @@ def checks(id: str, found: Candidate, given: Given) -> tuple[Check, ...]:
     sound = all(check.verdict is Verdict.PROVED for check in known)
     lost = "" if sound else "P proves nothing"
     lost = lost or ("" if given.slope is not None else given.reason)
-    return (*known, _above(id, found, given, lost), *([_gain(id, found, given, lost)] if given.disturbance else []))
+    whole: list[tuple[Check, Candidate | Adapting]] = [(check, found) for check in known]
+    whole += [(_above(id, found, given, lost), Adapting(found, given))]
+    whole += [(_gain(id, found, given, lost), Attenuating(found, given))] if given.disturbance else []
+    numbers = {"gamma": (given.low, given.high), "sigma": found.sigma, "gains": found.K}
+    return tuple(replace(check, proofs=(Grounds(numbers, fact),)) for check, fact in whole)
 
 
 def _above(id: str, found: Candidate, given: Given, lost: str) -> Check:
@@ -285,10 +307,15 @@ def _gain(id: str, found: Candidate, given: Given, lost: str) -> Check:
 
 def gain(found: Candidate, given: Given) -> Fraction | None:
     """A proved mu for gamma in its range, near the smallest that (87) gives; None where (70) or (87) fails."""
+    share = share_given(found, given)
+    return None if share is None else root(2 * share, bits=52) * given.high**found.n
+
+
+def share_given(found: Candidate, given: Given) -> Fraction | None:
+    """s of `share_of` with lambda of (70)."""
     if given.slope is None or given.disturbance is None:
         return None
-    share = share_of(found, (4 * given.slope * found.peak + 1) / (2 * given.low), given.disturbance)
-    return None if share is None else root(2 * share, bits=52) * given.high**found.n
+    return share_of(found, (4 * given.slope * found.peak + 1) / (2 * given.low), given.disturbance)
 
 
 def share_of(found: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:

@@ -184,6 +184,16 @@ def suggested(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Noth
     return Nothing(f"no gain up to {largest:g} was found") if K is None else tuple(map(float, K))
 
 
+@dataclass(frozen=True)
+class Steep:
+    """How |S dc/dw S^-1| was bounded on the box, S = diag(`units`) in the coordinates w of integrators; `scale` (n):
+    the same from z, of parameters."""
+
+    units: tuple[Fraction, ...]
+    scale: tuple[sp.Expr, ...]
+    proof: Proof
+
+
 class Bound(Protocol):
     """Every theta above `theta` converges, the error at the `rate` (1/s) of a theta above it."""
 

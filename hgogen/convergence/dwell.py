@@ -12,7 +12,7 @@ whatever makes the gains switch, and the error converges exponentially. Average 
 of switched systems with average dwell-time", CDC 1999.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from flint import arb
@@ -21,14 +21,27 @@ from hgogen.algebra.definite import exact, number, smallest
 from hgogen.check import Check, Verdict
 from hgogen.convergence.certified import Nothing, ThetaBound, checks
 from hgogen.intervals.digits import up
+from hgogen.intervals.proof import Grounds
+
+
+@dataclass(frozen=True)
+class Held:
+    """What shows that a time is long enough: `least` <= lambda_min(P)."""
+
+    least: Fraction
 
 
 def switching(id: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> tuple[Check, ...]:
     """`ID.convergence`, that there is a bound on a gain, `ID.theta`, that `low` is above it, and `ID.hold`, that the
     time `hold` is long enough."""
-    convergence, above = (replace(check, proofs=()) for check in checks(id, low, found, "theta_low"))
+    convergence, above = checks(id, low, found, "theta_low")
     above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
-    return convergence, above, _held(f"{id}.hold", theta, low, hold, found)
+    held = _held(f"{id}.hold", theta, low, hold, found)
+    if isinstance(found, Nothing):
+        return convergence, above, held
+    numbers = {"theta": theta, "theta_low": low, "hold": hold, **found.numbers}
+    facts = ((convergence, found), (above, None), (held, *held.proofs))
+    return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in each)) for check, *each in facts)
 
 
 def _held(id: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> Check:
@@ -37,14 +50,14 @@ def _held(id: str, theta: float, low: float, hold: float, found: ThetaBound | No
     if isinstance(found, Nothing) or not Fraction(low) > found.theta:
         return replace(unknown, reason="theta_low is not above a proved bound")
     P, peak = found.lyapunov.P, found.lyapunov.peak
-    condition = peak / smallest(exact(P))[0]
+    least_of_P = smallest(exact(P))[0]
+    condition = peak / least_of_P
     speed = (Fraction(theta) - 2 * peak * found.lipschitz) / peak
     growth = condition**2 * (Fraction(theta) / Fraction(low)) ** (2 * (len(P) - 1))
     least = arb(number(growth)).log() / arb(number(speed))
     if arb(number(Fraction(hold))) > least:
-        return replace(
-            unknown, verdict=Verdict.PROVED, reason=f"above {_up(least)} s, by outward-rounded balls", fix=""
-        )
+        reason, proofs = f"above {_up(least)} s, by outward-rounded balls", (Held(least_of_P),)
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
     reason = f"not shown: {_up(least)} s is, and is sufficient, not necessary"
     return replace(unknown, reason=reason, fix=f"Take hold > {_up(least)}, or validate by trials.")
 

@@ -7,21 +7,23 @@ and L never passes a cap above p_2 + (p_3/p_1) sup Gamma(cap): there L' < 0. Whe
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 import sympy as sp
 
-from hgogen.algebra.definite import exact, positive
+from hgogen.algebra.definite import Matrix, exact, positive, root
 from hgogen.algebra.tape import NoTape
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
+from hgogen.convergence.certified import Steep
 from hgogen.convergence.lmi import Lyapunov, lyapunov
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import box
+from hgogen.intervals.box import box, rational
 from hgogen.intervals.digits import down, up
+from hgogen.intervals.proof import Grounds, Proof
 from hgogen.observer import BadGain
 
 BOXES = 500  # sup Gamma need not be the least
@@ -48,6 +50,30 @@ def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
 
 def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
     return np.array([[(D[i] + D[j]) * P[i, j] for j in range(len(D))] for i in range(len(D))])
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """P with b of D; `peak` >= lambda_max(P) where that counts."""
+
+    P: Matrix
+    b: Fraction
+    peak: Fraction | None = None
+
+
+def checks(
+    chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
+) -> tuple[Check, ...]:
+    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n).
+
+    Raises: `BadGain` where D P + P D is not proved to be positive definite.
+    """
+    proof, spread = weighted(K, b)
+    numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
+    fall, rise = Weighted(proof.P, Fraction(b)), Weighted(proof.P, Fraction(b), proof.peak)
+    stay = stays(chain, p_1, p_2, p_3, cap)
+    each = ((falls(proof, spread, p_1), fall), (rises(proof, spread, p_3), rise), (stay, *stay.proofs))
+    return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
 
 
 def falls(proof: Lyapunov, spread: np.ndarray, p_1: float) -> Check:
@@ -80,7 +106,8 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
     unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Raise cap, or watch the status GAIN_LIMITED.")
     if form.behind is not None:
         return replace(unknown, reason="c is taken at Psi(z), which may have poles in the box of z")
-    scale = [product * sp.Rational(cap) ** -(i + 1) for i, product in enumerate(chain.products)]
+    units = tuple(Fraction(cap) ** -(i + 1) for i in range(n))
+    scale = tuple(product * rational(s) for product, s in zip(chain.products, units, strict=True))
     slopes = (scale[i] * form.b[i].diff(form.states[j]) / scale[j] for i in range(n) for j in range(n))
     around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
@@ -91,8 +118,9 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
         return replace(unknown, reason="no bound of Gamma was found")
     above = Fraction(p_1) * (Fraction(cap) - Fraction(p_2)) / Fraction(p_3)
     gamma = up(math.sqrt(max(squares.high, 0.0)) * (1 + 1e-12))
-    if above > 0 and above**2 > Fraction(squares.high):
-        return replace(
-            unknown, verdict=Verdict.PROVED, reason=f"Gamma(cap) <= {gamma}, by outward-rounded intervals", fix=""
-        )
+    most = Fraction(max(squares.high, 0.0))
+    if above > 0 and above**2 > most:
+        steep = Proof("slope", form.b, around, None, root(most), squares.variables, squares.tree, form.states)
+        reason = f"Gamma(cap) <= {gamma}, by outward-rounded intervals"
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(Steep(units, scale, steep),))
     return replace(unknown, reason=f"Gamma(cap) may be {gamma}")

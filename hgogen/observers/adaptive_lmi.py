@@ -105,9 +105,10 @@ def adaptive_lmi(
     gains = np.array([float(k) for k in found.K])
     demand_hurwitz("K", companion(gains), "take K and P of hgogen.design")
     steep = steepness(chain, low)
-    k, reason = (None, str(steep)) if isinstance(steep, Nothing) else (steep.high, "")
+    k, reason = (None, str(steep)) if isinstance(steep, Nothing) else (steep.proof.high, "")
+    shown = None if isinstance(steep, Nothing) else steep
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
-    own = checks("adaptive_lmi", found, Given(Fraction(low), Fraction(high), k, reason, disturbed))
+    own = checks("adaptive_lmi", found, Given(Fraction(low), Fraction(high), k, reason, disturbed, shown))
     demand((*form.checks, *own), accept, form)
     tunable = (
         _wide("rise", rise, "alpha, rate at which gamma rises", "1/s"),

@@ -26,7 +26,7 @@ import numpy as np
 from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
-from hgogen.convergence.gain_update import falls, rises, stays, weighted
+from hgogen.convergence.gain_update import checks
 from hgogen.convergence.lmi import STATES
 from hgogen.form import Form
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive
@@ -108,7 +108,7 @@ def updated_gain(
         raise BadGain(f"p_2 = {p_2!r}", f"must be at least 1 and below cap = {top:g}")
     if not low <= first <= top:
         raise BadGain(f"start = {start!r}", f"must be from p_2 = {low:g} to cap = {top:g}")
-    proof, spread = weighted(K, positive("b", b))
+    proved = checks(chain, K, positive("b", b), fall, low, rise, top)
     w = chain.field(initial, top)
     L = scalar("L", first, low=1.0, high=top, unit="1/s", meaning="gain, which follows the slope of the model")
     return observer_on(
@@ -124,7 +124,7 @@ def updated_gain(
         theorem=THEOREM,
         equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {first:g}, L <= {top:g}"),
         reference=REFERENCE,
-        checks=(falls(proof, spread, fall), rises(proof, spread, rise), stays(chain, fall, low, rise, top)),
+        checks=proved,
         accepted=accept,
         traces=("L",),
     )

@@ -11,9 +11,9 @@ from typing import Any
 from hgogen.recheck.algebra import Quotient
 from hgogen.recheck.box import NotShown, covered
 from hgogen.recheck.context import Context, declared_box, finite, only
-from hgogen.recheck.file import Observer, part
+from hgogen.recheck.file import Claim, Observer, part
 from hgogen.recheck.matrix import column, entries
-from hgogen.recheck.slope import steep
+from hgogen.recheck.slope import Norm, spectral, steep
 from hgogen.recheck.text import Expression, expression, number
 
 
@@ -36,11 +36,11 @@ def place_of(context: Context, chain: int, index: int) -> int:
     return sum(blocks[: chain - 1]) + index - 1
 
 
-def built(context: Context, names: Sequence[str]) -> Observer:
-    """The file's observer, one of these names, with its numbers. Raises: `NotShown`."""
-    observer = context.file.observer
-    if observer is None or observer.name not in names or not observer.numbers:
-        raise NotShown(f"the file has no {' or '.join(names)} observer with its numbers")
+def built(context: Context, claim: Claim) -> Observer:
+    """The file's observer with its numbers, which the claim's id names. Raises: `NotShown`."""
+    observer, name = context.file.observer, claim.id.partition(".")[0]
+    if observer is None or observer.name != name or not observer.numbers:
+        raise NotShown(f"the file has no {name} observer with its numbers")
     return observer
 
 
@@ -86,7 +86,9 @@ def invertible(context: Context, scale: Sequence[Expression]) -> int:
     return sum(finite(expression(f"1/({s.text})", box), box) for s in scale)
 
 
-def slope(context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression]) -> tuple[Fraction, int]:
+def slope(
+    context: Context, evidence: Mapping[str, Any], scale: Sequence[Expression], norm: Norm = spectral
+) -> tuple[Fraction, int]:
     """The claim's bound of |S db/dz S^-1| on the box, S the diagonal `scale`, and with how many boxes it is shown.
 
     Raises: `NotShown`.
@@ -96,4 +98,4 @@ def slope(context: Context, evidence: Mapping[str, Any], scale: Sequence[Express
     bound = number(evidence.get("bound"))
     if bound < 0:
         raise NotShown("its bound is negative")
-    return bound, covered(where, part(evidence, "tree", str), steep(rows, context.z, bound, scale))
+    return bound, covered(where, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))

@@ -33,7 +33,7 @@ from hgogen.recheck.matrix import (
     decaying,
     demand_positive,
     matrix,
-    plus,
+    minus,
     scalar,
     scaled,
     similar,
@@ -58,7 +58,7 @@ class Core:
 
 def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
-    observer, evidence = built(context, tuple(_CORES)), claim.evidence
+    observer, evidence = built(context, claim), claim.evidence
     scale = integrators(context, evidence)
     core = _CORES[observer.name](observer.numbers, len(context.z))
     t, size = [scale.units[i] for i in core.index], len(core.index)
@@ -81,9 +81,7 @@ def _pushed(P: Matrix, core: Core, push: Fraction, n: int) -> None:
     """push^2 I - G'P P G > 0, G (size, n) of zeros and ones."""
     G = [[Fraction(int(fed and i == at)) for i in range(n)] for at, fed in zip(core.index, core.fed, strict=True)]
     PG = times(P, G)
-    demand_positive(
-        {"push^2 I - G'P P G": plus(scaled(push**2, unit(n)), scaled(Fraction(-1), times(transposed(PG), PG)))}
-    )
+    demand_positive({"push^2 I - G'P P G": minus(scaled(push**2, unit(n)), times(transposed(PG), PG))})
 
 
 def _filtered(numbers: Numbers, n: int) -> Core:

@@ -37,8 +37,11 @@ OBSERVERS: Mapping[str, tuple[str, ...]] = {
     "peaking_free": ("theta", "gains", "last"),
     "stubborn": ("theta", "decay", "r", "gains"),
     "dead_zone": ("theta", "decay", "r", "gains"),
+    "switched_gain": ("theta", "theta_low", "hold", "gains"),
+    "updated_gain": ("p_1", "p_2", "p_3", "cap", "gains"),
+    "adaptive_lmi": ("gamma", "sigma", "gains"),
 }
-EXPRESSED = ("high_gain",)
+EXPRESSED = ("high_gain", "switched_gain")
 
 
 @dataclass(eq=False)

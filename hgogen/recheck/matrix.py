@@ -74,6 +74,11 @@ def plus(*terms: Matrix) -> Matrix:
     return [[sum(values, Fraction(0)) for values in zip(*rows, strict=True)] for rows in zip(*terms, strict=True)]
 
 
+def minus(first: Matrix, *others: Matrix) -> Matrix:
+    """The first less the others."""
+    return plus(first, *(scaled(Fraction(-1), other) for other in others))
+
+
 def times(A: Matrix, B: Matrix) -> Matrix:
     """A B."""
     columns = transposed(B)
@@ -136,4 +141,4 @@ def _nonnegative(M: Matrix, strictly: bool) -> bool:
 
 def decaying(N: Matrix, P: Matrix) -> Matrix:
     """-I - N'P - P N, which is positive definite where P shows N to decay."""
-    return scaled(Fraction(-1), plus(unit(len(N)), twice(P, N)))
+    return minus(scaled(Fraction(-1), unit(len(N))), twice(P, N))

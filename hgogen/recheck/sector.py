@@ -35,7 +35,7 @@ from hgogen.recheck.matrix import (
     demand_nonnegative,
     demand_positive,
     matrix,
-    plus,
+    minus,
     scalar,
     scaled,
     similar,
@@ -49,7 +49,7 @@ NAMES = ("stubborn", "dead_zone")
 
 def core(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     """The linear core decays behind its saturation or dead zone."""
-    observer = built(context, NAMES)
+    observer = built(context, claim)
     units = column(claim.evidence, "units", len(context.z))
     demand_positive({"form, negated,": _form(observer, units, claim.evidence)})
     return Shown("the linear error core decays, by a quadratic form")
@@ -57,16 +57,16 @@ def core(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
 
 def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
-    observer, evidence = built(context, NAMES), claim.evidence
+    observer, evidence = built(context, claim), claim.evidence
     scale, n = integrators(context, evidence), len(context.z)
     margin, peak = above_zero(evidence, "margin"), scalar(evidence, "peak")
     P = matrix(evidence, "P", n, n)
     demand_nonnegative(
         {
-            "form, negated, less its margin": plus(
-                _form(observer, scale.units, evidence), scaled(-margin, unit(n + 1))
+            "form, negated, less its margin": minus(
+                _form(observer, scale.units, evidence), scaled(margin, unit(n + 1))
             ),
-            "peak I - P": plus(scaled(peak, unit(n)), scaled(Fraction(-1), P)),
+            "peak I - P": minus(scaled(peak, unit(n)), P),
         }
     )
     _, boxes = slope(context, evidence, scale.expressions)

@@ -14,6 +14,7 @@ from hgogen.recheck.interval import Interval, intersection, intervals, point
 from hgogen.recheck.text import Expression
 
 _duals = dual(intervals)
+Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, however it lies in intervals, is within
 
 
 def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable[[Box], Try]:
@@ -38,10 +39,15 @@ def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> lis
 
 
 def steep(
-    rows: Sequence[Expression], names: Sequence[str], bound: Fraction, scale: Sequence[Expression] = ()
+    rows: Sequence[Expression],
+    names: Sequence[str],
+    bound: Fraction,
+    scale: Sequence[Expression] = (),
+    norm: Norm | None = None,
 ) -> Callable[[Box], Try]:
-    """The statement |J| <= bound in the spectral norm, J the Jacobian of `rows` in `names`; of S J S^-1 for a diagonal
-    S = `scale`."""
+    """The statement |J| <= bound in a norm, by default the spectral one, J the Jacobian of `rows` in `names`; of
+    S J S^-1 for a diagonal S = `scale`."""
+    within = norm or spectral
 
     def attempt(box: Box) -> Try:
         try:
@@ -51,7 +57,7 @@ def steep(
             return Try(False)
         if S:
             J = [[S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)]
-        if _norm(J, bound):
+        if within(J, bound):
             return Try(True)
         varying = _second(rows, names, box, scale)
         if varying is None:
@@ -65,7 +71,7 @@ def steep(
             [intersection(x, _mean_value(at.value, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
             for three in zip(J, middle, varying, strict=True)
         ]
-        return Try(_norm(found, bound), _weights([x for row in varying for x in row]))
+        return Try(within(found, bound), _weights([x for row in varying for x in row]))
 
     return attempt
 
@@ -105,15 +111,20 @@ def _weights(entries: Sequence[Dual]) -> Slopes:
     return found
 
 
-def _norm(J: list[list[Interval]], bound: Fraction) -> bool:
-    """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
-    n = len(J[0])
+def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
+    """The sum of squares is at most bound^2."""
     squares = [intervals.power(x, 2) for row in J for x in row]
     total = point(Fraction(0))
     for square in squares:
         total = total + square
-    if total.at_most(bound**2):
+    return total.at_most(bound**2)
+
+
+def spectral(J: list[list[Interval]], bound: Fraction) -> bool:
+    """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
+    if frobenius(J, bound):
         return True
+    n = len(J[0])
     M = [[-_dot([row[i] for row in J], [row[j] for row in J]) for j in range(n)] for i in range(n)]
     for i in range(n):
         square = point(Fraction(0))

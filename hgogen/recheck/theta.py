@@ -19,7 +19,7 @@ from hgogen.recheck.box import NotShown
 from hgogen.recheck.chain import built, constants, invertible, slope, wanted_gain
 from hgogen.recheck.context import RANGE, Context, Shown, enclosed, finite, on, only, short
 from hgogen.recheck.file import Claim, Observer
-from hgogen.recheck.matrix import Matrix, decaying, demand_positive, entries, matrix, plus, scalar, scaled, unit, zeros
+from hgogen.recheck.matrix import Matrix, decaying, demand_positive, entries, matrix, minus, scalar, scaled, unit, zeros
 from hgogen.recheck.text import Expression
 
 _CORNERS = 1024  # of the a_i's ranges
@@ -29,7 +29,7 @@ def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
     _ = context.equations
     evidence, n, box = claim.evidence, len(context.z), context.form.box
-    observer = built(context, ("high_gain",))
+    observer = built(context, claim)
     gains = observer.gains
     if context.form.alignment not in ("", "top", "end"):
         raise NotShown("its chains are not aligned at the top or at the end")
@@ -112,7 +112,7 @@ def _closed(a: tuple[Fraction, ...], S: list[Fraction], K: list[Fraction], heads
 
 def _decays(vertices: list[Matrix], P: Matrix, peak: Fraction) -> None:
     """P > 0, peak I - P > 0, -I - N'P - P N > 0, in exact fractions."""
-    above = plus(scaled(peak, unit(len(P))), scaled(Fraction(-1), P))
+    above = minus(scaled(peak, unit(len(P))), P)
     demand_positive({"P": P, "peak I - P": above})
     for N in vertices:
         demand_positive({"-I - N'P - P N": decaying(N, P)})

@@ -1,0 +1,230 @@
+"""What lets a gain move, verified again: the matrix inequalities of an adaptive or updated gain, the time of a switch.
+
+With N = A - K C of a chain of integrators, K the observer's `gains`, D = diag(b, .., b + n - 1), b = 1 where none is
+told, and e the error of w scaled by the powers of the gain:
+
+    adaptive_lmi   gamma'/gamma^2 >= -sigma,  P > 0,  D P + P D >= 0,  N'P + P N + sigma (D P + P D) + lambda I <= 0:
+                   e'P e decays if gamma >= gamma_inf > max(1, 2 k lambda_max(P)/lambda), k >= |T^-1 dc/dw T| at
+                   T = diag(gamma_inf, .., gamma_inf^n), and so for every larger gamma. With w' + G_1 v and y + G_2 v,
+                   mu^2 >= 2 gamma_sup^(2n) s bounds the L2 gain from v to the error of w, where
+                   N'P + P N + sigma (D P + P D) + lambda I + (delta_1 P P + delta_2 P K K'P)/s <= 0,
+                   lambda = (4 k lambda_max(P) + 1)/(2 gamma_inf), delta_1 >= 1 + |G_1|^2,
+                   delta_2 = G_2 (I + G_1'G_1) G_2'
+    updated_gain   L' = L (p_1 (p_2 - L) + p_3 Gamma), N'P + P N <= -I, D P + P D > 0:
+                   N'P + P N + p_1 (D P + P D) < 0,  p_3 (D P + P D) >= 2 lambda_max(P);  L' < 0 where L is at its
+                   cap, Gamma <= sup |T^-1 dc/dw T|, Frobenius' norm, T = diag(cap, .., cap^n)
+    switched_gain  V' <= -a(l) V, a(l) = (l - 2 p L)/p, in V = e'P e, least I <= P <= p I, for l = theta, theta_low: the
+                   time in theta makes up for both jumps of V where
+                   a(theta) hold > log((p/least)^2 (theta/theta_low)^(2n-2))
+
+Sources: Alessandri, Mathematical Problems in Engineering (2020), (54)-(62), (70), (87); Andrieu, Praly, Astolfi,
+Automatica 45 (2009); Ahrens, Khalil, Automatica 45 (2009), with the dwell time of Hespanha, Morse, CDC 1999.
+"""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from hgogen.recheck.box import NotShown
+from hgogen.recheck.chain import built, integrators, slope
+from hgogen.recheck.context import Context, Shown, on, short
+from hgogen.recheck.file import Claim, Observer
+from hgogen.recheck.interval import intervals, point
+from hgogen.recheck.matrix import (
+    Matrix,
+    above_zero,
+    column,
+    companion,
+    decaying,
+    demand_nonnegative,
+    demand_positive,
+    matrix,
+    minus,
+    plus,
+    scalar,
+    scaled,
+    times,
+    transposed,
+    twice,
+    unit,
+)
+from hgogen.recheck.slope import frobenius
+
+Row = tuple[int, ...]
+
+
+# --- adaptive_lmi
+
+
+def definite(context: Context, claim: Claim, row: Row) -> Shown:
+    """P > 0."""
+    built(context, claim)
+    demand_positive({"P": _P(context, claim)})
+    return Shown("P is positive definite")
+
+
+def shrink(context: Context, claim: Claim, row: Row) -> Shown:
+    """D P + P D >= 0."""
+    built(context, claim)
+    demand_nonnegative({"D P + P D": _spread(_P(context, claim), Fraction(1))})
+    return Shown("D P + P D is positive semidefinite")
+
+
+def decay(context: Context, claim: Claim, row: Row) -> Shown:
+    """N'P + P N + sigma (D P + P D) < 0."""
+    demand_positive({"-N'P - P N - sigma (D P + P D)": _rate(built(context, claim), _P(context, claim))})
+    return Shown("N'P + P N + sigma (D P + P D) is negative definite")
+
+
+def convergence(context: Context, claim: Claim, row: Row) -> Shown:
+    """gamma_inf is above its bound."""
+    observer, rate = built(context, claim), above_zero(claim.evidence, "decay")
+    low, _, k, peak = _bounds(context, claim)
+    P = _P(context, claim)
+    demand_nonnegative(
+        {"-N'P - P N - sigma (D P + P D) - lambda I": minus(_rate(observer, P), scaled(rate, unit(len(P))))}
+    )
+    least = max(Fraction(1), 2 * k * peak / rate)
+    if not low > least:
+        raise NotShown(f"gamma_inf = {short(low)} is not above {short(least, 1)}")
+    _, boxes = _at(context, claim, low)
+    above = f"the error converges exponentially: gamma_inf = {short(low)} is above {short(least, 1)}"
+    return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
+
+
+def attenuation(context: Context, claim: Claim, row: Row) -> Shown:
+    """The L2 gain from the claim's disturbance has the claim's bound."""
+    observer, evidence = built(context, claim), claim.evidence
+    low, high, k, peak = _bounds(context, claim)
+    P, n = _P(context, claim), len(context.z)
+    if not isinstance(evidence.get("G_2"), list) or not evidence["G_2"]:
+        raise NotShown("its G_2 is no list of numbers")
+    m, share, mu = len(evidence["G_2"]), above_zero(evidence, "share"), above_zero(evidence, "mu")
+    G, g, first = matrix(evidence, "G_1", n, m), [column(evidence, "G_2", m)], scalar(evidence, "delta_1")
+    ((second,),) = times(times(g, plus(unit(m), times(transposed(G), G))), transposed(g))
+    PK = times(P, [[k] for k in column(observer.numbers, "gains", n)])
+    load = plus(scaled(first, times(P, P)), scaled(second, times(PK, transposed(PK))))
+    rate = (4 * k * peak + 1) / (2 * low)
+    left = minus(_rate(observer, P), scaled(rate, unit(n)), scaled(1 / share, load))
+    demand_nonnegative(
+        {
+            "(delta_1 - 1) I - G_1 G_1'": minus(scaled(first - 1, unit(n)), times(G, transposed(G))),
+            "matrix of (87), negated,": left,
+        }
+    )
+    if low < 1 or mu**2 < 2 * share * high ** (2 * n):
+        raise NotShown("its mu is too small")
+    _, boxes = _at(context, claim, low)
+    return Shown(f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {short(mu, 1)}", boxes)
+
+
+def _bounds(context: Context, claim: Claim) -> tuple[Fraction, Fraction, Fraction, Fraction]:
+    """gamma_inf, gamma_sup, k as the claim tells it, a bound of lambda_max(P) of a P > 0 with D P + P D >= 0."""
+    low, high = column(built(context, claim).numbers, "gamma", 2)
+    if not 0 < low <= high:
+        raise NotShown("its gamma has no range above zero")
+    P, peak = _P(context, claim), scalar(claim.evidence, "peak")
+    demand_positive({"P": P})
+    above = minus(scaled(peak, unit(len(P))), P)
+    demand_nonnegative({"D P + P D": _spread(P, Fraction(1)), "peak I - P": above})
+    return low, high, scalar(claim.evidence, "bound"), peak
+
+
+def _at(context: Context, claim: Claim, gain: Fraction, **norm: Any) -> tuple[Fraction, int]:
+    """The claim's bound of |T^-1 dc/dw T|, T = diag(gain, gain^2, ..), and with how many boxes it is shown."""
+    scale = integrators(context, claim.evidence)
+    if scale.units != [gain ** -(i + 1) for i in range(len(context.z))]:
+        raise NotShown(f"its units are not the powers of {short(gain)}")
+    bound, boxes = slope(context, claim.evidence, scale.expressions, **norm)
+    return bound, scale.boxes + boxes
+
+
+def _rate(observer: Observer, P: Matrix) -> Matrix:
+    """-N'P - P N - sigma (D P + P D)."""
+    sigma = scalar(observer.numbers, "sigma")
+    if sigma < 0:
+        raise NotShown("its sigma is negative")
+    N = companion(column(observer.numbers, "gains", len(P)))
+    return scaled(Fraction(-1), plus(twice(P, N), scaled(sigma, _spread(P, Fraction(1)))))
+
+
+def _P(context: Context, claim: Claim) -> Matrix:
+    n = len(context.z)
+    return matrix(claim.evidence, "P", n, n)
+
+
+def _spread(P: Matrix, b: Fraction) -> Matrix:
+    """D P + P D."""
+    return [[(2 * b + i + j) * value for j, value in enumerate(row)] for i, row in enumerate(P)]
+
+
+# --- updated_gain
+
+
+def falls(context: Context, claim: Claim, row: Row) -> Shown:
+    """N'P + P N + p_1 (D P + P D) < 0."""
+    p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
+    demand_positive({"-N'P - P N - p_1 (D P + P D)": minus(scaled(Fraction(-1), twice(P, N)), scaled(p_1, spread))})
+    return Shown(f"p_1 = {short(p_1)} is small enough for its P")
+
+
+def rises(context: Context, claim: Claim, row: Row) -> Shown:
+    """p_3 (D P + P D) >= 2 lambda_max(P), of the P by which p_1 is small enough, where that is claimed."""
+    p_3, (P, _, spread) = above_zero(built(context, claim).numbers, "p_3"), _weighted(context, claim)
+    peak, n = scalar(claim.evidence, "peak"), len(P)
+    demand_nonnegative(
+        {
+            "peak I - P": minus(scaled(peak, unit(n)), P),
+            "p_3 (D P + P D) - 2 peak I": minus(scaled(p_3, spread), scaled(2 * peak, unit(n))),
+        }
+    )
+    for other in context.file.claims:
+        if (
+            other.id == "updated_gain.p_1"
+            and other.verdict == "proved"
+            and _same(other.evidence) != _same(claim.evidence)
+        ):
+            raise NotShown("its P is not that of updated_gain.p_1")
+    return Shown(f"p_3 = {short(p_3)} is large enough for its P")
+
+
+def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
+    return evidence.get("P"), evidence.get("b")
+
+
+def stays(context: Context, claim: Claim, row: Row) -> Shown:
+    """L' < 0 at the cap."""
+    numbers = built(context, claim).numbers
+    p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
+    gamma, boxes = _at(context, claim, cap, norm=frobenius)
+    if not p_1 * (p_2 - cap) + p_3 * gamma < 0:
+        raise NotShown(f"Gamma = {short(gamma, 1)} is not below p_1 (cap - p_2)/p_3")
+    return Shown(f"L' < 0 at the cap {short(cap)}, where Gamma <= {short(gamma, 1)}{on(context.form.box)}", boxes)
+
+
+def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
+    """P, N and D P + P D, with N'P + P N <= -I, P > 0, D P + P D > 0."""
+    P, b = _P(context, claim), above_zero(claim.evidence, "b")
+    N, spread = companion(column(built(context, claim).numbers, "gains", len(P))), _spread(P, b)
+    demand_positive({"P": P, "-I - N'P - P N": decaying(N, P), "D P + P D": spread})
+    return P, N, spread
+
+
+# --- switched_gain
+
+
+def held(context: Context, claim: Claim, row: Row) -> Shown:
+    """The time hold is long enough; that both gains are above the bound is another claim."""
+    numbers = built(context, claim).numbers
+    theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
+    bounds = [other for other in context.file.claims if other.id == "switched_gain.convergence"]
+    if not bounds:
+        raise NotShown("there is no bound on theta")
+    evidence, n, least = bounds[0].evidence, len(context.z), above_zero(claim.evidence, "least")
+    P, peak, L = matrix(evidence, "P", n, n), above_zero(evidence, "peak"), scalar(evidence, "bound")
+    demand_nonnegative({"P - least I": minus(P, scaled(least, unit(n)))})
+    growth = (peak / least) ** 2 * (theta / low) ** (2 * (n - 1))
+    lost = intervals.function("log", (point(growth),))
+    if not theta >= low or (point((theta - 2 * peak * L) / peak * hold) - lost).sign <= 0:
+        raise NotShown(f"hold = {short(hold)} is not shown to be long enough")
+    return Shown(f"hold = {short(hold)} s is long enough: switching keeps the error's decay")
