@@ -21,9 +21,9 @@ from hgogen.chains.core import Core, core, nominal, numbers
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
 from hgogen.observer import Clock, Observer, Ode, reals
-from hgogen.program import Block, Kernel, Program, When, address, places, scope, sym
+from hgogen.program import address, scope, sym
 from hgogen.step import Step
-from hgogen.stepping.kernels import KERNELS
+from hgogen.stepping.machine import Reading
 
 Values = Mapping[str, np.ndarray]
 
@@ -143,15 +143,17 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
     p, m, N = len(step.outputs), len(step.inputs), line.x.numel()
     linear = _linear(part)
     pieces = step.method.ode(linear, Clock(step.dt, step.between, m, p, values))
-    still = {"state.u": np.zeros(m), "work.u": np.zeros(m), "work.valid": np.ones(p)}
-    memory = _after(pieces.tune, {**values, **still})
-    ends = np.cumsum([field.size for field in linear.fields])[:-1]
+    reading = Reading((*pieces.tune, *pieces.predict))
+    reading.give({**values, "work.valid": np.ones(p)})
+    reading.action(pieces.tune)()
+    predict, ends = reading.action(pieces.predict), np.cumsum([field.size for field in linear.fields])[:-1]
 
     def moved(unit: np.ndarray) -> np.ndarray:
         x, before, now = np.split(unit, [N, N + p])
         start = {f"state.{f.name}": piece for f, piece in zip(linear.fields, np.split(x, ends), strict=True)}
-        end = _after(pieces.predict, {**memory, **start, "work.y_last": before, "work.y": now})
-        return np.concatenate([end[f"state.{field.name}"] for field in linear.fields])
+        reading.give({**start, "work.y_last": before, "work.y": now})
+        predict()
+        return np.concatenate([reading.memory[f"state.{field.name}"] for field in linear.fields])
 
     Phi, before, now = np.split(np.column_stack([moved(unit) for unit in np.eye(N + 2 * p)]), [N, N + p], axis=1)
     return Phi, before, now
@@ -170,18 +172,3 @@ def _linear(part: Ode) -> Ode:
         return {field.name: ca.SX(field.size, 1) for field in moving}
 
     return Ode(moving, nothing, lines, derived=part.derived, tune=part.tune)
-
-
-def _after(program: Program, memory: Values) -> dict[str, np.ndarray]:
-    """The numbers of places after statements that need no step around them."""
-    memory = {place: np.zeros(size) for place, size in places(program)} | dict(memory)
-    for statement in program:
-        if isinstance(statement, Block):
-            results = statement.graph.call([memory[place] for place, _ in statement.reads])
-            memory |= {place: np.array(r)[:, 0] for place, r in zip(statement.writes, results, strict=False)}
-        elif isinstance(statement, When):
-            memory = _after(statement.body if memory[statement.flag][0] else statement.otherwise, memory)
-        else:
-            assert isinstance(statement, Kernel), f"{statement} moves no differential equation"
-            KERNELS[statement.name](*(memory[place] for place, _ in statement.arguments))
-    return memory

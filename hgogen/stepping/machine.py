@@ -1,11 +1,26 @@
-"""Python's reading of a step: the same program, block by block, in double precision."""
+"""Python's reading of programs, block by block, in double precision: of a step, or of statements by themselves."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from hgogen.program import Block, Call, Copy, Field, Kernel, Loop, Program, When, lines_of, places, scope, walk
+from hgogen.program import (
+    Bit,
+    Block,
+    Call,
+    Copy,
+    Field,
+    Group,
+    Kernel,
+    Loop,
+    Program,
+    When,
+    lines_of,
+    places,
+    scope,
+    walk,
+)
 from hgogen.step import Step
 from hgogen.stepping.kernels import KERNELS
 
@@ -30,89 +45,45 @@ def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
     return run, results[: len(block.writes)]
 
 
-class Machine:
-    """The memory of a step and its programs as closures over that memory.
+class Reading:
+    """Programs as closures over one memory.
 
-    `memory` maps each place to an array: (size), (count, size) for a field of a group, (count, count, size) for one of
-    a group in a group.
+    `memory` maps each place to an array, 0 at first: (size), (count, size) for a field of a group, (count, count, size)
+    for one of a group in a group. `status`: the bits that were raised.
     """
 
     def __init__(
         self,
-        step: Step,
+        program: Program,
+        groups: Iterable[Group] = (),
+        bits: Iterable[Bit] = (),
         bind: Callable[[Block, list[np.ndarray]], Bound] = casadi_block,
         dtype: Any = np.float64,
     ) -> None:
-        self.step, self._bind, self._dtype = step, bind, dtype
+        self._bind, self._dtype = bind, dtype
         self.memory: dict[str, np.ndarray] = {}
+        self.status = 0
         self._rows: dict[str, np.ndarray] = {}  # the member that a loop is at
         self._tables: dict[str, np.ndarray] = {}  # the array that a loop runs over: in a group, that of its member
-        self._groups = {line[-1].name: line for line in lines_of(step.groups)}
-        self._bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
-        self.status = 0
-        programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
-        for place, size in sorted(places(programs), reverse=True):  # the largest size, of a name in several sections
+        self._groups = {line[-1].name: line for line in lines_of(groups)}
+        self._bits = {bit.name: 1 << k for k, bit in enumerate(bits)}
+        self._sections: dict[str, Action] = {}
+        for place, size in sorted(places(program), reverse=True):  # the largest size, of a name in several sections
             self.memory.setdefault(place, np.zeros(size, dtype))
-        for kind, fields in (
-            ("plant", step.plant),
-            ("gain", step.gains),
-            ("derived", step.derived),
-            ("state", step.state),
-        ):
-            for field in fields:
-                self.memory[f"{kind}.{field.name}"] = np.zeros(field.size, dtype)
         for name, line in self._groups.items():
             for field in line[-1].fields:
                 place, shape = f"{name}.{field.name}", (*(group.count for group in line), field.size)
                 self.memory[place] = np.zeros(shape, dtype)
                 self._tables[place] = self.memory[place] if len(line) == 1 else np.zeros(shape[1:], dtype)
                 self._rows[place] = np.zeros(field.size, dtype)
-        for kind, fields in (("plant", step.plant), ("gain", step.gains)):
-            self._fill(kind, fields)
-        self._tune = self._program(step.tuning)
-        self._sections = {section.name: self._program(section.program) for section in step.sections}
-        self._timed = {section.name: self._program(section.program) for section in step.timed}
-        self._estimate = self._program(step.estimate)
-        self.tune()
-        self.reset()
 
-    def tune(self) -> int:
-        """Limit the parameters to their ranges and compute the derived ones; returns the status."""
-        return self._run(self._tune)
+    def give(self, values: Mapping[str, Any]) -> None:
+        """Numbers to the places that the programs have."""
+        for place in values.keys() & self.memory.keys():
+            self.memory[place][:] = np.ravel(values[place])
 
-    def reset(self) -> None:
-        """The state as before the first call."""
-        self._fill("state", self.step.state)
-        for name, line in self._groups.items():
-            for field in line[-1].fields:
-                self.memory[f"{name}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
-
-    def section(self, name: str) -> int:
-        """Run one section; returns its status."""
-        return self._run((self._sections | self._timed)[name])
-
-    def call(self) -> int:
-        """All sections, then the estimate; returns the status."""
-        status = 0
-        for actions in self._sections.values():
-            status |= self._run(actions)
-        self._run(self._estimate)
-        return status
-
-    def estimate(self) -> None:
-        """Only the estimate."""
-        self._run(self._estimate)
-
-    def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
-        for field in fields:
-            self.memory[f"{kind}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
-
-    def _run(self, action: Action) -> int:
-        self.status = 0
-        action()
-        return self.status
-
-    def _program(self, program: Program) -> Action:
+    def action(self, program: Program) -> Action:
+        """The program, to be run whenever it is called."""
         makers: Mapping[type, Callable[[Any], Action]] = {
             Block: self._block,
             Loop: self._loop,
@@ -152,7 +123,7 @@ class Machine:
         return run
 
     def _loop(self, loop: Loop) -> Action:
-        body = self._program(loop.body)
+        body = self.action(loop.body)
         touched = sorted(
             {p for p, _ in places(loop.body)}
             | {s.columns for s in walk(loop.body) if isinstance(s, Kernel) and s.columns}
@@ -193,8 +164,8 @@ class Machine:
     def _when(self, when: When) -> Action:
         flag, body, otherwise = (
             self._array(when.flag),
-            self._program(when.body),
-            self._program(when.otherwise),
+            self.action(when.body),
+            self.action(when.otherwise),
         )
 
         def run() -> None:
@@ -212,3 +183,69 @@ class Machine:
                 result[0] = operation(*arguments) or 0
 
         return run
+
+
+class Machine(Reading):
+    """The memory of a step and its programs."""
+
+    def __init__(
+        self,
+        step: Step,
+        bind: Callable[[Block, list[np.ndarray]], Bound] = casadi_block,
+        dtype: Any = np.float64,
+    ) -> None:
+        programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
+        super().__init__(programs, step.groups, step.bits, bind, dtype)
+        self.step = step
+        for kind, fields in (
+            ("plant", step.plant),
+            ("gain", step.gains),
+            ("derived", step.derived),
+            ("state", step.state),
+        ):
+            for field in fields:
+                self.memory[f"{kind}.{field.name}"] = np.zeros(field.size, dtype)
+        for kind, fields in (("plant", step.plant), ("gain", step.gains)):
+            self._fill(kind, fields)
+        self._tune = self.action(step.tuning)
+        self._sections |= {section.name: self.action(section.program) for section in step.sections}
+        self._timed = {section.name: self.action(section.program) for section in step.timed}
+        self._estimate = self.action(step.estimate)
+        self.tune()
+        self.reset()
+
+    def tune(self) -> int:
+        """Limit the parameters to their ranges and compute the derived ones; returns the status."""
+        return self._run(self._tune)
+
+    def reset(self) -> None:
+        """The state as before the first call."""
+        self._fill("state", self.step.state)
+        for name, line in self._groups.items():
+            for field in line[-1].fields:
+                self.memory[f"{name}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+
+    def section(self, name: str) -> int:
+        """Run one section; returns its status."""
+        return self._run((self._sections | self._timed)[name])
+
+    def call(self) -> int:
+        """All sections, then the estimate; returns the status."""
+        status = 0
+        for actions in self._sections.values():
+            status |= self._run(actions)
+        self._run(self._estimate)
+        return status
+
+    def estimate(self) -> None:
+        """Only the estimate."""
+        self._run(self._estimate)
+
+    def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
+        for field in fields:
+            self.memory[f"{kind}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+
+    def _run(self, action: Action) -> int:
+        self.status = 0
+        action()
+        return self.status
