@@ -215,15 +215,17 @@ class Observer:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
 
 
-def founded(name: str, form: Any, accept: Iterable[str]) -> tuple[str, ...]:
+def founded(name: str, form: Any, accept: Iterable[str], *, own: bool = False) -> tuple[str, ...]:
     """The ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not accepted.
+
+    `own`: whether checks of the observer, NAME..., can be refuted too; their ids are left to its own demand.
 
     Raises: `BadGain`, `Refuted`, `UnknownCheck`.
     """
     if not isinstance(form, Form):
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    demand(form.checks, accept, form)
+    demand(form.checks, [id for id in accept if not (own and id.startswith(f"{name}."))], form)
     return accept
 
 

@@ -96,8 +96,7 @@ def adaptive_lmi(
 
     Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
     """
-    accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    founded("adaptive_lmi", form, [id for id in accept if not id.startswith("adaptive_lmi.")])
+    accept = founded("adaptive_lmi", form, accept, own=True)
     chain, (low, high) = integrators("adaptive_lmi", form), _range(gamma)
     found = candidate(K, P, sigma, chain.n)
     if not found.sigma:

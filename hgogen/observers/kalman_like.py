@@ -97,8 +97,7 @@ def kalman_like(
     """
     if isinstance(form, Form) and form.kind != "state_affine":
         raise BadGain("kalman_like", f"takes forms.state_affine(plant), not a form of kind {form.kind}")
-    accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    founded("kalman_like", form, [id for id in accept if id != PERSISTENCE])
+    accept = founded("kalman_like", form, accept, own=True)
     check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)
     (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)
