@@ -51,6 +51,7 @@ tuning = {
     "peaking_free": {"theta": 20, "initial": START},
     "cascade": {"theta": 40, "initial": START},
     "riccati": {"Q": (1e-6, 1e-3, 10), "R": 1e-9, "covariance": (1, 1000, 10), "initial": START},
+    "bank": {"member": "decaying", "count": 3, "period": 0.5},
     "hamilton_jacobi": {"Q": (1e6, 1e3, 0.1), "R": 1e9, "P0": (1, 1e-3, 0.1), "initial": START},
     "high_gain": {"theta": 20, "poles": (-1, -1, -1), "initial": START},
     "low_power": {"theta": 10, "initial": START},
@@ -76,6 +77,7 @@ tuning = {
         "initial": START,
     },
 }
+tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(8.0, 2.0)}
 
 
 def step() -> hg.Step:

@@ -60,6 +60,7 @@ tuning = {
             innovation=hg.innovation.staggered(0.02, predictors=4, weights=(1e8, 1e3)),
         ),
     },
+    "bank": {"dt": 1e-3, "member": "decaying", "count": 3, "period": 0.2},
     "hamilton_jacobi": {  # its weights are the inverses of riccati's noises
         "form": {"kind": "block_triangular", "align": "end"},
         "dt": 1e-3,
@@ -68,6 +69,7 @@ tuning = {
         "P0": (1.0, 1.0, 0.01, 100.0),
     },
 }
+tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(3.0, rate=5.0)}
 
 
 def step() -> hg.Step:

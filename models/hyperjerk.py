@@ -57,6 +57,7 @@ tuning = {
     "cascade": {"theta": 5},  # practical: the last row, which it does not know, is large here
     # a tone is no white noise: R stands for its power over the filter's bandwidth
     "riccati": {"Q": (0.4, 0.6, 1, 6), "R": 1e-3, "covariance": (9, 20, 40, 100)},
+    "bank": {"member": "decaying", "count": 3, "period": 5.0},
     "hamilton_jacobi": {"Q": (2.5, 1.7, 1, 0.17), "R": 1e3, "P0": (0.11, 0.05, 0.025, 0.01)},
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},
@@ -76,6 +77,7 @@ tuning = {
         "model": True,
     },
 }
+tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(3.0, 0.2)}
 
 
 def step() -> hg.Step:

@@ -64,6 +64,7 @@ tuning = {
         "R": (4e-8, 4e-8),
         "covariance": (1, 1, 0.01, 0.01, 1e4),
     },
+    "bank": {"dt": 1e-4, "member": "riccati", "count": 3, "period": 0.2},  # a member that restarts has P(0) again
     "hamilton_jacobi": {
         "form": form,
         "dt": 1e-4,
