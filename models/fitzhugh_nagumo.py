@@ -49,6 +49,8 @@ tuning = {
         "inputs": {"u": sp.sin(t)},
         "period": 2 * sp.pi,
     },
+    # weights, not noises; theta is 1, which asks nothing of a_2: the plant's own coordinates do
+    "hamilton_jacobi": {"form": "original", "Q": (10.0, 100.0, 30.0), "R": 125.0},
 }
 tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(8.0, 0.1)}
 tuning["bank"] = {"member": "decaying", "count": 5, "period": 10.0}

@@ -46,7 +46,9 @@ tuning = {
         "R": 100,
         "P0": (100, 100),
         "curvature": 5,
-    }
+    },
+    "riccati": {"form": "original", "dt": 0.01, "Q": (1e-4, 1e-4), "R": (1e-6, 1e-6)},
+    "bank": {"dt": 0.01, "member": "riccati", "count": 3, "period": 1.0},  # a member that restarts has P(0) again
 }
 
 
