@@ -55,10 +55,26 @@ tuning: dict[str, dict[str, Any]] = {
     "updated_gain": {**PHASE, "p_1": 0.15, "p_2": 1, "p_3": 0.05, "cap": 5, "gains": (1, 0.25)},
     "stubborn": {**PHASE, "theta": 1, "decay": 0.1, "r": 3, "gains": (1, 0.25)},
     "dead_zone": {**PHASE, "theta": 1, "decay": 0.2, "r": 0.06, "gains": (1, 0.25)},
+    "low_power": {**PHASE, "theta": 1},
+    "peaking_free": {**PHASE, "theta": 1},
+    "cascade": {**PHASE, "theta": 2},
+    "filtered": {**PHASE, "theta": 2, "alpha": 3, "beta": 1, "poles": (-1, -1)},
+    "filtered_injection": {**PHASE, "theta": 2, "F": ((-3, 0), (1, -3)), "G": (1, 0), "H": ((2, 0), (0, 1))},
+    "adaptive_lmi": {
+        **PHASE,
+        "gamma": (1, 4),
+        "K": (2, 1),
+        "P": ((10.4, -13.15), (-13.15, 32.76)),
+        "sigma": 0.1,
+        "rise": 5,
+        "threshold": 0.02,
+    },
     "high_gain": {"form": {"kind": "phase", "original": True}, "method": "rk4", "theta": 1, "poles": (-0.5, -0.5)},
     "riccati": {"form": "uniform", "Q": (1e-6, 1e-6), "R": 2.5e-7, "covariance": (0.1, 0.1)},
+    "bank": {"member": "decaying", "count": 3, "period": 10.0},
     "hamilton_jacobi": {"form": "uniform", "Q": (1e6, 1e6), "R": 4e6, "P0": (10, 10)},
 }
+tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(3.0, 0.1)}
 
 
 def step() -> hg.Step:
