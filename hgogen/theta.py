@@ -19,6 +19,7 @@ from typing import Any, Protocol, runtime_checkable
 import casadi as ca
 
 from hgogen.innovation import Innovation
+from hgogen.kalman.decay import error_bound as error_bound
 from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
 from hgogen.kalman.riccati import HighGain
 from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain, real
@@ -311,7 +312,8 @@ def decaying(theta_0: float, rate: float, *, scaled: Scaled = "process") -> Deca
     """theta decays from theta_0 >= 1 to 1 at `rate` > 0 (1/s).
 
     `scaled`: what theta scales, "process" noise alone, Q_theta = theta^2 Delta^-1 Q Delta^-1, as the slides' theorem
-    asks, or "both", Q_theta = theta Delta^-1 Q Delta^-1 and R_theta = R/theta, as with any other theta.
+    asks, or "both", Q_theta = theta Delta^-1 Q Delta^-1 and R_theta = R/theta, as with any other theta. `error_bound`
+    is the theorem's, for constants of which it says only that they exist.
 
     Raises: `BadGain`.
     """

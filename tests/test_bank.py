@@ -18,8 +18,8 @@ from oracle import fitzhugh_nagumo as trial
 from plants import MODELS, chain, model, pendulum, two_outputs
 
 import hgogen as hg
-from hgogen.convergence.decay import error_bound, log_growth
 from hgogen.emit.native import run_check
+from hgogen.kalman.decay import log_growth
 from hgogen.model import load
 from hgogen.observer import BadGain
 from hgogen.program import Block, Loop, address, walk
@@ -402,7 +402,7 @@ def test_the_bound_is_the_slides() -> None:
     for t in (0.0, 0.5, 3.0, 20.0):
         growth = 3.0 ** (4 + 0.2 / 0.1) * np.exp(-0.2 / 0.1 * 3.0 * (1 - np.exp(-0.1 * t)))
         assert np.exp(log_growth(3.0, t, 0.1, n=3, a=0.2)) == pytest.approx(growth, rel=1e-13)
-        assert error_bound(3.0, t, 0.1, n=3, a=0.2, R=2.0, initial=5.0) ** 2 == pytest.approx(
+        assert hg.theta.error_bound(3.0, t, 0.1, n=3, a=0.2, R=2.0, initial=5.0) ** 2 == pytest.approx(
             2 * np.exp(-0.2 * t) * growth * 25, rel=1e-13
         )
 
@@ -416,7 +416,7 @@ def test_the_bound_falls_as_fast_as_theta_is_large(theta_0: float, t: float, rat
 
 
 def test_the_bound_is_infinite_rather_than_wrong_and_grows_without_limit_as_the_rate_falls() -> None:
-    assert error_bound(8.0, 0.0, 1e-4, n=3, a=1.0, R=1.0) == np.inf
+    assert hg.theta.error_bound(8.0, 0.0, 1e-4, n=3, a=1.0, R=1.0) == np.inf
     assert log_growth(8.0, 1.0, 1e-6, n=3, a=1.0) > 1e6
 
 
@@ -434,4 +434,4 @@ def test_the_bound_is_infinite_rather_than_wrong_and_grows_without_limit_as_the_
 )
 def test_bad_constants(change: dict[str, float], said: str) -> None:
     with pytest.raises(BadGain, match=f"^{said}"):
-        error_bound(**{"theta_0": 8.0, "t": 1.0, "rate": 0.1, "n": 3, "a": 1.0, "R": 1.0, **change})
+        hg.theta.error_bound(**{"theta_0": 8.0, "t": 1.0, "rate": 0.1, "n": 3, "a": 1.0, "R": 1.0, **change})
