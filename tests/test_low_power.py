@@ -288,6 +288,22 @@ def test_only_a_saturated_observer_wants_positive_gains() -> None:
             build("peaking_free", last=last)
 
 
+@pytest.mark.parametrize(("kind", "more"), [("low_power", {}), ("high_gain", {"poles": (-1, -1)})])
+def test_a_form_whose_gain_is_zero_as_declared_is_met_at_the_door(kind: str, more: dict[str, Any]) -> None:
+    """The observer would divide by it; by one that is 0 elsewhere in its range only, who accepts that may."""
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1)
+
+    def observer(nominal: float) -> hg.Observer:
+        p = hg.Signal("p", nominal=nominal, low=-1, high=1)
+        data = {"states": (x1, x2), "outputs": (hg.Signal("y"),), "parameters": (p,)}
+        form = hg.forms.triangular(hg.System("still", **data, flow=[p * x2, -x2], output=[x1]))
+        return getattr(hg.observers, kind)(form, theta=2, accept=("triangular.a_2",), **more)
+
+    with pytest.raises(BadGain, match=r"^a_2 = p is 0 at the nominal parameters, and the observer divides by it"):
+        observer(0.0)
+    assert observer(0.5).name == kind
+
+
 @pytest.mark.parametrize("kind", ["low_power", "peaking_free"])
 def test_forms_it_does_not_take(kind: str) -> None:
     observer = getattr(hg.observers, kind)

@@ -20,7 +20,7 @@ from hgogen.check import Check
 from hgogen.form import Form
 from hgogen.graph import to_casadi
 from hgogen.observer import BadGain, Observer, Part, state_field
-from hgogen.program import INF, Field, sym
+from hgogen.program import Field, sym
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Theorem
@@ -100,8 +100,8 @@ class Integrators:
             z,
             name="w",
             initial=tuple(map(float, scale * z.initial)),
-            low=tuple(map(float, np.nan_to_num(ends.min(axis=0), nan=-INF, neginf=-INF))),
-            high=tuple(map(float, np.nan_to_num(ends.max(axis=0), nan=INF, posinf=INF))),
+            low=tuple(map(float, ends.min(axis=0))),
+            high=tuple(map(float, ends.max(axis=0))),
             labels=tuple(names),
             meaning="estimate, in chains of integrators",
         )
@@ -163,7 +163,7 @@ def rows(field: Field, name: str, wanted: Iterable[int], meaning: str) -> Field:
 
 
 def integrators(observer: str, form: Form, *, several: bool = False) -> Integrators:
-    """The form as chains of integrators, for the observer of that name.
+    """The form as chains of integrators, for the observer of that name; no a_i is 0 at the nominal parameters.
 
     Raises: `BadGain` for a form that is none, or has `several` outputs where the observer takes one.
     """
@@ -187,7 +187,16 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
             if a.free_symbols - {*form.system.parameters}:
                 what = "input" if a.free_symbols & {*form.system.inputs} else "state"
                 raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
+            demand_divisor(name, a, form)
     return Integrators(form, gains)
+
+
+def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
+    """That an observer can divide by an a_i of parameters. Raises: `BadGain`."""
+    value = a.subs(form.system.nominal)
+    if not (value.is_extended_real and value.is_finite and float(value)):
+        reason = f"is {value} at the nominal parameters, and the observer divides by it; choose others, or use riccati"
+        raise BadGain(f"{name} = {a}", reason)
 
 
 def no_chain(form: Form) -> str:

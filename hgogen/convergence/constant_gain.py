@@ -20,7 +20,7 @@ import sympy as sp
 from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.injection import companion
-from hgogen.chains.integrators import no_chain
+from hgogen.chains.integrators import demand_divisor, no_chain
 from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles
 from hgogen.convergence.lmi import NoSolver
 from hgogen.form import Form
@@ -92,6 +92,7 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
                 raise BadGain(
                     f"{name} = {a}", "depends on the input, poles want it constant; give gains, or use riccati"
                 )
+            demand_divisor(name, a, form)
     sizes = tuple(map(len, each))
     p = [x for given, n in zip(_split("poles", poles, sizes), sizes, strict=True) for x in _polynomial(given, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
