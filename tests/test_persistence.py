@@ -28,3 +28,11 @@ def test_a_period_that_is_rounded_is_told_how_to_be_written(period: Any) -> None
 @pytest.mark.parametrize("period", ["2*pi", 2 * sp.pi])
 def test_as_it_is_told_it_is_proved(period: Any) -> None:
     assert persistent("p", turned(), {"u": sp.sin(t)}, period).verdict is Verdict.PROVED
+
+
+def test_the_times_asked_are_shares_of_a_period_however_short() -> None:
+    """At t = 0, to which three decimals of a second would round them, sin shows nothing."""
+    check = persistent("p", turned(), {"u": "sin(20000*pi*t)"}, "1/10000")
+    assert check.verdict is Verdict.PROVED
+    assert "at t = 1.43e-05," in check.reason
+    assert persistent("p", turned(), {"u": "sin(20000*pi*t)"}, "1/9999").verdict is Verdict.UNKNOWN

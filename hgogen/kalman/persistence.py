@@ -74,15 +74,16 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
     length, rough = _expression("period", period), (*JUMPS, *KINKS)
     if not (length.is_positive and length.is_finite) or A.has(*rough) or C.has(*rough):
         return answer(Verdict.UNKNOWN, "the period is no positive number, or A(t), C(t) have kinks or jumps")
-    if not all(is_zero(e.xreplace({t: t + length}) - e) for e in given.values()):
+    later = (sp.expand_mul(e.xreplace({t: t + length})) for e in given.values())  # 20*pi*(t + 1/10) keeps its brackets
+    if not all(is_zero(e - now) for e, now in zip(later, given.values(), strict=True)):
         return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", _EXACTLY)
     doubt = _unbounded(form, given, length)
     if doubt:
         return answer(Verdict.UNKNOWN, doubt)
+    A, C = (matrix.xreplace({t: length * t}) for matrix in (A, C))  # in periods, however short they are
     for share in _SHARES:
-        when = sp.Rational(str(round(float(share * length), 3)))
-        if _inside(form, given, when) and _full(form, A, C, when):
-            reason = f"rank {form.n} of C, C A + C', .. at t = {float(when):g}, and so in every period"
+        if _inside(form, given, share * length) and _full(form, A, C, share, 1 / length):
+            reason = f"rank {form.n} of C, C A + C', .. at t = {float(share * length):.3g}, and so in every period"
             return answer(Verdict.PROVED, reason)
     reason = f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times with the input inside its range"
     return answer(Verdict.UNKNOWN, reason)
@@ -162,18 +163,18 @@ def _within(value: sp.Expr, low: Any, high: Any) -> bool:
     return bool(low < found.low and found.high < high)
 
 
-def _inside(form: Form, given: Mapping[str, sp.Expr], when: sp.Rational) -> bool:
+def _inside(form: Form, given: Mapping[str, sp.Expr], when: sp.Expr) -> bool:
     """Whether each input that the observer clamps is strictly inside its range at that time, and so around it."""
     found = {u: bound(given[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
     ranges = box(found)
     return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in found.items())
 
 
-def _rows(A: sp.Matrix, C: sp.Matrix, count: int) -> sp.Matrix:
-    """N_0 = C, N_(k+1) = N_k A + N_k', one below the other."""
+def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> sp.Matrix:
+    """N_0 = C, N_(k+1) = N_k A + N_k', one below the other, of matrices of `rate` times the time (s)."""
     rows = [C]
     for _ in range(count - 1):
-        rows.append(rows[-1] * A + rows[-1].diff(t))
+        rows.append(rows[-1] * A + rate * rows[-1].diff(t))
     return sp.Matrix.vstack(*rows)
 
 
@@ -184,11 +185,11 @@ def _size(rows: sp.Matrix) -> sp.Expr:
     return determinant((rows.T * rows).tolist()).value
 
 
-def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational) -> bool:
-    """Whether the rows have rank n at that time, for all parameter values: proved."""
+def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Expr = sp.S.One) -> bool:
+    """Whether the rows of matrices of `rate` times the time (s) have rank n there, for all parameter values: proved."""
     around = box(form.system.parameters, form.system.nominal) | {t: (when, when)}
     try:
-        return nonzero(_size(_rows(A, C, form.n)), around).verdict is Verdict.PROVED
+        return nonzero(_size(_rows(A, C, form.n, rate)), around).verdict is Verdict.PROVED
     except NoTape:
         return False
 
