@@ -367,7 +367,7 @@ def started(*initial: float) -> hg.Step:
 
 
 def test_an_input_that_hides_is_said_and_survived() -> None:
-    """u = 0 for 60 time constants of the forgetting: P is at its cap, the estimate finite; then it comes back."""
+    """u = 0 for 60 time constants of the forgetting: P is near S_0^-1, the estimate finite; then it comes back."""
     truth = noiseless()
     step = hg.sample(kalman_like(), dt=0.01)
     quiet = step.run(u=np.zeros(6000), y=np.zeros(6000), engine="python")

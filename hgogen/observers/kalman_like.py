@@ -5,19 +5,22 @@
 
 (e' S e)' = -rho (e' S e - e' S_0 e) - |C e|^2/R whatever the plant does: e' S e decays like exp(-rho (1 - s) t), s the
 largest eigenvalue of S_0 P. S is what the samples show plus what S_0 leaves, for its equation is linear. Where the
-input is regularly persistent the first stays above a multiple a of the unit matrix, s below |S_0|/a, and |e| decays
-like exp(-rho (1 - s) t/2) from any initial state. No gain needs to be large, and no a_i needs to keep off zero.
+input is regularly persistent the first stays above a multiple a of the unit matrix, s below |S_0|/a, and if that is
+below 1, |e| decays like exp(-rho (1 - s) t/2) from any initial state. No gain needs to be large, and no a_i needs to
+keep off zero.
 
 The source has S_0 = 0, with which P grows like exp(rho t) where the input or a silence hides a state. Here S_0 is the
 inverse of the squares of the outer box's half-widths, far below S where the input shows the state: a sample of every
-state, equal to the estimate, that tells rho S_0 a second. Unseen, S_0^1/2 P S_0^1/2 stays below 1 + 2 mu/rho, mu the
+state, equal to the estimate, that tells rho S_0 a second. Unseen, S_0^1/2 P S_0^1/2 ends below 1 + 2 mu/rho, mu the
 largest logarithmic norm of S_0^1/2 A S_0^-1/2, and keeps the correlation that A gives it.
 
 What the plant itself contracts faster than exp(-rho t/2) leaves P, seen or not: after a jump of the plant the error in
-it goes at the plant's own rate, unless rho is larger. The measurement enters A and b as it is, with its noise. Source:
-H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G. Besancon,
-G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection; M. Salgado, G. Goodwin, R.
-Middleton, International Journal of Control 47 (1988), for the term in S_0 (delta P^2 there).
+it goes at the plant's own rate, and what it did to other states is forgotten like exp(-rho t/2). A rho above twice the
+rate of every such mode keeps them all. The measurement enters A and b as it is, with its noise.
+
+Source: H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G.
+Besancon, G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection; M. Salgado, G.
+Goodwin, R. Middleton, International Journal of Control 47 (1988), for the term in S_0 (delta P^2 there).
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -11,7 +11,7 @@ the diagonal being 1.
     add            L, D of L D L' + diag(w), by n rank-one updates (Gill, Golub, Murray, Saunders 1974, method C1)
     correct        L, D after a scalar measurement with row c and variance r, and its gain (Bierman)
     cap            rows of L scaled where a variance exceeds its cap, a congruence
-    renew          L, D with the information diag(c)^2 added, c > 0, by n such measurements of one state each
+    renew          L, D with the information diag(c)^2 added, by a measurement of each state (Bierman)
 
 On a matrix X (n, n) by rows, in one array:
 
