@@ -144,7 +144,10 @@ class Dynamics:
 
         Where it is none, as at 0/0, a state takes its resting value.
         """
-        raw = self._saturating(self.form.from_form, z, u)
+        return self._ranged(self._saturating(self.form.from_form, z, u))
+
+    def _ranged(self, raw: Any) -> tuple[Any, Any]:
+        """Values of the states of the form's system, each in its range or, where one is no number, at rest."""
         usable = reduce(ca.logic_and, (ca.fabs(raw[i]) <= HUGE for i in range(raw.numel())))
         values = (
             clamp(ca.if_else(usable, raw[i], resting(s)), *s.interval) for i, s in enumerate(self.form.system.states)
@@ -217,10 +220,12 @@ class Dynamics:
         return sym("form.u", len(self.form.system.inputs))
 
     def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
+        """A and b at z, which its callers have clamped."""
         n = self.n
         linear = ca.sparsify(ca.reshape(column(self._convert(list(self.form.A.T), z, u)), n, n))
         if self.form.behind is not None:
-            return linear, column(self._of_plant(self.form.behind, z, u))
+            states, _ = self._ranged(column(self._convert(self.form.from_form, z, u)))
+            return linear, column(self._convert(self.form.behind, states, u, self.form.system.states))
         return linear, column(self._convert(self.form.b, z, u))
 
     @property
