@@ -8,9 +8,12 @@ by nothing: its scale is fixed by k1 = k2, equal cross-sections, and known to a 
 of the upper tank is not in the model; while it lasts the estimated upper level is too high.
 """
 
+from typing import Any
+
 import sympy as sp
 
 import hgogen as hg
+from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t
 
 x1 = hg.Signal("x1", "", "upper level", 3.0713, low=0.2704, high=10)
 x2 = hg.Signal("x2", "", "lower level", 5.0, low=0.25, high=11)
@@ -51,10 +54,66 @@ gains = {
         innovation=hg.innovation.staggered(32.0, predictors=4),
     ),
 }
-tuning = {"riccati": {"form": form, "dt": 4.0, **gains}}
+# Poles at 20 s, since a theta is at least 1; K, P, sigma of adaptive_lmi are the pendulum's with time slowed as much.
+EVERY: dict[str, Any] = {"form": form, "dt": 1.0}
+SLOW = {"poles": (-0.05, -0.05)}
+tuning: dict[str, dict[str, Any]] = {
+    "riccati": {"form": form, "dt": 4.0, **gains},
+    "decaying": {"kind": "riccati", "form": form, "dt": 4.0, **gains, "theta": hg.theta.decaying(2.0, 0.02)},
+    "bank": {"member": "decaying", "count": 3, "period": 80.0, "dt": 4.0},
+    "hamilton_jacobi": {"form": form, "dt": 4.0, "Q": (1e4, 700.0), "R": 600.0, "P0": (4.0, 4.0)},
+    "high_gain": {**EVERY, **SLOW, "theta": 2},
+    "low_power": {**EVERY, **SLOW, "theta": 2},
+    "peaking_free": {**EVERY, **SLOW, "theta": 2, "last": 0.05},
+    "cascade": {**EVERY, **SLOW, "theta": 4},
+    "filtered": {**EVERY, **SLOW, "theta": 4, "alpha": 0.15, "beta": 0.05},
+    "filtered_injection": {
+        **EVERY,
+        "theta": 4,
+        "F": ((-0.15, 0), (0.05, -0.15)),
+        "G": (0.05, 0),
+        "H": ((0.1, 0), (0, 0.0025)),
+    },
+    "switched_gain": {**EVERY, **SLOW, "theta": 4, "theta_low": 1, "threshold": 0.1, "hold": 20},
+    "updated_gain": {**EVERY, **SLOW, "p_1": 0.02, "p_2": 2, "p_3": 0.02, "cap": 8},
+    "stubborn": {**EVERY, **SLOW, "theta": 2, "decay": 0.05, "r": 0.3},
+    "dead_zone": {**EVERY, **SLOW, "theta": 2, "decay": 0.1, "r": 0.03},
+    "lambda_tracking": {
+        **EVERY,
+        **SLOW,
+        "k_0": 2,
+        "k_max": 8,
+        "gamma": 0.1,
+        "strip": 0.08,
+        "reach": 2,
+        "model": True,
+    },
+    "adaptive_lmi": {
+        **EVERY,
+        "gamma": (1.5, 6),
+        "K": (0.1, 0.0025),
+        "P": ((10.4, -263), (-263, 13104)),
+        "sigma": 0.005,
+        "rise": 1,
+        "threshold": 0.1,
+    },
+}
 
 
 def step(**changes: object) -> hg.Step:
     """The observer at the sampling period of the benchmark, 4 s; `changes` replace gains."""
     observer = hg.observers.riccati(form(plant), **{**gains, **changes})
     return hg.sample(observer, hg.methods.continuous_discrete, dt=4.0)
+
+
+def trial() -> Trial:
+    """A slow swing of the pump without overflow; the noise is the one that R = sigma^2 dt stands for."""
+    return Trial(
+        "swing",
+        800,
+        start={"x1": 4, "x2": 3},
+        inputs={"u": 3 + sp.sin(t / 40)},
+        noise={"y": OrnsteinUhlenbeck(sigma=0.02)},
+        settled=Settled("x1", band=0.3, hold=40),
+        seeds=tuple(range(4)),
+    )
