@@ -21,7 +21,8 @@ the spectral norm, "tree"; of a refutation: "expression", "witness", and "other"
 form: "chain" (y, y', ..) in the plant's states; of the convergence of a high_gain observer: "scale" S, "core" N = S (A
 - gains C) S^-1, or "ranges", the enclosures of the a_i, at whose ends N is taken, "P" with N'P + P N <= -I, "peak" >=
 lambda_max(P), and the Lipschitz bound of b in the coordinates S z. Of other observers: "units" s_i, "scale" s_i a_1 ..
-a_i, and what their modules say. A tree is a bisection in prefix order: a name cuts its side of the box at the midpoint
+a_i, and what their modules say. Of inequality (38): the error "system" with V and mu, and on which "share" of the box
+of errors its second order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on the faces. A tree is a bisection in prefix order: a name cuts its side of the box at the midpoint
 (an unbounded side at 0, beyond 0 at twice its end and one), a dot is a leaf.
 
 A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen recheck`; what has no such evidence is
@@ -41,6 +42,7 @@ from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence import end, text
 from hgogen.evidence import evidence as of_form
+from hgogen.evidence_error import evidence as of_error
 from hgogen.evidence_observer import evidence as of_observer
 from hgogen.form import Form
 from hgogen.intervals.box import box
@@ -187,6 +189,7 @@ def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | N
 def _claim(form: Form, check: Check) -> dict[str, Any]:
     found = of_form(form, check)
     found = of_observer(form, check) if found is None else found
+    found = of_error(check) if found is None else found
     if found is None:
         open_ = check.verdict not in (Verdict.PROVED, Verdict.REFUTED)
         verdict, prefix = (str(check.verdict), "") if open_ else ("stated", f"{check.verdict}: ")

@@ -16,7 +16,7 @@ reconstruction for dynamic systems", Mathematical Problems in Engineering (2020)
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -36,6 +36,20 @@ from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
 
 LIMIT = 4000
 _SHARP = 1e-2  # of V's range on a face
+
+
+@dataclass(frozen=True)
+class Dissipates:
+    """What a claim of (38) is about, and what was found of it: the `answer`, of the `left` side or of V, or `floor`,
+    below which {V <= c} keeps off the faces of the box `within` of the errors."""
+
+    system: ErrorSystem
+    V: sp.Expr
+    mu: sp.Rational
+    within: Box = field(hash=False)
+    answer: Answer | None = field(default=None, hash=False)
+    left: sp.Expr | None = None
+    floor: Fraction | None = None
 
 
 @dataclass(frozen=True)
@@ -94,15 +108,17 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
         negative(_inequality(system, level, mu, around), boxes, obstacle),
     )
     floor = _floor(level, around, boxes)
+    asked = Dissipates(system, level, mu, around)
     checks = (
-        _check("positive", "V(0) = 0 and V(e) > 0 for every other e of the box (21)", answers[0], "-V"),
+        _check("positive", "V(0) = 0 and V(e) > 0 for every other e of the box (21)", answers[0], "-V", asked),
         _check(
             "inequality",
             f"dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, mu = {mu} (38)",
             answers[1],
             "the left side",
+            replace(asked, left=_inequality(system, level, mu, around).value),
         ),
-        _level(floor),
+        _level(floor, asked),
     )
     witness = next((answer.point for answer in answers[::-1] if answer.point), {})
     return Dissipation(system, level, mu, around, checks, floor, witness)
@@ -215,17 +231,19 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
     return Fraction(down(Fraction(int(least.p), int(least.q)), 9))
 
 
-def _level(floor: Fraction | None) -> Check:
+def _level(floor: Fraction | None, asked: Dissipates) -> Check:
     claim = "a set {V <= c} lies in the box and touches none of its faces"
     if floor is None:
         return Check("dissipation.level", claim, Verdict.UNKNOWN, "V is not shown to be positive on the faces")
-    return Check("dissipation.level", claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}")
+    proofs = (replace(asked, floor=floor),)
+    return Check("dissipation.level", claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}", proofs=proofs)
 
 
-def _check(what: str, claim: str, answer: Answer, value: str) -> Check:
+def _check(what: str, claim: str, answer: Answer, value: str, asked: Dissipates) -> Check:
     reason = answer.reason.replace("it is", f"{value} is", 1) if answer.verdict is Verdict.REFUTED else answer.reason
     witness = {s.name: float(number) for s, number in answer.point.items()}
-    return Check(f"dissipation.{what}", claim, answer.verdict, reason, witness, proofs=answer.proofs)
+    proofs = (replace(asked, answer=answer),)
+    return Check(f"dissipation.{what}", claim, answer.verdict, reason, witness, proofs=proofs)
 
 
 def _above(number: sp.Rational) -> str:

@@ -41,6 +41,11 @@ def text(form: Form, expression: sp.Expr) -> str:
     names = {s.name for s in (*form.system.signals, *form.states)}
     if form.system.origin is not None:
         names |= {s.name for s in form.system.origin.plant.signals}
+    return written(expression, names)
+
+
+def written(expression: sp.Expr, names: set[str]) -> str:
+    """An expression of these names in the certificate's grammar."""
     return str(_Printer(names).doprint(exact(sp.sympify(expression))))
 
 

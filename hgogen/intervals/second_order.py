@@ -57,12 +57,18 @@ class SecondOrder:
 
 @dataclass(frozen=True)
 class Answer:
-    """PROVED with the proofs, REFUTED with an exact point and the value there, or UNKNOWN; `reason` says how."""
+    """PROVED with the proofs, REFUTED with an exact point and the value there, or UNKNOWN; `reason` says how.
+
+    Of what is proved, `share` of the box of errors is that where N is definite, T'N T nearly the unit matrix with T =
+    `basis`; the proofs are the one of that, and one for each slab.
+    """
 
     verdict: Verdict
     reason: str
     point: Mapping[sp.Symbol, Fraction] = field(default_factory=dict, hash=False)
     proofs: tuple[Proof, ...] = ()
+    share: Fraction = Fraction(1)
+    basis: sp.Matrix | None = None
 
 
 def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
@@ -74,15 +80,16 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
         return _refuted(program, found)
     if obstacle:
         return Answer(Verdict.UNKNOWN, obstacle)
-    share, proofs = _largest(asked, boxes)
-    if proofs is None:
+    share, definite = _largest(asked, boxes)
+    if definite is None:
         found = next(program.violations(_along(program)), None)
         if found:
             return _refuted(program, found)
         reason = "near e = 0 the second order does not decide it"
         return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for a sign")
     if share == 1:
-        return Answer(Verdict.PROVED, "its second order is definite on the whole box of errors", proofs=proofs)
+        whole = "its second order is definite on the whole box of errors"
+        return Answer(Verdict.PROVED, whole, proofs=(definite.proof,), basis=definite.basis)
     left = tuple(nonzero(asked.value, slab, boxes=boxes, refute=False) for slab in _slabs(asked, share))
     for sign in left:
         found = next(program.violations(_of(sign)), None)
@@ -92,7 +99,7 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
         total = sum(sign.range.boxes for sign in left)
         reason = f"its second order is definite on {share} of the box of errors, {total} boxes cover the rest"
         slabs = tuple(_proof(asked.value, slab, sign) for slab, sign in zip(_slabs(asked, share), left, strict=True))
-        return Answer(Verdict.PROVED, reason, proofs=(*proofs, *slabs))
+        return Answer(Verdict.PROVED, reason, proofs=(definite.proof, *slabs), share=share, basis=definite.basis)
     reason = f"its second order is definite on {share} of the box of errors; the rest is not decided"
     return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for each of {len(left)} slabs")
 
@@ -216,17 +223,25 @@ def _of(sign: Sign) -> Iterator[Point]:
 # --- positive definite --------------------------------------------------------------------------------------
 
 
-def _largest(asked: SecondOrder, boxes: int) -> tuple[Fraction, tuple[Proof, ...] | None]:
+@dataclass(frozen=True)
+class _Definite:
+    """The proof that N is positive definite, with T = `basis`."""
+
+    proof: Proof
+    basis: sp.Matrix
+
+
+def _largest(asked: SecondOrder, boxes: int) -> tuple[Fraction, _Definite | None]:
     """The share of the box of e on which N is proved positive definite, halved as often as it takes; none where it is
     not even at e = 0."""
-    share, proofs = Fraction(1), None
+    share, found = Fraction(1), None
     if _definite(*_near(asked, Fraction(0)), boxes) is None:
         return share, None
     for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
-        proofs = _definite(*_near(asked, share), boxes)
-        if proofs is not None:
+        found = _definite(*_near(asked, share), boxes)
+        if found is not None:
             break
-    return share, proofs
+    return share, found
 
 
 def _near(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
@@ -249,7 +264,7 @@ def _near(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
     return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
 
 
-def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, ...] | None:
+def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> _Definite | None:
     """The proof that N is positive definite on the whole box, or None."""
     n, eigenvalues = matrix.rows, _Eigenvalues.of(matrix, box)
     if not eigenvalues.least > 0:
@@ -265,7 +280,8 @@ def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> tuple[Proof, ...] | No
     for relative in _RELATIVE:
         found = lipschitz_bound(rows, t, whole, boxes=boxes, relative=relative)
         if found.verdict is Verdict.PROVED and found.high < 1:
-            return (Proof("slope", tuple(rows), whole, None, Fraction(found.high), found.variables, found.tree, t),)
+            high, tree = Fraction(found.high), found.tree
+            return _Definite(Proof("slope", tuple(rows), whole, None, high, found.variables, tree, t), short)
         if found.verdict is not Verdict.PROVED or found.low >= 1:
             break
     return None

@@ -168,9 +168,9 @@ def _read(content: Mapping[str, Any]) -> Certificate:
     _known("the file", content)
     _known("plant", plant)
     _known("form", form)
-    states, inputs, parameters = ({**_signals(plant, kind)} for kind in ("states", "inputs", "parameters"))
+    states, inputs, parameters = ({**signals(plant, kind)} for kind in ("states", "inputs", "parameters"))
     common = {**inputs, **parameters}
-    z = _signals(form, "states")
+    z = signals(form, "states")
     x_box, z_box = {**states, **common}, {**z, **common}
     if len(x_box) < len(states) + len(inputs) + len(parameters) or len(z_box) < len(z) + len(common):
         raise NoCertificate("a name is declared twice")
@@ -261,7 +261,7 @@ def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: 
     return tuple(expression(text, names) for text in _sized(part(holder, key, list), count))
 
 
-def _signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
+def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
     """Names with closed ranges, both ends null for an unbounded one; a parameter's fixed value is both ends."""
     found: dict[str, tuple[End, End]] = {}
     for entry in part(holder, key, list):

@@ -24,6 +24,7 @@ from hgogen.recheck.context import (
     short,
     value_of,
 )
+from hgogen.recheck.dissipation import inequality, is_positive, level
 from hgogen.recheck.file import Certificate, Claim, FormFile, part
 from hgogen.recheck.observers import OF_CHAINS, OF_NUMBERS, STEEP, Keys, Row, Rule
 from hgogen.recheck.observers import rests as of_observer
@@ -272,6 +273,7 @@ def _witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness")
 
 _NONE: Keys = ()  # the file's model shows it
 _CHAINS = ("triangular", "block_triangular")
+_SECOND: Keys = ("system", "share", "basis", "slabs")
 _POINT: Keys = ("expression", "witness")
 # By kind of the form, "*" for any: the claim's id (with the row it counts), its verdict, and what its evidence has.
 RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
@@ -295,6 +297,9 @@ RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
     *(("*", id, "proved", found, keys) for id, found, keys in OF_NUMBERS),
     ("*", r"phase\.chain", "proved", phases, ("chain",)),
     ("*", r"phase\.rank", "proved", rank, RANGE),
+    ("*", r"dissipation\.positive", "proved", is_positive, _SECOND),
+    ("*", r"dissipation\.inequality", "proved", inequality, (*_SECOND, "left")),
+    ("*", r"dissipation\.level", "proved", level, ("system", "floor")),
     ("*", r"recast\.inverse", "proved", _inverse, _NONE),
     ("*", r"recast\.range", "proved", _range_of_recast, _NONE),
 )

@@ -68,10 +68,10 @@ def steep(
             return Try(False)
         away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
         found = [
-            [intersection(x, _mean_value(at.value, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
+            [intersection(x, mean_value(at.value, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
             for three in zip(J, middle, varying, strict=True)
         ]
-        return Try(within(found, bound), _weights([x for row in varying for x in row]))
+        return Try(within(found, bound), weights([x for row in varying for x in row]))
 
     return attempt
 
@@ -95,13 +95,14 @@ def _second(
         return None
 
 
-def _mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
+def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
+    """The value at a centre and slopes from it, `away` the ways from there."""
     for k, slope in slopes.items():
         centre = centre + slope * away[k]
     return centre
 
 
-def _weights(entries: Sequence[Dual]) -> Slopes:
+def weights(entries: Sequence[Dual]) -> Slopes:
     """How much the entries vary with each name."""
     found: dict[int, Interval] = {}
     for entry in entries:

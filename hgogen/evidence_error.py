@@ -1,0 +1,66 @@
+"""The evidence of a claim about an error system, inequality (38): the system, its bisections, the level of V."""
+
+from fractions import Fraction
+from typing import Any
+
+from hgogen.check import Check, Verdict
+from hgogen.dissipation import Dissipates
+from hgogen.evidence import Evidence, end, written
+from hgogen.intervals.box import Box
+from hgogen.intervals.proof import Proof
+
+
+def evidence(check: Check) -> Evidence | None:
+    """What shows a proved check; None where nothing here does."""
+    found = next((proof for proof in check.proofs if isinstance(proof, Dissipates)), None)
+    if found is None or check.verdict is not Verdict.PROVED:
+        return None
+    system = {"system": _system(found)}
+    if found.floor is not None:
+        return {**system, "floor": str(found.floor)}
+    answer, names = found.answer, _names(found)
+    if answer is None or answer.basis is None:
+        return None
+    left = {} if found.left is None or answer.share == 1 else {"left": written(found.left, names)}
+    return {
+        **system,
+        "share": str(answer.share),
+        "basis": [[str(value) for value in row] for row in answer.basis.tolist()],
+        "slabs": [_slab(proof, -1 if found.left is None else 1) for proof in answer.proofs[1:]],
+        **left,
+    }
+
+
+def _names(found: Dissipates) -> set[str]:
+    return {s.name for s in (*found.system.errors, *found.system.box)}
+
+
+def _system(found: Dissipates) -> dict[str, Any]:
+    names = _names(found)
+    return {
+        "errors": _ranges(found.within),
+        "signals": _ranges(found.system.plain),
+        "flow": [written(row, names) for row in found.system.flow],
+        "noise": [[written(cell, names) for cell in row] for row in found.system.noise.tolist()],
+        "V": written(found.V, names),
+        "mu": str(found.mu),
+    }
+
+
+def _ranges(box: Box) -> list[dict[str, str | None]]:
+    return [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in box.items()]
+
+
+def _slab(proof: Proof, way: int) -> dict[str, str]:
+    """S < 0 (`way` 1), or -V < 0 as V > 0 (-1), half of what was proved, so that a weaker arithmetic reaches it."""
+    assert proof.high is not None  # it is negative
+    tokens, left = [], [proof.tree]
+    while left:
+        node = left.pop()
+        if isinstance(node, str):
+            tokens.append(".")
+            continue
+        _, index, first, second = node
+        tokens.append(proof.variables[int(index)].name)
+        left += [second, first]
+    return {"tree": " ".join(tokens), "bound": str(way * Fraction(f"{float(proof.high) / 2:.6g}"))}

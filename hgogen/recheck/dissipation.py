@@ -1,0 +1,333 @@
+"""The Hamilton-Jacobi inequality of an error system, verified again: its L2 gain mu from w to e while e is in a box.
+
+    e' = F(e, x) + G(e, x) w:   V(0) = 0, V(e) > 0,   S(e, x) = V_e F + |V_e G|^2/(2 mu^2) + |e|^2/2 < 0,   e not 0
+
+With V_e(0) = 0, F(0, x) = 0 both V_e and F are averages of their slopes between 0 and e, so that S <= -e'N e and
+V = e'H e/2, N and H averages of H(c) and
+
+    N(c, d, g) = -(H(c) F_e(d) + F_e(d)'H(c) + H(c) G(g) G(g)'H(c)/mu^2 + I)/2,   H = V_ee
+
+over c, d, g in any box around 0 that holds e. They are positive definite on a `share` of the box of errors, by
+bisection; on the slabs that this leaves S and V keep off 0. A set {V <= c} keeps off the faces of the box where V is
+above c on them: of V = e'P e, where P - c/end_i^2 on its place (i, i) has no negative eigenvalue. The system is the
+claim's own. Source: Alessandri, Mathematical Problems in Engineering (2020), theorem 1, (21), (38), (39).
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from hgogen.recheck.algebra import Quotient
+from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
+from hgogen.recheck.box import Box, NotShown, Try, centre_of, covered, ranged, sides
+from hgogen.recheck.context import Context, Shown, algebra_of, letters_of, narrowed, on, short, value_of
+from hgogen.recheck.file import Claim, part, signals
+from hgogen.recheck.interval import intersection, intervals, point
+from hgogen.recheck.matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
+from hgogen.recheck.slope import mean_value, positive, regular, weights
+from hgogen.recheck.text import Expression, expression
+
+Row = tuple[int, ...]
+_KNOWN = {"errors", "signals", "flow", "noise", "V", "mu"}
+_KINKS = ("Abs", "sign", "Min", "Max")
+_duals = dual(intervals)  # slopes in the names of a box
+_seconds = dual(_duals)
+_thirds = dual(_seconds)
+
+
+@dataclass(frozen=True)
+class Told:
+    """An error system with V and mu, as a claim tells it: `around` the box of the errors, `box` of all names."""
+
+    errors: tuple[str, ...]
+    around: Box
+    box: Box
+    flow: tuple[Expression, ...]
+    noise: tuple[tuple[Expression, ...], ...]
+    V: Expression
+    mu: Fraction
+
+
+def is_positive(context: Context, claim: Claim, row: Row) -> Shown:
+    """V(0) = 0 and V(e) > 0 for every other e of the box."""
+    told = _told(context, claim)
+    share, T = _share(claim, told)
+    boxes = covered(_copies(told, share, {"c": told.V.names}), ".", _definite(told, T, _hessian))
+    for slab, tree, bound in _slabs(claim, told, share):
+        if bound <= 0:
+            raise NotShown("V is not kept above zero on a slab")
+        boxes += covered(narrowed(slab, told.V.names), tree, ranged(told.V, bound, math.inf))
+    return Shown(f"V = {told.V.text[:60]} > 0 for every e but 0{on(told.around)}", boxes)
+
+
+def inequality(context: Context, claim: Claim, row: Row) -> Shown:
+    """S(e, x) < 0 for every e of the box but 0, and every x."""
+    told = _told(context, claim)
+    share, T = _share(claim, told)
+    reads = {"c": told.V.names, "d": _names(told.flow), "g": _names(cell for row in told.noise for cell in row)}
+    boxes = covered(_copies(told, share, reads), ".", _definite(told, T, _second_order))
+    slabs = list(_slabs(claim, told, share))
+    if slabs:
+        left = expression(part(claim.evidence, "left", str), told.box)
+        _left(told, left)
+        for slab, tree, bound in slabs:
+            if bound >= 0:
+                raise NotShown("the left side is not kept below zero on a slab")
+            boxes += covered(narrowed(slab, left.names), tree, ranged(left, -math.inf, bound))
+    return Shown(f"inequality (38) holds with V = {told.V.text[:60]} and mu = {short(told.mu)}{on(told.box)}", boxes)
+
+
+def level(context: Context, claim: Claim, row: Row) -> Shown:
+    """Every set {V <= c} with c below the claim's keeps off the faces of the box."""
+    told, floor = _told(context, claim), above_zero(claim.evidence, "floor")
+    faces = [(i, end) for i, name in enumerate(told.errors) for end in _ends(told, name)]
+    P, boxes = _quadratic(told), 0
+    if P is not None:
+        for i, end in faces:
+            left = [list(entries_) for entries_ in P]
+            left[i][i] -= floor / end**2
+            demand_nonnegative({f"P - {short(floor)}/{short(end)}^2 on its place ({i + 1}, {i + 1})": left})
+    else:
+        for i, end in faces:
+            face = narrowed({**told.around, told.errors[i]: (end, end)}, told.V.names)
+            boxes += covered(face, ".", ranged(told.V, floor, math.inf))
+    return Shown(f"every {{V <= c}} with c < {short(floor, -1)} keeps off the faces of the box", boxes)
+
+
+# --- the claim's system
+
+
+def _told(context: Context, claim: Claim) -> Told:
+    """The system, with F, V and V_e zero at e = 0, and smooth; the claims of one file are about one system."""
+    system = part(claim.evidence, "system", dict)
+    if system.keys() != _KNOWN:
+        raise NotShown(f"its system has not the parts {', '.join(sorted(_KNOWN))}")
+    for other in context.file.claims:
+        if other.id.startswith("dissipation.") and other.evidence.get("system", system) != system:
+            raise NotShown(f"it is about another system than {other.id}")
+    around, plain = signals(system, "errors"), signals(system, "signals")
+    if around.keys() & plain.keys() or not all(-math.inf < low < 0 < high < math.inf for low, high in around.values()):
+        raise NotShown("its errors have no finite ranges around 0, or names of signals")
+    box, n = {**plain, **around}, len(around)
+    noise = entries(system, "noise", n)
+    columns = len(noise[0]) if isinstance(noise[0], list) else 0
+    told = Told(
+        errors=tuple(around),
+        around=around,
+        box=box,
+        flow=tuple(expression(row, box) for row in entries(system, "flow", n)),
+        noise=tuple(
+            tuple(expression(cell, box) for cell in entries({"noise": row}, "noise", columns)) for row in noise
+        ),
+        V=expression(system["V"], around),
+        mu=above_zero(system, "mu"),
+    )
+    _vanishing(told)
+    return told
+
+
+def _vanishing(told: Told) -> None:
+    """F(0, x) = 0, V(0) = 0, V_e(0) = 0 by exact algebra; no kinks, finite slopes on the whole box."""
+    algebra = algebra_of(told.box)
+    zero, one = algebra.number(Fraction(0)), algebra.number(Fraction(1))
+    at = {**letters_of(algebra, told.box), **dict.fromkeys(told.errors, zero)}
+    for text in (*told.flow, told.V):
+        if any(step.op in _KINKS for step in text.instructions):
+            raise NotShown(f"{text.text[:60]} has kinks or jumps")
+        if not algebra.is_zero(value_of(text, at, algebra)):
+            raise NotShown(f"{text.text[:60]} is not shown to vanish at e = 0")
+    moving = {name: Dual(zero, {i: one}) for i, name in enumerate(told.errors)}
+    slopes = evaluate(told.V, moving, dual(algebra.arithmetic)).slopes
+    if not all(algebra.is_zero(slope) for slope in slopes.values()):
+        raise NotShown("dV/de is not shown to vanish at e = 0")
+    covered(narrowed(told.box, _names(told.flow)), ".", regular(told.flow, told.errors))
+    covered(
+        narrowed(told.box, _names(cell for row in told.noise for cell in row)),
+        ".",
+        regular([c for row in told.noise for c in row], ()),
+    )
+    covered(narrowed(told.around, told.V.names), ".", _smooth(told))
+
+
+def _smooth(told: Told) -> Any:
+    """The statement that V has finite second derivatives."""
+
+    def attempt(box: Box) -> Try:
+        try:
+            return Try(
+                all(x.value.finite for row in _hessian(told, {f"c.{k}": v for k, v in box.items()}) for x in row)
+            )
+        except Undefined:
+            return Try(False)
+
+    return attempt
+
+
+def _names(texts: Any) -> set[str]:
+    return {name for text in texts for name in text.names}
+
+
+def _text(tree: Any) -> str:
+    if not isinstance(tree, str):
+        raise NotShown("a bisection is no text")
+    return tree
+
+
+def _ends(told: Told, name: str) -> tuple[Fraction, Fraction]:
+    """The finite range of an error."""
+    low, high = told.around[name]
+    return Fraction(low), Fraction(high)
+
+
+def _share(claim: Claim, told: Told) -> tuple[Fraction, Matrix]:
+    share, n = above_zero(claim.evidence, "share"), len(told.errors)
+    if share > 1:
+        raise NotShown("its share is above 1")
+    return share, matrix(claim.evidence, "basis", n, n)
+
+
+def _slabs(claim: Claim, told: Told, share: Fraction) -> Iterator[tuple[Box, str, Fraction]]:
+    """What the share of the box leaves, slab by slab, each with its bisection and bound."""
+    given = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(told.errors))
+    inner = dict(told.around)
+    for k, name in enumerate(told.errors if given else ()):
+        low, high = _ends(told, name)
+        for side, slab in enumerate(((low, low * share), (high * share, high))):
+            found = given[2 * k + side]
+            if not isinstance(found, Mapping) or found.keys() != {"tree", "bound"}:
+                raise NotShown("a slab has not a tree and a bound")
+            yield {**told.box, **inner, name: slab}, _text(found["tree"]), scalar(found, "bound")
+        inner[name] = (low * share, high * share)
+
+
+def _left(told: Told, left: Expression) -> None:
+    """That a text is S."""
+    algebra = algebra_of(told.box)
+    letters, one = letters_of(algebra, told.box), algebra.number(Fraction(1))
+    moving = {name: Dual(letters[name], {i: one}) for i, name in enumerate(told.errors)}
+    slopes = evaluate(told.V, moving, dual(algebra.arithmetic)).slopes
+    zero, half = algebra.number(Fraction(0)), algebra.number(Fraction(1, 2))
+    p = [slopes.get(i, zero) for i in range(len(told.errors))]
+    total: Quotient = zero
+    for slope, row, name in zip(p, told.flow, told.errors, strict=True):
+        total = total + slope * value_of(row, letters, algebra) + half * letters[name] * letters[name]
+    for k in range(len(told.noise[0])):
+        pushed = zero
+        for slope, cells in zip(p, told.noise, strict=True):
+            pushed = pushed + slope * value_of(cells[k], letters, algebra)
+        total = total + algebra.number(1 / (2 * told.mu**2)) * pushed * pushed
+    if not algebra.is_zero(value_of(left, letters, algebra) - total):
+        raise NotShown("its left side is not that of (38)")
+
+
+def _quadratic(told: Told) -> Matrix | None:
+    """P of V = e'P e; None where V is another function."""
+    algebra, n = algebra_of(told.around), range(len(told.errors))
+    letters = letters_of(algebra, told.around)
+    one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
+    inner = [Dual(letters[name], {i: one}) for i, name in enumerate(told.errors)]
+    moving = {name: Dual(inner[i], {i: Dual(one, {})}) for i, name in enumerate(told.errors)}
+    slopes = evaluate(told.V, moving, dual(dual(algebra.arithmetic))).slopes
+    half = algebra.number(Fraction(1, 2))
+    H = [[half * slopes.get(i, Dual(zero, {})).slopes.get(j, zero) for j in n] for i in n]
+    numbers = [[entry.number for entry in row] for row in H]
+    found = [[value for value in row if value is not None] for row in numbers]
+    return found if all(len(row) == len(n) for row in found) else None
+
+
+# --- definite matrices on boxes
+
+
+def _copies(told: Told, share: Fraction, reads: Mapping[str, Any]) -> Box:
+    """The box of the copies c, d, g of the errors, a share of their box, and of the signals that are read."""
+    box: dict[str, Any] = {}
+    for copy, names in reads.items():
+        for name in sorted(names):
+            low, high = told.box[name]
+            if name in told.around:
+                box[f"{copy}.{name}"] = (Fraction(low) * share, Fraction(high) * share)
+            else:
+                box[name] = (low, high)
+    return box
+
+
+def _definite(told: Told, T: Matrix, made: Any) -> Any:
+    """The statement that T'M T is positive definite, M of `made`."""
+
+    def moved(box: Box) -> list[list[Dual]]:
+        M, n = made(told, box), range(len(T))
+        MT = [[_sum(M[i][k] * _number(T[k][j]) for k in n) for j in n] for i in n]
+        return [[_sum(_number(T[k][i]) * MT[k][j] for k in n) for j in n] for i in n]
+
+    def attempt(box: Box) -> Try:
+        try:
+            varying = moved(box)
+        except Undefined:
+            return Try(False)
+        if positive([[x.value for x in row] for row in varying]):
+            return Try(True)
+        if any(math.inf in (abs(low), abs(high)) for low, high in box.values()):
+            return Try(False)
+        centre = centre_of(box)
+        away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
+        tight = [
+            [intersection(x.value, mean_value(at.value, x.slopes, away)) for x, at in zip(*rows, strict=True)]
+            for rows in zip(varying, moved(centre), strict=True)
+        ]
+        return Try(positive(tight), weights([x for row in varying for x in row]))
+
+    return attempt
+
+
+def _number(value: Fraction) -> Dual:
+    return Dual(point(value), {})
+
+
+def _sum(terms: Any) -> Dual:
+    total = _number(Fraction(0))
+    for term in terms:
+        total = total + term
+    return total
+
+
+def _values(told: Told, box: Box, copy: str) -> dict[str, Dual]:
+    """A copy's values of the errors, and the signals, each with its slope in the names of the box."""
+    one = point(Fraction(1))
+    every = {name: Dual(side, {k: one}) for k, (name, side) in enumerate(sides(box).items())}
+    return {
+        name: every.get(f"{copy}.{name}" if name in told.around else name, _number(Fraction(0))) for name in told.box
+    }
+
+
+def _hessian(told: Told, box: Box) -> list[list[Dual]]:
+    """H(c)."""
+    n, values, one = range(len(told.errors)), _values(told, box, "c"), _number(Fraction(1))
+    nothing = Dual(_number(Fraction(0)), {})
+    inner = {name: Dual(values[name], {i: one}) for i, name in enumerate(told.errors)}
+    moving = {name: Dual(inner[name], {i: Dual(one, {})}) for i, name in enumerate(told.errors)}
+    slopes = evaluate(told.V, moving, _thirds).slopes
+    return [[slopes.get(i, nothing).slopes.get(j, _number(Fraction(0))) for j in n] for i in n]
+
+
+def _second_order(told: Told, box: Box) -> list[list[Dual]]:
+    """2 N(c, d, g)."""
+    n, one, zero = range(len(told.errors)), _number(Fraction(1)), _number(Fraction(0))
+    H, values = _hessian(told, box), _values(told, box, "d")
+    moving = {
+        name: Dual(value, {told.errors.index(name): one} if name in told.around else {})
+        for name, value in values.items()
+    }
+    rows = [evaluate(row, moving, _seconds).slopes for row in told.flow]
+    there = _values(told, box, "g")
+    G = [[evaluate(cell, there, _duals) for cell in row] for row in told.noise]
+    HF = [[_sum(H[i][k] * rows[k].get(j, zero) for k in n) for j in n] for i in n]
+    HG = [[_sum(H[i][k] * G[k][j] for k in n) for j in range(len(G[0]))] for i in n]
+    level_ = _number(1 / told.mu**2)
+
+    def entry(i: int, j: int) -> Dual:
+        squares = _sum(_duals.power(a, 2) if i == j else a * b for a, b in zip(HG[i], HG[j], strict=True))
+        return -(HF[i][j] + HF[j][i] + level_ * squares + (one if i == j else zero))
+
+    return [[entry(i, j) for j in n] for i in n]
