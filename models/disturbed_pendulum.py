@@ -28,6 +28,14 @@ plant = hg.System(
     output=[x1],
 )
 
+# of x^' = f(x^) + gain (y - x1^), poles at -2 without friction and gravity, under disturbances of all rates and of y
+dissipation = {
+    "gain": (6, 12, 8),
+    "V": ((2.44, -0.32, -1.25), (-0.32, 0.88, -0.76), (-1.25, -0.76, 2.03)),
+    "mu": 30,
+    "within": {"x1": 1, "x2": 3, "x3": 3},
+}
+
 START = {"x1": 1, "x2": 1, "x3": 1}
 tuning = {
     "adaptive_lmi": {
@@ -40,6 +48,7 @@ tuning = {
         "disturbance": (((0, 0), (0, 0), (0, 1)), (1, 0)),  # of the measurement, and of x3'
         "initial": START,
     },
+    "kalman_like": {"form": "state_affine", "rho": 6, "R": 1e-9, "initial": START},
     "filtered": {"theta": 40, "alpha": 3, "beta": 1, "poles": (-1, -1, -1), "initial": START},
     "filtered_injection": {
         "theta": 40,

@@ -59,6 +59,7 @@ tuning = {
     "riccati": {"Q": (0.4, 0.6, 1, 6), "R": 1e-3, "covariance": (9, 20, 40, 100)},
     "bank": {"member": "decaying", "count": 3, "period": 5.0},
     "hamilton_jacobi": {"Q": (2.5, 1.7, 1, 0.17), "R": 1e3, "P0": (0.11, 0.05, 0.025, 0.01)},
+    "kalman_like": {"form": "state_affine", "rho": 2, "R": 1e-5},
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},
     "peaking_free": {"theta": 10},
