@@ -13,7 +13,7 @@ Numbers are exact and texts, "7/2" or "0.05"; an infinite end of a range is null
 value as both ends. x' = flow(x, u), y = output(x, u) is the plant as first declared, z = to_form(x), x = from_form(z),
 z' = A z + b, y = output the form, with the number of states of each output's chain, and how chains may read each other.
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
-the box; the equations of the others, with their numbers, stand in the modules that verify them (`recheck_core`, ..).
+the box; the equations of the others, with their numbers, stand where they are verified (`hgogen.recheck.core`, ..).
 `model` stands in the banner of the C as well. The digests find accidents; they are no signature.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
@@ -22,8 +22,9 @@ form: "chain" (y, y', ..) in the plant's states; of the convergence of a high_ga
 - gains C) S^-1, or "ranges", the enclosures of the a_i, at whose ends N is taken, "P" with N'P + P N <= -I, "peak" >=
 lambda_max(P), and the Lipschitz bound of b in the coordinates S z. Of other observers: "units" s_i, "scale" s_i a_1 ..
 a_i, and what their modules say. Of inequality (38): the error "system" with V and mu, and on which "share" of the box
-of errors its second order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on the faces. A tree is a bisection in prefix order: a name cuts its side of the box at the midpoint
-(an unbounded side at 0, beyond 0 at twice its end and one), a dot is a leaf.
+of errors its second order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on the faces. A tree is
+a bisection in prefix order: a name cuts its side of the box at the midpoint (an unbounded side at 0, beyond 0 at twice
+its end and one), a dot is a leaf.
 
 A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen recheck`; what has no such evidence is
 "stated", with a reason, and so are open verdicts as they are: they assert nothing.

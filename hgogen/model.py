@@ -16,11 +16,13 @@ from typing import Any
 from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
+from hgogen.dissipation import Dissipation
 from hgogen.errors import HgogenError
 from hgogen.intervals.box import box
 from hgogen.modelfile import READERS, BadModelFile, PlainModel, read
 from hgogen.reading.folding import Fold
 from hgogen.recipe import trial_of
+from hgogen.storage import stored
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.tuning import Tuning, arguments
@@ -106,6 +108,16 @@ class Model:
         if not isinstance(plant, System):
             raise MissingPart(self.path, "plant", f"plant is of type {type(plant).__name__}; make it an hg.System")
         return plant
+
+    @property
+    def dissipation(self) -> Dissipation | None:
+        """What it declares of inequality (38), proved or not; None where it declares nothing. Raises: `MissingPart`."""
+        if not self.has("dissipation"):
+            return None
+        try:
+            return stored(self.plant, self.module.dissipation)
+        except HgogenError as error:
+            raise MissingPart(self.path, "dissipation", f"in dissipation, {error}") from None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -228,6 +240,8 @@ def _plain(path: Path) -> Model:
     default = _default(told) if told.observer else ""
     if told.observer or told.tuning:
         parts.tuning = {default: told.observer} | dict(told.tuning) if default else dict(told.tuning)
+    if told.dissipation:
+        parts.dissipation = told.dissipation
     if told.trial:
         parts.trial = lambda: trial_of(told)
     return Model(path.stem, str(path), parts, _PLAIN, default, told.folds)

@@ -11,7 +11,8 @@
     equation = "x1"
 
 Beside these: meaning and reference (text), known (known answers, a free table), `observer` and `tuning`, which
-`hgogen.tuning` reads, and `trial`, which `hgogen.recipe` reads. Expressions are those of `reading.expression`.
+`hgogen.tuning` reads, `trial`, which `hgogen.recipe` reads, and `dissipation`, which `hgogen.storage` reads.
+Expressions are those of `reading.expression`.
 """
 
 import json
@@ -47,7 +48,7 @@ _TOP = {
     "meaning": TEXT,
     "reference": TEXT,
     **dict.fromkeys(_KINDS, TABLE),
-    **dict.fromkeys(("known", "observer", "tuning", "trial"), TABLE),
+    **dict.fromkeys(("known", "observer", "tuning", "trial", "dissipation"), TABLE),
 }
 _EXAMPLES = {
     TEXT: '"..."',
@@ -84,8 +85,8 @@ class NoText(HgogenError):
 
 @dataclass(frozen=True)
 class PlainModel:
-    """What a plain-text model holds; `known`, `observer`, `tuning` and `trial` are its tables as they stand, empty if
-    missing; `folds`: the expressions from which SymPy folded something away."""
+    """What a plain-text model holds; `known`, `observer`, `tuning`, `trial` and `dissipation` are its tables as they
+    stand, empty if missing; `folds`: the expressions from which SymPy folded something away."""
 
     file: str
     plant: System
@@ -95,6 +96,7 @@ class PlainModel:
     observer: Mapping[str, Any]
     tuning: Mapping[str, Any]
     trial: Mapping[str, Any]
+    dissipation: Mapping[str, Any]
     folds: tuple[Fold, ...] = ()
 
 
@@ -145,12 +147,12 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
     plant = named(file, "", System, table["name"], **readings, **signals)
-    known, observer, tuning, trial = (
-        MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial")
+    known, observer, tuning, trial, dissipation = (
+        MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial", "dissipation")
     )
     folds = tuple(one for one in (*flow, *output) if one.lost)
     told = (table.get("meaning", ""), table.get("reference", ""))
-    return PlainModel(file, plant, *told, known, observer, tuning, trial, folds)
+    return PlainModel(file, plant, *told, known, observer, tuning, trial, dissipation, folds)
 
 
 def _toml(text: str) -> Any:

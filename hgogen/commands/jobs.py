@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,10 +100,18 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
 
 def checked(model: Model, otherwise: Form | None = None, name: str | None = None) -> Checked:
     """The claims of a model's tuning `name`, by default of its step; of a model without an observer those of the form
-    `otherwise`, by default `Survey.best`.
+    `otherwise`, by default `Survey.best`. With them what the model declares of inequality (38).
 
     Raises: `MissingPart`, `ModelFails`.
     """
+    found, declared = _checked(model, otherwise, name), model.dissipation
+    if declared is None:
+        return found
+    note = f"of the errors e of {declared.system.name}: {declared.conclusion}"
+    return replace(found, checks=(*found.checks, *declared.checks), notes=(*found.notes, note))
+
+
+def _checked(model: Model, otherwise: Form | None, name: str | None) -> Checked:
     if name is None and not model.has("step"):
         form = otherwise or hg.survey(model.plant).best
         notes = (*model.notes, _alone(model, form))

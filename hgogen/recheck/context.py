@@ -81,9 +81,7 @@ class Context:
                 try:
                     finite(text, box)
                 except NotShown as error:
-                    raise NotShown(
-                        f"{_cut(text.text)} of {where} is not shown to be a finite number: {error}"
-                    ) from None
+                    raise NotShown(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
 
     def _flow(self) -> None:
         """dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z."""
@@ -237,10 +235,11 @@ def enclosed(context: Context, claim: Claim, wanted: Quotient, source: Expressio
     boxes = covered(box, part(evidence, "tree", str), ranged(text, low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
         boxes += finite(source, context.form.box)
-    return low, high, Shown(f"{short(low, -1)} <= {_cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
+    return low, high, Shown(f"{short(low, -1)} <= {cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)
 
 
-def _cut(text: str) -> str:
+def cut(text: str) -> str:
+    """The beginning of a long text, for a sentence."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

@@ -22,7 +22,7 @@ from typing import Any
 from hgogen.recheck.algebra import Quotient
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.box import Box, NotShown, Try, centre_of, covered, ranged, sides
-from hgogen.recheck.context import Context, Shown, algebra_of, letters_of, narrowed, on, short, value_of
+from hgogen.recheck.context import Context, Shown, algebra_of, cut, letters_of, narrowed, on, short, value_of
 from hgogen.recheck.file import Claim, part, signals
 from hgogen.recheck.interval import intersection, intervals, point
 from hgogen.recheck.matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
@@ -59,7 +59,7 @@ def is_positive(context: Context, claim: Claim, row: Row) -> Shown:
         if bound <= 0:
             raise NotShown("V is not kept above zero on a slab")
         boxes += covered(narrowed(slab, told.V.names), tree, ranged(told.V, bound, math.inf))
-    return Shown(f"V = {told.V.text[:60]} > 0 for every e but 0{on(told.around)}", boxes)
+    return Shown(f"V = {cut(told.V.text)} > 0 for every e but 0{on(told.around)}", boxes)
 
 
 def inequality(context: Context, claim: Claim, row: Row) -> Shown:
@@ -76,7 +76,7 @@ def inequality(context: Context, claim: Claim, row: Row) -> Shown:
             if bound >= 0:
                 raise NotShown("the left side is not kept below zero on a slab")
             boxes += covered(narrowed(slab, left.names), tree, ranged(left, -math.inf, bound))
-    return Shown(f"inequality (38) holds with V = {told.V.text[:60]} and mu = {short(told.mu)}{on(told.box)}", boxes)
+    return Shown(f"inequality (38) holds with V = {cut(told.V.text)} and mu = {short(told.mu)}{on(told.box)}", boxes)
 
 
 def level(context: Context, claim: Claim, row: Row) -> Shown:
@@ -135,9 +135,9 @@ def _vanishing(told: Told) -> None:
     at = {**letters_of(algebra, told.box), **dict.fromkeys(told.errors, zero)}
     for text in (*told.flow, told.V):
         if any(step.op in _KINKS for step in text.instructions):
-            raise NotShown(f"{text.text[:60]} has kinks or jumps")
+            raise NotShown(f"{cut(text.text)} has kinks or jumps")
         if not algebra.is_zero(value_of(text, at, algebra)):
-            raise NotShown(f"{text.text[:60]} is not shown to vanish at e = 0")
+            raise NotShown(f"{cut(text.text)} is not shown to vanish at e = 0")
     moving = {name: Dual(zero, {i: one}) for i, name in enumerate(told.errors)}
     slopes = evaluate(told.V, moving, dual(algebra.arithmetic)).slopes
     if not all(algebra.is_zero(slope) for slope in slopes.values()):
