@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sympy as sp
@@ -12,7 +13,7 @@ from form_answers import assert_same_plant, check, verdicts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen import forms
+from hgogen import forms, observers
 from hgogen.check import Check, Refuted, UnknownCheck, Verdict, demand
 from hgogen.form import Form
 from hgogen.forms.original import BadOrder
@@ -562,6 +563,17 @@ def test_original_names_a_hidden_state() -> None:
     assert form.to_form == (X1, X2, X3)
     assert check(form, "connected").verdict == Verdict.REFUTED
     assert check(form, "connected").reason == "no output ever shows x3"
+
+
+@pytest.mark.parametrize("make", [forms.state_affine, forms.block_triangular])
+def test_no_form_that_an_observer_takes_hides_a_state(make: Callable[..., Any]) -> None:
+    """The slope of x2 varies with the measured x1: state-affine, and no chain; x3 sees both and is seen by none."""
+    form = make(plant([X1 * X2, X1, X1 + X3]))
+    found = next(c for c in form.checks if c.id.endswith(".connected"))
+    assert (found.verdict, found.reason) == (Verdict.REFUTED, "no output ever shows x3")
+    with pytest.raises(Refuted, match="no output ever shows x3"):
+        observers.riccati(form, Q=(1, 1, 1), R=1)
+    assert not [c for c in make(plant([X1 * X2, X1])).checks if c.id.endswith(".connected")]
 
 
 @pytest.mark.parametrize("order", [(X1,), (X1, X1), (X1, X3), ()])

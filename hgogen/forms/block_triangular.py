@@ -25,6 +25,7 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
+from hgogen.structure.connected import cut_off
 from hgogen.structure.coordinates import Coordinates, Parts, coordinates, form_in
 from hgogen.structure.defined import defined
 from hgogen.structure.lipschitz import lipschitz
@@ -78,7 +79,8 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
 
     Checks: `block_triangular.structure`, of the alignment; `block_triangular.a_i_j` (0 < a_m <= a_(i,j) <= a_M on the
     box of inputs and parameters); `block_triangular.offset_i` where output i has one; `block_triangular.lipschitz`. A
-    plant without the structure comes back in its own order with that one check.
+    plant without the structure comes back in its own order with that one check, and `block_triangular.connected`,
+    refuted, where states are hidden from the outputs.
 
     Raises: `NoAlignment`.
     """
@@ -90,7 +92,8 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
     structure = _structure(name, verdict, why)
     if chains.broken or answer is False:
-        return form_in(coordinates(plant), "block_triangular", (structure,), _REFERENCE)
+        refused = (structure, *cut_off("block_triangular.connected", plant))
+        return form_in(coordinates(plant), "block_triangular", refused, _REFERENCE)
     found = [_signed(links, plant) for links in chains.links]
     z = coordinates(plant, chains.order, [t for chain in found for t in chain.signs])
     parts = _, b, _ = _parts(z, found)

@@ -17,6 +17,7 @@ from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.signal import Signal
+from hgogen.structure.connected import connected, outwards
 from hgogen.structure.coordinates import Coordinates, coordinates, form_in, split
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
@@ -49,16 +50,16 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
     """
     needs = {x: reads(rate, plant.states) for x, rate in zip(plant.states, plant.flow, strict=True)}
     seen = [reads(h, plant.states) for h in plant.output]
-    outwards = _outwards(seen, needs)
-    hidden = [x for x in plant.states if x not in outwards]
-    order = tuple(order) if order is not None else (*outwards, *hidden)
+    shown = outwards(seen, needs)
+    hidden = [x for x in plant.states if x not in shown]
+    order = tuple(order) if order is not None else (*shown, *hidden)
     if len(order) != len(plant.states) or set(order) != set(plant.states):
         raise BadOrder(plant.name, tuple(map(str, order)), tuple(x.name for x in plant.states))
     z = coordinates(plant, order)
     A, b = split(z.flow, z.states)
     terms = (a * z.states[j] for (_, j), a in A.todok().items())
     checks = (
-        _connected(hidden),
+        connected("original.connected", hidden),
         _shape(z, seen, needs),
         lipschitz("original.lipschitz", map(z.back, (*terms, *b, *z.output)), plant, "A x + b with the output"),
         Check(
@@ -69,28 +70,6 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
         ),
     )
     return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output))
-
-
-def _outwards(seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]) -> list[Signal]:
-    """Breadth first from the outputs; the list grows while it is read."""
-    order = list(dict.fromkeys(x for states in seen for x in states))
-    for x in order:
-        order.extend(other for other in needs[x] if other not in order)
-    return order
-
-
-def _connected(hidden: Sequence[Signal]) -> Check:
-    claim = "every state appears in an output or in the derivative of one that counts"
-    if not hidden:
-        return Check("original.connected", claim, Verdict.PROVED, "by following dependencies from the outputs")
-    names = ", ".join(x.name for x in hidden)
-    return Check(
-        "original.connected",
-        claim,
-        Verdict.REFUTED,
-        f"no output ever shows {names}",
-        fix=f"Leave {names} out of the model, or measure something that depends on it.",
-    )
 
 
 def _shape(z: Coordinates, seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]) -> Check:

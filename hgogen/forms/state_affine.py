@@ -6,9 +6,10 @@ A state is measured where an output shows it alone, y_j = c(u) z_k + d(u) with c
 vary with inputs and measured states in any way. z is the plant's state in its own order; A z holds the terms linear in
 a state that is not measured, and those linear in a measured one with a coefficient free of states; b the rest.
 
-The form says nothing of observability, which depends on the input: see `kalman.persistence`. H. Hammouri, J. de Leon
-Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G. Besancon, G. Bornard, H. Hammouri,
-"Observer synthesis for a class of nonlinear control systems", European Journal of Control 2 (1996).
+The form says nothing of observability, which depends on the input (see `kalman.persistence`), but for states that no
+output ever shows. H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990);
+G. Besancon, G. Bornard, H. Hammouri, "Observer synthesis for a class of nonlinear control systems", European Journal of
+Control 2 (1996).
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from hgogen.form import Form
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
 from hgogen.structure.chain import listed, of_plant
+from hgogen.structure.connected import cut_off
 from hgogen.structure.coordinates import coordinates, form_in, split
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
@@ -33,8 +35,9 @@ _FIX = "Measure the states that enter nonlinearly, or use forms.triangular, or f
 def state_affine(plant: System) -> Form:
     """The plant in state-affine form, in its own coordinates.
 
-    Checks: `state_affine.structure`; `state_affine.lipschitz`, of A(u, y) x + b(u, y), so that A is bounded. A plant
-    without the structure comes back with that one check; observers refuse it.
+    Checks: `state_affine.structure`; `state_affine.lipschitz`, of A(u, y) x + b(u, y), so that A is bounded;
+    `state_affine.connected`, refuted, where states are hidden from the outputs for every input. A plant without the
+    structure comes back with that one check; observers refuse it.
     """
     rows = of_plant(plant)
     output = [affine(name, row, plant.states, rows) for name, row in zip(rows.names, rows.output, strict=True)]
@@ -54,7 +57,8 @@ def state_affine(plant: System) -> Form:
     A += linear
     steep = lipschitz("state_affine.lipschitz", plant.flow, plant, "A x + b")
     parts = sp.ImmutableDenseMatrix(A), tuple(b), z.output
-    return form_in(z, "state_affine", (structure, steep), _REFERENCE, parts=parts)
+    unseen = cut_off("state_affine.connected", plant)
+    return form_in(z, "state_affine", (structure, steep, *unseen), _REFERENCE, parts=parts)
 
 
 def _structure(output: Sequence[Affine], flow: Sequence[Affine], measured: Sequence[Signal]) -> Check:
