@@ -52,13 +52,15 @@ def pack_unit_lower(matrix: Any) -> Any:
 
 
 def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(L, d) of a symmetric positive definite matrix = L diag(d) L', by Cholesky.
+    """(L, d) of a symmetric positive definite matrix = L diag(d) L'; of a diagonal one d is its diagonal, to the bit.
 
     Raises: `numpy.linalg.LinAlgError` where it is not positive definite.
     """
-    root = np.linalg.cholesky(np.asarray(matrix, dtype=float))
-    scale = np.diag(root)
-    return root / scale, scale**2
+    with np.errstate(all="ignore"):
+        L, d = pivots(np.asarray(matrix, dtype=float))
+    if not all(value > 0 for value in d):
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    return L, np.array(d)
 
 
 def information_ode(part: Riccati) -> Ode:
@@ -112,9 +114,9 @@ def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
 
 
 def pivots(S: Any) -> tuple[Any, list[Any]]:
-    """L, unit lower triangular, and the diagonal of D of a symmetric SX matrix (n, n) = L D L'."""
+    """L, unit lower triangular, and the diagonal of D of a symmetric matrix (n, n) = L D L', SX or numbers."""
     n = S.shape[0]
-    L, d = ca.SX.eye(n), list[Any]()
+    L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Any]()
     for j in range(n):
         d.append(S[j, j] - sum(L[j, k] ** 2 * d[k] for k in range(j)))
         for i in range(j + 1, n):
