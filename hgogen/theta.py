@@ -19,6 +19,7 @@ from typing import Any, Protocol, runtime_checkable
 import casadi as ca
 
 from hgogen.innovation import Innovation
+from hgogen.intervals.digits import same
 from hgogen.kalman.decay import error_bound as error_bound
 from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
 from hgogen.kalman.riccati import HighGain
@@ -230,7 +231,7 @@ class Adaptive:
             "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
             "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "
             + self.mu.equation
-            + f"; I_d over d = {self.innovation.d:g} s"
+            + f"; I_d over d = {same(self.innovation.d)} s"
         )
 
     @property

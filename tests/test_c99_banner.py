@@ -134,3 +134,18 @@ def test_the_lines_of_a_paragraph_are_full(name: str) -> None:
     flowing = [pair for pair in itertools.pairwise(manual) if all(re.match(r" \* \S", line) for line in pair)]
     assert len(flowing) >= 8
     assert all(len(first) + len(second.split()[1]) >= 110 for first, second in flowing)
+
+
+# --- gains --------------------------------------------------------------------------------------------------
+
+
+def test_the_banner_holds_what_makes_the_same_c_again() -> None:
+    """Gains and a dt that six digits do not hold."""
+    first = pendulum(theta=20 + 1 / 3, poles=(-1 / 3, -1 / 7))
+    told = words(first, dt=1 / 3000).split("Claims")[0]
+    K = re.search(r"K = \((\S+), (\S+)\)", told)
+    theta, dt = (float(re.search(rf"\b{name} = (\S+)", told)[1]) for name in ("theta", "dt"))
+    again = pendulum(theta=theta, poles=None, gains=(float(K[1]), float(K[2])))
+    made = [hg.targets.c99(hg.sample(o, dt=dt), real="double", check=False)["pendulum.c"] for o in (first, again)]
+    assert made[0] == made[1]
+    assert (theta, dt) == (20 + 1 / 3, 1 / 3000)

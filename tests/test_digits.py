@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import down, same, up
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.fractions()
 
@@ -48,3 +48,15 @@ def test_a_check_says_no_more_than_is_proved() -> None:
     low, high = (Fraction(part) for part in reason.removeprefix("between ").partition(",")[0].split(" and "))
     assert float(low) <= math.exp(-1.2) <= float(low) * (1 + 2e-2)
     assert high >= 1
+
+
+@given(st.floats(allow_nan=False))
+def test_what_is_to_be_built_again_reads_back_as_the_same(value: float) -> None:
+    assert float(same(value)) == value
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.1, "0.1"), (20.0, "20"), (1e-7, "1e-07"), (1 / 3, "0.3333333333333333")]
+)
+def test_six_digits_serve_where_they_do(value: float, text: str) -> None:
+    assert same(value) == text

@@ -16,6 +16,7 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.integrators import Integrators, shifted
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Clock, Jump, Ode, Pieces, reals
 from hgogen.program import Bit, Block, Field, sym
 
@@ -42,8 +43,8 @@ def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray
 
 
 def listed(K: np.ndarray) -> str:
-    """Gains for a banner."""
-    return f"({', '.join(f'{value:g}' for value in K)})"
+    """Gains for a banner, from which they can be built again."""
+    return f"({', '.join(map(same, K))})"
 
 
 def companion(K: Any) -> Any:

@@ -25,6 +25,7 @@ from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles
 from hgogen.convergence.lmi import NoSolver
 from hgogen.form import Form
 from hgogen.graph import to_casadi
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, reals
 from hgogen.program import sym
 from hgogen.structure.polytope import Corner, chains, corners
@@ -43,7 +44,8 @@ class ConstantGain:
 
     def __str__(self) -> str:
         heads = [sum(self.sizes[:i]) for i in range(len(self.sizes))]
-        texts = [str(k.evalf(6) if k.free_symbols else f"{float(k):g}") for k in self.K]
+        numbers = {x: sp.Symbol(same(float(x))) for k in self.K for x in k.atoms(sp.Float)}
+        texts = [str(k.xreplace(numbers)) for k in self.K]
         each = (", ".join(texts[head : head + size]) for head, size in zip(heads, self.sizes, strict=True))
         return ", ".join(f"({chain})" for chain in each)
 

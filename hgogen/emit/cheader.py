@@ -10,6 +10,7 @@ from hgogen.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.emit.cprint import Real
 from hgogen.emit.ctext import arguments, comment, harmless, indented, member, status_type, struct
+from hgogen.intervals.digits import same
 from hgogen.observer import Observer
 from hgogen.program import Field, Group, Section, lines_of
 from hgogen.recheck.file import SHOWN
@@ -52,14 +53,14 @@ def _banner(step: Step, command: str) -> list[str]:
     plant = origin.plant if origin else form.system
     lines += ["Plant"] + [f"  {s}' = {e}" for s, e in zip(plant.states, plant.flow, strict=True)]
     lines += [f"  {y} = {e}" for y, e in zip(plant.outputs, plant.output, strict=True)]
-    fixed = [f"{p.name} = {p.nominal:g}" for p in plant.parameters]
+    fixed = [f"{p.name} = {same(float(value))}" for p, value in plant.nominal.items()]
     lines += ["  " + ", ".join(fixed)] if fixed else []
     new = zip(form.system.states, origin.forward, strict=True) if origin else ()
     lines += ["In the states " + ", ".join(f"{w} = {e}" for w, e in new)] if origin else []
     lines += [f"Form: {form.kind}, " + ", ".join(f"{z} = {e}" for z, e in zip(form.states, form.to_form, strict=True))]
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
-    lines += [f"  {f.name} = {', '.join(f'{v:g}' for v in f.initial)}" for f in step.gains]
-    lines += [f"Method: {step.rule}, dt = {step.dt:g} s"]
+    lines += [f"  {f.name} = {', '.join(map(same, f.initial))}" for f in step.gains]
+    lines += [f"Method: {step.rule}, dt = {same(step.dt)} s"]
     lines += ["Between samples the input " + ("is held" if step.between == "hold" else "is on a line")]
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {_claimed(check, observer.accepted)}" for check in observer.checks]
@@ -171,7 +172,7 @@ def _given(declared: Iterable[str]) -> list[str]:
 
 
 def _rates(step: Step) -> str:
-    return ", ".join(f"{y} every {period:g} s" for y, period in zip(step.outputs, step.periods, strict=True))
+    return ", ".join(f"{y} every {same(period)} s" for y, period in zip(step.outputs, step.periods, strict=True))
 
 
 def _own(step: Step) -> list[str]:
@@ -185,7 +186,7 @@ def _manual(step: Step) -> list[str]:
     kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
         name=step.name,
-        dt=f"{step.dt:g}",
+        dt=same(step.dt),
         own=" and ".join(_own(step)) or "the estimates in s",
         fill=" ".join([*(f"in.{s.name} = ...;" for s in step.inputs), *(f"out.{s.name} = ...;" for s in step.outputs)]),
         call=", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"]),

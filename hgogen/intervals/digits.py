@@ -1,4 +1,4 @@
-"""Bounds in few digits that are still bounds: a number that is printed as proved is rounded to the safe side."""
+"""Numbers in few digits: a bound that is printed as proved is rounded to the safe side, a gain reads back as it is."""
 
 import math
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
@@ -13,6 +13,12 @@ def up(value: float | Fraction, digits: int = 4) -> str:
 def down(value: float | Fraction, digits: int = 4) -> str:
     """The largest number of so many significant digits that is not above the value."""
     return _rounded(value, digits, ROUND_FLOOR)
+
+
+def same(value: float) -> str:
+    """A float as text that reads back as the same: in six digits where they do, else in as many as it takes."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(float(value))
 
 
 def _rounded(value: float | Fraction, digits: int, rounding: str) -> str:

@@ -29,6 +29,7 @@ from hgogen.convergence.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.convergence.adaptive_gain import disturbance as as_disturbance
 from hgogen.convergence.certified import Nothing
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Observer, Ode, founded, gain, positive, reals
 from hgogen.program import Field, scalar, sym
 from hgogen.structure.dynamics import clamp
@@ -125,7 +126,7 @@ def adaptive_lmi(
         theorem=THEOREM,
         equations=(
             *EQUATIONS,
-            f"K = {tuple(gains.tolist())}, gamma_inf = {low:g}, gamma_sup = {high:g}",
+            f"K = {tuple(gains.tolist())}, gamma_inf = {same(low)}, gamma_sup = {same(high)}",
             f"P = {tuple(map(tuple, reals('P', P).tolist()))}",
         ),
         reference=REFERENCE,

@@ -18,6 +18,7 @@ from typing import Literal
 
 from hgogen.check import Verdict
 from hgogen.innovation import Innovation
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Observer, gain, positive, real
 from hgogen.stepping.parallel import Parallel
 from hgogen.theorem import Hypothesis
@@ -69,7 +70,7 @@ def bank(
         raise BadGain(f"innovation = {innovation!r}", reason)
     share = positive("hysteresis", HYSTERESIS[selection] if hysteresis is None else hysteresis)
     part = Parallel(member, int(count), positive("period", period), selection == "newest", innovation)
-    told = f"{count} members; every {period:g} s the oldest restarts from the selected estimate, which has the "
+    told = f"{count} members; every {same(period)} s the oldest restarts from the selected estimate, which has the "
     return replace(
         member,
         name="bank",

@@ -21,11 +21,13 @@ import numpy as np
 from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.core import core_numbers
 from hgogen.chains.gains import coefficients, demand_parabola, filtered_core, parabola_advice
+from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Verdict
 from hgogen.convergence.certified import checks
 from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, positive, reals
 from hgogen.program import Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -103,7 +105,7 @@ def filtered(
         gains=(high,),
         w=sym("state.w", n),
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"alpha = {a:g}, beta = {b:g}, L = ({', '.join(f'{value:g}' for value in L)})"),
+        equations=(*EQUATIONS, f"alpha = {same(a)}, beta = {same(b)}, L = {listed(L)}"),
         reference=REFERENCE,
         checks=checks("filtered", high.initial[0], bound),
         accepted=accept,

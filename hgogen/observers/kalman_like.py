@@ -31,6 +31,7 @@ import numpy as np
 
 from hgogen.check import Verdict, demand
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.kalman.kalman import limited, positive, spd, wide
 from hgogen.kalman.persistence import persistent
 from hgogen.kalman.riccati import Riccati
@@ -137,7 +138,7 @@ def kalman_like(
         checks=(*form.checks, check),
         accepted=accept,
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(f'{value:g}' for value in unseen)})"),
+        equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(map(same, unseen))})"),
         reference=REFERENCE,
     )
 

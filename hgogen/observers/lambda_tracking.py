@@ -26,6 +26,7 @@ from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Observer, founded, gain, positive, reals
 from hgogen.program import Field, scalar, sym
 from hgogen.structure.bounded import bounded
@@ -142,7 +143,7 @@ def lambda_tracking(
         theorem=MODELLED if model else THEOREM,
         equations=(
             *(line.format(phi="c_n + " if model else "") for line in EQUATIONS),
-            f"p = {listed(p)}, k(0) = {least:g}, k <= {most:g}",
+            f"p = {listed(p)}, k(0) = {same(least)}, k <= {same(most)}",
         ),
         reference=REFERENCE,
         checks=checks,

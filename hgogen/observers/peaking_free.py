@@ -29,6 +29,7 @@ from hgogen.check import Verdict
 from hgogen.convergence.certified import checks
 from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, positive
 from hgogen.program import sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -112,7 +113,7 @@ def peaking_free(
         gains=(high,),
         w=sym("state.xi_p", n),
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {alpha:g}"),
+        equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {same(alpha)}"),
         reference=REFERENCE,
         checks=checks("peaking_free", high.initial[0], bound),
         accepted=accept,

@@ -20,6 +20,7 @@ from hgogen.check import Verdict
 from hgogen.convergence.certified import of_poles
 from hgogen.convergence.dwell import switching
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, high_gain_parameter, positive
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -99,7 +100,7 @@ def switched_gain(
         ),
         w=sym("state.w", chain.n),
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"K = {listed(K)}, hold = {time:g} s"),
+        equations=(*EQUATIONS, f"K = {listed(K)}, hold = {same(time)} s"),
         reference=REFERENCE,
         checks=switching("switched_gain", top, low, time, of_poles(form, K)),
         accepted=accept,

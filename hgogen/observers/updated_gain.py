@@ -29,6 +29,7 @@ from hgogen.check import Verdict
 from hgogen.convergence.gain_update import checks
 from hgogen.convergence.lmi import STATES
 from hgogen.form import Form
+from hgogen.intervals.digits import same
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -122,7 +123,7 @@ def updated_gain(
         ),
         w=sym("state.w", chain.n),
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {first:g}, L <= {top:g}"),
+        equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {same(first)}, L <= {same(top)}"),
         reference=REFERENCE,
         checks=proved,
         accepted=accept,
