@@ -165,10 +165,11 @@ def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
 
 
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
-    """Its name, and the numbers that something was found of."""
+    """Its name, and the numbers that something was found of; what is claimed of a bank's member is of no bank's."""
     if not name:
         return None
-    found = next((proof for check in checks for proof in check.proofs if isinstance(proof, Grounds)), None)
+    own = (proof for check in checks if check.id.startswith(f"{name}.") for proof in check.proofs)
+    found = next((proof for proof in own if isinstance(proof, Grounds)), None)
     numbers = found.numbers if found else {}
     return {"name": name, **{key: _built(form, value) for key, value in numbers.items()}}
 
