@@ -87,8 +87,8 @@ def hamilton_jacobi(
     weight, start = spd("Q", Q, n), spd("P0", np.ones(n) if P0 is None else P0, n)
     precisions, rate = positive("R", R, outputs), _rate(curvature)
     noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)
-    shape, diagonal = factor(noise)
-    weights = 1 / diagonal
+    upper, weights = (found[::-1] for found in factor(weight[::-1, ::-1]))  # Q = U W U', U unit upper triangular
+    shape = np.linalg.inv(upper[:, ::-1]).T  # so that Q^-1 = shape W^-1 shape'
     z = state_field(form, initial, 1.0)
     plain = Riccati(
         dynamics=dynamics,
