@@ -139,6 +139,17 @@ def test_all_claims_of_an_observer_are_verified(case: str) -> None:
     assert not falsehood(content)
 
 
+def test_what_is_claimed_of_a_member_is_not_verified_of_its_bank() -> None:
+    """Its numbers stand nowhere in the certificate of a bank, and the form's claims are verified all the same."""
+    member = hg.observers.high_gain(heated(), theta=50, poles=POLES)
+    observer = hg.observers.bank(member, count=2, period=1.0)
+    content = certificate(observer.form, observer.checks, observer.name)
+    assert content["observer"] == {"name": "bank"}
+    result = found(content)
+    assert "verified" not in {what for id, what in result.items() if id.startswith("high_gain.")}
+    assert {what for id, what in result.items() if id.startswith("triangular.")} == {"verified"}
+
+
 @pytest.mark.parametrize("name", sorted({name for _, name, _ in BUILT.values()}))
 def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
     claims = jobs.checked(load(ROOT / "models" / "disturbed_pendulum.py"), None, name)
