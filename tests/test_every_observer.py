@@ -76,6 +76,12 @@ def test_every_observer_has_a_tuning() -> None:
     assert tuned == set(hg.observers.__all__)
 
 
+def test_what_has_a_trial_has_a_bank() -> None:
+    """A bank goes around any other observer; none is refused it."""
+    banked = {model for model in MODELS for name in MODELS[model].tuning.tables if kind(model, name) == "bank"}
+    assert banked == {name for name, model in MODELS.items() if model.has("trial")}
+
+
 @each
 def test_it_builds(model: str, name: str) -> None:
     made = step(model, name)
