@@ -1,11 +1,15 @@
-"""K and P for a high gain that moves, by linear matrix inequalities: found in floats, rounded, verified in rationals.
+"""Gains by linear matrix inequalities: found in floats, rounded, verified in rationals.
 
-`gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54), D P + P D >= 0
-and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is computed and
-proved of them, by `adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one on, falls as
-gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of k(1) can be
-many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction
-for dynamic systems" (2020), section 4.
+    constant_gain    K of `observers.high_gain`, for a_i that vary in ranges
+    adaptive_gain    K and P of `observers.adaptive_lmi`, for a high gain that moves; `slope` is what it takes of a form
+    verified         what holds of K and P, whoever designed them
+
+For the second `gain_programs` minimises the bound (88) on gamma, or the bound (89) on the L2 gain, under (54),
+D P + P D >= 0 and |Y| <= largest, Y = P K: the cone (54) alone has no bound. What is said of the rounded K and P is
+computed and proved of them, by `convergence.adaptive_gain`. Of a form the slope k(gamma), for every gamma from that one
+on, falls as gamma grows, and the bound on gamma with it: k is taken where the two meet, by bisection, for the bound of
+k(1) can be many times too large. Source: Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic
+systems" (2020), section 4.
 """
 
 import math
@@ -21,17 +25,19 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import integrators
 from hgogen.check import Check, Verdict
-from hgogen.convergence.adaptive_gain import Disturbance, candidate, facts, share_of, steepness
+from hgogen.convergence.adaptive_gain import Disturbance, attenuation, candidate, facts, judged, share_of, steepness
 from hgogen.convergence.adaptive_gain import disturbance as as_disturbance
-from hgogen.convergence.certified import Nothing
+from hgogen.convergence.certified import Nothing, obstacle
 from hgogen.convergence.gain_programs import Found, Task, best
-from hgogen.convergence.lmi import solver
+from hgogen.convergence.lmi import gains, solver
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.intervals.digits import down, up
 from hgogen.observer import BadGain, positive, real, reals
+from hgogen.structure.polytope import chains, corners
 
+_FORM = "a form: hg.forms.triangular(plant)"
 _MARGINS = (1e-6, 1e-4, 1e-2)  # of D P + P D >= 0, for what rounding takes
 _DIGITS = ((6, 9), (9, 12), (17, 17))  # of K and P
 _FACTORS, _BISECTIONS = 6, 6  # how far to relax a bound, by factors of 10, and how near to come to the edge
@@ -74,6 +80,44 @@ class Infeasible(HgogenError):
         ways = ", or ".join(f"{name} = {value}" for name, value in self.enough.items())
         fix = f"with the others kept, {ways} would do" if ways else "relax several of them, none alone is in the way"
         return f"no K and P were found for a chain of {self.n} integrators with {asked}: {fix}"
+
+
+def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
+    """A constant gain K (n), |K| <= `largest`, for all a_i of a chain in their ranges, with a small lambda_max(P) in
+    the bound of `high_gain`; or why there is none.
+
+    Raises: `lmi.NoSolver`; `Misfit` for no form; `BadGain`.
+    """
+    if not isinstance(form, Form):
+        raise Misfit("constant_gain", form, _FORM)
+    most = positive("largest", largest)
+    reason = obstacle(form) or ("a gain is designed for one output" if len(form.output) > 1 else "")
+    found = reason or corners(chains(form)[0], form)
+    if isinstance(found, str):
+        return Nothing(found)
+    K = gains(found, most)
+    return Nothing(f"no gain up to {most:g} was found") if K is None else tuple(map(float, K))
+
+
+def verified(
+    K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
+) -> tuple[Check, ...]:
+    """Whether P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`, in the
+    notation of `convergence.adaptive_gain`: each proved, or refuted with the eigenvalue.
+
+    Raises: `BadGain`.
+    """
+    found = candidate(K, P, sigma)
+    checks = list(facts("adaptive_gain", found, None if decay is None else Fraction(decay)))
+    if alphas is not None:
+        first, second = map(Fraction, alphas)
+        if min(first, second) <= 0:
+            raise BadGain(f"alphas = {alphas}", "must be positive")
+        block = attenuation(found, Fraction(0 if decay is None else decay), first, second)
+        level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
+        claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
+        checks.append(judged("adaptive_gain.attenuation", claim, block, sign=-1))
+    return tuple(checks)
 
 
 def adaptive_gain(
@@ -193,7 +237,7 @@ def slope(form: Form, gamma: float = 1.0) -> float:
     a form that is no chain of integrators, or whose slope has no bound that is shown; `Misfit` for no form.
     """
     if not isinstance(form, Form):
-        raise Misfit("slope", form, "a form: hg.forms.triangular(plant)")
+        raise Misfit("slope", form, _FORM)
     if not 1 <= real("gamma", gamma) < math.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
     found = steepness(integrators("adaptive_lmi", form), gamma)

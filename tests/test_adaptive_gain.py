@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle.adaptive_lmi import SIGMA, K, P
 
+import hgogen as hg
 from hgogen.algebra.definite import exact, largest, nonnegative, positive, rationals, root, smallest
 from hgogen.check import Check, Verdict
-from hgogen.convergence.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain, verified
+from hgogen.convergence.adaptive_gain import Candidate, Given, candidate, checks, disturbance, gain
 from hgogen.observer import BadGain
 
 LAMBDA, ALPHAS, SLOPE = 0.1666, (3.2950, 3.4810), Fraction("0.71")
@@ -100,38 +101,38 @@ def test_the_numbers_of_the_printed_design() -> None:
 
 
 def test_the_printed_design_is_proved() -> None:
-    found = by_id(verified(K, P, SIGMA, LAMBDA, ALPHAS))
+    found = by_id(hg.design.verified(K, P, SIGMA, LAMBDA, ALPHAS))
     assert set(found) == {"definite", "shrink", "decay", "attenuation"}
     assert {check.verdict for check in found.values()} == {Verdict.PROVED}
     assert "the largest eigenvalue is at most -0.1576" in found["decay"].reason
     assert "the largest eigenvalue is at most -0.09314" in found["attenuation"].reason
-    assert by_id(verified(K, P, SIGMA, alphas=ALPHAS))["attenuation"].verdict is Verdict.PROVED
+    assert by_id(hg.design.verified(K, P, SIGMA, alphas=ALPHAS))["attenuation"].verdict is Verdict.PROVED
 
 
 def test_what_fails_is_refuted_with_its_eigenvalue() -> None:
     """-0.1576 + 0.2 > 0 at lambda = 0.3666; the solution of the Lyapunov equation does not let gamma rise."""
-    decay = by_id(verified(K, P, SIGMA, LAMBDA + 0.2))["decay"]
+    decay = by_id(hg.design.verified(K, P, SIGMA, LAMBDA + 0.2))["decay"]
     assert decay.verdict is Verdict.REFUTED
     assert decay.witness["eigenvalue"] == pytest.approx(0.0424, abs=1e-4)
-    tight = by_id(verified(K, P, SIGMA, LAMBDA, (1.0, 1.0)))["attenuation"]
+    tight = by_id(hg.design.verified(K, P, SIGMA, LAMBDA, (1.0, 1.0)))["attenuation"]
     assert tight.verdict is Verdict.REFUTED
     assert tight.witness["eigenvalue"] > 0
-    other = by_id(verified(K, lyapunov(), SIGMA))
+    other = by_id(hg.design.verified(K, lyapunov(), SIGMA))
     assert [other[name].verdict for name in ("definite", "decay", "shrink")] == [
         Verdict.PROVED,
         Verdict.PROVED,
         Verdict.REFUTED,
     ]
     assert other["shrink"].witness["eigenvalue"] == pytest.approx(-0.0635, abs=1e-4)
-    assert by_id(verified(K, -P, SIGMA))["definite"].verdict is Verdict.REFUTED
+    assert by_id(hg.design.verified(K, -P, SIGMA))["definite"].verdict is Verdict.REFUTED
 
 
 def test_an_eigenvalue_of_0_is_enough_for_gamma_to_rise_and_not_for_decay() -> None:
     """P = [[1, x], [x, 1]]: D P + P D = [[2, 3x], [3x, 4]] is singular at x^2 = 8/9, as with P = [[9, 8], [8, 8]]."""
-    found = by_id(verified((3.0, 1.0), ((9, 8), (8, 8)), 0))
+    found = by_id(hg.design.verified((3.0, 1.0), ((9, 8), (8, 8)), 0))
     assert np.linalg.det(np.array([[18, 24], [24, 32]])) == pytest.approx(0)
     assert found["shrink"].verdict is Verdict.PROVED
-    assert by_id(verified((3.0, 1.0), ((9, 8.0001), (8.0001, 8)), 0))["shrink"].verdict is Verdict.REFUTED
+    assert by_id(hg.design.verified((3.0, 1.0), ((9, 8.0001), (8.0001, 8)), 0))["shrink"].verdict is Verdict.REFUTED
 
 
 # --- what follows from them ---------------------------------------------------------------------------------
@@ -239,7 +240,7 @@ def test_the_slope_at_gamma_inf_serves_every_larger_gamma(slopes: list[float], l
 )
 def test_bad_candidates(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(BadGain, match=f"^{said}"):
-        verified(**{"K": K, "P": P, "sigma": SIGMA, **changes})
+        hg.design.verified(**{"K": K, "P": P, "sigma": SIGMA, **changes})
 
 
 @pytest.mark.parametrize("given", [np.eye(3), (np.eye(2), (1, 1)), (np.eye(3), (1, 1)), (np.eye(3), (1, 1, np.inf))])

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 import hgogen as hg
 from hgogen.chains.gains import coefficients
 from hgogen.check import Check, Verdict
-from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles, suggested, up
+from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles, up
 
 
 def bound(plant: hg.System, poles: tuple[complex, ...]) -> ThetaBound:
@@ -235,7 +235,7 @@ def test_a_constant_gain_serves_an_input_driven_chain() -> None:
     form = hg.forms.triangular(
         plant([(1 + u / 2) * x2, -sp.sin(x1)], (x1, x2), inputs=(u,), output=(1 + u**2 / 2) * x1)
     )
-    K = suggested(form, largest=20.0)
+    K = hg.design.constant_gain(form, largest=20.0)
     assert not isinstance(K, Nothing)
     found = of_gains(form, K)
     assert isinstance(found, ThetaBound), found

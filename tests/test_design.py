@@ -216,3 +216,10 @@ def test_an_error_names_a_form_in_short() -> None:
     ) as caught:
         slope(pendulum().system)
     assert len(str(caught.value)) < 250
+
+
+def test_a_constant_gain_is_asked_of_a_form() -> None:
+    with pytest.raises(Misfit, match=r"^constant_gain was given 3.*give a form: hg\.forms\.triangular\(plant\)$"):
+        hg.design.constant_gain(3)
+    with pytest.raises(BadGain, match=r"^largest = 0 must be a positive finite number"):
+        hg.design.constant_gain(pendulum(), largest=0)

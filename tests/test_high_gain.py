@@ -21,7 +21,7 @@ from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Verdict
-from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles, suggested
+from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles
 from hgogen.emit import native
 from hgogen.observer import BadGain
 from hgogen.runge_kutta import RK4
@@ -131,7 +131,7 @@ def test_every_end_of_the_ranges_is_judged() -> None:
     ]
     expected = min(core_limit(end, RK4.polynomial) for end in ends)
     assert hg.sample(observer, hg.methods.rk4, dt=1e-3).limit == pytest.approx(expected, rel=1e-12)
-    with pytest.raises(NotHurwitz, match=r"gains: the linear error core has the eigenvalues .* certified.suggested"):
+    with pytest.raises(NotHurwitz, match=r"gains: the linear error core has the eigenvalues .*design.constant_gain"):
         hg.observers.high_gain(driven(), theta=8, gains=(1.1, 0.8, 0.55))
     assert np.linalg.eigvals(ends[2] / 8 + np.outer(DRIVEN_K - [1.1, 0.8, 0.55], [1.5, 0, 0])).real.max() < 0
 
@@ -161,11 +161,11 @@ def test_the_driven_step_is_the_oracles() -> None:
     assert found == pytest.approx(expected, abs=1e-10)
 
 
-def test_a_suggested_gain_converges_under_any_input() -> None:
+def test_a_designed_gain_converges_under_any_input() -> None:
     """Proved by one P for all ends; here under an input that jumps, from a start far off: V decays as proved."""
     pytest.importorskip("cvxpy")
     pytest.importorskip("clarabel")
-    K = suggested(driven(), largest=50.0)
+    K = hg.design.constant_gain(driven(), largest=50.0)
     assert not isinstance(K, Nothing)
     bound = of_gains(driven(), K)
     assert isinstance(bound, ThetaBound)

@@ -191,27 +191,6 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
     return found if isinstance(found, Nothing) else Steep(units, scale, found)
 
 
-def verified(
-    K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
-) -> tuple[Check, ...]:
-    """Whether P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`: each proved,
-    or refuted with the eigenvalue.
-
-    Raises: `BadGain`.
-    """
-    found = candidate(K, P, sigma)
-    checks = list(facts("adaptive_gain", found, None if decay is None else Fraction(decay)))
-    if alphas is not None:
-        first, second = map(Fraction, alphas)
-        if min(first, second) <= 0:
-            raise BadGain(f"alphas = {alphas}", "must be positive")
-        block = attenuation(found, Fraction(0 if decay is None else decay), first, second)
-        level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
-        claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
-        checks.append(_judged("adaptive_gain.attenuation", claim, block, sign=-1))
-    return tuple(checks)
-
-
 def attenuation(found: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
     """The block matrix of (87), FLINT's, times -1."""
     n, P = found.n, exact(found.P)
@@ -234,9 +213,9 @@ def facts(id: str, found: Candidate, decay: Fraction | None = None) -> tuple[Che
     more = "" if decay is None else f" + {float(decay):g} I"
     rate = found.rate if decay is None else found.rate - unit(found.n) * number(decay)
     return (
-        _judged(f"{id}.definite", "P > 0", exact(found.P)),
-        _judged(f"{id}.shrink", "D P + P D >= 0, D = diag(1, .., n)", found.shrink, strict=False),
-        _judged(
+        judged(f"{id}.definite", "P > 0", exact(found.P)),
+        judged(f"{id}.shrink", "D P + P D >= 0, D = diag(1, .., n)", found.shrink, strict=False),
+        judged(
             f"{id}.decay",
             f"(A - K C)'P + P (A - K C) + {float(found.sigma):g} (D P + P D){more} < 0",
             rate,
@@ -245,7 +224,7 @@ def facts(id: str, found: Candidate, decay: Fraction | None = None) -> tuple[Che
     )
 
 
-def _judged(id: str, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
+def judged(id: str, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
     """Whether M > 0, or M >= 0; the claim is about `sign` M."""
     low, high = smallest(M)
     extreme = "smallest" if sign > 0 else "largest"

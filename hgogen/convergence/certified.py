@@ -33,7 +33,6 @@ from hgogen.algebra.definite import Matrix, root
 from hgogen.algebra.points import exact, points
 from hgogen.check import Check, Verdict
 from hgogen.convergence.lmi import STATES, Lyapunov, common
-from hgogen.convergence.lmi import gains as designed
 from hgogen.door import Misfit
 from hgogen.form import Form
 from hgogen.intervals.bounds import Range, box
@@ -114,7 +113,7 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
 
     Raises: `Misfit` for another number of coefficients.
     """
-    reason = _obstacle(form)
+    reason = obstacle(form)
     if reason:
         return Nothing(reason)
     each = chains(form)
@@ -148,7 +147,7 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
 
     Raises: `lmi.NoSolver` where the a_i have ranges and no solver is installed; `Misfit` for another number of gains.
     """
-    reason = _obstacle(form)
+    reason = obstacle(form)
     if reason:
         return Nothing(reason)
     gain = _exactly("of_gains, K=", K, form)
@@ -169,19 +168,6 @@ def _exactly(what: str, given: Iterable[float], form: Form) -> list[Fraction]:
     if len(found) != form.n:
         raise Misfit(what, given, f"{form.n} finite numbers, one for each state")
     return found
-
-
-def suggested(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
-    """A constant gain K (n), |K| <= `largest`, for all a_i in their ranges, with a small lambda_max(P).
-
-    Raises: `lmi.NoSolver`.
-    """
-    reason = _obstacle(form) or ("a gain is suggested for one output" if len(form.output) > 1 else "")
-    found = reason or _corners(form)
-    if isinstance(found, str):
-        return Nothing(found)
-    K = designed(found[0], largest)
-    return Nothing(f"no gain up to {largest:g} was found") if K is None else tuple(map(float, K))
 
 
 @dataclass(frozen=True)
@@ -235,11 +221,11 @@ def checks(id: str, theta: float, found: Bound | Nothing, name: str = "theta") -
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
     or why there is no bound, or no such form."""
-    found = _obstacle(form) or _steepness(form, _slopes(form), scale)
+    found = obstacle(form) or _steepness(form, _slopes(form), scale)
     return Nothing(found) if isinstance(found, str) else found
 
 
-def _obstacle(form: Form) -> str:
+def obstacle(form: Form) -> str:
     """Why the theorem does not apply as it stands, or ""."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
         return "the bound of several outputs is for chains aligned at the top or at the end"

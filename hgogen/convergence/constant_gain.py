@@ -121,8 +121,9 @@ def _given(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -> Con
         if isinstance(found, str):
             raise BadGain(f"gains = {gains!r}", f"cannot be judged: {found}; declare ranges, or use riccati")
         closed = [_closed(corner, k) for corner in found]
+        fix = "take others for the ranges of the a_i, such as hg.design.constant_gain(form)"
         for matrix in closed:
-            demand_hurwitz("gains", matrix, "take others for the ranges of the a_i, such as certified.suggested(form)")
+            demand_hurwitz("gains", matrix, fix)
         K.extend(k.tolist())
         ends.append(np.array(closed, dtype=float))
     driven = any(a.free_symbols & {*form.system.inputs} for chain in each for a in chain)

@@ -76,7 +76,7 @@ def high_gain(
     `high_gain.lipschitz` in coordinates other than the plant's states (b on the whole box of z).
 
     Args: `theta` >= 1; `poles` (n) of A - K C, negative real parts, the observer's linear core has them times theta,
-    for a_i free of inputs; or `gains` K (n), for any a_i in ranges, such as certified.suggested(form); of several
+    for a_i free of inputs; or `gains` K (n), for any a_i in ranges, such as hg.design.constant_gain(form); of several
     outputs either is a sequence of such, one for each; `initial` the plant's state; `singular` (0..1) switches the
     correction off near a zero of det dPhi/dx, where that is not proved to have none; `accept` ids of refuted checks to
     build on all the same.
