@@ -11,9 +11,10 @@ from hgogen.convergence.certified_core import CoreBound
 from hgogen.convergence.dwell import Held
 from hgogen.convergence.gain_update import Weighted
 from hgogen.convergence.sector import Decay, SectorBound
-from hgogen.evidence import LOOSE, Evidence, enclosure, steep, text
+from hgogen.evidence import LOOSE, Evidence, enclosure, steep, text, written
 from hgogen.form import Form
 from hgogen.intervals.proof import Grounds
+from hgogen.kalman.persistence import Persistent
 from hgogen.structure.polytope import chains
 
 
@@ -22,9 +23,9 @@ def evidence(form: Form, check: Check) -> Evidence | None:
     if check.verdict is not Verdict.PROVED:
         return None
     for proof in check.proofs:
-        if isinstance(proof, Grounds):
-            make = _MAKERS[type(proof.fact)]
-            return make(form, proof.fact)
+        fact = proof.fact if isinstance(proof, Grounds) else proof
+        if type(fact) in _MAKERS:
+            return _MAKERS[type(fact)](form, fact)
     return None
 
 
@@ -120,6 +121,13 @@ def _attenuating(form: Form, proof: Attenuating) -> Evidence | None:
     }
 
 
+def _persistent(form: Form, found: Persistent) -> Evidence:
+    """The inputs in time, and when they show every state."""
+    period = {} if found.period is None else {"period": written(found.period, set())}
+    inputs = {name: written(e, {"t"}) for name, e in found.inputs.items()}
+    return {"inputs": inputs, "at": written(found.at, set()), **period}
+
+
 def _powers(found: Decay) -> list[str]:
     return [str(found.growth**i) for i in range(len(found.P))]
 
@@ -145,5 +153,6 @@ _MAKERS: dict[type, Callable[..., Evidence | None]] = {
     Candidate: _candidate,
     Adapting: _adapting,
     Attenuating: _attenuating,
+    Persistent: _persistent,
     type(None): _nothing,
 }

@@ -31,7 +31,7 @@ plant = hg.System(
 # of x^' = f(x^) + gain (y - x1^), poles at -2 without friction and gravity, under disturbances of all rates and of y
 dissipation = {
     "gain": (6, 12, 8),
-    "V": ((2.44, -0.32, -1.25), (-0.32, 0.88, -0.76), (-1.25, -0.76, 2.03)),
+    "V": ((4.9, -0.6, -2.5), (-0.6, 1.8, -1.5), (-2.5, -1.5, 4.1)),
     "mu": 30,
     "within": {"x1": 1, "x2": 3, "x3": 3},
 }

@@ -14,6 +14,7 @@ Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for 
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -35,6 +36,16 @@ from hgogen.signal import Signal
 t = Signal("t", "s", "time")  # equal to that of a trial
 _EXACTLY = 'Write a multiple of pi as such: period = "2*pi", not 6.283185, which is the period of no sine of t.'
 _SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the period, at which the rank is asked
+
+
+@dataclass(frozen=True)
+class Persistent:
+    """What shows that an input is: rank n at the time `at` (s); `inputs` by name, with their `period` where one
+    varies."""
+
+    inputs: Mapping[str, sp.Expr] = field(hash=False)
+    at: sp.Expr = sp.S.Zero
+    period: sp.Expr | None = None
 
 
 def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:
@@ -68,7 +79,9 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
         return answer(Verdict.UNKNOWN, "the input is not known beforehand", fix)
     if given is None or t not in symbols:
         doubt = _doubt(form, A, C, {u: given[u.name] for u in form.system.inputs if u in read} if given else {})
-        return answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
+        constants = {u: e for u, e in (given or {}).items() if u in {x.name for x in read}}
+        known = answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
+        return replace(known, proofs=(Persistent(constants),))
     if period is None:
         return answer(Verdict.UNKNOWN, "the input varies, and no period is given", f"Give its period. {_EXACTLY}")
     length, rough = _expression("period", period), (*JUMPS, *KINKS)
@@ -84,7 +97,7 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
     for share in _SHARES:
         if _inside(form, given, share * length) and _full(form, A, C, share, 1 / length):
             reason = f"rank {form.n} of C, C A + C', .. at t = {float(share * length):.3g}, and so in every period"
-            return answer(Verdict.PROVED, reason)
+            return replace(answer(Verdict.PROVED, reason), proofs=(Persistent(given, share * length, length),))
     reason = f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times with the input inside its range"
     return answer(Verdict.UNKNOWN, reason)
 

@@ -28,6 +28,7 @@ from hgogen.recheck.dissipation import inequality, is_positive, level
 from hgogen.recheck.file import Certificate, Claim, FormFile, part
 from hgogen.recheck.observers import OF_CHAINS, OF_NUMBERS, STEEP, Keys, Row, Rule
 from hgogen.recheck.observers import rests as of_observer
+from hgogen.recheck.persistence import persistent
 from hgogen.recheck.phase import phases, rank
 from hgogen.recheck.slope import regular, steep
 from hgogen.recheck.text import Expression, expression, number
@@ -273,6 +274,7 @@ def _witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness")
 
 _NONE: Keys = ()  # the file's model shows it
 _CHAINS = ("triangular", "block_triangular")
+_INPUT: Keys = ("inputs", "period", "at")
 _SECOND: Keys = ("system", "share", "basis", "slabs")
 _POINT: Keys = ("expression", "witness")
 # By kind of the form, "*" for any: the claim's id (with the row it counts), its verdict, and what its evidence has.
@@ -297,6 +299,7 @@ RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
     *(("*", id, "proved", found, keys) for id, found, keys in OF_NUMBERS),
     ("*", r"phase\.chain", "proved", phases, ("chain",)),
     ("*", r"phase\.rank", "proved", rank, RANGE),
+    *((kind, r"kalman_like\.persistence", "proved", persistent, _INPUT) for kind in ("state_affine", *_CHAINS)),
     ("*", r"dissipation\.positive", "proved", is_positive, _SECOND),
     ("*", r"dissipation\.inequality", "proved", inequality, (*_SECOND, "left")),
     ("*", r"dissipation\.level", "proved", level, ("system", "floor")),
@@ -316,7 +319,10 @@ def rule(kind: str, claim: Claim) -> tuple[Rule, Row, Keys] | None:
 
 def rests(certificate: Certificate, id: str) -> tuple[str, ...]:
     """The ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
-    own = ("phase.chain",) if id == "phase.rank" else of_observer(id, certificate.form.kind)
+    kind = certificate.form.kind
+    own = {"phase.rank": ("phase.chain",), "kalman_like.persistence": (f"{kind}.structure",)}.get(id) or of_observer(
+        id, kind
+    )
     coordinates = (claim.id for claim in certificate.claims if claim.id.startswith("recast."))
     return (*own, *(() if id.startswith("recast.") else coordinates))
 
