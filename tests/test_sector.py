@@ -16,12 +16,21 @@ import hgogen as hg
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
-from hgogen.convergence.sector import Adaptation, SectorBound, core_check, decays, theta_bound
+from hgogen.convergence.sector import (
+    DEAD_ZONE,
+    SATURATION,
+    Adaptation,
+    SectorBound,
+    Shape,
+    core_check,
+    decays,
+    theta_bound,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-def setting(seed: int, shape: Any) -> tuple[Any, ...]:
+def setting(seed: int, shape: Shape) -> tuple[Any, ...]:
     """A random adaptation, K, P, mu, tau, and a random (eps, sigma)."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 5))
@@ -36,7 +45,7 @@ def setting(seed: int, shape: Any) -> tuple[Any, ...]:
 @settings(deadline=None)
 def test_the_form_of_the_dead_zone_bounds_the_derivative(seed: int) -> None:
     """V = eps'P eps + mu sigma, at l = 1; equal where s^2 = sigma."""
-    adaptation, K, P, mu, tau, eps, sigma = setting(seed, "dead zone")
+    adaptation, K, P, mu, tau, eps, sigma = setting(seed, DEAD_ZONE)
     decay, r = float(adaptation.decay), float(adaptation.r)
     s = np.clip(eps[0], -np.sqrt(sigma), np.sqrt(sigma))
     rate = companion(K) @ eps + K * s
@@ -51,7 +60,7 @@ def test_the_form_of_the_dead_zone_bounds_the_derivative(seed: int) -> None:
 @settings(deadline=None)
 def test_the_form_of_the_saturation_bounds_the_derivative(seed: int) -> None:
     """V = eps'P eps + mu (eps_1^2 - sigma) where eps_1^2 > sigma, at l = 1."""
-    adaptation, K, P, mu, tau, eps, sigma = setting(seed, "saturation")
+    adaptation, K, P, mu, tau, eps, sigma = setting(seed, SATURATION)
     decay, r, e = float(adaptation.decay), float(adaptation.r), eps[0]
     sat = np.clip(e, -np.sqrt(sigma), np.sqrt(sigma))
     q = e - sat
@@ -67,8 +76,8 @@ def test_the_form_of_the_saturation_bounds_the_derivative(seed: int) -> None:
         assert derivative == pytest.approx(-eps @ eps, abs=1e-9)
 
 
-@pytest.mark.parametrize(("shape", "r"), [("dead zone", 0.1), ("saturation", 10.0)])
-def test_the_form_that_is_proved_is_the_float_one(shape: Any, r: float) -> None:
+@pytest.mark.parametrize(("shape", "r"), [(DEAD_ZONE, 0.1), (SATURATION, 10.0)])
+def test_the_form_that_is_proved_is_the_float_one(shape: Shape, r: float) -> None:
     """In rationals and in floats the same matrix; and its largest eigenvalue is negative."""
     adaptation, K = Adaptation(shape, Fraction(1), Fraction(r)), np.array([3.0, 3.0, 1.0])
     exactly = np.array([Fraction(k) for k in K])
@@ -79,9 +88,9 @@ def test_the_form_that_is_proved_is_the_float_one(shape: Any, r: float) -> None:
     assert core_check("x.core", adaptation, decays(adaptation, K), {}).verdict is Verdict.PROVED
 
 
-@pytest.mark.parametrize(("shape", "r"), [("dead zone", 0.1), ("saturation", 10.0)])
+@pytest.mark.parametrize(("shape", "r"), [(DEAD_ZONE, 0.1), (SATURATION, 10.0)])
 @pytest.mark.parametrize("poles", [(-1, -1), (-1, -2, -1.5)])
-def test_every_proof_holds_in_its_coordinates(shape: Any, r: float, poles: tuple[float, ...]) -> None:
+def test_every_proof_holds_in_its_coordinates(shape: Shape, r: float, poles: tuple[float, ...]) -> None:
     """The eigenvalues of the form with a P of scipy's; peak >= lambda_max(P), and not much larger."""
     adaptation, K = Adaptation(shape, Fraction(1), Fraction(r)), np.poly(poles)[1:]
     found = decays(adaptation, K)
@@ -102,14 +111,14 @@ def test_parameters_in_the_chain_have_their_values_in_the_bound() -> None:
     flow = [2 * x[1], k * x[2], -sp.sin(x[0])]
     plant = hg.System("scaled", states=x, outputs=(y,), parameters=(k,), flow=flow, output=[x[0]])
     chain = integrators("x", hg.forms.triangular(plant))
-    found = decays(Adaptation("saturation", Fraction(1), Fraction(10)), np.array([3.0, 3.0, 1.0]))
+    found = decays(Adaptation(SATURATION, Fraction(1), Fraction(10)), np.array([3.0, 3.0, 1.0]))
     bound = theta_bound(chain, found[:1], {})
     assert isinstance(bound, SectorBound)
     assert float(bound.lipschitz) == pytest.approx(1, rel=1e-3)
 
 
-@pytest.mark.parametrize(("shape", "r"), [("dead zone", 0.1), ("saturation", 10.0)])
-def test_the_bound_is_the_formulas(shape: Any, r: float) -> None:
+@pytest.mark.parametrize(("shape", "r"), [(DEAD_ZONE, 0.1), (SATURATION, 10.0)])
+def test_the_bound_is_the_formulas(shape: Shape, r: float) -> None:
     """Of the pendulum, in the coordinates g^(i-1) eps_i: L_b = |(19.6 g, .1)|."""
     chain, K = integrators("x", swing.form()), np.array([2.0, 1.0])
     found = decays(Adaptation(shape, Fraction(1), Fraction(r)), K)
@@ -118,7 +127,7 @@ def test_the_bound_is_the_formulas(shape: Any, r: float) -> None:
         bound = theta_bound(chain, [one], {})
         assert isinstance(bound, SectorBound)
         assert float(bound.lipschitz) == pytest.approx(np.hypot(19.6 * float(one.growth), 0.1), rel=1e-3)
-        weight = float(one.peak + (one.mu if shape == "saturation" else 0))
+        weight = float(one.peak + (one.mu if shape is SATURATION else 0))
         expected = 2 * float(bound.lipschitz) * max(weight / float(one.margin), float(one.peak))
         assert float(bound.theta) == pytest.approx(max(1.0, expected), rel=1e-12)
         assert bound.rate(float(bound.theta) * (1 - 1e-9)) <= 0 < bound.rate(float(bound.theta) * (1 + 1e-9))
@@ -136,7 +145,7 @@ def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: 
     theta = 1.01 * float(checks[f"{kind}.convergence"].reason.split()[1])
     high = {c.id: c for c in build(swing.form(), theta=theta, decay=1, r=r, poles=(-1, -1)).checks}
     assert high[f"{kind}.theta"].verdict is Verdict.PROVED
-    shape: Any = {"stubborn": "saturation", "dead_zone": "dead zone"}[kind]
+    shape = {"stubborn": SATURATION, "dead_zone": DEAD_ZONE}[kind]
     adaptation, K = Adaptation(shape, Fraction(1), Fraction(r)), np.array([2.0, 1.0])
     bound = theta_bound(integrators(kind, swing.form()), decays(adaptation, K), {})
     assert isinstance(bound, SectorBound)

@@ -27,10 +27,7 @@ REFERENCE = (
     "Astolfi, Alessandri, Zaccarian, Stubborn and dead-zone redesign for nonlinear observers and filters, "
     "IEEE TAC 66(2) (2021)"
 )
-EQUATIONS: dict[Shape, str] = {
-    "saturation": "w' = A w + c(w, u) + diag(theta, .., theta^n) K sat(e), |sat(e)| <= sqrt(sigma), e = y - w_1",
-    "dead zone": "w' = A w + c(w, u) + diag(theta, .., theta^n) K (e - sat(e)), |sat(e)| <= sqrt(sigma), e = y - w_1",
-}
+EQUATION = "w' = A w + c(w, u) + diag(theta, .., theta^n) K {}, |sat(e)| <= sqrt(sigma), e = y - w_1"
 LEVEL = "sigma' = theta (-decay sigma + r e^2)"
 
 
@@ -60,7 +57,7 @@ def limited(
     if not 0 <= start < np.inf:
         raise BadGain(f"sigma = {sigma!r}", "must be a finite number, not negative: the square of the first level")
     least = slow * 1e-3
-    if shape == "dead zone":
+    if shape.below:
         if not fast < slow:
             raise BadGain(f"r = {r!r}", f"must be below decay = {slow:g}, or nothing would ever be injected")
         least = (slow + fast) / 2  # so that r stays below it however they are tuned
@@ -73,11 +70,11 @@ def limited(
         gains=(
             high,
             gain("decay", slow, least, slow, "lambda, theta times it is the rate at which sigma decays"),
-            gain("r", fast, 1e-3 * fast, fast if shape == "dead zone" else 1e3 * fast, "weight of e^2 in sigma'"),
+            gain("r", fast, 1e-3 * fast, fast if shape.below else 1e3 * fast, "weight of e^2 in sigma'"),
         ),
         w=sym("state.w", chain.n),
         theorem=theorem,
-        equations=(EQUATIONS[shape], LEVEL, f"K = {listed(K)}"),
+        equations=(EQUATION.format(shape.text), LEVEL, f"K = {listed(K)}"),
         reference=REFERENCE,
         checks=(
             core_check(f"{name}.core", adaptation, proofs, numbers),
@@ -90,15 +87,14 @@ def limited(
 
 def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shape, decay: float, start: float) -> Ode:
     level = sym("gain.theta")
-    square = scalar("sigma", start, low=0.0, unit="y^2", meaning=f"square of the level of the {shape}")
+    square = scalar("sigma", start, low=0.0, unit="y^2", meaning=f"square of the level of the {shape.name}")
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         w_, sigma = values["w"], values["sigma"]
         e, most = valid * (y - chain.offset(u) - w_[0]), ca.sqrt(ca.fmax(sigma, 0))
         sat = ca.fmin(ca.fmax(e, -most), most)
-        injected = sat if shape == "saturation" else e - sat
         return {
-            "w": shifted(w_) + chain.nonlinear(w_, u) + sym("derived.K", chain.n) * injected,
+            "w": shifted(w_) + chain.nonlinear(w_, u) + sym("derived.K", chain.n) * shape.injected(e, sat),
             "sigma": level * (sym("gain.r") * (e * e) - sym("gain.decay") * sigma),
         }
 

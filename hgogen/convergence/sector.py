@@ -23,11 +23,11 @@ The idea of the forms: Alessandri, Zaccarian, "Stubborn state observers for line
 88 (2018).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -43,10 +43,80 @@ from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds, Proof
 from hgogen.structure.polytope import chains
 
-Shape = Literal["dead zone", "saturation"]
-
 FEW = 6  # states up to which several g are tried
 _PAIRS = tuple((2.0**i, 2.0**j) for i, j in product(range(-12, 13), repeat=2))  # mu and tau
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What becomes of an output error e: i(e) is `injected` of (e, sat e), `text` in equations.
+
+    `below`: whether r must be below lambda; `drift`: of (N, K, C, lambda, r), what the second term of V brings into the
+    form over mu: (n, n), (n) and the corner; `share`: m over mu; `rest`: of (proof, l, L), the rate at which V falls
+    beside (l eta - 2 (lambda_max(P) + m) L)/(lambda_max(P) + m); `fix`: what may give a proof where there is none.
+    """
+
+    name: str
+    text: str
+    injected: Callable[[Any, Any], Any]
+    below: bool
+    drift: Callable[[Any, Any, Any, Any, Any], tuple[Any, Any, Any]]
+    share: int
+    rest: Callable[["Decay", Fraction, Fraction], Fraction]
+    fix: str
+
+
+def _excess(e: Any, sat: Any) -> Any:
+    """e - sat e."""
+    return e - sat
+
+
+def _within(e: Any, sat: Any) -> Any:
+    """sat e."""
+    return sat
+
+
+def _squared(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
+    """(-lambda s^2 + r eps_1^2)."""
+    return r * np.outer(C, C), 0 * C, -decay
+
+
+def _beyond(N: Any, K: Any, C: Any, decay: Any, r: Any) -> tuple[Any, Any, Any]:
+    """2 eps_1 C (N eps + K q) + lambda (eps_1 - q)^2 - r eps_1^2."""
+    first = np.outer(C, N[0])
+    return first + first.T + (decay - r) * np.outer(C, C), (K[0] - decay) * C, decay
+
+
+def _level(one: "Decay", level: Fraction, lipschitz: Fraction) -> Fraction:
+    """That of mu sigma, which takes its share of eta."""
+    return level * min(one.margin / one.mu, one.adaptation.decay)
+
+
+def _open(one: "Decay", level: Fraction, lipschitz: Fraction) -> Fraction:
+    """That of eps'P eps, where q = 0."""
+    return (level - 2 * one.peak * lipschitz) / one.peak
+
+
+DEAD_ZONE = Shape(
+    name="dead zone",
+    text="(e - sat(e))",
+    injected=_excess,
+    below=True,
+    drift=_squared,
+    share=0,
+    rest=_level,
+    fix="Lower r.",
+)
+SATURATION = Shape(
+    name="saturation",
+    text="sat(e)",
+    injected=_within,
+    below=False,
+    drift=_beyond,
+    share=1,
+    rest=_open,
+    fix="Raise r.",
+)
 
 
 @dataclass(frozen=True)
@@ -61,14 +131,9 @@ class Adaptation:
         """The symmetric matrix (n + 1, n + 1) of the form, of N, P (n, n), K (n); of floats or of rationals."""
         n, (decay, r) = len(K), (type(mu)(self.decay), type(mu)(self.r))
         C = np.array([mu * 0 + 1, *[mu * 0] * (n - 1)])
-        first, corner = np.outer(C, N[0]), np.outer(C, C)
-        top, side = N.T @ P + P @ N, P @ K + tau * C
-        if self.shape == "dead zone":
-            top, last = top + mu * r * corner, -mu * decay - 2 * tau
-        else:
-            top = top + mu * (first + first.T + (decay - r) * corner)
-            side, last = side + mu * (K[0] - decay) * C, mu * decay - 2 * tau
-        return np.vstack([np.column_stack([top, side]), [*side, last]])
+        block, column, corner = self.shape.drift(N, K, C, decay, r)
+        top, side = N.T @ P + P @ N + mu * block, P @ K + tau * C + mu * column
+        return np.vstack([np.column_stack([top, side]), [*side, mu * corner - 2 * tau]])
 
 
 @dataclass(frozen=True)
@@ -87,7 +152,7 @@ class Decay:
     @property
     def weight(self) -> Fraction:
         """lambda_max(P) + m."""
-        return self.peak + (self.mu if self.adaptation.shape == "saturation" else 0)
+        return self.peak + self.adaptation.shape.share * self.mu
 
     def least(self, lipschitz: Fraction) -> Fraction:
         """The bound on l."""
@@ -110,9 +175,7 @@ class SectorBound:
         """r (1/s) with |error(t)| <= c exp(-r t) (|error(0)| + sqrt sigma(0)) at a theta above the bound."""
         one, level = self.decay, Fraction(theta)
         left = (level * one.margin - 2 * one.weight * self.lipschitz) / one.weight
-        if one.adaptation.shape == "dead zone":
-            return float(min(left, level * min(one.margin / one.mu, one.adaptation.decay)) / 2)
-        return float(min(left, (level - 2 * one.peak * self.lipschitz) / one.peak) / 2)
+        return float(min(left, one.adaptation.shape.rest(one, level, self.lipschitz)) / 2)
 
     def __str__(self) -> str:
         one = self.decay
@@ -131,12 +194,12 @@ def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
 
 def core_check(id: str, adaptation: Adaptation, found: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
     """The check that there is such a proof, of an observer that is built with the `numbers`."""
-    claim = f"the linear error core decays behind its {adaptation.shape}, from any initial error"
+    claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
     for one in found:
         reason = f"by a quadratic form with mu = {float(one.mu):g}, tau = {float(one.tau):g}, in rational arithmetic"
         return Check(id, claim, Verdict.PROVED, reason, proofs=(Grounds(numbers, one),))
-    fix = "Lower r." if adaptation.shape == "dead zone" else "Raise r."
-    return Check(id, claim, Verdict.UNKNOWN, "no quadratic proof was found for these lambda and r", fix=fix)
+    reason = "no quadratic proof was found for these lambda and r"
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix=adaptation.shape.fix)
 
 
 def theta_bound(chain: Integrators, found: Iterable[Decay], numbers: Mapping[str, Any]) -> SectorBound | Nothing:
@@ -165,7 +228,7 @@ def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
     N_, K_, P_ = (array.astype(float) for array in (N, gain, P))
     forms = np.array([adaptation.form(N_, K_, P_, mu, tau) for mu, tau in _PAIRS])
     margins = -np.linalg.eigvalsh(forms)[:, -1]
-    added = np.array([mu for mu, _ in _PAIRS]) if adaptation.shape == "saturation" else 0.0
+    added = adaptation.shape.share * np.array([mu for mu, _ in _PAIRS])
     mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / (float(found.peak) + added)))])
     margin = smallest(exact(-adaptation.form(N, gain, P, mu, tau)))[0]
     return Decay(adaptation, growth, found.P, found.peak, margin, mu, tau) if margin > 0 else None

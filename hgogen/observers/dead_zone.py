@@ -14,6 +14,7 @@ import numpy as np
 
 from hgogen.check import Verdict
 from hgogen.convergence.limited import REFERENCE, limited
+from hgogen.convergence.sector import DEAD_ZONE
 from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -59,7 +60,7 @@ def dead_zone(
     """
     return limited(
         "dead_zone",
-        "dead zone",
+        DEAD_ZONE,
         form,
         theta=theta,
         decay=decay,

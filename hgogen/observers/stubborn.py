@@ -15,6 +15,7 @@ import numpy as np
 
 from hgogen.check import Verdict
 from hgogen.convergence.limited import REFERENCE, limited
+from hgogen.convergence.sector import SATURATION
 from hgogen.form import Form
 from hgogen.observer import Observer
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -59,7 +60,7 @@ def stubborn(
     """
     return limited(
         "stubborn",
-        "saturation",
+        SATURATION,
         form,
         theta=theta,
         decay=decay,
