@@ -44,14 +44,8 @@ def _constant_gain(form: Form, found: ThetaBound) -> Evidence | None:
 
 def _core(form: Form, found: CoreBound) -> Evidence | None:
     """P for the core in scaled coordinates of integrators, |P G|, and the bound of dc/dw in them."""
-    slope = steep(form, (*form.b, *found.scale), found.slope)
-    return slope and {
-        "units": list(map(str, found.units)),
-        "scale": [text(form, s) for s in found.scale],
-        "P": numbers(found.lyapunov.P),
-        "push": str(found.push),
-        **slope,
-    }
+    slope = _sloped(form, found.steep)
+    return slope and {"P": numbers(found.lyapunov.P), "push": str(found.push), **slope}
 
 
 def _decay(form: Form, found: Decay) -> Evidence:
@@ -61,14 +55,8 @@ def _decay(form: Form, found: Decay) -> Evidence:
 
 def _sector(form: Form, found: SectorBound) -> Evidence | None:
     """The same with its margin, and the bound of dc/dw."""
-    slope, decay = steep(form, (*form.b, *found.scale), found.slope), found.decay
-    return slope and {
-        **_decay(form, decay),
-        "scale": [text(form, s) for s in found.scale],
-        "peak": str(decay.peak),
-        "margin": str(decay.margin),
-        **slope,
-    }
+    slope, decay = _sloped(form, found.steep), found.decay
+    return slope and {**_decay(form, decay), "peak": str(decay.peak), "margin": str(decay.margin), **slope}
 
 
 def _held(form: Form, found: Held) -> Evidence:
@@ -82,12 +70,15 @@ def _weighted(form: Form, found: Weighted) -> Evidence:
     return {"P": numbers(found.P), "b": str(found.b), **peak}
 
 
-def _steep(form: Form, found: Steep | None) -> Evidence | None:
+def _sloped(form: Form, found: Steep, wider: float = 1e-9) -> Evidence | None:
     """A bound of dc/dw in scaled coordinates of integrators."""
-    if found is None:
-        return None
-    slope = steep(form, (*form.b, *found.scale), found.proof, LOOSE)
+    slope = steep(form, (*form.b, *found.scale), found.proof, wider)
     return slope and {"units": list(map(str, found.units)), "scale": [text(form, s) for s in found.scale], **slope}
+
+
+def _steep(form: Form, found: Steep | None) -> Evidence | None:
+    """The same where it has room, since no threshold is printed of it."""
+    return None if found is None else _sloped(form, found, LOOSE)
 
 
 def _candidate(form: Form, found: Candidate) -> Evidence:

@@ -102,7 +102,7 @@ def test_the_lyapunov_function_decays_above_the_bound(kind: str, name: str) -> N
     n, (_, index, power, fed, read) = plant.n, parts(kind, plant.n)
     found = bound_of(kind, name)
     P = np.array([[float(x) for x in row] for row in found.lyapunov.P])
-    scale = np.array([float(found.units[i]) for i in index])
+    scale = np.array([float(found.steep.units[i]) for i in index])
     products = integrators(kind, plant).nominal
     b = sp.Matrix([sp.sympify(row).subs(plant.system.nominal) for row in plant.b])
     free = (*plant.states, *plant.system.inputs)
@@ -158,7 +158,7 @@ def test_the_error_decays_as_proved_through_saturations() -> None:
     t = np.linspace(0, 12 / theta, 80)
     solved = solve_ivp(both, (0, t[-1]), [1, 0, -3, 20, 20], t_eval=t, rtol=1e-10, atol=1e-10, max_step=t[-1] / 2000).y
     assert np.abs(solved[4]).max() > 25
-    scale = np.array([float(found.units[i]) for i in (0, 1, 1)]) / np.array([1, theta, theta])
+    scale = np.array([float(found.steep.units[i]) for i in (0, 1, 1)]) / np.array([1, theta, theta])
     e = scale[:, None] * (solved[2:] - solved[[0, 1, 1]])
     V = np.einsum("it,ij,jt->t", e, np.array([[float(x) for x in row] for row in found.lyapunov.P]), e)
     assert (np.exp(-2 * found.rate(theta) * t) * V[0] * (1 + 1e-5) + 1e-8 * V[0] >= V).all()

@@ -25,11 +25,10 @@ import sympy as sp
 
 from hgogen.algebra.definite import Matrix, exact, number, positive, rationals, unit
 from hgogen.chains.integrators import Integrators
-from hgogen.convergence.certified import GROWTHS, Nothing, slope
+from hgogen.convergence.certified import GROWTHS, Nothing, Steep, slope
 from hgogen.convergence.lmi import Lyapunov, NoSolver, common
 from hgogen.intervals.box import rational
 from hgogen.intervals.digits import up
-from hgogen.intervals.proof import Proof
 from hgogen.structure.polytope import chains
 
 # Beyond these the exact Lyapunov equation, or the inequality's program, is too large for a check that answers at once.
@@ -49,16 +48,14 @@ class Layout:
 
 @dataclass(frozen=True)
 class CoreBound:
-    """Every theta > `theta` = max(1, 2 `push` `lipschitz`) converges; `push` >= |P G|; `units` (n): s_i; `scale` (n):
-    s_i a_1 .. a_i; `slope`: how `lipschitz` was found; `numbers`: what the observer is built with."""
+    """Every theta > `theta` = max(1, 2 `push` `lipschitz`) converges; `push` >= |P G|; `steep`: how `lipschitz` was
+    found, in units s_i; `numbers`: what the observer is built with."""
 
     theta: Fraction
     lyapunov: Lyapunov
     push: Fraction
     lipschitz: Fraction
-    units: tuple[Fraction, ...]
-    scale: tuple[sp.Expr, ...]
-    slope: Proof
+    steep: Steep
     numbers: Mapping[str, Any]
 
     def rate(self, theta: float) -> float:
@@ -121,7 +118,7 @@ def _scaled(
         return Nothing("no P with N'P + P N <= -I was found for the core")
     push = _push(found.P, layout)
     theta = max(Fraction(1), 2 * push * steep.high)
-    return CoreBound(theta, found, push, steep.high, units, scale, steep, numbers)
+    return CoreBound(theta, found, push, steep.high, Steep(units, scale, steep), numbers)
 
 
 def _push(P: Matrix, layout: Layout) -> Fraction:

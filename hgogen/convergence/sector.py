@@ -36,11 +36,11 @@ from hgogen.algebra.definite import Matrix, exact, smallest
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
-from hgogen.convergence.certified import GROWTHS, Nothing, slope
+from hgogen.convergence.certified import GROWTHS, Nothing, Steep, slope
 from hgogen.convergence.lmi import STATES, lyapunov
 from hgogen.intervals.box import rational
 from hgogen.intervals.digits import down, up
-from hgogen.intervals.proof import Grounds, Proof
+from hgogen.intervals.proof import Grounds
 from hgogen.structure.polytope import chains
 
 FEW = 6  # states up to which several g are tried
@@ -161,14 +161,13 @@ class Decay:
 
 @dataclass(frozen=True)
 class SectorBound:
-    """Every theta > `theta` converges; `lipschitz` >= |S dc/dw S^-1| on the box, found as `slope`, S the coordinates of
-    `decay`, `scale` those of z; `numbers`: what the observer is built with."""
+    """Every theta > `theta` converges; `lipschitz` >= |S dc/dw S^-1| on the box, found as `steep` in the coordinates of
+    `decay`; `numbers`: what the observer is built with."""
 
     theta: Fraction
     decay: Decay
     lipschitz: Fraction
-    scale: tuple[sp.Expr, ...]
-    slope: Proof
+    steep: Steep
     numbers: Mapping[str, Any]
 
     def rate(self, theta: float) -> float:
@@ -207,13 +206,13 @@ def theta_bound(chain: Integrators, found: Iterable[Decay], numbers: Mapping[str
     best: SectorBound | Nothing = Nothing("the linear core is not shown to decay")
     (a,) = chains(chain.form)
     for one in found:
-        g = rational(one.growth)
-        scale = tuple(g**i * sp.Mul(*a[: i + 1]) for i in range(chain.n))
+        units = tuple(one.growth**i for i in range(chain.n))
+        scale = tuple(rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
         steep = slope(chain.form, scale)
         if isinstance(steep, Nothing):
             return steep
         assert steep.high is not None
-        bound = SectorBound(one.least(steep.high), one, steep.high, scale, steep, numbers)
+        bound = SectorBound(one.least(steep.high), one, steep.high, Steep(units, scale, steep), numbers)
         best = bound if isinstance(best, Nothing) or bound.theta < best.theta else best
     return best
 
