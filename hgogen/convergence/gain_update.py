@@ -105,7 +105,9 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
     form, n = chain.form, chain.n
     unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Raise cap, or watch the status GAIN_LIMITED.")
     if form.behind is not None:
-        return replace(unknown, reason="c is taken at Psi(z), which may have poles in the box of z")
+        return replace(
+            unknown, reason="c is taken at Psi(z), in the plant's ranges: no bound of its slope was sought there"
+        )
     units = tuple(Fraction(cap) ** -(i + 1) for i in range(n))
     scale = tuple(product * rational(s) for product, s in zip(chain.products, units, strict=True))
     slopes = (scale[i] * form.b[i].diff(form.states[j]) / scale[j] for i in range(n) for j in range(n))

@@ -11,7 +11,8 @@ it stays between p_2 and p_2 + (p_3/p_1) sup Gamma. With error_i = L^(i-1+b) eps
 
 with |delta| <= Gamma |eps| where Gamma bounds the increments of c, since it is no less than the spectral norm. So
 D P + P D > 0, N'P + P N + p_1 (D P + P D) < 0 and p_3 (D P + P D) >= 2 lambda_max(P) are enough. The paper's Gamma has
-no D_L; this one, for L >= 1 never larger, lets the gain be lower. Source: Andrieu, Praly, Astolfi, "High gain observers
+no D_L; this one, for L >= 1 never larger, lets the gain be lower. Where c is read at x = Psi(w) in the plant's ranges,
+dc/dw is dc/dx (dPhi/dx)^-1 there, which no clamp makes 0. Source: Andrieu, Praly, Astolfi, "High gain observers
 with updated gain and homogeneous correction terms", Automatica 45 (2009), with linear correction terms; the cap on L,
 which the length of a step asks for, is an extension.
 """
@@ -70,6 +71,12 @@ THEOREM = Theorem(
     REFERENCE,
 )
 
+CLAMPED = Hypothesis(
+    "Gamma bounds them, too, where a state of x = Psi(w) is clamped to its range",
+    verdict=Verdict.UNKNOWN,
+    reason="it is the model's slope there, a sum over the states; what the clamp leaves of the sum may be larger",
+)
+
 
 def updated_gain(
     form: Form,
@@ -122,7 +129,7 @@ def updated_gain(
             gain("p_3", rise, 1e-3 * rise, 1e3 * rise, "how much the gain follows the slope of the model"),
         ),
         w=sym("state.w", chain.n),
-        theorem=THEOREM,
+        theorem=THEOREM if form.behind is None else THEOREM.under(CLAMPED),
         equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {same(first)}, L <= {same(top)}"),
         reference=REFERENCE,
         checks=proved,

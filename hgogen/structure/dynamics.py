@@ -1,8 +1,9 @@
 """A form's equations as CasADi graphs: z' = A(u) z + b(sat(z), u), y = h(z, u), with their Jacobians.
 
 sat clamps the argument of b to the declared box of the states; the linear part is never clamped; the Jacobian is the
-model's, A(u) + b*(sat(z), u), at the clamped point. Parameters with a range become places `plant.NAME`, the others are
-folded.
+model's, A(u) + b*(sat(z), u), at the clamped point: no clamp has a slope in it, neither that of z nor that of a state
+x = Psi(z) at which b is read, where it is b* = db/dx (dPhi/dx)^-1. Parameters with a range become places `plant.NAME`,
+the others are folded.
 """
 
 from collections.abc import Iterable, Sequence
@@ -105,6 +106,8 @@ class Dynamics:
 
     def jacobian(self, z: Any, u: Any) -> Any:
         """d(A z + b)/dz at (sat(z), u), n x n: A(u) + b* where A is free of states."""
+        if self.form.behind is not None:
+            return self.linear(u) + self._slope_behind(self.form.behind, z, u)
         linear, rest = self._graphs(self._z, self._u)
         slope = ca.jacobian(rest, self._z)
         if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
@@ -224,9 +227,22 @@ class Dynamics:
         n = self.n
         linear = ca.sparsify(ca.reshape(column(self._convert(list(self.form.A.T), z, u)), n, n))
         if self.form.behind is not None:
-            states, _ = self._ranged(column(self._convert(self.form.from_form, z, u)))
+            states = self._behind(z, u)
             return linear, column(self._convert(self.form.behind, states, u, self.form.system.states))
         return linear, column(self._convert(self.form.b, z, u))
+
+    def _behind(self, z: Any, u: Any) -> Any:
+        """Psi(z), each state in its range, at z, which its callers have clamped."""
+        return self._ranged(column(self._convert(self.form.from_form, z, u)))[0]
+
+    def _slope_behind(self, behind: Sequence[sp.Expr], z: Any, u: Any) -> Any:
+        """db/dx (dPhi/dx)^-1, n x n, at x = Psi(sat(z)) in the plant's ranges. There dPhi/dx is regular, as phase has
+        proved, while dPsi/dz may have poles in the box of z."""
+        states, x = self.form.system.states, sym("form.x", self.n)
+        rows = (column(self._convert(e, x, self._u, states)) for e in (behind, self.form.to_form))
+        slope, map_ = (ca.jacobian(row, x) for row in rows)
+        pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
+        return ca.substitute([pulled], [x, self._u], [self._behind(self.saturated(z), u), u])[0]
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
