@@ -23,7 +23,7 @@ from hgogen.algebra.echelon import believe_zeros, new_rows
 from hgogen.algebra.points import exact
 from hgogen.algebra.rank import branches, exact_numbers, modulus, plant_of, somewhere
 from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
-from hgogen.check import Check, Verdict
+from hgogen.check import Verdict
 from hgogen.system import System
 
 POINTS = 3
@@ -83,13 +83,6 @@ def of_plant(plant: System) -> UniformObservability:
     fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
     flow, output = ([e.xreplace(fixed) for e in part] for part in (plant.flow, plant.output))
     return gauthier_bornard(flow, output, plant.states, plant.inputs)
-
-
-def uniformly_observable(plant: System) -> Check:
-    """The test as a `Check`; unknown where it does not apply."""
-    found = of_plant(plant)
-    claim = f"observable on an open dense set, {RANGES_APART}"
-    return Check("gauthier_bornard", claim, found.verdict, found.reason)
 
 
 def _outside(

@@ -76,7 +76,7 @@ def symmetries(
         if len(terms) > TERMS or not first.rows:
             break
         samples = _enough(plant, order, samples, len(hidden), len(terms))
-        found = _independent(_fields(samples, terms, unknowns), unknowns, first)
+        found = _independent(_fields(samples, terms, unknowns), unknowns)
         best = found if len(found) > len(best) else best
         if len(best) >= missing:
             break
@@ -173,9 +173,7 @@ def _number(a: Any) -> Fraction | None:
     return found if close and abs(found) <= _LARGEST else None
 
 
-def _independent(
-    fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol], sample: _Sample
-) -> list[list[sp.Expr]]:
+def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
     """The simplest fields that are independent at a point, scalings and translations first."""
     ordered = sorted(fields, key=lambda field: (sum(v != 0 for v in field), sum(v.count_ops() for v in field)))
     draw = [Fraction(3 * k + 2, 2 * k + 5) for k in range(len(unknowns))]

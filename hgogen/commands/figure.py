@@ -22,7 +22,7 @@ from hgogen.step import Step
 from hgogen.target import write
 from hgogen.trial import Trajectory
 
-TRUTH, ESTIMATE, MEASURED, QUIET = "black", "#c8102e", "#c4c4c4", "#8c8c8c"
+TRUTH, ESTIMATE, MEASURED = "black", "#c8102e", "#c4c4c4"
 STYLE: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same glyphs everywhere
     "font.size": 8.5,

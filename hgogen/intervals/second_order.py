@@ -77,14 +77,14 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
     program = _Program.of(asked)
     found = next(program.violations(_samples(program)), None)
     if found:
-        return _refuted(program, found)
+        return _refuted(found)
     if obstacle:
         return Answer(Verdict.UNKNOWN, obstacle)
     share, definite = _largest(asked, boxes)
     if definite is None:
         found = next(program.violations(_along(program)), None)
         if found:
-            return _refuted(program, found)
+            return _refuted(found)
         reason = "near e = 0 the second order does not decide it"
         return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for a sign")
     if share == 1:
@@ -94,7 +94,7 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
     for sign in left:
         found = next(program.violations(_of(sign)), None)
         if found:
-            return _refuted(program, found)
+            return _refuted(found)
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
         total = sum(sign.range.boxes for sign in left)
         reason = f"its second order is definite on {share} of the box of errors, {total} boxes cover the rest"
@@ -141,7 +141,7 @@ class _Program:
         return np.where(np.isfinite(found), found, -np.inf)
 
 
-def _refuted(program: _Program, found: tuple[Point, str]) -> Answer:
+def _refuted(found: tuple[Point, str]) -> Answer:
     point, value = found
     return Answer(Verdict.REFUTED, f"it is {value} there", point)
 
