@@ -149,7 +149,7 @@ def _even(P: sp.Matrix) -> bool:
     """Whether P is symmetric but for rounding; e'P e is that of (P + P')/2."""
     if not all(entry.is_Rational for entry in P):
         return bool(P == P.T)
-    return symmetric([[Fraction(int(x.p), int(x.q)) for x in row] for row in P.tolist()]) is not None
+    return symmetric([[Fraction(x) for x in row] for row in P.tolist()]) is not None
 
 
 def _positive(name: str, value: Any) -> sp.Rational:
@@ -228,7 +228,7 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
         return Fraction(down(lowest, 9)) if lowest > 0 else None
     nearest = (rational(min(Fraction(end) ** 2 for end in ends)) for ends in around.values())
     least = min(end / share for end, share in zip(nearest, P.inv().diagonal(), strict=True))
-    return Fraction(down(Fraction(int(least.p), int(least.q)), 9))
+    return Fraction(down(Fraction(least), 9))
 
 
 def _level(floor: Fraction | None, asked: Dissipates) -> Check:
@@ -247,4 +247,4 @@ def _check(what: str, claim: str, answer: Answer, value: str, asked: Dissipates)
 
 
 def _above(number: sp.Rational) -> str:
-    return up(Fraction(int(number.p), int(number.q)), 9)
+    return up(Fraction(number), 9)

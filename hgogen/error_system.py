@@ -155,4 +155,4 @@ def _ends(name: str, value: Any) -> tuple[Any, Any]:
             raise ValueError
     except (ValueError, TypeError, AttributeError, sp.SympifyError):
         raise BadErrorSystem(f"within: the range {value!r} of {name}", f"is none around 0; {fix}") from None
-    return Fraction(int(low.p), int(low.q)), Fraction(int(high.p), int(high.q))
+    return Fraction(low), Fraction(high)

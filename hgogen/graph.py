@@ -264,5 +264,4 @@ def to_sympy(function: Any, symbols: Sequence[Sequence[sp.Symbol]]) -> list[list
 def _exact(number: float) -> sp.Rational:
     if not math.isfinite(number):
         raise NoSymbols(f"constant {number}")
-    exact = Fraction(repr(number))
-    return sp.Rational(exact.numerator, exact.denominator)
+    return sp.Rational(Fraction(repr(number)))

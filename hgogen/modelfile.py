@@ -291,8 +291,7 @@ def _expression(plant: System, symbols: Mapping[str, Signal], expression: sp.Exp
 
 
 def _rational(number: sp.Float) -> sp.Rational:
-    exact = Fraction(repr(float(number)))
-    return sp.Rational(exact.numerator, exact.denominator)
+    return sp.Rational(Fraction(repr(float(number))))
 
 
 def _quoted(text: str) -> str:

@@ -114,7 +114,7 @@ def _ends(key: Any, value: Any) -> tuple[End, End]:
 def _end(key: Any, end: Any) -> End:
     """A float is the number that its shortest decimal says, as in a Signal."""
     if isinstance(end, sp.Rational):
-        return Fraction(int(end.p), int(end.q))
+        return Fraction(end)
     if isinstance(end, bool) or not isinstance(end, Real):
         raise BadRange(str(key), f"has the end {end!r}, which is no number")
     return Fraction(repr(float(end))) if isinstance(end, float) and math.isfinite(end) else _kept(end)

@@ -180,7 +180,7 @@ def _box(plant: System) -> dict[sp.Symbol, Interval]:
     """Of all signals and the inputs' derivatives; a parameter without a range has its value."""
     orders = range(1, len(plant.states) + _FURTHER)
     box = box_of((*plant.signals, *(u.derivative(k) for u in plant.inputs for k in orders)))
-    values = {p: Fraction(int(v.p), int(v.q)) for p, v in plant.nominal.items() if not p.bounded}
+    values = {p: Fraction(v) for p, v in plant.nominal.items() if not p.bounded}
     return {**box, **{p: (value, value) for p, value in values.items()}}
 
 

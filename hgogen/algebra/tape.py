@@ -117,7 +117,7 @@ class _Writer:
         if node in _CONSTANTS:
             return self._put("constant", value=_CONSTANTS[node])
         if isinstance(node, sp.Rational):
-            return self._put("number", value=Fraction(int(node.p), int(node.q)))
+            return self._put("number", value=Fraction(node))
         if isinstance(node, sp.Float):
             return self._put("number", value=Fraction(repr(float(node))))
         if kind in _FOLDED:
@@ -143,7 +143,7 @@ class _Writer:
         if node.exp.is_Integer:
             return self._put("power", (args[0],), int(node.exp))
         if node.exp.is_Rational:
-            return self._put("root", (args[0],), Fraction(int(node.exp.p), int(node.exp.q)))
+            return self._put("root", (args[0],), Fraction(node.exp))
         return self._put("raise", tuple(args))
 
 

@@ -177,7 +177,7 @@ def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symb
     """The simplest fields that are independent at a point, scalings and translations first."""
     ordered = sorted(fields, key=lambda field: (sum(v != 0 for v in field), sum(v.count_ops() for v in field)))
     draw = [Fraction(3 * k + 2, 2 * k + 5) for k in range(len(unknowns))]
-    point = {s: sp.Rational(c.numerator, c.denominator) for s, c in zip(unknowns, draw, strict=True)}
+    point = {s: sp.Rational(c) for s, c in zip(unknowns, draw, strict=True)}
     rows = [list(sp.Matrix([field]).xreplace(point)) for field in ordered]
     kept: list[list[sp.Expr]] = []
     values: list[list[sp.Expr]] = []

@@ -215,7 +215,7 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
 
 def _written(whole: _Map, point: Mapping[sp.Symbol, Fraction]) -> bool:
     """Whether the determinant is undefined there by the way it is written alone: dPhi/dx is not."""
-    at = {s: sp.Rational(value.numerator, value.denominator) for s, value in point.items()}
+    at = {s: sp.Rational(value) for s, value in point.items()}
     return kind(whole.determinant, at) == "undefined" and all(
         kind(entry, at) != "undefined" for entry in whole.jacobian
     )

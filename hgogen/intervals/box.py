@@ -47,7 +47,7 @@ def _declared(signal: Signal, fixed: Mapping[Signal, sp.Rational]) -> tuple[End,
     if signal.low is not None and signal.high is not None:
         return Fraction(repr(float(signal.low))), Fraction(repr(float(signal.high)))
     if signal in fixed:
-        value = Fraction(int(fixed[signal].p), int(fixed[signal].q))
+        value = Fraction(fixed[signal])
         return value, value
     return EVERYTHING
 
@@ -117,7 +117,7 @@ def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
 
 def rational(value: Fraction) -> sp.Rational:
     """SymPy's rational of a fraction."""
-    return sp.Rational(value.numerator, value.denominator)
+    return sp.Rational(value)
 
 
 def _inside(ends: tuple[End, End], share: Fraction) -> Fraction:

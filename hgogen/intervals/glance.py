@@ -21,7 +21,7 @@ def enclose(expression: sp.Expr, box: Box) -> Interval:
     rational number and for a symbol. A function without a rule may have any value."""
     fixed, around = sides(exact(expression), box)
     if fixed.is_Rational:
-        value = Fraction(int(fixed.p), int(fixed.q))
+        value = Fraction(fixed)
         return value, value
     if fixed in around.symbols:
         return around.ends[around.symbols.index(fixed)]

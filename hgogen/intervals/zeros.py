@@ -87,7 +87,7 @@ def _simplest(below: Point, above: Point) -> Point:
 
 
 def _rational(point: Point) -> dict[sp.Symbol, sp.Rational]:
-    return {s: sp.Rational(value.numerator, value.denominator) for s, value in point.items()}
+    return {s: sp.Rational(value) for s, value in point.items()}
 
 
 def _around(points: list[Point], sides: Sides) -> Pair:
@@ -139,7 +139,7 @@ def _roots(expression: sp.Expr, sides: Sides) -> Iterable[Fraction]:
         roots = sp.Poly(expression, symbol).ground_roots()
     except sp.PolynomialError:
         return []
-    exact = sorted(Fraction(int(root.p), int(root.q)) for root in roots if root.is_Rational)  # x - pi has the root pi
+    exact = sorted(Fraction(root) for root in roots if root.is_Rational)  # x - pi has the root pi
     return [root for root in exact if low <= root <= high]
 
 
@@ -159,6 +159,6 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
             if not (steep and start is not None and steep.is_Rational and start.is_Rational):
                 continue
             root = -start / steep
-            found = point | {symbol: Fraction(int(root.p), int(root.q))}
+            found = point | {symbol: Fraction(root)}
             if sides.contains(found):
                 yield found

@@ -171,7 +171,7 @@ def _finite(e: sp.Expr, around: Box) -> bool:
 def _within(value: sp.Expr, low: Any, high: Any) -> bool:
     """Whether a constant is in the closed range: exactly for a rational, else strictly by rigorous bounds."""
     if value.is_Rational:
-        return bool(low <= Fraction(int(value.p), int(value.q)) <= high)
+        return bool(low <= Fraction(value) <= high)
     found = bound(value, {})
     return bool(low < found.low and found.high < high)
 

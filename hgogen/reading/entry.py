@@ -202,7 +202,7 @@ def _end(name: str, what: str, value: Any) -> tuple[End, End]:
 
 def _between(name: str, what: str, text: str, value: sp.Expr) -> tuple[End, End]:
     if value.is_Rational:
-        return (Fraction(int(value.p), int(value.q)),) * 2
+        return (Fraction(value),) * 2
     ball = values(tape((value,), ()), (), _BITS)[0]
     if not ball.is_finite():
         raise BadEntry(name, f"{what} holds {text!r}, which is no finite real number")

@@ -182,8 +182,7 @@ class _Parser:
             )
         if mantissa.isdigit() and not exponent:
             return sp.Integer(int(mantissa))
-        exact = Fraction(token.text)
-        return sp.Rational(exact.numerator, exact.denominator)
+        return sp.Rational(Fraction(token.text))
 
     def named(self, token: Token) -> sp.Basic:
         """A declared symbol, or a constant."""

@@ -60,7 +60,7 @@ def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | str:
     if isinstance(found, str):
         return found
     ends = [
-        (Fraction(int(a.p), int(a.q)),) if a.is_Rational else (Fraction(known.low), Fraction(known.high))
+        (Fraction(a),) if a.is_Rational else (Fraction(known.low), Fraction(known.high))
         for a, known in zip(chain, found, strict=True)
     ]
     if sum(len(pair) > 1 for pair in ends) > VARYING:
