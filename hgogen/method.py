@@ -7,6 +7,7 @@ import numpy as np
 
 from hgogen.chains.core import core, numbers
 from hgogen.kalman.covariance import covariance_ode, information_ode
+from hgogen.kalman.prior import near_view
 from hgogen.kalman.riccati import Riccati
 from hgogen.observer import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
@@ -75,9 +76,11 @@ class Explicit:
         views = {"information": information_ode, "covariance": covariance_ode}
         pieces = self.ode(views[self.view](part), clock)
         limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
+        forgets = part.forgetting is not None
         return Pieces(
             fields=pieces.fields,
-            predict=pieces.predict,
+            bits=(part.limited,) if forgets else (),
+            predict=(*pieces.predict, near_view(part, self.view)) if forgets else pieces.predict,
             uses_output=True,
             rule=self.name,
             limit=limits[-1].dt,

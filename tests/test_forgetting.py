@@ -3,15 +3,18 @@
 S' = -rho (S - S_0) - A'S - S A + C'R^-1 C, which is linear: S is what the samples show plus what S_0 leaves.
 """
 
+import sys
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
 from native_step import NativeStep
 from oracle import kalman_like as oracle
-from plants import chain, model
+from plants import MODELS, chain, model
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
@@ -19,9 +22,12 @@ import hgogen as hg
 from hgogen.emit import layout, native
 from hgogen.emit.cprint import Real
 from hgogen.emit.exact import machine
+from hgogen.kalman.covariance import unpack
 from hgogen.kalman.factored import largest
+from hgogen.model import load
 from hgogen.observer import Observer
-from hgogen.trial import t
+from hgogen.stability import Limit
+from hgogen.trial import t, try_out
 
 NAN = float("nan")
 EPS_NEURON = 0.8
@@ -248,6 +254,79 @@ def test_a_million_samples_leave_the_covariance_its_rank_in_float() -> None:
         root = np.linalg.inv(np.linalg.cholesky(exact))
         rounding = 9 * eps / (2.0 * DT) * np.sqrt(np.linalg.cond(exact))
         assert root @ P @ root.T == pytest.approx(np.eye(3), abs=rounding)
+
+
+# --- the bit that tells of it -------------------------------------------------------------------------------
+
+
+@cache
+def common(n: int, rate: float, covariance: str = "diagonal") -> Observer:
+    """x_i' = rate x_i, of which the outputs show the differences alone: (1, .., 1) is hidden."""
+    x = [hg.Signal(f"x{i}", low=-5, high=5) for i in range(n)]
+    outputs = [hg.Signal(f"y{i}") for i in range(n - 1)]
+    flow = [sp.Rational(str(rate)) * each for each in x]
+    shown = [a - b for a, b in pairwise(x)]
+    form = hg.forms.state_affine(hg.System("common", states=x, outputs=outputs, flow=flow, output=shown))
+    start = 1e6 * (np.full((n, n), 0.99) + 0.01 * np.eye(n)) if covariance == "correlated" else None
+    accept = ("kalman_like.persistence",)
+    return hg.observers.kalman_like(form, rho=1.0, R=(1.0,) * (n - 1), covariance=start, accept=accept)
+
+
+def largest_share(step: hg.Step, state: np.ndarray) -> float:
+    """s, the largest eigenvalue of S_0 P."""
+    n, unit = len(step.states), np.sqrt(caps(step.observer))
+    if "P" in state.dtype.names or "S" in state.dtype.names:
+        (name,) = {"P", "S"} & {*state.dtype.names}
+        full = np.array(ca.DM(unpack(ca.SX(ca.DM(state[name][0].astype(float))), n)))
+        P = np.linalg.inv(full) if name == "S" else full
+    else:
+        P = covariance(step, state)
+    return float(np.linalg.eigvalsh(P / np.outer(unit, unit))[-1])
+
+
+@pytest.mark.parametrize("view", ["continuous_discrete", "loops", "cholesky", "rk4", "rk4_covariance"])
+@pytest.mark.parametrize("rate", [0.2, 0.0])
+def test_an_unset_bit_means_that_the_samples_show_more(view: str, rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one hidden direction of three states each P_ii is a third of s = 1 + 2 rate/rho, to first order in h."""
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
+    if view == "loops":
+        monkeypatch.setattr(sys.modules["hgogen.methods.continuous_discrete"], "UNROLLED", 0)
+    method = getattr(hg.methods, "continuous_discrete" if view == "loops" else view)
+    step, told = hg.sample(common(3, rate), method, dt=0.02), []
+    step.reset()
+    for _ in range(round(8 / step.dt)):
+        flags = step.flags(step(y=(0.0, 0.0)).status)
+        share = largest_share(step, np.frombuffer(step.save(), layout.state_type(step)))
+        told.append("COVARIANCE_LIMITED" in flags)
+        assert told[-1] or share < 1
+    assert share == pytest.approx(1 + 2 * rate, rel=0.02)
+    assert told[-1]
+    assert not told[1]
+
+
+def test_at_first_the_prior_is_far_below_whatever_the_covariance() -> None:
+    """P(0) of five states that are nearly one: S_0 P(0) has the largest eigenvalue 1/4, its sum is 5/4 of it."""
+    of = common(5, 0.0, "correlated")
+    (part,) = of.parts
+    unit = np.sqrt(caps(of))
+    assert np.linalg.eigvalsh(part.covariance / np.outer(unit, unit))[-1] == pytest.approx(0.25, rel=1e-12)
+
+
+TUNED = {path.stem: load(path) for path in sorted(MODELS.glob("*.*")) if path.is_file()}
+SHOWN = [name for name, each in TUNED.items() if "kalman_like" in each.tuning.tables and each.has("trial")]
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == "pendulum" else (pytest.mark.slow,)) for name in SHOWN]
+)
+def test_a_plant_that_shows_its_states_does_not_set_it(name: str) -> None:
+    """After the first transient of the model's own trials, a twentieth of their duration."""
+    step = TUNED[name].step("kalman_like")
+    for trial in TUNED[name].trials():
+        (found,) = try_out(step, trial, engine="c", seeds=trial.seeds[:1])
+        late = found.status[found.truth.t > trial.duration / 20]
+        assert not any("COVARIANCE_LIMITED" in step.flags(status) for status in np.unique(late))
 
 
 @pytest.mark.parametrize(

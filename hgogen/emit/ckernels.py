@@ -140,11 +140,11 @@ static bool PREFIX_cap(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE
 }
 """,
     "renew": """
-/* L, D after a measurement of each state to the variance 1/c_i^2; whether a P_ii is above half its cap after it */
+/* L, D after a measurement of each state to the variance 1/c_i^2; whether the P_ii/caps_i then add up to over 1/2 */
 static bool PREFIX_renew(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SIZE], const REAL c[SIZE])
 {
     REAL gain[SIZE];
-    bool limited = false;
+    REAL share = ZERO;
     for (unsigned i = 0u; i < SIZE; ++i) {
         REAL alpha = ONE;
         for (unsigned k = 0u; k < SIZE; ++k) {
@@ -170,9 +170,9 @@ static bool PREFIX_renew(PREFIX_column L[SIZE], REAL D[SIZE], const REAL caps[SI
         for (unsigned k = 0u; k < i; ++k) {
             variance = variance + L[k].v[i]*L[k].v[i]*D[k];
         }
-        limited = limited || variance > caps[i]/TWO;
+        share = share + variance/caps[i];
     }
-    return limited;
+    return share > HALF;
 }
 """,
     "balance": """

@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
+from hgogen.kalman.prior import near
 from hgogen.kalman.riccati import Riccati
 from hgogen.observer import HUGE, BadGain, Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
@@ -136,8 +137,8 @@ def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
 
 def largest(part: Riccati) -> np.ndarray:
     """What each P_ii (n) stays below: its cap; where the past is forgotten, twice (1 + 2 mu/rho) cap_i at the smallest
-    rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box. For S' = -rho (S - S_0) -
-    F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what the points miss."""
+    rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box, or 0. For S' = -rho (S - S_0)
+    - F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what the points miss."""
     if part.forgetting is None:
         return part.cap
     unit = np.sqrt(part.cap)
@@ -214,12 +215,6 @@ def _renewed(part: Riccati, clock: Clock) -> Program:
         L, d, _ = measurement_update(*_symbols(part), row, ca.SX(1))
         blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(L, d)))
     return (*blocks, near(part, _variances(part)))
-
-
-def near(part: Riccati, variance: list[Any]) -> Block:
-    """Say so where a P_ii (`variance`) of a part that forgets is above half its cap."""
-    over = _beyond(variance, [float(value) / 2 for value in part.cap])
-    return Block("is the covariance near S_0^-1?", {"status.COVARIANCE_LIMITED": over})
 
 
 def _variances(part: Riccati) -> list[Any]:

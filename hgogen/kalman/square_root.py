@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.kalman.covariance import factor
-from hgogen.kalman.factored import Moved, capped, common, entries, largest, near, smallest
+from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
+from hgogen.kalman.prior import near
 from hgogen.kalman.riccati import Riccati
 from hgogen.observer import BadGain, Clock, Pieces
 from hgogen.program import Block, Field, Program, column, sym

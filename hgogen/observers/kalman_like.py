@@ -11,8 +11,10 @@ keep off zero.
 
 The source has S_0 = 0, with which P grows like exp(rho t) where the input or a silence hides a state. Here S_0 is the
 inverse of the squares of the outer box's half-widths, far below S where the input shows the state: a sample of every
-state, equal to the estimate, that tells rho S_0 a second. Unseen, S_0^1/2 P S_0^1/2 ends below 1 + 2 mu/rho, mu the
-largest logarithmic norm of S_0^1/2 A S_0^-1/2, and keeps the correlation that A gives it.
+state, equal to the estimate, that tells rho S_0 a second. Unseen, S_0^1/2 P S_0^1/2 stays below
+max(initial, 1 + 2 max(mu, 0)/rho), mu the largest logarithmic norm of S_0^1/2 A S_0^-1/2, and keeps the correlation
+that A gives it. The status COVARIANCE_LIMITED is set where sum_i P_ii S_0ii, which is at least s, is above 1/2: unset,
+s < 1 at that sample. At first s is at most 1/4.
 
 What the plant itself contracts faster than exp(-rho t/2) leaves P, seen or not: after a jump of the plant the error in
 it goes at the plant's own rate, and what it did to other states is forgotten like exp(-rho t/2). A rho above twice the
@@ -63,14 +65,15 @@ THEOREM = Theorem(
         *OPERATION,
         Hypothesis(
             "the largest eigenvalue s of S_0 P is below 1: the input shows more than S_0 does",
-            reason="it is at most the sum of P_ii S_0ii; the status COVARIANCE_LIMITED tells that one is above 1/2",
+            reason="where the status COVARIANCE_LIMITED is unset, s < 1 at that sample: s is at most the sum of P_ii "
+            "S_0ii, and the status tells that this is above 1/2",
         ),
     ),
     REFERENCE,
 )
 
 LIMITED = limited(
-    "a variance is above half of what it tends to unseen: samples are missing, or the input shows too little",
+    "the sum of P_ii S_0ii is above 1/2, and s may be 1 or more: samples are missing, or the input shows too little",
     "wait for samples, excite the plant; if it stays while the input varies, lower rho, or scale R down",
 )
 
@@ -144,8 +147,10 @@ def kalman_like(
 
 
 def _unseen(box: tuple[tuple[float, float], ...], start: np.ndarray) -> np.ndarray:
-    """The diagonal of S_0^-1 (n): the square of the outer box's half-width, and four times P(0); without a range, 1e12
-    P(0)."""
+    """The diagonal of S_0^-1 (n): the square of the outer box's half-width, without a range 1e12 P(0), but large enough
+    that no eigenvalue of S_0 P(0) is above 1/4."""
+    deviation = np.sqrt(np.diag(start))
+    correlated = np.linalg.eigvalsh(start / np.outer(deviation, deviation))[-1]
     half = np.array([(high - low) / 2 for low, high in box])
     wide = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
-    return np.asarray(np.minimum(np.maximum(wide, 4 * np.diag(start)), HUGE * HUGE))
+    return np.asarray(np.maximum(np.minimum(wide, HUGE * HUGE), 4 * correlated * np.diag(start)))

@@ -104,7 +104,7 @@ def cap(columns: Array, d: Array, caps: Array) -> bool:
 
 
 def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
-    """Measure each state to the variance 1/c_i^2; whether a variance is above half its cap after it."""
+    """Measure each state to the variance 1/c_i^2; whether the P_ii/cap_i then add up to over 1/2."""
     n = len(d)
     for i in range(n):
         alpha, gain = d.dtype.type(1), np.zeros(n, d.dtype)
@@ -117,7 +117,10 @@ def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
             columns[j, j + 1 :] = old - f * gain[j + 1 :] / before
             gain[j + 1 :] = gain[j + 1 :] + old * v
             gain[j] = v
-    return bool((_variances(columns, d) > caps / 2).any())
+    share = d.dtype.type(0)
+    for variance, limit in zip(_variances(columns, d), caps, strict=True):
+        share = share + variance / limit
+    return bool(share > 0.5)
 
 
 def _variances(columns: Array, d: Array) -> Array:

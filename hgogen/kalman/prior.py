@@ -1,0 +1,39 @@
+"""Whether the samples show more than the prior S_0 does, in every view of a covariance that forgets.
+
+    s = lambda_max(S_0 P) <= sum_i P_ii S_0ii,      s < 1/2  if and only if  S - 2 S_0 is positive definite
+
+The status bit is set where the sum is above 1/2 (of S, where a pivot of S - 2 S_0 is not positive): where it is not
+set, s is at most 1/2 but for rounding, which is far from the other half. A sum of 1 would be at the mercy of rounding,
+for s tends to 1 from below where nothing is seen of a state that stays.
+"""
+
+from functools import reduce
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from hgogen.kalman.covariance import pivots, unpack
+from hgogen.kalman.riccati import Riccati
+from hgogen.program import Block, column, sym
+
+SHARE = 0.5
+
+
+def near(part: Riccati, variance: list[Any]) -> Block:
+    """Say so where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than `SHARE`."""
+    return _told(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
+
+
+def near_view(part: Riccati, view: Literal["information", "covariance"]) -> Block:
+    """The same of the symbols of S or P in full."""
+    n = part.dynamics.n
+    matrix = unpack(sym("state.S" if view == "information" else "state.P", n * (n + 1) // 2), n)
+    if view == "covariance":
+        return near(part, [matrix[i, i] for i in range(n)])
+    _, left = pivots(matrix - ca.SX(ca.DM(np.diag(1 / (SHARE * part.cap)))))
+    return _told(ca.logic_not(reduce(ca.logic_and, (d > 0 for d in left))))
+
+
+def _told(near: Any) -> Block:
+    return Block("is the covariance near S_0^-1?", {"status.COVARIANCE_LIMITED": near})
