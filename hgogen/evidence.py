@@ -206,6 +206,10 @@ def _lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | Non
     return steep(form, form.nonlinear, check.proofs[0], LOOSE) if check.proofs else None
 
 
+def _clamped(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+    return steep(form, form.b, check.proofs[0], LOOSE) if check.proofs else None
+
+
 def _whole_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     return steep(form, (*form.flow, *form.output), check.proofs[0], LOOSE) if check.proofs else None
 
@@ -272,5 +276,6 @@ _MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
     (Verdict.PROVED, r"state_affine\.lipschitz", _flow_lipschitz),
     (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),
     (Verdict.PROVED, r"phase\.chain", _chain),
+    (Verdict.PROVED, r"(?!phase\.|original\.)[a-z_]+\.lipschitz", _clamped),
     (Verdict.PROVED, r"phase\.rank", _rank),
 )

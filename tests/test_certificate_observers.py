@@ -577,3 +577,25 @@ def test_a_range_of_a_gain_that_reads_the_state_proves_nothing() -> None:
     assert result["triangular.structure"].found == result["triangular.a_2"].found == "verified"
     assert result["high_gain.convergence"].found == "fails"
     assert "A reads z1" in result["high_gain.convergence"].sentence
+
+
+@pytest.mark.parametrize("name", ["low_power", "switched_gain", "stubborn"])
+def test_the_claims_on_a_phase_form_are_verified(name: str) -> None:
+    """Its chain is shown with them; not where b is taken at the recovered state, which is another observer."""
+    claims = jobs.checked(load(ROOT / "models" / "lotka_volterra.toml"), None, name)
+    content = certificate(claims.form, claims.checks, claims.observer)
+    ids = [f"{name}.{what}" for what in ("lipschitz", "convergence")]
+    assert {found(content)[id] for id in ids} == {"verified"}
+    assert not falsehood(content)
+    for key, value in (("b", ["z2/1000", content["form"]["b"][1]]), ("kind", "phase.recovered")):
+        forged = copy.deepcopy(content)
+        forged["form"][key] = value
+        assert {found(forged)[id] for id in ids} == {"fails"}
+
+
+def test_a_form_whose_b_is_taken_at_the_recovered_state_says_so() -> None:
+    claims = jobs.checked(load(ROOT / "models" / "cstr.toml"), None, "stubborn")
+    content = certificate(claims.form, claims.checks, claims.observer)
+    assert claims.form.behind is not None
+    assert content["form"]["kind"] == "phase.recovered"
+    assert found(content)["phase.chain"] == "verified"

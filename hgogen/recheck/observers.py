@@ -85,4 +85,6 @@ def rests(id: str, kind: str) -> tuple[str, ...]:
     name, _, what = id.partition(".")
     if name not in OBSERVERS or any(re.fullmatch(pattern, id) for pattern, *_ in OF_NUMBERS):
         return ()
-    return (_RESTS[what].format(name),) if what in _RESTS else (f"{kind}.structure",)
+    if what in _RESTS:
+        return (_RESTS[what].format(name),)
+    return () if kind == "phase" else (f"{kind}.structure",)  # of a phase form the rules show it themselves

@@ -44,7 +44,7 @@ def phases(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
     speeds |= {name: letters[rate] for name, rate in rates.items()}
     if not algebra.is_zero(value_of(Phi[0], letters, algebra) - value_of(plant.output[0], letters, algebra)):
         raise NotShown("it does not begin with the output")
-    if context.form.kind == "phase":
+    if context.form.kind in ("phase", "phase.recovered"):
         for row, image in zip(context.form.to_form, Phi, strict=True):
             if not algebra.is_zero(value_of(row, letters, algebra) - value_of(image, letters, algebra)):
                 raise NotShown("the form's states are not Phi")

@@ -25,7 +25,7 @@ from hgogen.recheck.context import (
     value_of,
 )
 from hgogen.recheck.dissipation import inequality, is_positive, level
-from hgogen.recheck.file import Certificate, Claim, FormFile, part
+from hgogen.recheck.file import OBSERVERS, Certificate, Claim, FormFile, part
 from hgogen.recheck.observers import OF_CHAINS, OF_NUMBERS, STEEP, Keys, Row, Rule
 from hgogen.recheck.observers import rests as of_observer
 from hgogen.recheck.persistence import persistent
@@ -143,6 +143,21 @@ def _steep(context: Context, claim: Claim, rows: Sequence[Expression], name: str
         raise NotShown("its bound is negative")
     boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))
     return Shown(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)
+
+
+def _clamped(context: Context, claim: Claim, place: Row) -> Shown:
+    """|db/dz| <= bound on the whole box of z, to which an observer clamps the argument of b."""
+    return _steep(context, claim, context.form.b, "db/dz")
+
+
+def _in_chain(rule: Rule) -> Rule:
+    """A rule about an observer on a form that has no claim of its structure: it is shown with it."""
+
+    def shown(context: Context, claim: Claim, place: Row) -> Shown:
+        _structure(context, claim, place)
+        return rule(context, claim, place)
+
+    return shown
 
 
 def _uniform_structure(context: Context, claim: Claim, place: Row) -> Shown:
@@ -296,6 +311,8 @@ RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
     ("state_affine", r"state_affine\.structure", "proved", _affine_structure, _NONE),
     ("state_affine", r"state_affine\.lipschitz", "proved", _affine_lipschitz, STEEP),
     *((kind, id, "proved", found, keys) for kind in _CHAINS for id, found, keys in OF_CHAINS),
+    *(("phase", id, "proved", _in_chain(found), keys) for id, found, keys in OF_CHAINS),
+    ("phase", rf"(?:{'|'.join(OBSERVERS)})\.lipschitz", "proved", _in_chain(_clamped), STEEP),
     *(("*", id, "proved", found, keys) for id, found, keys in OF_NUMBERS),
     ("*", r"phase\.chain", "proved", phases, ("chain",)),
     ("*", r"phase\.rank", "proved", rank, RANGE),

@@ -7,6 +7,7 @@ box.
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 
 import sympy as sp
 
@@ -15,6 +16,7 @@ from hgogen.check import Check, Verdict
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import up
+from hgogen.intervals.proof import Proof
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.signal import Signal
 
@@ -28,29 +30,36 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
     """
     if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
-    verdict, reason = _found(form, boxes)
+    verdict, reason, *proofs = _found(form, boxes)
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
-    return (Check(f"{observer}.lipschitz", claim, verdict, reason),)
+    return (Check(f"{observer}.lipschitz", claim, verdict, reason, proofs=tuple(proofs)),)
 
 
-def _found(form: Form, boxes: int) -> tuple[Verdict, str]:
+def _found(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, Proof]:
     """PROVED or UNKNOWN: beyond the image of the plant's box b is not the plant's, and nothing there refutes."""
     if form.behind is None:
-        high, why = _steepest(form.b, form.states, form, boxes)
-        return (Verdict.UNKNOWN, why) if why else (Verdict.PROVED, f"L_b <= {up(high)}, {_HOW}")
+        found = _steepest(form.b, form.states, form, boxes)
+        if isinstance(found, str):
+            return Verdict.UNKNOWN, found
+        assert found.high is not None
+        return Verdict.PROVED, f"L_b <= {up(found.high)}, {_HOW}", found
     taken = "b is taken at Psi(z), clamped to the plant's ranges"
-    if _steepest(form.from_form, form.states, form, boxes)[1]:
+    if isinstance(_steepest(form.from_form, form.states, form, boxes), str):
         return Verdict.UNKNOWN, f"{taken}, which may jump: Psi may have poles in the box of z"
-    why = _steepest(form.behind, form.system.states, form, boxes)[1]
-    return (Verdict.UNKNOWN, f"{taken}; {why}") if why else (Verdict.PROVED, f"{taken}, both of bounded slope, {_HOW}")
+    why = _steepest(form.behind, form.system.states, form, boxes)
+    if isinstance(why, str):
+        return Verdict.UNKNOWN, f"{taken}; {why}"
+    return Verdict.PROVED, f"{taken}, both of bounded slope, {_HOW}"
 
 
-def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> tuple[float, str]:
-    """(the steepest slope of the rows on the box of the states, why none is proved or "")."""
+def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | str:
+    """The steepest slope of the rows on the box of the states; or why none is proved."""
     around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
         found = lipschitz_bound(rows, states, around, boxes=boxes)
     except NoTape as missing:
-        return math.inf, f"{missing.what} may jump or be singular"
-    proved = found.verdict is Verdict.PROVED and math.isfinite(found.high)
-    return found.high, "" if proved else found.reason
+        return f"{missing.what} may jump or be singular"
+    if found.verdict is not Verdict.PROVED or not math.isfinite(found.high):
+        return found.reason
+    high = Fraction(found.high)
+    return Proof("slope", tuple(rows), around, None, high, found.variables, found.tree, tuple(states))
