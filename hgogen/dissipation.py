@@ -29,7 +29,7 @@ from hgogen.check import Check, Verdict
 from hgogen.door import Misfit, limits
 from hgogen.error_system import BadErrorSystem, ErrorSystem, error_box
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import Box, rational
+from hgogen.intervals.box import Box
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.second_order import Answer, SecondOrder, negative
 from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
@@ -226,7 +226,7 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
         faces = [{**around, e: (end, end)} for e, ends in around.items() for end in ends]
         lowest = min(bound(V, face, boxes=boxes, relative=_SHARP).low for face in faces)
         return Fraction(down(lowest, 9)) if lowest > 0 else None
-    nearest = (rational(min(Fraction(end) ** 2 for end in ends)) for ends in around.values())
+    nearest = (sp.Rational(min(Fraction(end) ** 2 for end in ends)) for ends in around.values())
     least = min(end / share for end, share in zip(nearest, P.inv().diagonal(), strict=True))
     return Fraction(down(Fraction(least), 9))
 

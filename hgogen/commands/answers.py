@@ -25,7 +25,6 @@ from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Sign, bound, nonzero
-from hgogen.intervals.box import rational
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.entry import Entry
 from hgogen.reading.expression import parse
@@ -169,7 +168,7 @@ def _endless(slope: sp.Expr, found: Sign) -> bool:
     """Whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is seen."""
     least, most = found.range.least, found.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
-    at = {s: rational(value) for s, value in found.witness.items()}
+    at = {s: sp.Rational(value) for s, value in found.witness.items()}
     return not crosses and kind(slope, at) == "undefined"
 
 

@@ -51,7 +51,6 @@ from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
 from hgogen.convergence.certified import Nothing, Steep, slope
-from hgogen.intervals.box import rational
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds
 from hgogen.observer import BadGain, reals
@@ -186,7 +185,7 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
     none."""
     units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
     (a,) = chains(chain.form)
-    scale = tuple(rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
+    scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
     found = slope(chain.form, scale)
     return found if isinstance(found, Nothing) else Steep(units, scale, found)
 

@@ -36,7 +36,6 @@ from hgogen.convergence.lmi import STATES, Lyapunov, common
 from hgogen.door import Misfit
 from hgogen.form import Form
 from hgogen.intervals.bounds import Range, box
-from hgogen.intervals.box import rational
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds, Proof
 from hgogen.scaling import ALIGNED, exponents
@@ -102,7 +101,7 @@ class _Core:
         """In the coordinates diag(d) scale z."""
         n = range(len(d))
         vertices = tuple(tuple(tuple(d[i] * N[i][j] / d[j] for j in n) for i in n) for N in self.vertices)
-        rationals = (rational(value) for value in d)
+        rationals = (sp.Rational(value) for value in d)
         return _Core(tuple(value * s for value, s in zip(rationals, self.scale, strict=True)), vertices, self.gains)
 
 
@@ -130,7 +129,7 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
         return Nothing(f"{loose[0]} is not shown to be positive")
     exactly = _exactly("of_poles, p=", p, form)
     products = [sp.Mul(*chain[: j + 1]) for chain in each for j in range(len(chain))]
-    gains = tuple(rational(x) / a for x, a in zip(exactly, products, strict=True))
+    gains = tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))
     scale = tuple(sp.Mul(*chain[1 : j + 1]) for chain in each for j in range(len(chain)))
     core = _Core(scale, (_companions(exactly, form.blocks),), gains)
     slopes = _slopes(form)
@@ -155,7 +154,7 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
     if isinstance(found, str):
         return Nothing(found)
     vertices = tuple(_closed(each, gain) for each in product(*found))
-    gains = tuple(map(rational, gain))
+    gains = tuple(map(sp.Rational, gain))
     bound = _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
     return replace(bound, ranges=_extents(form)) if isinstance(bound, ThetaBound) else bound
 

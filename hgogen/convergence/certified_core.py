@@ -27,7 +27,6 @@ from hgogen.algebra.definite import Matrix, exact, number, positive, rationals, 
 from hgogen.chains.integrators import Integrators
 from hgogen.convergence.certified import GROWTHS, Nothing, Steep, slope
 from hgogen.convergence.lmi import Lyapunov, NoSolver, common
-from hgogen.intervals.box import rational
 from hgogen.intervals.digits import up
 from hgogen.structure.polytope import chains
 
@@ -102,7 +101,7 @@ def _scaled(
 ) -> CoreBound | Nothing:
     """The bound with the scales s_i given."""
     (a,) = chains(chain.form)
-    scale = tuple(rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
+    scale = tuple(sp.Rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
     steep = slope(chain.form, scale)
     if isinstance(steep, Nothing):
         return steep

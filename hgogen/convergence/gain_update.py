@@ -21,7 +21,7 @@ from hgogen.check import Check, Verdict
 from hgogen.convergence.certified import Steep
 from hgogen.convergence.lmi import Lyapunov, lyapunov
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.box import box, rational
+from hgogen.intervals.box import box
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds, Proof
 from hgogen.observer import BadGain
@@ -109,7 +109,7 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
             unknown, reason="c is taken at Psi(z), in the plant's ranges: no bound of its slope was sought there"
         )
     units = tuple(Fraction(cap) ** -(i + 1) for i in range(n))
-    scale = tuple(product * rational(s) for product, s in zip(chain.products, units, strict=True))
+    scale = tuple(product * sp.Rational(s) for product, s in zip(chain.products, units, strict=True))
     slopes = (scale[i] * form.b[i].diff(form.states[j]) / scale[j] for i in range(n) for j in range(n))
     around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:

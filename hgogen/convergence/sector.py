@@ -38,7 +38,6 @@ from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
 from hgogen.convergence.certified import GROWTHS, Nothing, Steep, slope
 from hgogen.convergence.lmi import STATES, lyapunov
-from hgogen.intervals.box import rational
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds
 from hgogen.structure.polytope import chains
@@ -207,7 +206,7 @@ def theta_bound(chain: Integrators, found: Iterable[Decay], numbers: Mapping[str
     (a,) = chains(chain.form)
     for one in found:
         units = tuple(one.growth**i for i in range(chain.n))
-        scale = tuple(rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
+        scale = tuple(sp.Rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
         steep = slope(chain.form, scale)
         if isinstance(steep, Nothing):
             return steep

@@ -109,15 +109,10 @@ def sides(expression: sp.Expr, box: Box) -> tuple[sp.Expr, Sides]:
         if not low <= high or low == math.inf or high == -math.inf:
             raise EmptyBox(symbol.name, low, high)
         ends[symbol] = low, high
-    points = {s: rational(Fraction(low)) for s, (low, high) in ends.items() if low == high and not steep}
+    points = {s: sp.Rational(Fraction(low)) for s, (low, high) in ends.items() if low == high and not steep}
     fixed = settled(expression, points) if points else expression
     left = tuple(s for s in ends if s not in points or s in fixed.free_symbols)
     return fixed, Sides(left, tuple(ends[s] for s in left))
-
-
-def rational(value: Fraction) -> sp.Rational:
-    """SymPy's rational of a fraction."""
-    return sp.Rational(value)
 
 
 def _inside(ends: tuple[End, End], share: Fraction) -> Fraction:

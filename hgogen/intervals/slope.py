@@ -16,7 +16,7 @@ import sympy as sp
 from hgogen.algebra.points import exact, kind, put
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
-from hgogen.intervals.box import Box, Point, Sides, rational, sides
+from hgogen.intervals.box import Box, Point, Sides, sides
 from hgogen.intervals.search import Tree, everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
 from hgogen.intervals.zeros import special_point
@@ -170,7 +170,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
     exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
     for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits is dear
         moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
-        along = put(slope, {s: rational(value) + t * rational(moved[s]) for s, value in point.items()})
+        along = put(slope, {s: sp.Rational(value) + t * sp.Rational(moved[s]) for s, value in point.items()})
         along = along and _settled(along, t)
         if not along or not along.has(t) or along.has(sp.Heaviside):
             continue
