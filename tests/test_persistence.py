@@ -36,3 +36,20 @@ def test_the_times_asked_are_shares_of_a_period_however_short() -> None:
     assert check.verdict is Verdict.PROVED
     assert "at t = 1.43e-05," in check.reason
     assert persistent("p", turned(), {"u": "sin(20000*pi*t)"}, "1/9999").verdict is Verdict.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("u", "period"), [("sin(24*t)", "2*pi"), ("sin(t)/2 + sin(24*t)/2", "2*pi"), ("cos(25)", None)], ids=str
+)
+def test_what_exact_algebra_cannot_do_is_unknown(u: str, period: str | None) -> None:
+    """A multiple of an angle beyond 16 is too large for it: a check says so, and what may help."""
+    check = persistent("p", turned(), {"u": u}, period)
+    assert check.verdict is Verdict.UNKNOWN
+    assert "is too large for exact algebra" in check.reason
+    assert "the shortest period" in check.fix
+    observer = hg.observers.kalman_like(turned(), rho=1, R=1, inputs={"u": u}, period=period)
+    assert check.reason in {one.reason for one in observer.checks}
+
+
+def test_the_shortest_period_is_proved() -> None:
+    assert persistent("p", turned(), {"u": "sin(24*t)"}, "pi/12").verdict is Verdict.PROVED

@@ -13,7 +13,7 @@ refuted. Along a record, see `hgogen.excitation`. Source: G. Besancon, G. Bornar
 Control 2 (1996); L. M. Silverman, H. E. Meadows, SIAM J. Control 5 (1967), for the rank.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
@@ -22,6 +22,7 @@ import sympy as sp
 
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
+from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
 from hgogen.check import Check, Verdict
@@ -35,6 +36,7 @@ from hgogen.signal import Signal
 
 t = Signal("t", "s", "time")  # equal to that of a trial
 _EXACTLY = 'Write a multiple of pi as such: period = "2*pi", not 6.283185, which is the period of no sine of t.'
+_SHORTEST = "Give the shortest period, a constant as a rational number, or judge a record by hgogen.excitation."
 _SHARES = (sp.Rational(1, 7), sp.Rational(2, 5), sp.Rational(3, 4))  # of the period, at which the rank is asked
 
 
@@ -54,7 +56,7 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
     Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, its text, or a number, None where they are
     not known beforehand; `period` (s) of them all, as 2*sympy.pi or "2*pi", where one varies.
 
-    proved, refuted (a constant input), or unknown: as the module says.
+    proved, refuted (a constant input), or unknown: as the module says, and where exact algebra would need too long.
 
     Raises: `BadGain` for names that are not the plant's inputs, or expressions of something else.
     """
@@ -67,9 +69,7 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
 
     if not form.structured:
         return answer(Verdict.UNKNOWN, "it is not shown that the plant is state-affine, with this A and C")
-    read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
-    A, C = _along_time(form, given or {})
-    symbols = A.free_symbols | C.free_symbols
+    symbols = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, given or {})))
     measured = ", ".join(sorted(str(z) for z in symbols & {*form.states}))
     if measured:
         fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
@@ -77,7 +77,17 @@ def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, per
     if given is None and symbols & {*form.system.inputs}:
         fix = "Give inputs= and period= where it is, or judge a record by hgogen.excitation.along."
         return answer(Verdict.UNKNOWN, "the input is not known beforehand", fix)
-    if given is None or t not in symbols:
+    try:
+        return _judged(answer, form, given, period)
+    except TooLarge as error:
+        return answer(Verdict.UNKNOWN, str(error), _SHORTEST)
+
+
+def _judged(answer: Callable[..., Check], form: Form, given: Mapping[str, sp.Expr] | None, period: Any) -> Check:
+    """Of known inputs, or of A and C that read none. Raises: `TooLarge`."""
+    read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
+    A, C = _along_time(form, given or {})
+    if given is None or t not in A.free_symbols | C.free_symbols:
         doubt = _doubt(form, A, C, {u: given[u.name] for u in form.system.inputs if u in read} if given else {})
         constants = {u: e for u, e in (given or {}).items() if u in {x.name for x in read}}
         known = answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
@@ -207,9 +217,9 @@ def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Ex
         return False
 
 
-def _constant(answer: Any, form: Form, A: sp.Matrix, C: sp.Matrix) -> Check:
+def _constant(answer: Callable[..., Check], form: Form, A: sp.Matrix, C: sp.Matrix) -> Check:
     if _full(form, A, C, sp.S.Zero):
-        check: Check = answer(Verdict.PROVED, f"the pair (C, A) has rank {form.n}")
+        check = answer(Verdict.PROVED, f"the pair (C, A) has rank {form.n}")
     elif is_zero(_size(_rows(A, C, form.n)), box(form.system.parameters, form.system.nominal)):
         fix = "Vary the input, so that it shows the states that a constant one hides."
         check = answer(Verdict.REFUTED, f"the pair (C, A) has a rank below {form.n}", fix)
