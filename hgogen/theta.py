@@ -23,7 +23,7 @@ from hgogen.intervals.digits import same
 from hgogen.kalman.decay import error_bound as error_bound
 from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
 from hgogen.kalman.riccati import HighGain
-from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain, real
+from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain, positive, real
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.scaling import SCALED, Scaled
 from hgogen.structure.dynamics import Dynamics
@@ -319,15 +319,15 @@ def decaying(theta_0: float, rate: float, *, scaled: Scaled = "process") -> Deca
     Raises: `BadGain`.
     """
     _at_least("theta_0", theta_0, 1.0)
-    _positive("rate", rate)
+    positive("rate", rate)
     _known(scaled)
     return Decaying(float(theta_0), float(rate), scaled)
 
 
 def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
     """mu for `adaptive`: 0 below gamma_0 > 0, 1 above gamma_1 > gamma_0 (y^2 s). Raises: `BadGain`."""
-    _positive("gamma_0", gamma_0)
-    _positive("gamma_1", gamma_1)
+    positive("gamma_0", gamma_0)
+    positive("gamma_1", gamma_1)
     if not gamma_0 < gamma_1:
         raise BadGain(f"gamma_0 = {gamma_0:g}", f"must be below gamma_1 = {gamma_1:g}")
     return Smoothstep(float(gamma_0), float(gamma_1))
@@ -335,8 +335,8 @@ def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
 
 def logistic(centre: float, slope: float) -> Logistic:
     """mu for `adaptive`: the paper's sigmoid, `centre` (y^2 s) and `slope` (1/(y^2 s)) positive. Raises: `BadGain`."""
-    _positive("centre", centre)
-    _positive("slope", slope)
+    positive("centre", centre)
+    positive("slope", slope)
     return Logistic(float(centre), float(slope))
 
 
@@ -362,19 +362,14 @@ def adaptive(
     if not isinstance(innovation, Innovation):
         raise BadGain(f"innovation = {innovation!r}", "must be innovation.staggered(...) or innovation.window(...)")
     _at_least("theta_1", theta_1, 1.0)
-    _positive("rise_time", rise_time)
-    _positive("rate", rate)
+    positive("rise_time", rise_time)
+    positive("rate", rate)
     return Adaptive(float(theta_1), float(rise_time), float(rate), mu, innovation)
 
 
 def _known(scaled: str) -> None:
     if scaled not in SCALED:
         raise BadGain(f"scaled = {scaled!r}", f"must be one of {', '.join(map(repr, SCALED))}: what theta scales")
-
-
-def _positive(name: str, value: float) -> None:
-    if not 0 < real(name, value) < float("inf"):
-        raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
 
 
 def _at_least(name: str, value: float, low: float) -> None:

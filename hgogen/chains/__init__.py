@@ -1,1 +1,1 @@
-"""What observers on chains of integrators share: their core, how the output error is injected, saturations."""
+"""What observers on chains of integrators share: gains, the linear core, injection of the output error, saturations."""

@@ -6,9 +6,9 @@
 
 theta = 1 is the extended Kalman filter; theta adapts to the innovation over a sliding window. Several outputs take
 chains aligned at their tops or at their ends, and Busvelle's slides another scaling for a theta that decays: both stand
-in `scaling`. Source: Boizot, Busvelle,
-Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), (4)-(6). The observer of the
-paper is continuous; the default method realises it as continuous-discrete (the authors' ECC 2009 paper).
+in `scaling`. Source: Boizot, Busvelle, Gauthier, "An adaptive high-gain observer for nonlinear systems", Automatica 46
+(2010), (4)-(6). The observer of the paper is continuous; the default method realises it as continuous-discrete (the
+authors' ECC 2009 paper).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
