@@ -13,14 +13,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import chain
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.check import Refuted
 from hgogen.emit import native
 from hgogen.emit.cprint import Real
 from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
+from hgogen.observer import BadGain
 from hgogen.trial import Trial, try_out
 from hgogen.tuning import Tuning
 
@@ -197,7 +200,7 @@ def generic(n: int) -> dict[str, dict[str, Any]]:
             "poles": poles,
             "model": True,
         },
-        "adaptive_lmi": {**LMI.get(n, LMI[2]), "gamma": (20.53, 80), "rise": 20, "threshold": 0.1},
+        "adaptive_lmi": {**designed(n), "gamma": (20.53, 80), "rise": 20, "threshold": 0.1},
         "riccati": {"Q": (1.0,) * n, "R": 1.0},
         "hamilton_jacobi": {"Q": (1.0,) * n, "R": 1.0},
         "kalman_like": {"rho": 1.0, "R": 1.0},
@@ -205,12 +208,13 @@ def generic(n: int) -> dict[str, dict[str, Any]]:
 
 
 LINE = {n: [comb(n, i) for i in range(1, n + 1)] for n in range(1, 9)}  # all poles at -1
-LMI = {
-    len(table["K"]): {key: table[key] for key in ("K", "P", "sigma")}
-    for table in (
-        MODELS[name].tuning.tables["adaptive_lmi"] for name in ("pendulum", "disturbed_pendulum", "hyperjerk")
-    )
-}
+
+
+@cache
+def designed(n: int) -> dict[str, Any]:
+    """K, P, sigma of `adaptive_lmi`."""
+    found = hg.design.adaptive_gain(n, slope=1.0)
+    return {"K": found.K, "P": found.P, "sigma": found.sigma}
 
 
 FORMS: tuple[tuple[str, dict[str, bool]], ...] = (
@@ -225,15 +229,50 @@ FORMS: tuple[tuple[str, dict[str, bool]], ...] = (
 )
 
 
-def refusal(form: hg.Form, name: str, gains: dict[str, Any]) -> str:
-    """Why there is no such observer on the form; empty where there is one."""
+def refusal(form: hg.Form, name: str, gains: dict[str, Any]) -> HgogenError | None:
+    """Why there is no such observer on the form; None where there is one."""
     if "poles" in gains and len(form.blocks) > 1:
         gains = {**gains, "poles": [(-1.0,) * size for size in form.blocks]}
     try:
         hg.sample(getattr(hg.observers, name)(form, **gains), dt=1e-6)
     except HgogenError as error:
-        return str(error)
-    return ""
+        return error
+    return None
+
+
+def of_theory(name: str, error: HgogenError) -> bool:
+    """Whether it is the form or the plant that is refused: by a refuted check of the form, none of the observer's own,
+    or by what the observer, not one of its gains, says it takes."""
+    if isinstance(error, Refuted):
+        return not any(check.id.startswith(f"{name}.") for check in error.checks)
+    return isinstance(error, BadGain) and error.gain == name
+
+
+@pytest.mark.parametrize("n", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 5))])
+def test_the_generic_gains_are_in_order(n: int) -> None:
+    """Every observer takes them on a chain of as many states: where it refuses a model, they are not why."""
+    assert n <= max(len(each.plant.states) for each in MODELS.values()) == 5
+    forms = {name: hg.forms.state_affine if name == "kalman_like" else hg.forms.triangular for name in generic(n)}
+    refused = {name: refusal(forms[name](chain(n)), name, gains) for name, gains in generic(n).items()}
+    assert not {name: str(error) for name, error in refused.items() if error}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("adaptive_lmi", {"K": (1.0,)}),
+        ("adaptive_lmi", {"P": ((1.0, 0.99), (0.99, 1.0))}),  # D P + P D has the determinant 8 - 9 .99^2
+        ("updated_gain", {"b": 1e-3}),
+        ("high_gain", {"poles": (-1.0,)}),
+        ("kalman_like", {"R": (1.0, 1.0)}),
+        ("riccati", {"Q": (1.0, -1.0)}),
+    ],
+)
+def test_a_wrong_gain_is_not_taken_for_theory(name: str, changes: dict[str, Any]) -> None:
+    form = (hg.forms.state_affine if name == "kalman_like" else hg.forms.triangular)(chain(2))
+    error = refusal(form, name, {**generic(2)[name], **changes})
+    assert error is not None
+    assert not of_theory(name, error)
 
 
 def shaped(plant: hg.System, name: str, options: dict[str, bool]) -> hg.Form | None:
@@ -254,5 +293,7 @@ def test_what_has_no_tuning_is_refused_by_the_theory(model: str) -> None:
     assert set(gains) | {"bank"} == set(hg.observers.__all__)
     untuned = sorted(set(gains) - tuned)
     forms = [form for name, options in FORMS if (form := shaped(plant, name, options))]
-    found = {name: form.kind for form in forms for name in untuned if not refusal(form, name, gains[name])}
-    assert not found, f"add a tuning to {MODELS[model].path} for what builds, here with its form: {found}"
+    asked = [(name, form.kind, refusal(form, name, gains[name])) for form in forms for name in untuned]
+    builds = [f"{name} on {on}" for name, on, error in asked if error is None]
+    assert not builds, f"add a tuning to {MODELS[model].path} for what builds: {builds}"
+    assert not [(name, on, str(error)) for name, on, error in asked if error and not of_theory(name, error)]
