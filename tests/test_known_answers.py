@@ -85,10 +85,13 @@ def test_constant_theta_8_does_not_stay_in_noise() -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("law", LAWS)
-def test_adaptive_theta_settles_after_the_jump(law: str) -> None:
+@pytest.mark.parametrize(("law", "peak"), [("staggered", 7.97), ("window", 7.96), ("logistic", 7.98)])
+def test_adaptive_theta_settles_after_the_jump(law: str, peak: float) -> None:
+    """`peak`: theta's, the median over seeds, to the digits given."""
     step = built(LAWS[law])
-    result = summed(step, tried(step, ONE))
+    trajectories = tried(step, ONE)
+    result = summed(step, trajectories)
+    assert np.median([each.traces["theta"].max() for each in trajectories]) == pytest.approx(peak, abs=5e-3)
     assert 7 <= result.settled[1] <= 9.5
     assert result.worst[1] <= 14
     assert result.triggered == (1, 1)

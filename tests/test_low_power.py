@@ -126,10 +126,10 @@ def test_the_peaking_free_core_is_the_low_power_one_beside_a_filter(n: int) -> N
 # --- known answers ------------------------------------------------------------------------------------------
 
 
-def wide(span: float) -> hg.Form:
+def wide(span: float, second: float = 10) -> hg.Form:
     """The hyperjerk system with wide ranges, so that nothing is saturated but what the observer itself does."""
-    x = [hg.Signal(f"x{i}", low=-max(span, 10), high=max(span, 10)) for i in (1, 2)]
-    x += [hg.Signal(f"x{i}", low=-span, high=span) for i in (3, 4)]
+    ends = (max(span, 10), max(span, second), span, span)
+    x = [hg.Signal(f"x{i}", low=-end, high=end) for i, end in enumerate(ends, 1)]
     flow = [x[1], x[2], x[3], -x[3] - 5.2 * x[2] - 2.7 * x[1] + 4.5 * (x[0] ** 2 - 1)]
     return hg.forms.triangular(hg.System("wide", states=x, outputs=[hg.Signal("y")], flow=flow, output=[x[0]]))
 
@@ -156,6 +156,16 @@ def test_the_peaks_of_both_observers() -> None:
     assert peaks[0] == pytest.approx(55128.29, rel=1e-6)
     assert peaks[0] == pytest.approx(55098, rel=1e-3)
     assert peaks[1] == pytest.approx(4.5, rel=0.05)
+
+
+@pytest.mark.parametrize(("second", "expected"), [(5, 4.497), (10, 4.509)])
+def test_the_peak_without_peaking_to_its_digits(second: float, expected: float) -> None:
+    """4.5, as others tell: with x2, x3, x4 saturated at 5, and the same where x2 is at 10; a tenth of the step moves it
+    by less than 1e-5."""
+    x, off = orbit(1e-4, 0.4), {"x1": 9.1, "x2": 0, "x3": 0, "x4": 0}
+    observer = hg.observers.peaking_free(wide(5.0, second), theta=50, initial=off)
+    found = hg.sample(observer, hg.methods.rk4, dt=1e-4).run(y=x[:, 0])
+    assert np.abs(found.x - x)[:, 3].max() == pytest.approx(expected, abs=5e-4)
 
 
 def test_the_peak_does_not_grow_with_theta() -> None:
