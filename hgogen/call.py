@@ -217,7 +217,7 @@ class CallableStep(Step):
 
     def _demand_sections(self) -> None:
         if not self.apart:
-            raise CannotUpdate(self.observer.name, self.method.name)
+            raise CannotUpdate(self.observer.name, self.rule)
 
     def _sample(self, status: int) -> Sample:
         machine = self._machine

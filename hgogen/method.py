@@ -6,6 +6,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from hgogen.chains.core import core, numbers
+from hgogen.errors import HgogenError
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import near_view
 from hgogen.kalman.riccati import Riccati
@@ -16,6 +17,16 @@ from hgogen.stability import Limit, core_limit, covariance_limit
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 FACTORED = "; the method continuous_discrete keeps it definite at any dt"
+
+
+@dataclass(eq=False)
+class NoCovariance(HgogenError):
+    """A method for a covariance, asked of an observer that has none."""
+
+    method: str
+
+    def __str__(self) -> str:
+        return f"{self.method} is a method for the covariance of a Riccati observer, here there is none: take rk4"
 
 
 class Method(Protocol):
@@ -37,7 +48,8 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class Explicit:
-    """An explicit Runge-Kutta method for any part; of a Riccati observer it integrates (z, S) or (z, P)."""
+    """An explicit Runge-Kutta method: of a Riccati observer it integrates (z, S) or (z, P), in the view (z, S) any
+    other part too."""
 
     tableau: Tableau
     view: Literal["information", "covariance"]
@@ -48,7 +60,13 @@ class Explicit:
         return f"{self.tableau.name}, {self.view} form" if self.view == "covariance" else self.tableau.name
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """One step of every field of the part at once."""
+        """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
+        if self.view == "covariance":
+            raise NoCovariance(self.name)
+        return self.step(part, clock)
+
+    def step(self, part: Ode, clock: Clock) -> Pieces:
+        """One step of every field of the part at once, whatever the part is of."""
         start = {field.name: sym(f"state.{field.name}", field.size) for field in part.fields}
 
         def rate(values: Any, c: float) -> Any:
@@ -74,7 +92,7 @@ class Explicit:
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """z and S, or z and P, as one differential equation."""
         views = {"information": information_ode, "covariance": covariance_ode}
-        pieces = self.ode(views[self.view](part), clock)
+        pieces = self.step(views[self.view](part), clock)
         limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         forgets = part.forgetting is not None
         return Pieces(

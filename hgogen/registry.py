@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from importlib import import_module
 from inspect import cleandoc, isfunction
 from pkgutil import iter_modules
@@ -27,8 +27,9 @@ def load(package: str) -> dict[str, Any]:
     """Import every module of the package, in alphabetical order; return {case name: its public object}.
 
     A folder's `__init__` says `globals().update(load(__name__))`. Loading is eager because importing a module
-    later would bind the package's attribute to the module in place of the function. That hides the file's docstring
-    too: a function's own follows it, so that help() shows equations and reference before the arguments.
+    later would bind the package's attribute to the module in place of the case. That hides the file's docstring too: a
+    function's own follows it, so that help() shows equations and reference before the arguments, and a value has it in
+    the place of its class's.
 
     Raises: `NoCase`.
     """
@@ -42,10 +43,12 @@ def load(package: str) -> dict[str, Any]:
 
 
 def _told(module: ModuleType, case: Any) -> Any:
-    """The case; a function has its file's docstring before its own, once."""
+    """The case; a function has its file's docstring before its own, once, a value has its file's."""
     if isfunction(case) and case.__doc__ and module.__doc__:
         file, own = cleandoc(module.__doc__), cleandoc(case.__doc__)
         case.__doc__ = own if own.startswith(file) else f"{file}\n\n{own}"
+    elif is_dataclass(case) and not isinstance(case, type):
+        object.__setattr__(case, "__doc__", module.__doc__)  # help() shows a value's own, else all of its class
     return case
 
 

@@ -71,12 +71,12 @@ class StepTooLong(HgogenError):
 
     dt: float
     limit: float
-    method: str
+    rule: str
     why: str
 
     def __str__(self) -> str:
         limit = rounded_down(self.limit)
-        return f"dt = {self.dt:g} is too long for {self.method}: {self.why}; take dt <= {limit}, or another method"
+        return f"dt = {self.dt:g} is too long for {self.rule}: {self.why}; take dt <= {limit}, or another method"
 
 
 def rounded_down(value: float) -> str:
@@ -156,11 +156,11 @@ class CannotUpdate(HgogenError):
     """Prediction and correction asked for apart, of an observer that integrates with the measurement."""
 
     observer: str
-    method: str
+    rule: str
 
     def __str__(self) -> str:
         return (
-            f"{self.observer} by {self.method} integrates with the measurement, so it cannot predict and update apart; "
+            f"{self.observer} by {self.rule} integrates with the measurement, so it cannot predict and update apart; "
             "call the step, or use riccati with methods.continuous_discrete"
         )
 
@@ -180,18 +180,19 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
     pieces = tuple(part.pieces(method, clock) for part in observer.parts)
     tightest = min(pieces, key=lambda piece: piece.limit)
     if dt > tightest.limit:
-        raise StepTooLong(dt, tightest.limit, method.name, tightest.why)
-    caution = min(piece.caution for piece in pieces)
-    if dt > caution:
+        raise StepTooLong(dt, tightest.limit, tightest.rule or method.name, tightest.why)
+    doubtful = min(pieces, key=lambda piece: piece.caution)
+    if dt > doubtful.caution:
+        rule = doubtful.rule or method.name
         warnings.warn(
-            f"dt = {dt:g} is longer than {rounded_down(caution)}, from where on {method.name} may fail in a part of "
+            f"dt = {dt:g} is longer than {rounded_down(doubtful.caution)}, from where on {rule} may fail in a part of "
             "the declared box; shorten it or take another method",
             StepMayFail,
             stacklevel=3,
         )
     step = _assembled(observer, method, clock, pieces, tightest.limit)
     if every and not step.apart:
-        raise CannotUpdate(observer.name, method.name)
+        raise CannotUpdate(observer.name, step.rule)
     return step
 
 

@@ -16,10 +16,11 @@ import hgogen as hg
 from hgogen.emit.exact import evaluate, machine
 from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
 from hgogen.kalman.riccati import Riccati
+from hgogen.method import NoCovariance
 from hgogen.program import sym
 from hgogen.runge_kutta import EULER, HEUN, RK4, Tableau, repeated
 from hgogen.stability import Limit
-from hgogen.step import BadStep, StepMayFail, StepTooLong
+from hgogen.step import BadStep, CannotUpdate, StepMayFail, StepTooLong
 
 EPS = np.finfo(float).eps
 Signal = Callable[[np.ndarray], np.ndarray]
@@ -404,3 +405,19 @@ def test_a_period_is_asked_for() -> None:
 def test_u_is_on_a_line_or_held() -> None:
     with pytest.raises(BadStep, match='must be "line" or "hold"'):
         hg.sample(pendulum(), hg.methods.rk4, dt=0.01, between="cubic")
+
+
+@pytest.mark.parametrize("method", ["cholesky", "rk4_covariance"])
+def test_a_covariance_is_not_stepped_where_there_is_none(method: str) -> None:
+    with pytest.raises(NoCovariance, match=r"is a method for the covariance of a Riccati observer.*none: take rk4"):
+        hg.sample(pendulum(), getattr(hg.methods, method), dt=1e-3)
+
+
+def test_sentences_name_the_rule_that_runs() -> None:
+    """Of the default that is Runge-Kutta where there is no covariance."""
+    step = hg.sample(pendulum(), dt=1e-3)
+    assert repr(step).endswith("high_gain by classical Runge-Kutta, dt = 0.001>")
+    with pytest.raises(CannotUpdate, match=r"^high_gain by classical Runge-Kutta integrates with the measurement"):
+        step.predict(u=0.1 if step.inputs else ())
+    with pytest.raises(StepTooLong, match=r"^dt = 10 is too long for classical Runge-Kutta: "):
+        hg.sample(pendulum(), dt=10.0)

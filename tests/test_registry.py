@@ -1,6 +1,7 @@
 """What help() shows of a case: its file's equations and reference, then its arguments."""
 
 import inspect
+import pydoc
 import sys
 
 import pytest
@@ -30,3 +31,12 @@ def test_the_cascade() -> None:
 def test_it_is_told_once() -> None:
     before = hg.observers.cascade.__doc__
     assert registry.load("hgogen.observers")["cascade"].__doc__ == before
+
+
+@pytest.mark.parametrize("name", hg.methods.__all__)
+def test_the_help_of_a_method_is_its_files(name: str) -> None:
+    method = getattr(hg.methods, name)
+    module = inspect.cleandoc(sys.modules[f"hgogen.methods.{name}"].__doc__ or "")
+    shown = pydoc.plain(pydoc.render_doc(method))
+    assert all(line.strip() in shown for line in module.splitlines())
+    assert type(method).__doc__ not in shown

@@ -45,7 +45,7 @@ class Curved:
         explicit = method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
         plain = explicit.riccati(self.plain, clock)
         plain = replace(plain, why=plain.why.removesuffix(FACTORED))  # not with the term
-        moves = explicit.ode(self.equation(explicit.view), clock)
+        moves = explicit.step(self.equation(explicit.view), clock)
         if 1 / self.fastest < plain.limit:
             why = "beyond it the second derivatives of the output can take all of Pi in one step"
             plain = replace(plain, limit=1 / self.fastest, why=why)

@@ -6,28 +6,26 @@
 
 The same step as `continuous_discrete` but for rounding: positive definite by construction, no limit on h from the
 covariance; its numbers span half the decades, for 2n square roots, and n (n + 1)/2 more where the past is forgotten
-(`kalman_like`). Up to 7 states. Differential equations that are no Riccati observer go by classical Runge-Kutta.
-Source: Carlson, AIAA Journal 11 (1973).
+(`kalman_like`). Up to 7 states. An observer without a covariance is refused. Source: Carlson, AIAA Journal 11 (1973).
 """
 
 from dataclasses import dataclass
 
 from hgogen.kalman.riccati import Riccati
 from hgogen.kalman.square_root import square_root
-from hgogen.method import Explicit
+from hgogen.method import NoCovariance
 from hgogen.observer import Clock, Ode, Pieces
-from hgogen.runge_kutta import RK4
 
 
 @dataclass(frozen=True)
 class Cholesky:
-    """See the module."""
+    """P = S S' of a Riccati observer by predict and correct."""
 
     name: str = "continuous-discrete, S S'"
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """By classical Runge-Kutta."""
-        return Explicit(RK4, "information").ode(part, clock)
+        """Refused. Raises: `NoCovariance`."""
+        raise NoCovariance("cholesky")
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Predict, then one scalar update for each output."""

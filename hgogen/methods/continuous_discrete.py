@@ -5,9 +5,10 @@
     at a valid sample of y_j, with r = R_j/(theta h), c = dh_j/dz:
        alpha = r + c P c',  K = P c'/alpha,  z <- z + K (y_j - h_j),  P <- P - K c P          (Bierman)
 
-No square root, positive definite by construction, no limit on h from the covariance. Differential equations that are no
-Riccati observer go by classical Runge-Kutta. Source: Boizot, Busvelle, Gauthier, ECC 2009 (continuous-discrete case);
-the factored updates are Thornton's and Bierman's.
+No square root, positive definite by construction, no limit on h from the covariance. As the default it is for every
+observer: one without a covariance has nothing to correct at a sample and goes by classical Runge-Kutta, as by `rk4`.
+Source: Boizot, Busvelle, Gauthier, ECC 2009 (continuous-discrete case); the factored updates are Thornton's and
+Bierman's.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ UNROLLED = 7  # states up to which the covariance is straight-line code: at 10 i
 
 @dataclass(frozen=True)
 class ContinuousDiscrete:
-    """See the module."""
+    """P = L D L' of a Riccati observer by predict and correct; any other part by classical Runge-Kutta."""
 
     name: str = "continuous-discrete, L D L'"
 
