@@ -2,7 +2,7 @@
 
 import ctypes
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal
@@ -15,6 +15,7 @@ from hgogen.errors import HgogenError
 from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.program import dangling
+from hgogen.signal import Signal
 from hgogen.step import BadStep, CannotUpdate, Step, plan
 from hgogen.stepping.machine import Machine
 from hgogen.stepping.sensors import AT, ROUND
@@ -85,8 +86,8 @@ class CallableStep(Step):
         Raises: `BadShape`.
         """
         machine = self._machine
-        _give(machine, "input", self.inputs, _vector("u", u, len(self.inputs)))
-        _give(machine, "output", self.outputs, _vector("y", y, len(self.outputs)))
+        _give(machine, "input", self.inputs, _vector("u", u, self.inputs))
+        _give(machine, "output", self.outputs, _vector("y", y, self.outputs))
         status = machine.call()
         self._clock[0] += 1
         return self._sample(status)
@@ -97,7 +98,7 @@ class CallableStep(Step):
         Raises: `BadShape`; `CannotUpdate` for an observer that integrates with the measurement.
         """
         self._demand_sections()
-        _give(self._machine, "input", self.inputs, _vector("u", u, len(self.inputs)))
+        _give(self._machine, "input", self.inputs, _vector("u", u, self.inputs))
         status = self._machine.section("predict")
         self._clock[0] += 1
         return self._sample(status)
@@ -142,8 +143,8 @@ class CallableStep(Step):
 
         Raises: `BadShape`; `NoCompiler` for "c" without a compiler.
         """
-        y = _table("y", y, len(self.outputs), None)
-        u = _table("u", u, len(self.inputs), len(y))
+        y = _table("y", y, self.outputs, None)
+        u = _table("u", u, self.inputs, len(y))
         if engine not in (None, "c", "python"):
             raise BadShape(f"engine = {engine!r}", 'must be "c", "python" or None')
         if engine is None:
@@ -179,7 +180,7 @@ class CallableStep(Step):
             if name not in places:
                 raise BadShape(f"tune({name}=)", f"names nothing tunable; that is {', '.join(places)}")
             place, size = places[name]
-            self._machine.memory[place][:] = _vector(name, value, size)
+            self._machine.memory[place][:] = _numbers(name, value, size)
         return self._machine.tune()
 
     def save(self) -> bytes:
@@ -294,17 +295,25 @@ def _give(machine: Machine, kind: str, signals: Iterable[Any], values: np.ndarra
         machine.memory[f"{kind}.{signal.name}"][0] = value
 
 
-def _vector(name: str, value: Any, size: int) -> np.ndarray:
+def _vector(name: str, value: Any, signals: Sequence[Signal]) -> np.ndarray:
+    _demand_given(name, value, signals)
+    return _numbers(name, value, len(signals), _listed(signals))
+
+
+def _numbers(name: str, value: Any, size: int, listed: str = "") -> np.ndarray:
     try:
         array = np.asarray(value, dtype=float).reshape(-1)
     except (TypeError, ValueError):
         raise BadShape(f"{name} = {value!r}", "is not an array of numbers") from None
     if array.shape != (size,):
-        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have {size} element{'s' * (size != 1)}")
+        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have {size} element{'s' * (size != 1)}{listed}")
     return array
 
 
-def _table(name: str, value: Any, width: int, rows: int | None) -> np.ndarray:
+def _table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> np.ndarray:
+    width = len(signals)
+    if rows != 0:
+        _demand_given(name, value, signals)
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -317,5 +326,16 @@ def _table(name: str, value: Any, width: int, rows: int | None) -> np.ndarray:
         wanted = f"({'N' if rows is None else rows}, {width})" + (
             f" or ({'N' if rows is None else rows},)" if width == 1 else ""
         )
-        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}")
+        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{_listed(signals)}")
     return np.ascontiguousarray(array)
+
+
+def _demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
+    """Raise `BadShape` for the empty tuple that stands for nothing, where there are signals."""
+    if isinstance(value, tuple) and not value and signals:
+        raise BadShape(name, f"is missing; give {name}=, the values of {', '.join(s.name for s in signals)}")
+
+
+def _listed(signals: Sequence[Signal]) -> str:
+    """The order of several signals, which may be more than the plant's: a form can take an input's derivatives too."""
+    return f": {', '.join(s.name for s in signals)}" if len(signals) > 1 else ""

@@ -7,6 +7,7 @@ condition; `generic` holds outside a set of measure zero; `unknown` is an honest
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any
 
@@ -98,7 +99,9 @@ class UnknownCheck(HgogenError):
     known: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"accept names {self.id!r}, which is no check here; the checks are {', '.join(self.known)}"
+        near = get_close_matches(str(self.id)[:60], self.known, n=1)
+        fix = f"did you mean {near[0]}?" if near else f"the checks are {', '.join(self.known)}"
+        return f"accept names {self.id!r}, which is no check here; {fix}"
 
 
 def refuted(checks: Iterable[Check], accept: Iterable[str] = ()) -> tuple[Check, ...]:

@@ -553,7 +553,7 @@ def test_a_refuted_check_stops_unless_it_is_accepted() -> None:
 
 
 def test_accept_of_an_unknown_check_is_refused_even_where_nothing_is_refuted() -> None:
-    with pytest.raises(UnknownCheck, match=r"accept names 'triangular\.a_7', which is no check here"):
+    with pytest.raises(UnknownCheck, match=r"accept names 'triangular\.a_7', which is no check here; did you mean tri"):
         pendulum(accept="triangular.a_7")
     with pytest.raises(UnknownCheck):
         fitzhugh_nagumo(accept=("triangular.a_2", "a_2"))
