@@ -25,7 +25,7 @@ from hgogen.recipe import trial_of
 from hgogen.storage import stored
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.tuning import Tuning, arguments
+from hgogen.tuning import Start, Tuning, arguments
 
 FOLDER = Path("models")
 _NO_MODELS = f"give the path of a model file: a bare name is sought in ./{FOLDER}, and there is none here"
@@ -142,9 +142,9 @@ class Model:
             raise MissingPart(self.path, "tuning", reason)
         return tables
 
-    def step(self, observer: str | None = None, dt: float | None = None) -> CallableStep:
+    def step(self, observer: str | None = None, dt: float | None = None, start: Start | None = None) -> CallableStep:
         """The step of a tuning by name, at its own period or at `dt` (s); by default what its `step()` returns, else
-        the step of the first tuning that has a period.
+        the step of the first tuning that has a period. `start` as in `Tuning.observer`, of a tuning by name.
 
         Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
         """
@@ -154,7 +154,7 @@ class Model:
         name = self._first if observer is None else observer
         if name not in tuning.tables:
             raise MissingPart(self.path, "tuning", self._untuned(name))
-        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, self._period, dt))
+        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, self._period, dt, start))
         return step
 
     @property

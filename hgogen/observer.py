@@ -234,13 +234,17 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
 
     Its outer box is the declared one about its centre, half-width times peak^(i-1) (state i of a high-gain observer
     overshoots like that; of several chains, the power of theta in Delta^-1), and at least three times the declared
-    one's.
+    one's. By name `initial` may give inputs as well, at which the form's coordinates are read in place of the resting
+    ones: where they depend on inputs, the estimate is that state at those only.
 
     Raises: `BadGain` for an initial state of the wrong names or length, not finite, or outside its range.
     """
+    inputs = {u: resting(u) for u in form.system.inputs}
+    if isinstance(initial, Mapping):
+        inputs |= {u: real(f"initial {u.name}", initial[u.name]) for u in inputs if u.name in initial}
+        initial = {name: value for name, value in initial.items() if name not in {u.name for u in inputs}}
     start = _initial(form, initial)
-    known = {**form.system.nominal, **{u: resting(u) for u in form.system.inputs}}
-    values = [float(e.subs(known).subs(start)) for e in map(sp.sympify, form.to_form)]
+    values = [float(e.subs({**form.system.nominal, **inputs}).subs(start)) for e in map(sp.sympify, form.to_form)]
     low, high = [], []
     for signal, exponent in zip(form.states, exponents(form), strict=True):
         bottom, top = signal.interval

@@ -27,6 +27,7 @@ In Python `form` may be a function of the plant, and every value may be what the
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import lru_cache
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
@@ -35,12 +36,16 @@ from hgogen import forms, innovation, methods, observers, theta
 from hgogen.call import CallableStep, sample
 from hgogen.check import Refuted, Verdict
 from hgogen.errors import HgogenError
+from hgogen.form import Form
 from hgogen.modelfile import NUMBER, READERS, TEXT, BadModelFile, demand_keys
 from hgogen.observer import BadGain, Observer
 from hgogen.system import System
 
 _SAMPLING = ("between", "periods")  # what `sample` takes beside method and dt
 _PLACED = ("kind", "form", "member", "method", "dt", *_SAMPLING)  # the other keys are the observer's arguments
+_STARTS = ("initial", "start")  # the arguments that say where an observer's estimate starts
+_KEPT = 16  # forms
+Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
 _VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # arguments that a table with `kind` makes
     "theta": (theta.constant, theta.decaying, theta.adaptive),
@@ -62,30 +67,37 @@ class Tuning:
         """The path of keys to a table in its file."""
         return "observer" if name == self.default else f"tuning.{name}"
 
-    def step(self, name: str, default: Callable[[], float], dt: float | None = None) -> CallableStep:
-        """The step of a tuning at the period `dt` (s), else at the table's, else at what `default` gives.
+    def step(
+        self, name: str, default: Callable[[], float], dt: float | None = None, start: Start | None = None
+    ) -> CallableStep:
+        """The step of a tuning at the period `dt` (s), else at the table's, else at what `default` gives; `start` as in
+        `observer`.
 
         Raises: `BadModelFile` for a table that makes none; `Refuted`.
         """
         where, table = self.where(name), self.table(name)
         method = self._case(f"{where}.method", methods, table.get("method", "continuous_discrete"))
-        observer = self.observer(name)
+        observer = self.observer(name, start=start)
         period = dt if dt is not None else table["dt"] if "dt" in table else default()
         options = {key: table[key] for key in _SAMPLING if key in table}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step
 
-    def observer(self, name: str, around: tuple[str, ...] = ()) -> Observer:
-        """The observer of a tuning; `around`: those it is a member of. Raises: as `step`."""
+    def observer(self, name: str, around: tuple[str, ...] = (), start: Start | None = None) -> Observer:
+        """The observer of a tuning; `around`: those it is a member of; `start`: from its form to
+        the `initial` in the place of the tuning's own start. Raises: as `step`."""
         where, table, gains = self.where(name), self.table(name), self.gains(name)
         make = self._case(f"{where}.kind", observers, table.get("kind", name))
         self._arguments(where, make, gains)
         if "member" in signature(make).parameters:
-            base: Any = self._member(name, table, (*around, name))
+            base: Any = self._member(name, table, (*around, name), start)
         elif "member" in table:
             raise BadModelFile(self.file, f"{where}.member", f"{make.__name__} is no observer around another one")
         else:
             base = self._form(f"{where}.form", table.get("form", "triangular"))
+            if start is not None and isinstance(base, Form):
+                gains = {key: value for key, value in gains.items() if key not in _STARTS}
+                gains |= {"initial": start(base)}
         observer: Observer = self._refusals(where, lambda: make(base, **gains))
         return observer
 
@@ -117,19 +129,19 @@ class Tuning:
         demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)
         return table
 
-    def _member(self, name: str, table: Mapping[str, Any], around: tuple[str, ...]) -> Observer:
+    def _member(self, name: str, table: Mapping[str, Any], around: tuple[str, ...], start: Start | None) -> Observer:
         where, member = f"{self.where(name)}.member", table.get("member")
         others = [other for other in self.tables if other not in around]
         if member not in others:
             listed = f"the other tunings are {', '.join(others)}" if others else "write another tuning"
             raise BadModelFile(self.file, where, f"is {member!r}, which must be the name of another tuning; {listed}")
-        return self.observer(str(member), around)
+        return self.observer(str(member), around, start)
 
     def _form(self, where: str, given: Any) -> Any:
         options = {key: value for key, value in given.items() if key != "kind"} if isinstance(given, Mapping) else {}
         kind = given.get("kind", "triangular") if isinstance(given, Mapping) else given
         make = self._case(where, forms, kind)
-        return self._refusals(where, lambda: make(self.plant, **options))
+        return self._refusals(where, lambda: _formed(make, self.plant, options))
 
     def _case(self, where: str, folder: Any, name: Any) -> Any:
         """A case of a plural folder by name; what is no text stands for itself."""
@@ -175,6 +187,21 @@ def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...
     """The arguments by name of an observer's function: all, and those without a default."""
     named = [p for p in signature(make).parameters.values() if p.kind is Parameter.KEYWORD_ONLY]
     return tuple(p.name for p in named), tuple(p.name for p in named if p.default is Parameter.empty)
+
+
+def _formed(make: Callable[..., Any], plant: System, options: Mapping[str, Any]) -> Any:
+    """The form, made once for all the tunings that ask for it, where its arguments can be compared."""
+    told = tuple(options.items())
+    try:
+        hash((make, told))
+    except TypeError:
+        return make(plant, **options)
+    return _once(make, plant, told)
+
+
+@lru_cache(maxsize=_KEPT)
+def _once(make: Callable[..., Any], plant: System, options: tuple[tuple[str, Any], ...]) -> Any:
+    return make(plant, **dict(options))
 
 
 def _value(key: str, value: Any) -> Any:
