@@ -19,6 +19,7 @@ from hgogen.signal import Signal
 from hgogen.step import BadStep, CannotUpdate, Step, plan
 from hgogen.stepping.machine import Machine
 from hgogen.stepping.sensors import AT, ROUND
+from hgogen.time_unit import plural
 
 Engine = Literal["c", "python"]
 
@@ -265,10 +266,12 @@ def sample(
     between: str = "line",
     periods: Mapping[str, float] | None = None,
 ) -> CallableStep:
-    """The observer at the sampling period `dt` (s) by `method` (default: `methods.continuous_discrete`).
+    """The observer at the sampling period `dt` by `method` (default: `methods.continuous_discrete`).
+
+    Times are in the unit of the model's `time`.
 
     `between`: what u does between samples, "line" (from the last value to this one) or "hold" (the value given is the
-    one applied since the last call). `periods`: for sensors of different rates, the time (s) between two samples of an
+    one applied since the last call). `periods`: for sensors of different rates, the time between two samples of an
     output, by name, a whole multiple of dt, by default dt: its noise R is taken for that time. Such a step counts its
     periods and does not use a sample that `update` tells to be of another one, or gets a second time.
 
@@ -281,7 +284,7 @@ def sample(
     if not hasattr(method, "riccati"):
         raise BadStep(f"method = {method!r}", "is no method; take one of hg.methods, and the time as dt=")
     if dt is None:
-        raise BadStep("dt", "is missing; give the sampling period in seconds, as dt=")
+        raise BadStep("dt", f"is missing; give the sampling period in {plural(observer.form.system.time)}, as dt=")
     planned = plan(observer, method, dt, between, periods)
     for section in planned.sections:
         if dangling(section.program):

@@ -35,11 +35,13 @@ def from_casadi(
     output: Any,
     inputs: Pairs = (),
     parameters: Pairs = (),
+    time: str = "s",
 ) -> System:
     """The System of a CasADi model.
 
     Args: `states`, `inputs`, `parameters`: pairs (symbol, Signal), or (vector symbol, a Signal for each entry); the
     symbols all SX or all MX. `flow` (n) and `output` (p): graphs of them, or lists of scalar graphs.
+    `time`: as of `hg.System`.
 
     A float in a graph becomes the rational of its shortest decimal.
 
@@ -68,7 +70,7 @@ def from_casadi(
     if steps:
         raise BadGraph(name, f"uses {steps[0]}, which has no slope; hold a rounded value as an input or a parameter")
     told: dict[str, Any] = {kind: [s for _, entries in pairs for s in entries] for kind, pairs in declared.items()}
-    return System(name, **told, outputs=outputs, flow=found[0], output=found[1])
+    return System(name, **told, outputs=outputs, flow=found[0], output=found[1], time=time)
 
 
 def _pair(system: str, kind: str, pair: Any) -> tuple[Any, tuple[Signal, ...]]:

@@ -55,7 +55,7 @@ class Precision(StrEnum):
 
 Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
-Time = Annotated[str | None, typer.Option("--time", help="The column of times in seconds.")]
+Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
 Period = Annotated[float | None, typer.Option("--period", help="Seconds between rows, where no column has times.")]
 Map = Annotated[
     list[str] | None, typer.Option("--map", metavar="SIGNAL=COLUMN", help="Which column is a signal; repeat it.")
@@ -131,8 +131,9 @@ def build(
         "files": [str(path) for path in (*paths, folder / "report.json")],
     }
     paths += hg.write({"report.json": json.dumps(report, indent=2, allow_nan=False) + "\n"}, folder)
-    shown = [tables.trials(summaries)]
-    shown += [tables.agreements(comparison), f"self-check of the {real.value} C: {self_check}\n"] if again else []
+    shown = [tables.trials(summaries, step.time)]
+    if again:
+        shown += [tables.agreements(comparison, step.time), f"self-check of the {real.value} C: {self_check}\n"]
     show(as_json, report, *shown, tables.files(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
@@ -217,7 +218,7 @@ def simulate(
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(summaries, done, strict=True)
     listed_ = [{**told.as_dict(), "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
-    show(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries))
+    show(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries, step.time))
 
 
 @command()
@@ -237,8 +238,8 @@ def run(
 
     JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers,
     covered, absent, malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift,
-    notes), status (samples by status bit), predictions (output, ahead: samples or null for open loop, model,
-    copying, count), files.
+    unit of time, notes), status (samples by status bit), predictions (output, ahead: samples or null for open
+    loop, model, copying, count), files.
     """
     ahead = _horizons(horizon)
     loaded = load(model)
@@ -264,7 +265,7 @@ def run(
     shown = (
         tables.report(record.report),
         tables.status(step.bits, status, len(y)),
-        tables.predictions(errors, step.dt),
+        tables.predictions(errors, step.dt, step.time),
         tables.files(paths),
     )
     show(as_json, report, *shown)
@@ -290,7 +291,7 @@ def _record(
 ) -> Record:
     columns = mapping(str(data), given or (), step.inputs, step.outputs)
     wanted = {s.name: columns[s.name] for s in signals}
-    return read(data, wanted, dt=step.dt, time=time, period=period)
+    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time)
 
 
 @command("noise")
@@ -317,7 +318,7 @@ def noise_(
     quiet = noise.quiet(record.t, begin, end)
     found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
     value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in found]}
-    show(as_json, value, tables.report(record.report), *(tables.suggestion(one) for one in found))
+    show(as_json, value, tables.report(record.report), *(tables.suggestion(one, step.time) for one in found))
 
 
 @command()
@@ -341,7 +342,7 @@ def window(
     given = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d"), chosen.duration)
     found = hg.gramian(loaded.plant, chosen, given)
     value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in found]}
-    show(as_json, value, tables.windows(chosen.name, found))
+    show(as_json, value, tables.windows(chosen.name, found, loaded.plant.time))
 
 
 def _about(d: float, duration: float) -> tuple[float, ...]:
@@ -352,7 +353,7 @@ def _lengths(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"{text!r} must be times in seconds, such as 0.5,1,2", param_hint="--d") from None
+        raise typer.BadParameter(f"{text!r} must be times, such as 0.5,1,2", param_hint="--d") from None
 
 
 @command("list")

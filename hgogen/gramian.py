@@ -20,6 +20,7 @@ import sympy as sp
 from hgogen.errors import HgogenError
 from hgogen.graph import to_casadi
 from hgogen.system import System
+from hgogen.time_unit import plural
 from hgogen.trial import Trial, simulate, t
 
 _OPTIONS = {"abstol": 1e-12, "reltol": 1e-10, "max_num_steps": 100_000, "show_eval_warnings": False}
@@ -82,7 +83,7 @@ class Gramian:
 
 
 def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gramian, ...]:
-    """The windows `d` (s) along a trial without noise, one value each, in the order of `d`.
+    """The windows `d` along a trial without noise, one value each, in the order of `d`.
 
     Windows begin every tenth of the shortest; a length is rounded to a whole number of those. A window that spans a
     jump of the trial follows the plant through the jump. Parameters are nominal.
@@ -91,7 +92,8 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
     """
     windows = tuple(float(one) for one in (d if isinstance(d, Iterable) else (d,)))
     if not windows or not all(0 < one <= trial.duration for one in windows):
-        raise BadWindows(windows, f"must be times in seconds, above 0 and at most the trial's {trial.duration:g}")
+        longest = f"at most the trial's {trial.duration:g}"
+        raise BadWindows(windows, f"must be times in {plural(plant.time)}, above 0 and {longest}")
     grid = min(windows) / _PIECES
     truth = simulate(plant, trial, grid)
     steps, names = _steps(plant, trial, truth.x, grid), tuple(s.name for s in plant.states)

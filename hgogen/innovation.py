@@ -342,7 +342,7 @@ class BadWindowSize(HgogenError):
 
 def _positive(d: float) -> None:
     if not 0 < real("the window d", d) < HUGE:
-        raise BadWindowSize(f"the window d = {d!r}", "must be a positive time in seconds")
+        raise BadWindowSize(f"the window d = {d!r}", "must be a positive time")
 
 
 def _tableau(method: Any) -> Tableau:

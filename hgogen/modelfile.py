@@ -1,6 +1,7 @@
 """Plain-text models: one dictionary, written in TOML or JSON, read without running any code.
 
     name = "van_der_pol"
+    time = "h"                       # unit of time of all rates, periods and trials; by default "s"
     [states.x1]                      # the order of the tables is the order of the states
     unit = "V"                       # meaning = "...", low = -3, high = 3, all optional
     flow = "x2"                      # x1' = x2
@@ -47,6 +48,7 @@ _TOP = {
     "name": TEXT,
     "meaning": TEXT,
     "reference": TEXT,
+    "time": TEXT,
     **dict.fromkeys(_KINDS, TABLE),
     **dict.fromkeys(("known", "observer", "tuning", "trial", "dissipation"), TABLE),
 }
@@ -146,7 +148,7 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
 
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
     readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
-    plant = named(file, "", System, table["name"], **readings, **signals)
+    plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
     known, observer, tuning, trial, dissipation = (
         MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial", "dissipation")
     )
@@ -259,7 +261,7 @@ def to_text(plant: System) -> str:
         "parameters": ("", [""] * len(plant.parameters)),
         "outputs": ("equation", [_expression(plant, symbols, e) for e in plant.output]),
     }
-    lines = [f"name = {_quoted(plant.name)}"]
+    lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
     for kind, (key, texts) in equations.items():
         for signal, text in zip(getattr(plant, kind), texts, strict=True):
             lines += ["", f"[{kind}.{signal.name}]", *_entries(signal)]

@@ -50,6 +50,7 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
         parameters=plant.parameters,
         flow=[sp.expand(sp.powdenest(sp.sympify(r).subs(backward))).xreplace(back) for r in rates],
         output=[sp.expand(h.xreplace(plain).subs(backward)).xreplace(back) for h in plant.output],
+        time=plant.time,
     )
     reported = tuple(backward.get(x, x).xreplace(back) for x in ones)
     to = tuple(forward[w].xreplace(back) for w in states)

@@ -183,15 +183,16 @@ class Signal(sp.Symbol):  # type: ignore[misc]
             return -math.inf, math.inf
         return self.low, self.high
 
-    def derivative(self, order: int) -> "Signal":
+    def derivative(self, order: int, time: str = "s") -> "Signal":
         """The signal's time derivative of this order, a signal of its own, in the range of `rates`; order 0 is itself.
 
-        Named NAME_dot, NAME_ddot, NAME_dddot, NAME_d4, ...
+        Named NAME_dot, NAME_ddot, NAME_dddot, NAME_d4, ...; its unit is per `time`. As an input of a form it is that of
+        "s", whatever the model's time, which is what is printed.
         """
         if order == 0:
             return self
         suffix = _DOTS[order] if order < len(_DOTS) else f"_d{order}"
-        unit = f"({self.unit})/s{order if order > 1 else ''}" if self.unit else ""
+        unit = f"({self.unit})/{time}{order if order > 1 else ''}" if self.unit else ""
         what = "derivative" if order == 1 else f"derivative of order {order}"
         source = "you supply it, from what sets the signal or from a filter of it"
         low, high = self.rates[order - 1] if order <= len(self.rates) else (None, None)

@@ -52,6 +52,7 @@ from hgogen.stepping.guards import (
     unrecovered,
 )
 from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
+from hgogen.time_unit import of_time, plural
 
 
 @dataclass(eq=False)
@@ -73,9 +74,10 @@ class StepTooLong(HgogenError):
     limit: float
     rule: str
     why: str
+    unit: str = "s"
 
     def __str__(self) -> str:
-        limit = rounded_down(self.limit)
+        limit = rounded_down(self.limit) + f" {self.unit}" * (self.unit != "s")
         return f"dt = {self.dt:g} is too long for {self.rule}: {self.why}; take dt <= {limit}, or another method"
 
 
@@ -93,12 +95,12 @@ STATUS = 32  # bits of a status
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Step:
-    """The program of an observer at the sampling period `dt` (s).
+    """The program of an observer at the sampling period `dt`, in the unit of the model's time as all times are.
 
     `plant`, `gains`, `derived`: fields of the parameters; `state`, `groups`: what a call remembers; `bits`: the status;
     `tuning`, `sections`, `estimate`: programs. `limit`: the largest dt that can be stable. `timed`: the updates of
     `sections` for samples that say when they were taken, of a step for sensors of different rates; `periods`: the time
-    (s) between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
+    between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
     another.
     """
 
@@ -140,6 +142,16 @@ class Step:
         return tuple(signal for signal, _ in self.observer.form.estimates)
 
     @property
+    def time(self) -> str:
+        """The unit of time of `dt` and of every rate."""
+        return self.observer.form.system.time
+
+    def unit(self, item: Field) -> str:
+        """The unit of a field; one of the observer's own, which is written with s, in the model's time."""
+        form = self.observer.form
+        return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
+
+    @property
     def apart(self) -> bool:
         """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
         reads = any(scope(place) == "output" for place, _ in places(self.sections[0].program))
@@ -171,16 +183,16 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
     Raises: `BadStep`, `StepTooLong`, `BadWindow`, `BadRate`, `CannotUpdate`.
     """
     if not isinstance(dt, int | float) or not 0 < dt < INF:
-        raise BadStep(f"dt = {dt!r}", "must be a positive time in seconds")
+        raise BadStep(f"dt = {dt!r}", f"must be a positive time in {plural(observer.form.system.time)}")
     if between not in ("line", "hold"):
         raise BadStep(f"between = {between!r}", 'must be "line" or "hold"')
     system = observer.form.system
-    every = () if periods is None else multiples(periods, system.outputs, float(dt))
+    every = () if periods is None else multiples(periods, system, float(dt))
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer), every)
     pieces = tuple(part.pieces(method, clock) for part in observer.parts)
     tightest = min(pieces, key=lambda piece: piece.limit)
     if dt > tightest.limit:
-        raise StepTooLong(dt, tightest.limit, tightest.rule or method.name, tightest.why)
+        raise StepTooLong(dt, tightest.limit, tightest.rule or method.name, tightest.why, system.time)
     doubtful = min(pieces, key=lambda piece: piece.caution)
     if dt > doubtful.caution:
         rule = doubtful.rule or method.name

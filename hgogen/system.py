@@ -11,6 +11,7 @@ from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.check import Check
 from hgogen.errors import HgogenError
 from hgogen.signal import Signal, check_name
+from hgogen.time_unit import is_unit
 
 
 @dataclass(eq=False)
@@ -39,10 +40,11 @@ class System:
     """A plant, x' = flow(x, u; p), y = output(x, u; p).
 
     Args: `states` (n), `inputs` (m, may be empty), `outputs` (p), `parameters`: Signals; `flow` (n) and
-    `output` (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value.
+    `output` (p): SymPy expressions of states, inputs and parameters. A parameter needs a nominal value. `time`: the
+    unit of time, a plain word such as "min" or "h", in which the flow, every period and every trial is.
 
-    Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value;
-    `BadName` for a name that C could not carry.
+    Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value,
+    a unit of time that is no word; `BadName` for a name that C could not carry.
     """
 
     name: str
@@ -53,6 +55,7 @@ class System:
     flow: tuple[sp.Expr, ...]
     output: tuple[sp.Expr, ...]
     origin: Origin | None
+    time: str
 
     def __init__(
         self,
@@ -65,6 +68,7 @@ class System:
         flow: Sequence[Any],
         output: Sequence[Any],
         origin: Origin | None = None,
+        time: str = "s",
     ) -> None:
         check_name(name)
         groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
@@ -72,6 +76,7 @@ class System:
             object.__setattr__(self, kind, _signals(name, kind, signals))
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "time", _time(name, time))
         object.__setattr__(self, "flow", _expressions(name, "flow", flow))
         object.__setattr__(self, "output", _expressions(name, "output", output))
         _validate(self)
@@ -97,6 +102,12 @@ class System:
     def nominal(self) -> dict[Signal, sp.Rational]:
         """Parameter to nominal value, as the exact rational of its shortest decimal."""
         return {p: sp.Rational(str(p.nominal)) for p in self.parameters}
+
+
+def _time(system: str, time: Any) -> str:
+    if not is_unit(time):
+        raise BadSystem(system, f'time = {time!r} is no unit of time; write one plain word of letters, such as "h"')
+    return str(time)
 
 
 def _signals(system: str, kind: str, signals: Iterable[Signal]) -> tuple[Signal, ...]:

@@ -39,9 +39,8 @@ class Theta(HighGain, Protocol):
         """Its tunable gains."""
         ...
 
-    @property
-    def equation(self) -> str:
-        """Its law, for the banner."""
+    def law(self, unit: str) -> str:
+        """What it does, for the banner; `unit`: that of time."""
         ...
 
     @property
@@ -91,8 +90,7 @@ class Constant:
             return ()
         return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
 
-    @property
-    def equation(self) -> str:
+    def law(self, unit: str) -> str:
         """For the banner."""
         return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
 
@@ -118,8 +116,11 @@ class Decaying:
     theta_0: float
     rate: float
     scaled: Scaled = "process"
-    equation: str = "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
     traces: tuple[str, ...] = ("theta",)
+
+    def law(self, unit: str) -> str:
+        """For the banner."""
+        return "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
 
     @property
     def theorem(self) -> Theorem:
@@ -224,14 +225,13 @@ class Adaptive:
     scaled: Scaled = "both"
     traces: tuple[str, ...] = ("theta", "innovation")
 
-    @property
-    def equation(self) -> str:
+    def law(self, unit: str) -> str:
         """For the banner."""
         return (
             "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
             "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "
             + self.mu.equation
-            + f"; I_d over d = {same(self.innovation.d)} s"
+            + f"; I_d over d = {same(self.innovation.d)} {unit}"
         )
 
     @property

@@ -24,8 +24,9 @@ from hgogen.errors import HgogenError
 from hgogen.graph import to_casadi
 from hgogen.signal import Signal
 from hgogen.system import System
+from hgogen.time_unit import plural
 
-t = Signal("t", "s", "time")  # inputs of a trial are expressions of this
+t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 
 
 @dataclass(eq=False)
@@ -41,7 +42,7 @@ class BadTrial(HgogenError):
 
 @dataclass(frozen=True)
 class OrnsteinUhlenbeck:
-    """Noise of standard deviation `sigma` (the output's unit) and correlation time `tau` (s), 0 for white."""
+    """Noise of standard deviation `sigma` (the output's unit) and correlation time `tau`, 0 for white."""
 
     sigma: float
     tau: float = 0.0
@@ -53,7 +54,7 @@ class OrnsteinUhlenbeck:
 
 @dataclass(frozen=True)
 class Sine:
-    """A tone of `amplitude` (the output's unit) and frequency `omega` (rad/s), the same for every seed."""
+    """A tone of `amplitude` (the output's unit) and frequency `omega` (rad per time), the same for every seed."""
 
     amplitude: float
     omega: float
@@ -65,7 +66,7 @@ class Sine:
 
 @dataclass(frozen=True)
 class Jump:
-    """At `time` (s) the state `state` becomes `value`."""
+    """At `time` the state `state` becomes `value`."""
 
     time: float
     state: str
@@ -74,7 +75,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class Settled:
-    """What "settled" means: |error of `state`| <= `band` for `hold` (s) from then on."""
+    """What "settled" means: |error of `state`| <= `band` for `hold` from then on."""
 
     state: str
     band: float
@@ -83,11 +84,11 @@ class Settled:
 
 @dataclass(frozen=True)
 class Trial:
-    """A scenario, repeated over noise seeds.
+    """A scenario, repeated over noise seeds; its times are in the unit of time of the plant's System.
 
-    `duration` (s); `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
-    number, for each input by name (not for one that is the derivative of another); `noise` by output name; `steady`
-    (s): the errors count as steady from then on, default the last tenth; `seeds`: of the noise.
+    `duration`; `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
+    number, for each input by name (not for one that is the derivative of another); `noise` by output name; `steady`:
+    the errors count as steady from then on, default the last tenth; `seeds`: of the noise.
     """
 
     name: str
@@ -276,15 +277,15 @@ def _validate(plant: System, trial: Trial, dt: float) -> None:
     _names(trial, "noise", trial.noise, {s.name for s in plant.outputs})
     _names(trial, "jumps", [jump.state for jump in trial.jumps], states)
     _names(trial, "settled", [trial.settled.state] if trial.settled else [], states)
-    for reason in (*_faults(trial, dt), *_outside(plant, trial)):
+    for reason in (*_faults(trial, dt, plant.time), *_outside(plant, trial)):
         raise BadTrial(trial.name, reason)
 
 
-def _faults(trial: Trial, dt: float) -> Iterator[str]:
+def _faults(trial: Trial, dt: float, unit: str) -> Iterator[str]:
     if not dt <= trial.duration < math.inf:
-        yield f"duration = {trial.duration!r} must be a time in seconds, at least dt = {dt:g}"
+        yield f"duration = {trial.duration!r} must be a time in {plural(unit)}, at least dt = {dt:g}"
     if not 0 <= trial.steady_from <= trial.duration:
-        yield f"steady = {trial.steady_from:g} must lie within 0..{trial.duration:g} s"
+        yield f"steady = {trial.steady_from:g} must lie within 0..{trial.duration:g} {unit}"
     if not trial.seeds:
         yield "it has no seeds; give at least one, seeds=(0,)"
     for name, value in trial.start.items():
@@ -292,9 +293,9 @@ def _faults(trial: Trial, dt: float) -> Iterator[str]:
             yield f"start {name} = {value} is not finite; give a finite number"
     for jump in trial.jumps:
         if not (0 < jump.time <= trial.duration and math.isfinite(jump.value)):
-            yield f"{jump} must lie within 0..{trial.duration:g} s and have a finite value"
+            yield f"{jump} must lie within 0..{trial.duration:g} {unit} and have a finite value"
     if trial.settled and not (0 < trial.settled.band < math.inf and 0 < trial.settled.hold < math.inf):
-        yield f"{trial.settled} must have a band and a hold (s) above 0, and finite"
+        yield f"{trial.settled} must have a band and a hold ({unit}) above 0, and finite"
     for name, noise in trial.noise.items():
         if not all(0 <= number < math.inf for number in astuple(noise)):
             yield f"{noise} of {name} must have finite numbers, not negative"

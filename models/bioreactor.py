@@ -1,7 +1,7 @@
 """A bioreactor, the concentration of microorganisms measured, that of the substrate estimated; time in hours.
 
 m' = a1 m s/(a2 m + s) - u m,  s' = -a3 a1 m s/(a2 m + s) - u s + a4 u,  y = m:  the example (15) of Bullinger,
-Ilchmann, Allgoewer, NOLCOS 1998, from Bastin and Dochain 1990. Every "s" of a step or trial of it is an hour.
+Ilchmann, Allgoewer, NOLCOS 1998, from Bastin and Dochain 1990.
 
 Phase form x1 = m, x2 = m': inverse s = a2 x1 (x2 + u x1)/(a1 x1 - x2 - u x1), which needs no u' and is 0/0 at (0, 0),
 below the range of m, at whose edge it is taken there; det = a1 a2 m^2/(a2 m + s)^2. From xhat(0) = (0, 0) the gain of
@@ -36,6 +36,7 @@ plant = hg.System(
     parameters=(a1, a2, a3, a4),
     flow=[growth - u * m, -a3 * growth - u * s + a4 * u],
     output=[m],
+    time="h",
 )
 
 PHASE: dict[str, Any] = {"form": "phase", "method": "rk4", "dt": 0.01}

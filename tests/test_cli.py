@@ -414,7 +414,7 @@ def test_noise(here: Path):
         (("run", "neuron"), "--data"),
         (("run", "neuron", "--data", "none.csv", "--time", "time"), "none.csv: there is no such file"),
         (("run", "neuron", "--data", "models", "--time", "time"), "models: is a folder"),
-        (("run", "neuron", *LOG), "give either --time COLUMN or --period SECONDS"),
+        (("run", "neuron", *LOG), "give either --time COLUMN or --period TIME"),
         (("run", "neuron", *LOG, "--time", "clock"), "no column 'clock'; its columns are time, potential, drive"),
         (("run", "neuron", *LOG, "--period", "-1"), "positive number of seconds"),
         (("run", "neuron", *LOG, "--period", "often"), "--period"),

@@ -173,11 +173,11 @@ def test_the_command_prints_and_draws(tmp_path: Path) -> None:
 def test_the_tables_say_what_their_columns_mean() -> None:
     """And by which method each is carried out, where there are several."""
     one = measured("high_gain", step("high_gain"), TRIAL, "python", (0,), lambda: None)
-    text = said(tables.compared("title", [one]))
+    text = said(tables.compared("title", [one], "s"))
     assert "steady: from 5.4 s on, the median of the seeds; largest: of all seeds" in text
     assert "functions (sine, exponential, root, ..): of one call" in text
     assert "by " not in text
-    text = said(tables.compared("title", [one, replace(one, name="other", method="bilinear")]))
+    text = said(tables.compared("title", [one, replace(one, name="other", method="bilinear")], "s"))
     assert f"by {one.method}: high_gain; by bilinear: other" in text
 
 

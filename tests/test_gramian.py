@@ -98,7 +98,7 @@ def test_the_innovation_of_a_small_error_is_its_quadratic_form() -> None:
     assert innovation(1e-3) / 1e-6 == pytest.approx(1, rel=1e-5)
     assert innovation(1) < 0.6 * found.smallest[0]
     console = Console(width=200, record=True, file=StringIO())
-    console.print(windows("rest", [found]))
+    console.print(windows("rest", [found], "s"))
     said = " ".join(console.export_text().split())
     assert (
         "of a small initial error, per its squared length, is at least the smallest eigenvalue, to first order" in said

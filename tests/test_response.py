@@ -88,7 +88,7 @@ def test_several_outputs() -> None:
         assert not found.H[:, rows, 1 - column].any()
     span = np.geomspace(0.1, 300, 20)
     drawn = figure.response(
-        hg.response(observer, span), hg.response(hg.sample(observer, hg.methods.rk4, dt=0.01), span)
+        hg.response(observer, span), hg.response(hg.sample(observer, hg.methods.rk4, dt=0.01), span), "s"
     )
     assert [text.get_text() for text in drawn.legends[0].get_texts()] == [
         *("y1, continuous", "y1, step", "y2, continuous", "y2, step")

@@ -53,10 +53,10 @@ def compare(
     names = _names(loaded, observers)
     chosen, engine = one_or_all(loaded.trials(), trial), reader.value if reader else engine_here()
     steps = {name: loaded.step(name) for name in names}
-    dt = min(step.dt for step in steps.values())
+    unit, dt = loaded.plant.time, min(step.dt for step in steps.values())
     longer = [name for name, step in steps.items() if step.dt > dt]
     if longer:
-        note(f"all sampled at dt = {dt:g} s, the shortest; {', '.join(longer)} would be sampled more slowly")
+        note(f"all sampled at dt = {dt:g} {unit}, the shortest; {', '.join(longer)} would be sampled more slowly")
         steps |= {name: loaded.step(name, dt) for name in longer}
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
     found: list[tuple[Trial, list[Measured]]] = []
@@ -65,24 +65,24 @@ def compare(
             told = [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in steps.items()]
             found.append((one, told))
     paths = save_figures(
-        {f"{one.name}_errors": jobs.errors(each) for one, each in found}, out or Path("build") / loaded.name
+        {f"{one.name}_errors": jobs.errors(each, unit) for one, each in found}, out or Path("build") / loaded.name
     )
     shown = [
-        tables.compared(f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one)}", each)
+        tables.compared(f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one, unit)}", each, unit)
         for one, each in found
     ]
     report = {
         "model": loaded.path,
         "dt": dt,
         "engine": engine,
-        "trials": [_told(one, len(counts[one.name]), each) for one, each in found],
+        "trials": [_told(one, unit, len(counts[one.name]), each) for one, each in found],
         "files": [str(path) for path in paths],
     }
     show(as_json, report, *shown, tables.files(paths))
 
 
-def _told(trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
-    told = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial), "times": list(trial.events)}
+def _told(trial: Trial, unit: str, seeds: int, each: list[Measured]) -> dict[str, Any]:
+    told = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, unit), "times": list(trial.events)}
     return {**told, "observers": [one.as_dict() for one in each]}
 
 

@@ -79,7 +79,7 @@ def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> F
     special = {"innovation": _innovation, "theta": _theta}
     shown = [*(name for name in special if name in traces), *(name for name in traces if name not in special)]
     with rc_context(STYLE):
-        figure, axes = _figure(len(shown), t, top=0.24)
+        figure, axes = _figure(len(shown), t, step.time, top=0.24)
         for axis, name in zip(axes, shown, strict=True):
             if name in special:
                 special[name](axis, step, t, traces[name])
@@ -89,15 +89,15 @@ def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> F
 
 
 def errors(
-    states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray], events: Sequence[float] = ()
+    states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray], events: Sequence[float] = (), unit: str = "s"
 ) -> Figure:
     """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
-    line for each observer; `of`: errors (N, n) by name. A part ends at each of the `events` (s): no line rises before.
+    line for each observer; `of`: errors (N, n) by name. A part ends at each of the `events`: no line rises before.
     """
     cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
     first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
     with rc_context(STYLE):
-        figure, axes = _figure(len(states), t, top=0.4 + ROW * ((len(of) - 1) // _columns(tuple(of))))
+        figure, axes = _figure(len(states), t, unit, top=0.4 + ROW * ((len(of) - 1) // _columns(tuple(of))))
         for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
             axis.set_yscale("log")
             for k, (name, error) in enumerate(of.items()):
@@ -110,12 +110,12 @@ def errors(
     return figure
 
 
-def response(continuous: Response, sampled: Response) -> Figure:
+def response(continuous: Response, sampled: Response, unit: str) -> Figure:
     """One panel for each state, |H| over omega: the linear error core and, dashed, what its step makes of it."""
     several = len(continuous.outputs) > 1
     drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
     with rc_context(STYLE):
-        figure, axes = _figure(len(continuous.states), continuous.omega)
+        figure, axes = _figure(len(continuous.states), continuous.omega, unit)
         for i, (axis, state) in enumerate(zip(axes, continuous.states, strict=True)):
             for j, output in enumerate(continuous.outputs):
                 for one, name, look in drawn:
@@ -123,7 +123,7 @@ def response(continuous: Response, sampled: Response) -> Figure:
                     axis.loglog(one.omega, one.gain[:, i, j], label=label, alpha=0.7**j, **look)
             axis.axhline(1, color=MEASURED, linewidth=0.6)
             axis.set_ylabel(f"|H| to {_symbol(state)}")
-        axes[-1].set_xlabel("frequency of the noise (rad/s)")
+        axes[-1].set_xlabel(f"frequency of the noise (rad/{unit})")
         names = [str(line.get_label()) for line in axes[0].get_lines()]
         _legend(figure, axes, [name for name in names if not name.startswith("_")])
     return figure
@@ -131,7 +131,7 @@ def response(continuous: Response, sampled: Response) -> Figure:
 
 def _panels(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray, truth: np.ndarray | None) -> Figure:
     with rc_context(STYLE):
-        figure, axes = _figure(len(step.states), t)
+        figure, axes = _figure(len(step.states), t, step.time)
         for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
             j = _measured_as(step, signal)
             if j is not None:
@@ -175,7 +175,7 @@ def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> No
                 annotation_clip=False,
             )
     units = {s.unit for s in step.outputs}
-    unit = f"{units.pop()}² s" if len(units) == 1 and "" not in units else "y² s"
+    unit = f"{units.pop()}² {step.time}" if len(units) == 1 and "" not in units else f"y² {step.time}"
     _name(axis, "I_d", unit, "innovation over the window d")
 
 
@@ -189,7 +189,7 @@ def _theta(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
 def _trace(axis: Axes, step: Step, t: np.ndarray, name: str, values: np.ndarray) -> None:
     axis.plot(*_thin(t, values), color=TRUTH)
     fields = {field.name: field for field in step.state}
-    unit, meaning = (fields[name].unit, fields[name].meaning) if name in fields else ("", name)
+    unit, meaning = (step.unit(fields[name]), fields[name].meaning) if name in fields else ("", name)
     _name(axis, name, unit, meaning)
 
 
@@ -202,12 +202,12 @@ def _symbol(name: str) -> str:
     return f"${letter}_{{{match[2]}}}$" if match[2] else f"${letter}$"
 
 
-def _figure(panels: int, t: np.ndarray, top: float = 0.4) -> tuple[Figure, Sequence[Axes]]:
+def _figure(panels: int, t: np.ndarray, unit: str, top: float = 0.4) -> tuple[Figure, Sequence[Axes]]:
     height = PANEL * panels + top + BOTTOM
     figure = Figure(figsize=(WIDTH, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
     figure.subplots_adjust(left=0.105, right=0.955, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
-    grid[-1].set_xlabel("time (s)")
+    grid[-1].set_xlabel(f"time ({unit})")
     grid[-1].set_xlim(float(t[0]), float(t[-1]))
     figure.align_ylabels(grid)
     return figure, list(grid)

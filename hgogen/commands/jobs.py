@@ -158,7 +158,7 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 def summaries(step: CallableStep, done: Iterable[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
     """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
     ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
-    told = [summary(one.trial, one.each, ratio) for one, ratio in ratios]
+    told = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
     for sentence in alarm.complaints(told):
         say(sentence)
     return told
@@ -182,13 +182,13 @@ def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:
     return drawn
 
 
-def errors(each: Sequence[Measured]) -> "Figure":
-    """The errors of several observers on the first seed of one trial."""
+def errors(each: Sequence[Measured], unit: str) -> "Figure":
+    """The errors of several observers on the first seed of one trial; `unit`: that of the plant's time."""
     from hgogen.commands import figure
 
     first = each[0].first
     of = {one.name: one.first.error for one in each}
-    return figure.errors(each[0].states, first.truth.t, of, first.trial.events)
+    return figure.errors(each[0].states, first.truth.t, of, first.trial.events, unit)
 
 
 def record_figures(step: CallableStep, name: str, record: Record, run: Run) -> dict[str, "Figure"]:

@@ -83,11 +83,11 @@ def metrics(step: Step, trajectory: Trajectory) -> Metrics:
     )
 
 
-def criterion(trial: Trial) -> str:
-    """What settled means, in words."""
+def criterion(trial: Trial, unit: str = "s") -> str:
+    """What settled means, in words; `unit`: that of the plant's time."""
     if trial.settled is None:
         return f"every error within {100 * SHARE:g}% of its state's range until the next event"
-    return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} s"
+    return f"|error of {trial.settled.state}| <= {trial.settled.band:g} for {trial.settled.hold:g} {unit}"
 
 
 def ranges(step: Step, trajectory: Trajectory) -> np.ndarray:
@@ -164,15 +164,15 @@ class Summary:
         return asdict(self)
 
 
-def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None) -> Summary:
-    """The metrics of all seeds (at least one) in one."""
+def summary(trial: Trial, each: Sequence[Metrics], alarm_ratio: float | None = None, unit: str = "s") -> Summary:
+    """The metrics of all seeds (at least one) in one; `unit`: that of the plant's time."""
     events = list(zip(*(m.responses for m in each), strict=True))
     peaks = [_present(r.peak for r in event) for event in events]
     triggers = [_present(r.triggers for r in event) for event in events]
     louds = [_present(r.loud for r in event) for event in events]
     return Summary(
         trial=trial.name,
-        criterion=criterion(trial),
+        criterion=criterion(trial, unit),
         seeds=len(each),
         engine=each[0].engine,
         times=tuple(event[0].time for event in events),

@@ -43,7 +43,9 @@ def response(
         from hgogen.commands import figure  # here, because matplotlib is slow to import
 
         span = np.geomspace(min(slow / 10, *given), max(10 * fast, *given), POINTS)
-        drawn = figure.response(hg.response(step.observer, span), hg.response(step, span[span < math.pi / step.dt]))
+        drawn = figure.response(
+            hg.response(step.observer, span), hg.response(step, span[span < math.pi / step.dt]), step.time
+        )
         paths += figure.save({"response": drawn}, out)
     value = {
         "model": loaded.path,
@@ -61,9 +63,10 @@ def response(
         note(f"{name} adapts: the gains are those at {at}, where the core is the fastest")
     if sampled.aliased.any():
         beyond = ", ".join(f"{w:g}" for w in sampled.omega[sampled.aliased])
-        what = f"{beyond} rad/s {'are' if sampled.aliased.sum() > 1 else 'is'} beyond the Nyquist frequency pi/dt"
-        note(f"{what} = {math.pi / step.dt:g} rad/s: the samples show a slower alias, and the step has no gain there")
-    show(as_json, value, tables.responses(continuous, sampled), *([tables.files(paths)] if paths else []))
+        rate, are = f"rad/{step.time}", "are" if sampled.aliased.sum() > 1 else "is"
+        what = f"{beyond} {rate} {are} beyond the Nyquist frequency pi/dt"
+        note(f"{what} = {math.pi / step.dt:g} {rate}: the samples show a slower alias, and the step has no gain there")
+    show(as_json, value, tables.responses(continuous, sampled, step.time), *([tables.files(paths)] if paths else []))
 
 
 def _frequencies(text: str) -> tuple[float, ...]:

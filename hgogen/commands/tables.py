@@ -195,14 +195,15 @@ def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableTyp
     return Group(Text(head), table, "")
 
 
-def trials(each: Iterable[Summary]) -> RenderableType:
-    """What followed each event of each trial, over the seeds."""
+def trials(each: Iterable[Summary], unit: str) -> RenderableType:
+    """What followed each event of each trial, over the seeds; `unit`, here and below: that of the model's time."""
     parts: list[RenderableType] = []
     for one in each:
         table = _table(
             f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}; "
             f"settled: {one.criterion}",
-            *("event at (s)", "settled after (s)", "worst (s)", "peak theta", "theta < 1.05 after (s)"),
+            *(f"event at ({unit})", f"settled after ({unit})", f"worst ({unit})"),
+            *("peak theta", f"theta < 1.05 after ({unit})"),
             *("triggered", "still > 1.5"),
             numbers=7,
         )
@@ -226,10 +227,10 @@ def trials(each: Iterable[Summary]) -> RenderableType:
     return Group(*parts)
 
 
-def compared(title: str, each: Sequence[Measured]) -> RenderableType:
+def compared(title: str, each: Sequence[Measured], unit: str) -> RenderableType:
     """Observers side by side, one a row."""
     states = list(each[0].rms)
-    columns = ("settled after each event (s)", "operations", "functions", "bytes of state")
+    columns = (f"settled after each event ({unit})", "operations", "functions", "bytes of state")
     whole = _table(title, "observer", *columns, numbers=len(columns))
     for one in each:
         settled = ", ".join(map(_number, one.settled))
@@ -239,12 +240,12 @@ def compared(title: str, each: Sequence[Measured]) -> RenderableType:
     for one in each:
         rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
         peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
-    return Group(whole, "", rms, "", peak, "", *map(Text, _meanings(each)), "")
+    return Group(whole, "", rms, "", peak, "", *map(Text, _meanings(each, unit)), "")
 
 
-def _meanings(each: Sequence[Measured]) -> Iterable[str]:
+def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
     """What the columns of a comparison mean, and which methods it compares, if several."""
-    yield f"steady: from {each[0].first.trial.steady_from:g} s on, the median of the seeds; largest: of all seeds"
+    yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; largest: of all seeds"
     yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
     methods: dict[str, list[str]] = {}
     for one in each:
@@ -268,17 +269,17 @@ def _range(low: float, high: float) -> str:
     return f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} .. {high:.2f}"
 
 
-def agreements(each: Iterable[Agreement]) -> RenderableType:
+def agreements(each: Iterable[Agreement], unit: str) -> RenderableType:
     """C against Python."""
     table = _table(
         "C against Python, double precision, relative to each state's peak",
         *(
             "trial",
             "seed",
-            "until (s)",
+            f"until ({unit})",
             "difference until then",
             "afterwards",
-            "settled after (s), both",
+            f"settled after ({unit}), both",
             "agreed",
         ),
         numbers=5,
@@ -295,11 +296,11 @@ def _pair(first: float | None, second: float | None) -> str:
     return _number(first) if _number(first) == _number(second) else f"{_number(first)}/{_number(second)}"
 
 
-def predictions(each: Sequence[Prediction], dt: float) -> RenderableType:
+def predictions(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
     """RMS prediction errors."""
     table = _table(
         "RMS prediction error of the measured outputs",
-        *("output", "samples ahead", "time ahead (s)", "from the estimate", "copying the last value"),
+        *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
         numbers=4,
     )
     for one in each:
@@ -324,13 +325,13 @@ def report(read: Report) -> RenderableType:
     return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in read.sentences()), "")
 
 
-def suggestion(found: Suggestion) -> RenderableType:
+def suggestion(found: Suggestion, unit: str) -> RenderableType:
     """What a quiet record suggests."""
     table = _table(f"noise of {found.output}, from {found.samples} samples", "value", "", "meaning")
     rows = (
         ("sigma", f"{found.sigma:.4g}", "standard deviation about a straight line"),
-        ("tau", f"{found.tau:.4g} s", "correlation time" if found.tau else "white noise"),
-        ("d", f"{found.d:g} s", "window of the innovation"),
+        ("tau", f"{found.tau:.4g} {unit}", "correlation time" if found.tau else "white noise"),
+        ("d", f"{found.d:g} {unit}", "window of the innovation"),
         ("gamma_0", f"{found.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {found.spread:.3g}): theta may rise above it"),
         ("gamma_1", f"{found.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
         ("R", f"{found.R:.4g}", "spectral density of the noise; a larger R smooths more"),
@@ -340,9 +341,9 @@ def suggestion(found: Suggestion) -> RenderableType:
     return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in found.notes), "")
 
 
-def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
+def windows(trial: str, found: Iterable[Gramian], unit: str) -> RenderableType:
     """What windows of several lengths show along a trial."""
-    names = ("d (s)", "smallest eigenvalue", "median", "weakest direction", "its share")
+    names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
     table = _table(f"what a window d shows along trial {trial}: its observability Gramian", *names)
     for one in found:
         (low, high), (name, share) = one.range, one.weakest
@@ -355,11 +356,11 @@ def windows(trial: str, found: Iterable[Gramian]) -> RenderableType:
     return Group(table, Text(advice), "")
 
 
-def responses(continuous: Response, sampled: Response) -> RenderableType:
+def responses(continuous: Response, sampled: Response, unit: str) -> RenderableType:
     """The gains from noise to estimates: a row for each pair and frequency, continuous and as a step has them, "-"
     where it sees an alias."""
-    head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} s"
-    table = _table(head, "noise of", "error of", "omega (rad/s)", "continuous", "step", numbers=3)
+    head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} {unit}"
+    table = _table(head, "noise of", "error of", f"omega (rad/{unit})", "continuous", "step", numbers=3)
     for column in table.columns[2:]:
         column.no_wrap = True  # half a number is another number
     for j, output in enumerate(continuous.outputs):

@@ -128,7 +128,9 @@ def _changed(
     plant, n = whole.plant, len(z)
     box_x = box(plant.signals, plant.nominal)
     (y,) = plant.outputs
-    states = tuple(_derivative(s.name, y, e, k, box_x) for k, (s, e) in enumerate(zip(z, whole.Phi, strict=True)))
+    states = tuple(
+        _derivative(s.name, y, e, k, box_x, plant.time) for k, (s, e) in enumerate(zip(z, whole.Phi, strict=True))
+    )
     rename = dict(zip(z, states, strict=True))
     psi = {x: e.xreplace(rename) for x, e in back.items()}
     phi = min((e := whole.phi.xreplace(psi), tidy(e)), key=lambda e: size([e]))
@@ -150,10 +152,10 @@ def _changed(
     )
 
 
-def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box) -> Signal:
+def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, time: str) -> Signal:
     values = bound(image, box_x, boxes=_RANGES)
     low, high = (values.low, values.high) if values.finite and values.low < values.high else (None, None)
-    source = y.derivative(order)
+    source = y.derivative(order, time)
     meaning = f"derivative of {y.name} of order {order}" if order else y.meaning or y.name
     return Signal(name, source.unit, meaning, low=low, high=high)
 

@@ -21,7 +21,7 @@ def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> fl
     if not 1 <= theta_0 < math.inf:
         raise BadGain(f"theta_0 = {theta_0!r}", "must be a finite number, at least 1")
     if not 0 <= t < math.inf:
-        raise BadGain(f"t = {t!r}", "must be a finite time in seconds from the start, not negative")
+        raise BadGain(f"t = {t!r}", "must be a finite time from the start, not negative")
     if n not in range(1, 1 << 16):
         raise BadGain(f"n = {n!r}", "must be the number of states")
     power = 2 * (n - 1) + a / rate

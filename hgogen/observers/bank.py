@@ -70,7 +70,8 @@ def bank(
         raise BadGain(f"innovation = {innovation!r}", reason)
     share = positive("hysteresis", HYSTERESIS[selection] if hysteresis is None else hysteresis)
     part = Parallel(member, int(count), positive("period", period), selection == "newest", innovation)
-    told = f"{count} members; every {same(period)} s the oldest restarts from the selected estimate, which has the "
+    every = f"{same(period)} {member.form.system.time}"
+    told = f"{count} members; every {every} the oldest restarts from the selected estimate, which has the "
     return replace(
         member,
         name="bank",

@@ -105,7 +105,7 @@ def riccati(
         checks=(*form.checks, *clamped("riccati", form), _theorem(theta)),
         accepted=accept,
         theorem=of_form(theta.theorem, form),
-        equations=(*EQUATIONS, noise_equation(form, theta.scaled), theta.equation),
+        equations=(*EQUATIONS, noise_equation(form, theta.scaled), theta.law(form.system.time)),
         reference=REFERENCE,
         traces=theta.traces,
     )

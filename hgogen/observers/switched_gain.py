@@ -100,7 +100,7 @@ def switched_gain(
         ),
         w=sym("state.w", chain.n),
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"K = {listed(K)}, hold = {same(time)} s"),
+        equations=(*EQUATIONS, f"K = {listed(K)}, hold = {same(time)} {form.system.time}"),
         reference=REFERENCE,
         checks=switching("switched_gain", top, low, time, of_poles(form, K)),
         accepted=accept,

@@ -15,6 +15,7 @@ import numpy as np
 
 from hgogen.reading.log import BadRecord, Column, Table, table
 from hgogen.signal import Signal
+from hgogen.time_unit import plural
 
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
 
@@ -23,15 +24,15 @@ LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seco
 class Report:
     """What was found in a log and what was done with it.
 
-    `rows` of the file; `samples` on the grid of `dt` (s); `period`: typical time between rows (s);
+    `rows` of the file; `samples` on the grid of `dt`; `period`: typical time between rows; `unit`: of all times;
     `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and
     `not_numbers` (NaN among them), both treated as missing samples; `covered`: those of them that share a
     grid point with another row and cost no sample; `absent`: samples without a number, in all, which is
     missing + not_numbers - covered + filled; `malformed`: rows with more cells than the header, left out;
     `untimed`: rows without a usable time, left out; `out_of_order`: rows earlier than one before them,
     sorted; `duplicates`: rows that repeat a time, merged; `surplus`: rows of other times at a grid point that
-    has one, merged; `gaps`: pauses longer than 1.5 periods, the longest of `longest_gap` (s); `filled`: grid
-    points without a row, given as missing samples; `shift`: the farthest a row was moved (s); `notes`:
+    has one, merged; `gaps`: pauses longer than 1.5 periods, the longest of `longest_gap`; `filled`: grid
+    points without a row, given as missing samples; `shift`: the farthest a row was moved; `notes`:
     whatever else was decided on reading, or looks doubtful.
     """
 
@@ -54,6 +55,7 @@ class Report:
     longest_gap: float
     filled: int
     shift: float
+    unit: str
     notes: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -62,7 +64,8 @@ class Report:
 
     def sentences(self) -> tuple[str, ...]:
         """What was found and what was done with it, a sentence each; only what there is."""
-        said = [f"{self.rows} rows, one every {self.period:g} s, became {self.samples} samples of {self.dt:g} s"]
+        period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
+        said = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
         for name, column in self.columns.items():
             for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
                 if count:
@@ -80,12 +83,12 @@ class Report:
                 self.surplus,
                 "rows at a grid point that has one: {}, merged; the number nearest in time is kept",
             ),
-            (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} s"),
+            (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} {self.unit}"),
             (self.filled, "grid points without a row: {}, given as missing samples"),
         )
         said += [text.format(count) for count, text in counted if count]
         if self.shift > 1e-6 * self.dt:
-            said.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} s at most")
+            said.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
         return (*said, *self.notes)
 
 
@@ -139,55 +142,56 @@ def read(
     dt: float,
     time: str | None = None,
     period: float | None = None,
+    unit: str = "s",
 ) -> Record:
-    """The log at `path` on the grid of `dt` (s).
+    """The log at `path` on the grid of `dt`; `unit`: that of all times, the model's.
 
-    Args: `columns` maps signal names to column names; `time` names the column of times (s), or `period` (s)
+    Args: `columns` maps signal names to column names; `time` names the column of times, or `period`
     is the time between rows.
 
     Raises: `BadRecord`.
     """
     if (time is None) == (period is None):
-        raise BadRecord(str(path), "give either --time COLUMN or --period SECONDS, so that the rows have times")
+        raise BadRecord(str(path), "give either --time COLUMN or --period TIME, so that the rows have times")
     if period is not None and not 0 < period < math.inf:
-        raise BadRecord(str(path), f"the period {period:g} must be a positive number of seconds")
+        raise BadRecord(str(path), f"the period {period:g} must be a positive number of {plural(unit)}")
     log = table(path)
     for name, column in columns.items():
         if name == column and name not in log.header:
             listed = ", ".join(filter(None, log.header))
             raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
     found = {name: log.column(column) for name, column in columns.items()}
-    times = _stamps(log, log.column(time)) if time is not None else np.arange(len(log.rows)) * (period or dt)
-    return _gridded(log, found, times, dt)
+    times = _stamps(log, log.column(time), unit) if time is not None else np.arange(len(log.rows)) * (period or dt)
+    return _gridded(log, found, times, dt, unit)
 
 
-def _stamps(log: Table, column: Column) -> np.ndarray:
+def _stamps(log: Table, column: Column, unit: str) -> np.ndarray:
     """The times (rows,), NaN where a row has none."""
     if np.isfinite(column.values).sum() <= len(column.values) / 2:
         example = f", such as {column.example!r}" if column.example else ""
         raise BadRecord(
             log.path,
             f"the time column {column.name!r} holds {column.not_numbers} cells that are no numbers{example} and "
-            f"{column.empty} empty ones; it must hold seconds, or say --period SECONDS",
+            f"{column.empty} empty ones; it must hold {plural(unit)}, or say --period TIME",
         )
     return column.values
 
 
-def _pace(period: float, dt: float) -> tuple[str, ...]:
+def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     """A note where the record is much slower or faster than the step."""
     factor = period / dt
     if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
         return ()
     if 500 < factor < 2000:
-        doubt = "are its times milliseconds? They are read as seconds"
+        doubt = f"are its times milli{plural(unit)}? They are read as {plural(unit)}"
     elif factor > 1:
-        doubt = "between rows the step has only its model; are the times seconds, and is dt right?"
+        doubt = f"between rows the step has only its model; are the times {plural(unit)}, and is dt right?"
     else:
-        doubt = "only the row nearest to each sample is used; are the times seconds, and is dt right?"
-    return (f"the record's period, {period:g} s, is {factor:.4g} times the step's dt, {dt:g} s: {doubt}",)
+        doubt = f"only the row nearest to each sample is used; are the times {plural(unit)}, and is dt right?"
+    return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
 
 
-def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: float) -> Record:
+def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: float, unit: str) -> Record:
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
@@ -197,14 +201,15 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
     if (times[-1] - times[0]) / dt > LONGEST:
         raise BadRecord(
             log.path,
-            f"its times span {times[-1] - times[0]:g} s, more than {LONGEST} samples of {dt:g} s; are they seconds?",
+            f"its times span {times[-1] - times[0]:g} {unit}, more than {LONGEST} samples of {dt:g} {unit}; are they "
+            f"{plural(unit)}?",
         )
     point = np.floor((times - times[0]) / dt + 0.5).astype(int)
     away = np.abs(times - times[0] - point * dt)
     samples, used = int(point[-1]) + 1, len(np.unique(point))
     if samples < 2:
         raise BadRecord(
-            log.path, f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} s; give a record of at least 2"
+            log.path, f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}; give a record of at least 2"
         )
     values = np.full((samples, len(found)), np.nan)
     nearest = np.lexsort((away, point))
@@ -237,6 +242,7 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
         longest_gap=float(pauses.max()) if len(pauses) else 0.0,
         filled=samples - used,
         shift=float(away.max()),
-        notes=(*log.notes, *_pace(period, dt)),
+        unit=unit,
+        notes=(*log.notes, *_pace(period, dt, unit)),
     )
     return Record(times[0] + np.arange(samples) * dt, tuple(found), values, report)

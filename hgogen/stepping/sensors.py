@@ -17,6 +17,8 @@ import casadi as ca
 from hgogen.errors import HgogenError
 from hgogen.program import Block, Call, Field, Program, Section, When, scalar, sym
 from hgogen.signal import Signal
+from hgogen.system import System
+from hgogen.time_unit import plural
 
 ROUND = 1 << 16  # periods after which the count begins again: what the smallest `unsigned` of C holds
 OLDEST = ROUND // 2  # periods back that still count as late
@@ -34,24 +36,26 @@ class BadRate(HgogenError):
         return f"{self.what} {self.reason}"
 
 
-def multiples(periods: Any, outputs: tuple[Signal, ...], dt: float) -> tuple[int, ...]:
-    """How many dt lie between two samples of each output; 1 of those that `periods` (s, by name) does not name.
+def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
+    """How many dt lie between two samples of each output; 1 of those that `periods` (by name) does not name.
 
     Raises: `BadRate`.
     """
-    names = [signal.name for signal in outputs]
+    names = [signal.name for signal in plant.outputs]
     if not isinstance(periods, Mapping):
-        raise BadRate(f"periods = {periods!r}", "must name outputs with their sampling periods in seconds")
+        raise BadRate(
+            f"periods = {periods!r}", f"must name outputs with their sampling periods in {plural(plant.time)}"
+        )
     for name in periods:
         if name not in names:
             raise BadRate(f"periods names {name!r},", f"which is no output; the outputs are {', '.join(names)}")
-    return tuple(_multiple(name, periods.get(name, dt), dt) for name in names)
+    return tuple(_multiple(name, periods.get(name, dt), dt, plant.time) for name in names)
 
 
-def _multiple(name: str, period: Any, dt: float) -> int:
+def _multiple(name: str, period: Any, dt: float, unit: str) -> int:
     what = f"the period {name} = {period!r}"
     if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < float("inf"):
-        raise BadRate(what, "must be a positive time in seconds")
+        raise BadRate(what, f"must be a positive time in {plural(unit)}")
     count = max(1, round(period / dt))
     if abs(count * dt - period) > 1e-9 * period:
         raise BadRate(what, f"is no whole multiple of dt = {dt:g}; take {count * dt:.6g}, or another dt")
