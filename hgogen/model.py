@@ -14,6 +14,7 @@ from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
 from hgogen import observers
+from hgogen.arguments import arguments
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
 from hgogen.dissipation import Dissipation
@@ -25,7 +26,7 @@ from hgogen.recipe import trial_of
 from hgogen.storage import stored
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.tuning import Start, Tuning, arguments
+from hgogen.tuning import Start, Tuning
 
 FOLDER = Path("models")
 _NO_MODELS = f"give the path of a model file: a bare name is sought in ./{FOLDER}, and there is none here"

@@ -2,9 +2,9 @@
 
     tuning = {"high_gain": {"theta": 20, "poles": (-1, -1)}}      # Python: an observer's name, and its arguments
 
-    [tuning.high_gain]                # plain text; a complex pole is [re, im]; of several outputs a list each
+    [tuning.high_gain]                # plain text; a complex pole is [re, im]
     theta = 20
-    poles = [[-1, 0.5], [-1, -0.5]]
+    poles = [[-1, 0.5], [-1, -0.5]]   # of a form with a chain for each of several outputs, a list for each chain
     form = "triangular"               # one of hg.forms, or {kind = "phase", original = true} with its arguments
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
@@ -17,7 +17,8 @@
     R = 1
     theta = {kind = "adaptive", theta_1 = 4, mu = [0.16, 0.32], innovation = {kind = "staggered", d = 1}}
 
-    [tuning.bank]                     # an observer around another one, which has its own tuning
+    [tuning.bank]                     # an observer around another one, which has its own tuning, with its method, dt,
+                                      # between and periods, where it has none of its own
     member = "filter"
     count = 5
 
@@ -28,30 +29,27 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import lru_cache
-from inspect import Parameter, signature
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from hgogen import forms, innovation, methods, observers, theta
+from hgogen import forms, methods, observers
+from hgogen.arguments import faults, poles, value
 from hgogen.call import CallableStep, sample
 from hgogen.check import Refuted, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.modelfile import NUMBER, READERS, TEXT, BadModelFile, demand_keys
-from hgogen.observer import BadGain, Observer
+from hgogen.observer import Observer
 from hgogen.system import System
 
-_SAMPLING = ("between", "periods")  # what `sample` takes beside method and dt
-_PLACED = ("kind", "form", "member", "method", "dt", *_SAMPLING)  # the other keys are the observer's arguments
+_OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
+_SAMPLING = ("method", "dt", *_OPTIONS)
+_PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
 _STARTS = ("initial", "start")  # the arguments that say where an observer's estimate starts
 _KEPT = 16  # forms
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
-_VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # arguments that a table with `kind` makes
-    "theta": (theta.constant, theta.decaying, theta.adaptive),
-    "mu": (theta.smoothstep, theta.logistic),
-    "innovation": (innovation.staggered, innovation.window),
-}
 
 
 @dataclass(frozen=True)
@@ -75,11 +73,11 @@ class Tuning:
 
         Raises: `BadModelFile` for a table that makes none; `Refuted`.
         """
-        where, table = self.where(name), self.table(name)
+        where, table = self.where(name), self._sampling(name)
         method = self._case(f"{where}.method", methods, table.get("method", "continuous_discrete"))
         observer = self.observer(name, start=start)
         period = dt if dt is not None else table["dt"] if "dt" in table else default()
-        options = {key: table[key] for key in _SAMPLING if key in table}
+        options = {key: table[key] for key in _OPTIONS if key in table}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step
 
@@ -98,12 +96,14 @@ class Tuning:
             if start is not None and isinstance(base, Form):
                 gains = {key: value for key, value in gains.items() if key not in _STARTS}
                 gains |= {"initial": start(base)}
+        if "poles" in gains:
+            gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "blocks", ())))}
         observer: Observer = self._refusals(where, lambda: make(base, **gains))
         return observer
 
     def period(self, name: str) -> float:
         """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
-        table = self.table(name)
+        table = self._sampling(name)
         if "dt" not in table:
             reason = "the key 'dt' is missing; add dt, the time in seconds between two calls of the observer"
             raise BadModelFile(self.file, self.where(name), reason)
@@ -113,7 +113,7 @@ class Tuning:
         """The arguments that a tuning gives its observer. Raises: `BadModelFile`."""
         told = {key: value for key, value in self.table(name).items() if key not in _PLACED}
         gains: Mapping[str, Any] = self._refusals(
-            self.where(name), lambda: {key: _value(key, value) for key, value in told.items()}
+            self.where(name), lambda: {key: value(key, given) for key, given in told.items()}
         )
         return gains
 
@@ -129,6 +129,17 @@ class Tuning:
         demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)
         return table
 
+    def _sampling(self, name: str) -> Mapping[str, Any]:
+        """How a tuning is sampled: by its own keys, else by those of the tuning that it is around."""
+        found: dict[str, Any] = {}
+        passed: list[str] = []
+        while name in self.tables and name not in passed:
+            table = self.table(name)
+            found = {key: table[key] for key in _SAMPLING if key in table} | found
+            passed.append(name)
+            name = str(table.get("member", ""))
+        return found
+
     def _member(self, name: str, table: Mapping[str, Any], around: tuple[str, ...], start: Start | None) -> Observer:
         where, member = f"{self.where(name)}.member", table.get("member")
         others = [other for other in self.tables if other not in around]
@@ -141,6 +152,8 @@ class Tuning:
         options = {key: value for key, value in given.items() if key != "kind"} if isinstance(given, Mapping) else {}
         kind = given.get("kind", "triangular") if isinstance(given, Mapping) else given
         make = self._case(where, forms, kind)
+        if callable(make):
+            self._arguments(where, make, options)
         return self._refusals(where, lambda: _formed(make, self.plant, options))
 
     def _case(self, where: str, folder: Any, name: Any) -> Any:
@@ -155,15 +168,8 @@ class Tuning:
 
     def _arguments(self, where: str, make: Callable[..., Any], gains: Iterable[str]) -> None:
         """Every argument known, and none missing."""
-        known, needed = arguments(make)
-        for key in gains:
-            if key not in known:
-                near = get_close_matches(key[:60], [*known, *_PLACED], n=1)
-                fix = f"did you mean {near[0]}?" if near else f"its arguments are {', '.join(known)}"
-                raise BadModelFile(self.file, f"{where}.{key}", f"{make.__name__} has no argument {key[:60]!r}; {fix}")
-        for key in needed:
-            if key not in gains:
-                raise BadModelFile(self.file, where, f"the key {key!r} is missing; {make.__name__} needs it")
+        for key, said in faults(make, gains, _PLACED, first=1):
+            raise BadModelFile(self.file, f"{where}.{key}" if key else where, said)
 
     def _refusals(self, where: str, function: Callable[[], Any]) -> Any:
         """What `function` returns; a refusal keeps its sentence and gets the file and the key."""
@@ -183,12 +189,6 @@ class Tuning:
         return "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
 
 
-def arguments(make: Callable[..., Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The arguments by name of an observer's function: all, and those without a default."""
-    named = [p for p in signature(make).parameters.values() if p.kind is Parameter.KEYWORD_ONLY]
-    return tuple(p.name for p in named), tuple(p.name for p in named if p.default is Parameter.empty)
-
-
 def _formed(make: Callable[..., Any], plant: System, options: Mapping[str, Any]) -> Any:
     """The form, made once for all the tunings that ask for it, where its arguments can be compared."""
     told = tuple(options.items())
@@ -202,20 +202,3 @@ def _formed(make: Callable[..., Any], plant: System, options: Mapping[str, Any])
 @lru_cache(maxsize=_KEPT)
 def _once(make: Callable[..., Any], plant: System, options: tuple[tuple[str, Any], ...]) -> Any:
     return make(plant, **dict(options))
-
-
-def _value(key: str, value: Any) -> Any:
-    """What text stands for: pairs [re, im] for complex poles, a table with `kind` for the value that it makes."""
-    if key == "poles" and isinstance(value, list):
-        return [complex(*v) if _pair(v) else _value(key, v) for v in value]  # of several outputs a list for each
-    if key in _VALUES and isinstance(value, Mapping):
-        makers = {make.__name__: make for make in _VALUES[key]}
-        if value.get("kind") not in makers:
-            raise BadGain(f"{key} of kind {value.get('kind')!r}", f"is none; the kinds are {', '.join(makers)}")
-        inner = {name: _value(name, given) for name, given in value.items() if name != "kind"}
-        return makers[value["kind"]](**inner)
-    return tuple(value) if key == "mu" and isinstance(value, list) else value
-
-
-def _pair(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(type(part) in (int, float) for part in value)
