@@ -13,6 +13,8 @@ from typing import Any
 
 from hgogen.errors import HgogenError
 
+_OFFERED = ", or build with accept="  # where a fix begins to offer that
+
 
 class Verdict(StrEnum):
     """What is known of a claim."""
@@ -64,7 +66,7 @@ class Refuted(HgogenError):
 
     `checks`: those refuted; `form`: the form that was refused, with all its checks, where there is one; `accepted`: the
     ids that were accepted; `where`: the file and the key that asked; `plain`: whether it is plain text; `other`: what
-    takes the plant as it is.
+    takes the plant as it is; `never`: why the observer cannot be built even where they are accepted.
     """
 
     checks: tuple[Check, ...]
@@ -73,18 +75,23 @@ class Refuted(HgogenError):
     where: str = ""
     plain: bool = False
     other: str = ""
+    never: str = ""
 
     def __str__(self) -> str:
         head = f"{self.where}: refuted" if self.where else "refuted"
         said = [f"{head}: {'; '.join(check.sentence for check in self.checks)}.", *filter(None, self._fixes)]
         offer = self._offer(*(check.id for check in self.checks))
-        if offer not in " ".join(said):
+        if self.never:
+            said.append(self.never)
+        elif offer not in " ".join(said):
             said.append(f"To build all the same, say {offer}")
         return " ".join([*said, self.other] if self.other else said)
 
     @property
     def _fixes(self) -> list[str]:
-        """With the offers in the language of the file."""
+        """With the offers in the language of the file; without them where to accept is no way."""
+        if self.never:
+            return [f"{check.fix.partition(_OFFERED)[0].rstrip('.')}." for check in self.checks if check.fix]
         return [check.fix.replace(f"accept=({check.id!r},)", self._offer(check.id)) for check in self.checks]
 
     def _offer(self, *ids: str) -> str:

@@ -13,6 +13,9 @@ from hgogen.check import Check, Verdict
 from hgogen.signal import Signal
 from hgogen.system import System
 
+# what every form can say to whom it does not suit; which others do is not known to it
+ELSEWHERE = "hgogen check MODEL tells which forms it is in, and forms.original takes any plant."
+
 
 @dataclass(frozen=True)
 class Form:
@@ -26,7 +29,7 @@ class Form:
     `jacobian`: n x n, of z, inputs and parameters, of a map to phase coordinates in which a gain acts through its
     inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
     as a function of z may have poles in the box of z, or is too large there; an observer evaluates it at from_form(z),
-    clamped to the plant's ranges.
+    its denominators kept at the side that they have on the image of the plant's ranges, clamped to these ranges.
     """
 
     system: System

@@ -6,13 +6,13 @@ now, `work.e` the innovation y_j - h_j(z, u) of the output under update.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import sympy as sp
 
-from hgogen.check import Check, demand
+from hgogen.check import Check, Refuted, demand
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.program import INF, Bit, Block, Field, Group, Program, sym
@@ -215,18 +215,38 @@ class Observer:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
 
 
-def founded(name: str, form: Any, accept: Iterable[str], *, own: bool = False) -> tuple[str, ...]:
+def founded(
+    name: str, form: Any, accept: Iterable[str], *, own: bool = False, takes: Callable[[str, Form], Any] | None = None
+) -> tuple[str, ...]:
     """The ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not accepted.
 
-    `own`: whether checks of the observer, NAME..., can be refuted too; their ids are left to its own demand.
+    `own`: whether checks of the observer, NAME..., can be refuted too; their ids are left to its own demand. `takes`:
+    raises `BadGain` for a form that the observer does not take, whatever is accepted: nothing is then offered for that.
 
     Raises: `BadGain`, `Refuted`, `UnknownCheck`.
     """
     if not isinstance(form, Form):
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    demand(form.checks, [id for id in accept if not (own and id.startswith(f"{name}."))], form)
+    try:
+        demand(form.checks, [id for id in accept if not (own and id.startswith(f"{name}."))], form)
+    except Refuted as error:
+        raise replace(error, never=_never(name, form, takes, error.checks)) from None
     return accept
+
+
+def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, told: Iterable[Check]) -> str:
+    """Why the observer does not take the form, whatever is accepted, in a sentence without the reasons of the checks
+    that are `told`; "" where it would."""
+    try:
+        if takes is not None:
+            takes(name, form)
+    except BadGain as error:
+        why = str(error)
+        for check in told:
+            why = why.replace(f": {check.reason}", "")
+        return f"To accept it does not help: {why}."
+    return ""
 
 
 def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,14 +20,16 @@ import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
-from hgogen.check import Refuted, UnknownCheck
+from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
 from hgogen.innovation import BadWindow, BadWindowSize
+from hgogen.model import load
 from hgogen.observer import BadGain, Clock
 from hgogen.structure.dynamics import Singular
 from hgogen.theta import rise
 
 NAN = float("nan")
+MODELS = Path(__file__).resolve().parents[1] / "models"
 EPS = np.finfo(float).eps
 
 # --- theta --------------------------------------------------------------------------------------------------
@@ -550,6 +553,32 @@ def test_a_refuted_check_stops_unless_it_is_accepted() -> None:
         fitzhugh_nagumo(accept=())
     for accept in ("triangular.a_2", ("triangular.a_2",), ["triangular.a_2", "triangular.a_1"]):
         assert "triangular.a_2" in fitzhugh_nagumo(accept=accept).accepted
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "never"),
+    [
+        ("lorenz", hg.forms.phase, "low_power works in chains of integrators, .*; use high_gain or riccati"),
+        ("haldane", hg.forms.uniform, "low_power wants constant slopes"),
+        ("battery", hg.forms.triangular, "low_power takes a form in chains, .* in triangular form; use riccati"),
+    ],
+)
+def test_nothing_is_offered_to_accept_where_that_does_not_build(name: str, form: Any, never: str) -> None:
+    made = form(load(MODELS / f"{name}.toml").plant)
+    with pytest.raises(Refuted, match=f"To accept it does not help: {never}") as caught:
+        hg.observers.low_power(made, theta=3)
+    assert "accept=" not in str(caught.value)
+    with pytest.raises(BadGain, match="low_power"):
+        hg.observers.low_power(made, theta=3, accept=[check.id for check in caught.value.checks])
+
+
+@pytest.mark.parametrize("name", ["haldane", "battery"])
+def test_no_form_advises_one_that_is_refuted(name: str) -> None:
+    told = hg.survey(load(MODELS / f"{name}.toml").plant)
+    refused = {row.name.partition(",")[0] for row in told.answered if row.verdict is Verdict.REFUTED}
+    assert {"triangular", "uniform", "state_affine"} <= refused
+    for row in told.rows:
+        assert not [form for form in refused if f"forms.{form}" in row.fix], row.fix
 
 
 def test_accept_of_an_unknown_check_is_refused_even_where_nothing_is_refuted() -> None:

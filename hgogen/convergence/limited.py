@@ -50,7 +50,7 @@ def limited(
 
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain`.
     """
-    accept = founded(name, form, accept)
+    accept = founded(name, form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators(name, form)
     K = injection_gains(name, poles, gains, chain.n)
     slow, fast, start = positive("decay", decay), positive("r", r), real("sigma", sigma)

@@ -22,7 +22,7 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
-from hgogen.form import Form
+from hgogen.form import ELSEWHERE, Form
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.connected import cut_off
@@ -112,7 +112,7 @@ def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
 def _structure(name: str, verdict: Verdict, why: str) -> Check:
     reads = _ALIGNMENTS[name][1]
     claim = f"each row brings in the next state of its chain, linearly, and reads {reads} ({name})"
-    fix = "" if verdict is Verdict.PROVED else "Try another alignment, or use forms.original, which takes any plant."
+    fix = "" if verdict is Verdict.PROVED else f"Try another alignment; {ELSEWHERE}"
     return Check("block_triangular.structure", claim, verdict, why, fix=fix)
 
 

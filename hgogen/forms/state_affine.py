@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import sympy as sp
 
 from hgogen.check import Check, Verdict
-from hgogen.form import Form
+from hgogen.form import ELSEWHERE, Form
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
 from hgogen.structure.chain import listed, of_plant
@@ -29,7 +29,7 @@ from hgogen.system import System
 _REFERENCE = "Hammouri, de Leon Morales, CDC 1990"
 _CLAIM = "x' = A(u, y) x + b(u, y), y = C(u) x + d(u), in the plant's states"
 _TOGETHER = "Make what an output shows a state of its own, by hgogen.recast."
-_FIX = "Measure the states that enter nonlinearly, or use forms.triangular, or forms.original, which takes any plant."
+_FIX = f"Measure the states that enter nonlinearly; {ELSEWHERE}"
 
 
 def state_affine(plant: System) -> Form:

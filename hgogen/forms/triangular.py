@@ -19,7 +19,7 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
-from hgogen.form import Form
+from hgogen.form import ELSEWHERE, Form
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.coordinates import coordinates, form_in
@@ -66,7 +66,7 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
     answer, why = chains.answer(shape)
     if answer is False or chains.broken:
         verdict = Verdict.REFUTED if answer is False else Verdict.UNKNOWN
-        return _unordered(plant, _structure(verdict, why, _fix(chains, shape)))
+        return _unordered(plant, _structure(verdict, why, _fix(chains, shape, plant)))
     links = [_settled(link, shape, chains, plant) for link in chains.links[0]]
     z = coordinates(plant, chains.order, _signs(links, plant))
     before = (1, *z.signs)
@@ -119,10 +119,10 @@ def _structure(verdict: Verdict, reason: str, fix: str) -> Check:
     return Check("triangular.structure", claim, verdict, reason, fix="" if verdict is Verdict.PROVED else fix)
 
 
-def _fix(chains: Chains, shape: Shape) -> str:
+def _fix(chains: Chains, shape: Shape, plant: System) -> str:
     """A form that the same chain may have, else one that takes any plant."""
     if shape is Shape.CONSTANT and chains.answer(Shape.MEASURED)[0]:
-        return "Let slopes vary with the measured state, measured=True, or use forms.original, which takes any plant."
-    if chains.answer(Shape.UNIFORM)[0]:
-        return "Use forms.uniform, for any slopes that do not vanish, or forms.original, which takes any plant."
-    return "Measure another output, or use forms.original, which takes any plant."
+        return f"Let slopes vary with the measured state, measured=True; {ELSEWHERE}"
+    if chains.answer(Shape.UNIFORM)[0] and all(sign(link.slope, plant) for link in chains.links[0]):
+        return f"Use forms.uniform, for slopes that vary and keep off zero; {ELSEWHERE}"
+    return f"Measure another output; {ELSEWHERE}"

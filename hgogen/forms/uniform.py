@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
-from hgogen.form import Form
+from hgogen.form import ELSEWHERE, Form
 from hgogen.structure.apart import apart
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.coordinates import coordinates, form_in
@@ -61,7 +61,7 @@ def uniform(plant: System) -> Form:
 
 
 def _structure(verdict: Verdict, why: str) -> Check:
-    fix = "" if verdict is Verdict.PROVED else "Measure another output, or use forms.original, which takes any plant."
+    fix = "" if verdict is Verdict.PROVED else f"Measure another output; {ELSEWHERE}"
     return Check("uniform.structure", "y shows one state, each row brings in one new one", verdict, why, fix=fix)
 
 

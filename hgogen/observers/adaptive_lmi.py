@@ -97,7 +97,7 @@ def adaptive_lmi(
 
     Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
     """
-    accept = founded("adaptive_lmi", form, accept, own=True)
+    accept = founded("adaptive_lmi", form, accept, own=True, takes=integrators)
     chain, (low, high) = integrators("adaptive_lmi", form), _range(gamma)
     found = candidate(K, P, sigma, chain.n)
     if not found.sigma:

@@ -70,7 +70,7 @@ def cascade(
     Raises: `Refuted`; `BadPoles`; `BadGain` for theta < 1, gains of another length or not positive, a state without a
     range, or a form that is no chain of at least two integrators.
     """
-    accept = founded("cascade", form, accept)
+    accept = founded("cascade", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("cascade", form)
     n, level = chain.n, sym("gain.theta")
     if n < 2:

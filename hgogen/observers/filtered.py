@@ -77,7 +77,7 @@ def filtered(
     gains whose core does not decay; `BadGain` for other numbers that do not fit, or a form that is no chain of
     integrators.
     """
-    accept = founded("filtered", form, accept)
+    accept = founded("filtered", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("filtered", form)
     n, level = chain.n, sym("gain.theta")
     a, b = positive("alpha", alpha), positive("beta", beta)

@@ -69,7 +69,7 @@ def filtered_injection(
     Raises: `Refuted`; `NotHurwitz` where Q is not; `BadGain` for theta < 1, matrices that do not fit, or a form that is
     no chain of integrators.
     """
-    accept = founded("filtered_injection", form, accept)
+    accept = founded("filtered_injection", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("filtered_injection", form)
     n, level, source = chain.n, sym("gain.theta"), reals("G", G)
     m = source.size

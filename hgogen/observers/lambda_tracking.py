@@ -108,7 +108,7 @@ def lambda_tracking(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
     of integrators, or has more than phi where there is no model.
     """
-    accept = founded("lambda_tracking", form, accept)
+    accept = founded("lambda_tracking", form, accept, takes=integrators)
     chain = integrators("lambda_tracking", form)
     checks = (bounded("lambda_tracking.phi", form),)
     if not model:

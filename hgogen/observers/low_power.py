@@ -67,7 +67,7 @@ def low_power(
     Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta < 1, gains of
     another shape, or a form that is no chain of at least two integrators.
     """
-    accept = founded("low_power", form, accept)
+    accept = founded("low_power", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("low_power", form)
     n, pairs = chain.n, chain.n - 1
     if n < 2:

@@ -79,7 +79,7 @@ def peaking_free(
     Raises: `Refuted`; `NotHurwitz` for gains whose core does not decay; `BadPoles`; `BadGain` for theta < 1, gains of
     another shape or not positive, a state without a range, or a form that is no chain of at least two integrators.
     """
-    accept = founded("peaking_free", form, accept)
+    accept = founded("peaking_free", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("peaking_free", form)
     n, pairs, alpha = chain.n, chain.n - 1, positive("last", last)
     if n < 2:

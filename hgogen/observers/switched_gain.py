@@ -80,7 +80,7 @@ def switched_gain(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` for other numbers that do not fit, or a form that is no chain
     of integrators; from `sample`, `BadGain` for a hold of more than a million samples.
     """
-    accept = founded("switched_gain", form, accept)
+    accept = founded("switched_gain", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("switched_gain", form)
     top, low = high.initial[0], positive("theta_low", theta_low)
     if not 1 <= low < top:

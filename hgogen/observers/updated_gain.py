@@ -105,7 +105,7 @@ def updated_gain(
     Raises: `Refuted`; `BadPoles`; `NotHurwitz`; `BadGain` where D P + P D is not positive definite, with the b from
     which it is, for other numbers that do not fit, or a form that is no chain of integrators.
     """
-    accept = founded("updated_gain", form, accept)
+    accept = founded("updated_gain", form, accept, takes=integrators)
     chain = integrators("updated_gain", form)
     if chain.n > STATES:
         raise BadGain("updated_gain", f"proves its gains for {STATES} states at most, {form.system.name} has {chain.n}")
