@@ -3,6 +3,7 @@
 [trial]
 duration = 10                    # s
 start = {x1 = 1, x2 = 0}
+estimate = {x1 = 0.5}            # from where a comparison starts every observer, by default the nominal values
 inputs = {u = "sin(t)"}          # expressions of the time t
 noise = {y = 0.01}               # standard deviation
 settled = {state = "x2", band = 0.1, hold = 0.5}   # the error's band, kept to for so long (s)
@@ -14,7 +15,7 @@ from hgogen.reading.expression import parse
 from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t
 
 _TRIAL = {"name": TEXT, "duration": NUMBER, "steady": NUMBER, "seeds": NUMBER}
-_TRIAL |= dict.fromkeys(("start", "inputs", "noise", "settled"), TABLE)
+_TRIAL |= dict.fromkeys(("start", "estimate", "inputs", "noise", "settled"), TABLE)
 _SETTLED = {"state": TEXT, "band": NUMBER, "hold": NUMBER}
 _SEEDS = 1000  # at most
 
@@ -28,6 +29,7 @@ def trial_of(model: PlainModel) -> Trial:
     demand_keys(file, "trial", table, _TRIAL, "duration")
     known = {
         "start": dict.fromkeys((s.name for s in model.plant.states), NUMBER),
+        "estimate": dict.fromkeys((s.name for s in model.plant.states), NUMBER),
         "inputs": dict.fromkeys((s.name for s in model.plant.inputs), EXPRESSION),
         "noise": dict.fromkeys((s.name for s in model.plant.outputs), NUMBER),
     }
@@ -52,4 +54,5 @@ def trial_of(model: PlainModel) -> Trial:
         settled=Settled(**table["settled"]) if "settled" in table else None,
         steady=table.get("steady"),
         seeds=tuple(range(count)),
+        estimate=table.get("estimate", {}),
     )

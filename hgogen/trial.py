@@ -21,8 +21,9 @@ import sympy as sp
 
 from hgogen.call import CallableStep, Engine
 from hgogen.errors import HgogenError
+from hgogen.form import Form
 from hgogen.graph import to_casadi
-from hgogen.signal import Signal
+from hgogen.signal import Signal, resting
 from hgogen.system import System
 from hgogen.time_unit import plural
 
@@ -88,7 +89,8 @@ class Trial:
 
     `duration`; `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
     number, for each input by name (not for one that is the derivative of another); `noise` by output name; `steady`:
-    the errors count as steady from then on, default the last tenth; `seeds`: of the noise.
+    the errors count as steady from then on, default the last tenth; `seeds`: of the noise; `estimate`: the plant's
+    state by name from which a comparison starts every observer, default the nominal values.
     """
 
     name: str
@@ -100,6 +102,24 @@ class Trial:
     settled: Settled | None = None
     steady: float | None = None
     seeds: tuple[int, ...] = tuple(range(12))
+    estimate: Mapping[str, float] = field(default_factory=dict)
+
+    def first_estimate(self, form: Form) -> dict[str, float]:
+        """The `initial` from which every observer of a form has the same plant's state at time 0: that of `estimate`,
+        read at the first inputs.
+
+        Raises: `BadTrial`.
+        """
+        plant = form.system if form.system.origin is None else form.system.origin.plant
+        _names(self, "inputs", self.inputs, {s.name for s in plant.inputs}, needed=True)
+        _names(self, "estimate", self.estimate, {s.name for s in plant.states})
+        first = zip(form.system.inputs, _sampled(form.system, self, np.zeros(1))[0], strict=True)
+        read = set().union(*(sp.sympify(e).free_symbols for e in form.to_form))
+        return dict(self.estimate) | {u.name: float(value) for u, value in first if u in read}
+
+    def first_state(self, plant: System) -> dict[str, float]:
+        """`estimate` with every state of the plant."""
+        return {s.name: float(self.estimate.get(s.name, resting(s))) for s in plant.states}
 
     @property
     def events(self) -> tuple[float, ...]:
@@ -274,6 +294,7 @@ def _validate(plant: System, trial: Trial, dt: float) -> None:
     states = {s.name for s in plant.states}
     _names(trial, "start", trial.start, states, needed=True)
     _names(trial, "inputs", trial.inputs, {s.name for s in plant.inputs}, needed=True)
+    _names(trial, "estimate", trial.estimate, states)
     _names(trial, "noise", trial.noise, {s.name for s in plant.outputs})
     _names(trial, "jumps", [jump.state for jump in trial.jumps], states)
     _names(trial, "settled", [trial.settled.state] if trial.settled else [], states)

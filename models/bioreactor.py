@@ -89,6 +89,7 @@ def trial() -> Trial:
         "throttled",
         100,
         start={"m": 0.075, "s": 0.03},
+        estimate={"m": 0.06, "s": 0.06},
         inputs={"u": sp.Piecewise((0.08, t < 30), (0.02, t < 50), (0.08, True))},
         noise={"y": OrnsteinUhlenbeck(sigma=0.005, tau=0)},
         settled=Settled("s", band=0.005, hold=5),

@@ -16,12 +16,13 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.cli import app
 from hgogen.commands import figure, tables
-from hgogen.commands.compare import measured
+from hgogen.commands.compare import measured, rises
 from hgogen.commands.metrics import SHARE, criterion
 from hgogen.emit.cost import cost
 from hgogen.model import load
 from hgogen.program import Block, Kernel, Loop, Statement, When, sym
 from hgogen.step import Step
+from hgogen.trial import Jump, Trajectory, Trial, Truth, try_out
 
 ROOT = Path(__file__).resolve().parents[1]
 HYPERJERK = load(ROOT / "models" / "hyperjerk.py")
@@ -99,7 +100,8 @@ def test_metrics_are_those_of_the_errors() -> None:
     assert ticks == [1]
     assert criterion(TRIAL) == "every error within 5% of its state's range until the next event"
     error, width = np.abs(found.first.error), np.array([s.high - s.low for s in step("filtered").states])
-    assert found.peak == pytest.approx(dict(zip(found.rms, error.max(axis=0) / width, strict=True)))
+    risen = (error.max(axis=0) - error[0]) / width
+    assert found.peak == pytest.approx(dict(zip(found.rms, risen, strict=True)))
     (when,) = found.settled
     assert when is not None
     k = round(when / 0.005)
@@ -107,6 +109,44 @@ def test_metrics_are_those_of_the_errors() -> None:
     assert relative[k - 1] > SHARE >= relative[k:].max()
     steady = error[found.first.truth.t >= 5.4 - 1e-9]
     assert list(found.rms.values()) == pytest.approx(list(np.sqrt((steady**2).mean(axis=0))))
+
+
+def test_peaking_is_a_rise_after_an_event_not_the_event_itself() -> None:
+    """e = 1 at the start, falling; 3 by a jump at 1 s, rising by 2 before it falls: the largest rise is 2."""
+    t = np.arange(5) * 0.5
+    error = np.array([[1.0], [0.5], [-3.0], [-5.0], [0.0]])
+    jumps = (Jump(1.0, "x", 1.0),)
+    truth = Truth(t, np.zeros((5, 1)), np.zeros((5, 0)), np.zeros((5, 1)))
+    trial = Trial("two", 2.0, {"x": 0}, jumps=jumps)
+    one = Trajectory(trial, 0, truth, truth.y, error, {}, np.zeros(5), "python")
+    assert rises(one).tolist() == [2.0]
+
+
+def test_every_observer_starts_from_the_trial_s_estimate() -> None:
+    """In coordinates that read an input at its first value, with a start of its own, as member of a bank."""
+    bioreactor = load(ROOT / "models" / "bioreactor.py")
+    (trial,) = bioreactor.trials()
+    wanted = {"m": 0.06, "s": 0.05}
+    trial = replace(trial, estimate=wanted, duration=0.1, steady=None)
+    for name in ("lambda_tracking", "low_power", "cascade", "high_gain", "riccati", "bank"):
+        (one,) = try_out(bioreactor.step(name, 0.01, trial.first_estimate), trial, "python", (0,))
+        assert one.x[0, 1] == pytest.approx(wanted["s"]), name  # the first sample corrects m, and no s, of a filter
+        if name not in ("riccati", "bank"):
+            assert one.x[0, 0] == pytest.approx(wanted["m"]), name
+    (own,) = try_out(bioreactor.step("lambda_tracking"), trial, "python", (0,))
+    assert own.x[0, 1] != pytest.approx(wanted["s"])
+
+
+def test_a_start_on_the_truth_is_said(tmp_path: Path) -> None:
+    path, text = tmp_path / "hyperjerk.py", (ROOT / "models" / "hyperjerk.py").read_text()
+    line = 'start={"x1": -0.9, "x2": 0, "x3": 0, "x4": 0},'
+    path.write_text(text.replace(line, f'{line} estimate={{"x1": -0.9}},'))
+    arguments = ["--observers", "high_gain", "--seeds", "1", "-o", str(tmp_path)]
+    for model, on_truth in ((path, True), (ROOT / "models" / "hyperjerk.py", False)):
+        done = CliRunner().invoke(app, ["compare", str(model), *arguments])
+        assert ("every observer starts on the truth" in " ".join(done.stderr.split())) is on_truth
+        begins = "-0.9" if on_truth else "0"
+        assert f"every observer starts at x1 = {begins}, x2 = 0, x3 = 0, x4 = 0; the plant at x1 = -0.9" in done.stdout
 
 
 def test_no_error_rises_before_its_jump() -> None:
@@ -173,11 +213,12 @@ def test_the_command_prints_and_draws(tmp_path: Path) -> None:
 def test_the_tables_say_what_their_columns_mean() -> None:
     """And by which method each is carried out, where there are several."""
     one = measured("high_gain", step("high_gain"), TRIAL, "python", (0,), lambda: None)
-    text = said(tables.compared("title", [one], "s"))
-    assert "steady: from 5.4 s on, the median of the seeds; largest: of all seeds" in text
+    text = said(tables.compared("title", [one], "s", {"x": 1.0}, {"x": 2.0}))
+    assert "steady: from 5.4 s on, the median of the seeds; peaking: of all seeds" in text
     assert "functions (sine, exponential, root, ..): of one call" in text
+    assert "every observer starts at x = 1; the plant at x = 2" in text
     assert "by " not in text
-    text = said(tables.compared("title", [one, replace(one, name="other", method="bilinear")], "s"))
+    text = said(tables.compared("title", [one, replace(one, name="other", method="bilinear")], "s", {}, {}))
     assert f"by {one.method}: high_gain; by bilinear: other" in text
 
 

@@ -1,8 +1,9 @@
-"""Observers of one model side by side: the same truth, the same noise, the same sampling period.
+"""Observers of one model side by side: the same truth, noise and sampling period, and the same first estimate.
 
     convergence    time to settle after the start and after each jump, the median of the seeds (`metrics.criterion`)
     steady error   its root mean square over the trial's steady part, the median of the seeds
-    peaking        the largest error of each state over its range, of all seeds
+    peaking        the largest rise of the error of each state after an event, over its range, of all seeds: max |e(t)|
+                   until the next event less the |e| at the event itself, which is the start's or the jump's doing
     cost           operations of one call, bytes of the state
 
 The range of a state: `metrics.ranges`.
@@ -53,7 +54,7 @@ def measured(
         tick()
     told = [metrics(step, one) for one in each]
     names, events = [s.name for s in step.states], zip(*(one.responses for one in told), strict=True)
-    peak = np.max([np.abs(one.error).max(axis=0) for one in each], axis=0) / ranges(step, each[0])
+    peak = np.max([rises(one) for one in each], axis=0) / ranges(step, each[0])
     return Measured(
         name=name,
         observer=step.observer.name,
@@ -66,3 +67,11 @@ def measured(
         cost=cost(step),
         first=each[0],
     )
+
+
+def rises(trajectory: Trajectory) -> np.ndarray:
+    """How far the |error| of each state (n) rises above what it is at an event, the largest over the events."""
+    error, t = np.abs(trajectory.error), trajectory.truth.t
+    begins = [k for k in np.searchsorted(t, np.array(trajectory.trial.events) - 1e-9) if k < len(t)]
+    largest: np.ndarray = (np.maximum.reduceat(error, begins) - error[begins]).max(axis=0)
+    return largest

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hgogen.call import CallableStep
 from hgogen.commands import jobs, tables
 from hgogen.commands.command import (
     Bar,
@@ -23,6 +24,7 @@ from hgogen.commands.command import (
 from hgogen.commands.compare import Measured, measured
 from hgogen.commands.metrics import criterion
 from hgogen.model import MissingPart, Model, load
+from hgogen.system import System
 from hgogen.trial import Trial
 
 Names = Annotated[
@@ -39,50 +41,76 @@ def compare(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Try several observers of a model on its trials, each on the same noise and at the same sampling period, the
-    shortest of theirs; print convergence, steady error, peaking and cost side by side, and draw the errors.
+    """Try several observers of a model on its trials, each on the same noise, at the same sampling period, the shortest
+    of theirs, and from the same estimate of the plant's state, the trial's `estimate`, else the nominal values; print
+    convergence, steady error, peaking and cost side by side, and draw the errors.
 
     Settled: the median of the seeds. Steady: over the trial's own steady part, else its last tenth, the median of the
-    seeds. Largest: of all seeds, over the state's range. Functions: sine, exponential, root and such, of one call.
+    seeds. Peaking: how far the error rises above what it is at the start or at a jump, of all seeds, over the state's
+    range. Functions: sine, exponential, root and such, of one call.
 
-    JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, observers: a
-    list of name, observer, method, settled after each event, rms and peak by state, clamped, operations, functions,
-    state and params in bytes of the C in float), files.
+    JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, estimate and
+    start: the states that all observers and that the plant begin with, observers: a list of name, observer, method,
+    settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
+    in float), files.
     """
     loaded = load(model)
     names = _names(loaded, observers)
     chosen, engine = one_or_all(loaded.trials(), trial), reader.value if reader else engine_here()
-    steps = {name: loaded.step(name) for name in names}
-    unit, dt = loaded.plant.time, min(step.dt for step in steps.values())
-    longer = [name for name, step in steps.items() if step.dt > dt]
+    steps = {one.name: _started(loaded, names, one) for one in chosen}
+    first = steps[chosen[0].name]
+    unit, dt = loaded.plant.time, min(step.dt for step in first.values())
+    longer = [name for name, step in first.items() if step.dt > dt]
     if longer:
         note(f"all sampled at dt = {dt:g} {unit}, the shortest; {', '.join(longer)} would be sampled more slowly")
-        steps |= {name: loaded.step(name, dt) for name in longer}
+        for one in chosen:
+            steps[one.name] |= _started(loaded, longer, one, dt)
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
     found: list[tuple[Trial, list[Measured]]] = []
     with Bar("trials", len(names) * sum(map(len, counts.values()))) as bar:
         for one in chosen:
-            told = [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in steps.items()]
-            found.append((one, told))
+            each = steps[one.name].items()
+            found.append((one, [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in each]))
+            _note_no_error(loaded.plant, one)
     paths = save_figures(
         {f"{one.name}_errors": jobs.errors(each, unit) for one, each in found}, out or Path("build") / loaded.name
     )
     shown = [
-        tables.compared(f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one, unit)}", each, unit)
+        tables.compared(
+            f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one, unit)}",
+            each,
+            unit,
+            *(one.first_state(loaded.plant), one.start),
+        )
         for one, each in found
     ]
     report = {
         "model": loaded.path,
         "dt": dt,
         "engine": engine,
-        "trials": [_told(one, unit, len(counts[one.name]), each) for one, each in found],
+        "trials": [_told(loaded.plant, one, len(counts[one.name]), each) for one, each in found],
         "files": [str(path) for path in paths],
     }
     show(as_json, report, *shown, tables.files(paths))
 
 
-def _told(trial: Trial, unit: str, seeds: int, each: list[Measured]) -> dict[str, Any]:
-    told = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, unit), "times": list(trial.events)}
+def _started(model: Model, names: list[str], trial: Trial, dt: float | None = None) -> dict[str, CallableStep]:
+    """The steps of tunings, all from the first estimate of a trial."""
+    return {name: model.step(name, dt, trial.first_estimate) for name in names}
+
+
+def _note_no_error(plant: System, trial: Trial) -> None:
+    """Say so where there is no error to settle at the start."""
+    if trial.first_state(plant) == {name: float(value) for name, value in trial.start.items()}:
+        note(
+            f"trial {trial.name}: every observer starts on the truth, so that its first time to settle says nothing; "
+            "give the trial an estimate"
+        )
+
+
+def _told(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
+    told = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
+    told |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
     return {**told, "observers": [one.as_dict() for one in each]}
 
 

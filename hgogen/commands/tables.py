@@ -227,8 +227,10 @@ def trials(each: Iterable[Summary], unit: str) -> RenderableType:
     return Group(*parts)
 
 
-def compared(title: str, each: Sequence[Measured], unit: str) -> RenderableType:
-    """Observers side by side, one a row."""
+def compared(
+    title: str, each: Sequence[Measured], unit: str, estimate: Mapping[str, float], start: Mapping[str, float]
+) -> RenderableType:
+    """Observers side by side, one a row, from their first `estimate` of the plant's state `start`, by name."""
     states = list(each[0].rms)
     columns = (f"settled after each event ({unit})", "operations", "functions", "bytes of state")
     whole = _table(title, "observer", *columns, numbers=len(columns))
@@ -236,16 +238,26 @@ def compared(title: str, each: Sequence[Measured], unit: str) -> RenderableType:
         settled = ", ".join(map(_number, one.settled))
         whole.add_row(one.name, settled, *map(str, (one.cost.operations, one.cost.functions, one.cost.state)))
     rms = _table("steady error, root mean square", "observer", *states, numbers=len(states))
-    peak = _table("largest error over the state's range", "observer", *states, numbers=len(states))
+    peak = _table(
+        "peaking: largest rise of the error after an event, over the state's range",
+        "observer",
+        *states,
+        numbers=len(states),
+    )
     for one in each:
         rms.add_row(one.name, *(f"{value:.3g}" for value in one.rms.values()))
         peak.add_row(one.name, *(f"{value:.2g}" for value in one.peak.values()))
-    return Group(whole, "", rms, "", peak, "", *map(Text, _meanings(each, unit)), "")
+    begun = f"every observer starts at {_state(estimate)}; the plant at {_state(start)}"
+    return Group(whole, "", rms, "", peak, "", *map(Text, (begun, *_meanings(each, unit))), "")
+
+
+def _state(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in values.items())
 
 
 def _meanings(each: Sequence[Measured], unit: str) -> Iterable[str]:
     """What the columns of a comparison mean, and which methods it compares, if several."""
-    yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; largest: of all seeds"
+    yield f"steady: from {each[0].first.trial.steady_from:g} {unit} on, the median of the seeds; peaking: of all seeds"
     yield "operations, functions (sine, exponential, root, ..): of one call; settled: the median of the seeds"
     methods: dict[str, list[str]] = {}
     for one in each:
