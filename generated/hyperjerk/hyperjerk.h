@@ -87,8 +87,9 @@
 /* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
  * and the declared range. */
 #define HYPERJERK_REJECTED_y        0x0002u
-/* the estimate is outside the declared box, where the model is evaluated at the edge. To do: normal while the
- * estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow. */
+/* the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
+ * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
+ * it stays, the declared ranges are too narrow. */
 #define HYPERJERK_OUTSIDE_BOX       0x0004u
 /* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges or lower theta. */

@@ -86,8 +86,9 @@
 #define PENDULUM_REUSED_tau        0x0004u
 /* tau was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
 #define PENDULUM_CLAMPED_tau       0x0008u
-/* the estimate is outside the declared box, where the model is evaluated at the edge. To do: normal while the
- * estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow. */
+/* the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
+ * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
+ * it stays, the declared ranges are too narrow. */
 #define PENDULUM_OUTSIDE_BOX       0x0010u
 /* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges or lower theta. */

@@ -107,7 +107,7 @@ def high_gain(
         theorem=_theorem(form, chosen),
         equations=(_equation(form), f"K = {chosen}"),
         reference=REFERENCE,
-        notices=_notices(dynamics, least) if least > 0 else (),
+        notices=() if least is None else _notices(dynamics, least),
     )
 
 
@@ -121,7 +121,7 @@ def _theorem(form: Form, chosen: ConstantGain) -> Theorem:
     return theorem.with_chains() if len(form.blocks) > 1 else theorem
 
 
-def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float) -> Ode:
+def _part(dynamics: Dynamics, chosen: ConstantGain, theta: float, least: float | None) -> Ode:
     if dynamics.form.jacobian is not None:
         return _in_original(dynamics, least, theta, np.array(chosen.K, dtype=float))
     return _driven(dynamics, chosen, theta) if chosen.driven else _in_chains(dynamics, chosen)
@@ -151,25 +151,25 @@ def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float) -> Ode:
     return Ode((), rest, core=theta * chosen.vertices)
 
 
-def _in_original(dynamics: Dynamics, least: float, theta: float, p: np.ndarray) -> Ode:
+def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.ndarray) -> Ode:
     """z' = f(sat z, u) + (dPhi/dx)^-1 K (y - h); the core is that of the phase coordinates."""
     n = dynamics.n
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
-        push, _ = dynamics.pulled(sym("derived.K", n), values["z"], u, least)
+        push = dynamics.pulled(sym("derived.K", n), values["z"], u, least)
         return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
 
     return Ode((), rest, core=theta * (np.diag(np.ones(n - 1), 1) - np.outer(p, np.eye(n)[0])))
 
 
-def _least(dynamics: Dynamics, share: float) -> float:
-    """The |det dPhi/dx| up to which there is no correction; 0 where no zero is to be met."""
+def _least(dynamics: Dynamics, share: float) -> float | None:
+    """The |det dPhi/dx| up to which there is no correction; None where it is proved to have no zero."""
     share = real("singular", share)
     if not 0 <= share <= 1:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")
     form = dynamics.form
     proved = any(check.id == "phase.rank" and check.verdict is Verdict.PROVED for check in form.checks)
-    return 0.0 if form.jacobian is None or proved else share * dynamics.largest_determinant()
+    return None if form.jacobian is None or proved else share * dynamics.largest_determinant()
 
 
 def _notices(dynamics: Dynamics, least: float) -> tuple[Block, ...]:

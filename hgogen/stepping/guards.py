@@ -49,7 +49,8 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
 }
 STEP_BITS: dict[str, tuple[str, str]] = {
     "OUTSIDE_BOX": (
-        "the estimate is outside the declared box, where the model is evaluated at the edge",
+        "the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges, "
+        "where the model is evaluated at the edge",
         "normal while the estimate peaks, do not act on it then; if it stays, the declared ranges are too narrow",
     ),
     "SINGULAR": (
@@ -81,19 +82,21 @@ def or_lower(observer: Observer) -> str:
 
 
 def outside(observer: Observer) -> Block:
-    """Say so where the estimate is outside the declared box, so that the model is evaluated at its edge."""
-    z, box = observer.z, observer.dynamics.box
-    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(box) if low > -INF]
+    """Say so where the estimate, or the plant's state that it stands for, is outside its declared range, so that the
+    model is evaluated at the edge."""
+    z, dynamics = observer.z, observer.dynamics
+    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(dynamics.box) if low > -INF]
+    tests += dynamics.beyond(z, sym("state.u", len(observer.form.system.inputs)))
     return Block("outside the declared box the model is evaluated at its edge", {"status.OUTSIDE_BOX": _any(tests)})
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
     """Say so where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
     form = observer.form
-    if form.behind is None:
+    if form.behind is None or observer.dynamics.recoverable:
         return ()
     _, usable = observer.dynamics.recovered(observer.z, sym("state.u", len(form.system.inputs)))
-    return (Block("where the inverse is no number, states rest", {"status.SINGULAR": ca.logic_not(usable)}),)
+    return (Block("where the inverse is no number, a state rests", {"status.SINGULAR": ca.logic_not(usable)}),)
 
 
 def _any(tests: Iterable[Any]) -> Any:

@@ -45,7 +45,7 @@ def _found(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, 
         return Verdict.PROVED, f"L_b <= {up(found.high)}, {_HOW}", found
     taken = "b is taken at Psi(z), clamped to the plant's ranges"
     if isinstance(_steepest(form.from_form, form.states, form, boxes), str):
-        return Verdict.UNKNOWN, f"{taken}, which may jump: Psi may have poles in the box of z"
+        return Verdict.UNKNOWN, f"{taken}, of which no slope is proved: Psi may have poles in the box of z"
     why = _steepest(form.behind, form.system.states, form, boxes)
     if isinstance(why, str):
         return Verdict.UNKNOWN, f"{taken}; {why}"

@@ -23,6 +23,7 @@ from hgogen.intervals.box import box
 from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
+from hgogen.structure.sided import Sided, sided
 
 # A value beyond this is absurd in any unit; its square still is a float.
 HUGE = 1e15
@@ -145,25 +146,48 @@ class Dynamics:
     def recovered(self, z: Any, u: Any) -> tuple[Any, Any]:
         """(the states of the form's system from z, each in its range, whether the inverse is a number there).
 
-        Where it is none, as at 0/0, a state takes its resting value.
+        A state of which it is none takes its resting value. Denominators keep their side (structure/sided.py).
         """
-        return self._ranged(self._saturating(self.form.from_form, z, u))
+        return self._ranged(self._unranged(z, u))
+
+    def beyond(self, z: Any, u: Any) -> list[Any]:
+        """For each state of the form's system that is more than a z with a sign: whether it leaves its range."""
+        raw = self._unranged(z, u)
+        return [
+            ca.logic_or(raw[i] < s.interval[0], raw[i] > s.interval[1])
+            for i, (s, e) in enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
+            if s.bounded and not (e.is_Symbol or (-e).is_Symbol)
+        ]
+
+    @property
+    def recoverable(self) -> bool:
+        """Whether the inverse is proved to be a number on the whole box of z."""
+        return all(self._inverse.finite)
+
+    @cached_property
+    def _inverse(self) -> Sided:
+        return sided(self.form)
+
+    def _unranged(self, z: Any, u: Any) -> Any:
+        return self._saturating(self._inverse.rows, z, u)
 
     def _ranged(self, raw: Any) -> tuple[Any, Any]:
-        """Values of the states of the form's system, each in its range or, where one is no number, at rest."""
-        usable = reduce(ca.logic_and, (ca.fabs(raw[i]) <= HUGE for i in range(raw.numel())))
-        values = (
-            clamp(ca.if_else(usable, raw[i], resting(s)), *s.interval) for i, s in enumerate(self.form.system.states)
-        )
-        return column(values), usable
+        """Values of the states of the form's system, each in its range or, where it is no number, at rest."""
+        states = self.form.system.states
+        looked = {i: ca.fabs(raw[i]) <= HUGE for i, finite in enumerate(self._inverse.finite) if not finite}
+        taken = (ca.if_else(looked[i], raw[i], resting(s)) if i in looked else raw[i] for i, s in enumerate(states))
+        values = (clamp(value, *s.interval) for value, s in zip(taken, states, strict=True))
+        return column(values), reduce(ca.logic_and, looked.values()) if looked else ca.SX(1)
 
-    def pulled(self, vector: Any, z: Any, u: Any, least: float) -> tuple[Any, Any]:
-        """((dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); whether it is above)."""
+    def pulled(self, vector: Any, z: Any, u: Any, least: float | None) -> Any:
+        """(dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); None: it is proved to have no zero."""
         n, place = self.n, self.saturated(z)
-        entries = self._convert(list(self._map.T), place, u)
-        solved = ca.solve(ca.sparsify(ca.reshape(column(entries), n, n)), vector)
+        map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
+        if least is None:
+            return ca.solve(map_, vector)
         regular = ca.fabs(self.determinant(place, u)) > least
-        return column(ca.if_else(regular, solved[i], 0) for i in range(n)), regular
+        solved = ca.solve(_regular(map_, regular), vector)
+        return column(ca.if_else(regular, solved[i], 0) for i in range(n))
 
     def determinant(self, z: Any, u: Any) -> Any:
         """det dPhi/dx."""
@@ -233,7 +257,7 @@ class Dynamics:
 
     def _behind(self, z: Any, u: Any) -> Any:
         """Psi(z), each state in its range, at z, which its callers have clamped."""
-        return self._ranged(column(self._convert(self.form.from_form, z, u)))[0]
+        return self._ranged(column(self._convert(self._inverse.rows, z, u)))[0]
 
     def _slope_behind(self, behind: Sequence[sp.Expr], z: Any, u: Any) -> Any:
         """db/dx (dPhi/dx)^-1, n x n, at x = Psi(sat(z)) in the plant's ranges. There dPhi/dx is regular, as phase has
@@ -275,6 +299,22 @@ class Dynamics:
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym(f"plant.{p.name}") for p in system.parameters if p.bounded}
         return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)
+
+
+def _regular(matrix: Any, test: Any) -> Any:
+    """The matrix where the test holds, elsewhere one that has an inverse as well: nothing is divided by 0.
+
+    Its pivots are 1 there, and what is off them 0 but for one that is triangular in an order.
+    """
+    blocks, rows, columns, *_ = matrix.sparsity().btf()
+    pivots = set(zip(rows, columns, strict=True))
+    kept = ca.SX(matrix)
+    for i, j in zip(*matrix.sparsity().get_triplet(), strict=True):
+        pivot = (i, j) in pivots
+        moves = not matrix[i, j].is_constant() if pivot else blocks < len(rows)
+        if moves:
+            kept[i, j] = ca.if_else(test, matrix[i, j], float(pivot))
+    return kept
 
 
 def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
