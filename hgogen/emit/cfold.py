@@ -7,6 +7,7 @@ from collections.abc import Iterable
 COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
 _BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\|) )|(?<= = )(?=&)")
+_PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where there is no such place
 
 
 def folded(lines: Iterable[str]) -> list[str]:
@@ -40,12 +41,16 @@ def _filled(text: str, indent: str, hanging: str) -> list[str]:
 
 def _broken(line: str, indent: int) -> list[str]:
     """Code, broken at its least nested place in the right half of the line."""
-    places = [m.end() for m in _BREAK.finditer(line) if indent + 8 < m.end() <= COLUMNS]
+    places = _places(_BREAK, line, indent) or _places(_PRODUCT, line, indent)
     if not places:
         return [line]
     right = [place for place in places if place > (COLUMNS + indent) // 2] or places
     at = min(right, key=lambda place: (_depth(line[:place]), line[place : place + 2] not in ("||", "? ", ": "), -place))
     return [line[:at].rstrip(), *_fold(" " * (indent + 4) + line[at:])] if indent < COLUMNS // 2 else [line]
+
+
+def _places(pattern: re.Pattern[str], line: str, indent: int) -> list[int]:
+    return [m.end() for m in pattern.finditer(line) if indent + 8 < m.end() <= COLUMNS]
 
 
 def _depth(text: str) -> int:

@@ -1,0 +1,18 @@
+"""Lines of C are no wider than COLUMNS, also where calls nest."""
+
+import pytest
+
+from hgogen.emit.cfold import COLUMNS, folded
+
+NESTED = (
+    "        const bool t2 = magnetic_levitation_within(t1*magnetic_levitation_abs("
+    "magnetic_levitation_clamp(s->xi_p[0], 0.005f, 0.03f))*10.0f, 1e+15f);"
+)
+
+
+@pytest.mark.parametrize("line", [NESTED, NESTED.replace("t1*", "t1/"), NESTED.replace("t1*", "x[1]*")])
+def test_a_line_whose_calls_nest_is_broken_in_a_product(line: str) -> None:
+    parts = folded([line])
+    assert len(parts) > 1
+    assert all(len(part) <= COLUMNS for part in parts)
+    assert "".join(part.strip() for part in parts).replace(" ", "") == line.replace(" ", "")
