@@ -153,10 +153,14 @@ class Model:
             return self._own_step()
         tuning = self.tuning
         name = self._first if observer is None else observer
-        if name not in tuning.tables:
-            raise MissingPart(self.path, "tuning", self._untuned(name))
+        self.demand_tuned(name)
         step: CallableStep = _guarded(self.path, lambda: tuning.step(name, self._period, dt, start))
         return step
+
+    def demand_tuned(self, name: str) -> None:
+        """Raise `MissingPart` unless there is a tuning of that name."""
+        if name not in self._tables:
+            raise MissingPart(self.path, "tuning", self._untuned(name))
 
     @property
     def _first(self) -> str:

@@ -12,12 +12,12 @@ seeds = 4                        # how many records of the noise
 
 from hgogen.modelfile import EXPRESSION, NUMBER, TABLE, TEXT, BadModelFile, PlainModel, demand_keys, named
 from hgogen.reading.expression import parse
+from hgogen.scenario import SEEDS
 from hgogen.trial import OrnsteinUhlenbeck, Settled, Trial, t
 
 _TRIAL = {"name": TEXT, "duration": NUMBER, "steady": NUMBER, "seeds": NUMBER}
 _TRIAL |= dict.fromkeys(("start", "estimate", "inputs", "noise", "settled"), TABLE)
 _SETTLED = {"state": TEXT, "band": NUMBER, "hold": NUMBER}
-_SEEDS = 1000  # at most
 
 
 def trial_of(model: PlainModel) -> Trial:
@@ -39,8 +39,8 @@ def trial_of(model: PlainModel) -> Trial:
         for key in _SETTLED:
             demand_keys(file, "trial.settled", table["settled"], _SETTLED, key)
     count = table.get("seeds", 12)
-    if not isinstance(count, int) or not 1 <= count <= _SEEDS:
-        raise BadModelFile(file, "trial.seeds", f"is {count!r}; write a whole number from 1 to {_SEEDS}")
+    if not isinstance(count, int) or not 1 <= count <= SEEDS:
+        raise BadModelFile(file, "trial.seeds", f"is {count!r}; write a whole number from 1 to {SEEDS}")
     inputs = {
         name: named(file, f"trial.inputs.{name}", parse, value if isinstance(value, str) else repr(value), {"t": t})
         for name, value in table.get("inputs", {}).items()

@@ -20,67 +20,27 @@ import numpy as np
 import sympy as sp
 
 from hgogen.call import CallableStep, Engine
-from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.graph import to_casadi
-from hgogen.signal import Signal, resting
+from hgogen.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
+from hgogen.signal import resting
 from hgogen.system import System
 from hgogen.time_unit import plural
 
-t = Signal("t", "", "time")  # inputs of a trial are expressions of this
-
-
-@dataclass(eq=False)
-class BadTrial(HgogenError):
-    """A trial that does not fit its plant, or that cannot be integrated."""
-
-    trial: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"trial {self.trial!r}: {self.reason}"
-
-
-@dataclass(frozen=True)
-class OrnsteinUhlenbeck:
-    """Noise of standard deviation `sigma` (the output's unit) and correlation time `tau`, 0 for white."""
-
-    sigma: float
-    tau: float = 0.0
-
-    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """The noise at evenly spaced `times` (N)."""
-        return _ornstein_uhlenbeck(self, rng.standard_normal(len(times)), times[1] - times[0])
-
-
-@dataclass(frozen=True)
-class Sine:
-    """A tone of `amplitude` (the output's unit) and frequency `omega` (rad per time), the same for every seed."""
-
-    amplitude: float
-    omega: float
-
-    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """The noise at `times` (N)."""
-        return np.asarray(self.amplitude * np.sin(self.omega * times))
-
-
-@dataclass(frozen=True)
-class Jump:
-    """At `time` the state `state` becomes `value`."""
-
-    time: float
-    state: str
-    value: float
-
-
-@dataclass(frozen=True)
-class Settled:
-    """What "settled" means: |error of `state`| <= `band` for `hold` from then on."""
-
-    state: str
-    band: float
-    hold: float
+__all__ = [
+    "BadTrial",
+    "Jump",
+    "OrnsteinUhlenbeck",
+    "Settled",
+    "Sine",
+    "Trajectory",
+    "Trial",
+    "Truth",
+    "noisy",
+    "simulate",
+    "t",
+    "try_out",
+]
 
 
 @dataclass(frozen=True)
@@ -88,9 +48,12 @@ class Trial:
     """A scenario, repeated over noise seeds; its times are in the unit of time of the plant's System.
 
     `duration`; `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
-    number, for each input by name (not for one that is the derivative of another); `noise` by output name; `steady`:
-    the errors count as steady from then on, default the last tenth; `seeds`: of the noise; `estimate`: the plant's
-    state by name from which a comparison starts every observer, default the nominal values.
+    number, for each input by name (not for one that is the derivative of another); `noise` by output name, or its
+    standard deviation; `jumps`: one or several; `steady`: the errors count as steady from then on, default the last
+    tenth; `seeds`: of the noise, or how many; `estimate`: the plant's state by name from which a comparison starts
+    every observer, default the nominal values.
+
+    Raises: `BadTrial` for a field of another kind.
     """
 
     name: str
@@ -103,6 +66,11 @@ class Trial:
     steady: float | None = None
     seeds: tuple[int, ...] = tuple(range(12))
     estimate: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Every field as its kind. Raises: `BadTrial`."""
+        for key, given in vars(self).copy().items():
+            object.__setattr__(self, key, read_field(self.name, key, given))
 
     def first_estimate(self, form: Form) -> dict[str, float]:
         """The `initial` from which every observer of a form has the same plant's state at time 0: that of `estimate`,
@@ -249,16 +217,6 @@ def noisy(plant: System, truth: Truth, trial: Trial, seed: int) -> np.ndarray:
         if signal.name in trial.noise:
             y[:, j] += trial.noise[signal.name].at(truth.t, rng)
     return y
-
-
-def _ornstein_uhlenbeck(noise: OrnsteinUhlenbeck, normal: np.ndarray, dt: float) -> np.ndarray:
-    rho = math.exp(-dt / noise.tau) if noise.tau > 0 else 0.0
-    scaled = noise.sigma * normal
-    scaled[1:] *= math.sqrt(1.0 - rho * rho)
-    values = scaled.tolist()
-    for k in range(1, len(values)):
-        values[k] += rho * values[k - 1]
-    return np.array(values)
 
 
 def try_out(

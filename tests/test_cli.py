@@ -110,6 +110,12 @@ def test_check(here: Path):
     assert (driven["verdict"], "triangular.a_2" in driven["checks"]) == ("refuted", True)
 
 
+def test_check_of_an_unknown_observer_prints_nothing_else(here: Path):
+    out, err = hgogen("check", "neuron", "--observer", "nosuch", status=2)
+    assert out == ""
+    assert "there is no observer 'nosuch', it has tunings for" in err
+
+
 def test_check_of_a_plant_without_an_observer_asks_only(here: Path):
     """What is refuted is an answer: there is no observer that needs it."""
     text = NEURON.read_text()

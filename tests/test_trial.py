@@ -15,6 +15,7 @@ from hgogen import model
 from hgogen.commands.agreement import agreement
 from hgogen.commands.metrics import crossings, metrics, settling, summary
 from hgogen.emit import native
+from hgogen.scenario import read_field
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, simulate, t, try_out
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")
@@ -127,6 +128,67 @@ def test_a_bad_trial_is_a_sentence(change, said):
     with pytest.raises(BadTrial, match="drive") as caught:
         simulate(plant, trial, 0.1)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ({"seeds": 4}, {"seeds": (0, 1, 2, 3)}),
+        ({"seeds": range(2)}, {"seeds": (0, 1)}),
+        ({"seeds": np.arange(2)}, {"seeds": (0, 1)}),
+        ({"noise": {"y": 3e-3}}, {"noise": {"y": OrnsteinUhlenbeck(3e-3)}}),
+        ({"jumps": Jump(0.5, "v", 2)}, {"jumps": (Jump(0.5, "v", 2),)}),
+        ({"jumps": [Jump(0.5, "v", 2)]}, {"jumps": (Jump(0.5, "v", 2),)}),
+        ({"inputs": {"u": "sin(2*t)"}}, {"inputs": {"u": sp.sin(2 * t)}}),
+    ],
+)
+def test_a_field_may_be_given_as_in_text(given, meant):
+    plant, trial = moving(lambda x, v, u: u, **given)
+    assert {key: getattr(trial, key) for key in meant} == meant
+    assert simulate(plant, trial, 0.1).x.shape == (11, 2)
+
+
+@pytest.mark.parametrize(
+    ("key", "given", "said"),
+    [
+        ("name", 3, "trial '3': name = 3 must be text"),
+        *(("duration", wrong, "must be a number") for wrong in ("1", None, True, [1], 1j)),
+        *(
+            ("start", wrong, "number for each state by name")
+            for wrong in (None, 3, "ab", {"x": "a"}, {1: 1}, {"x": None})
+        ),
+        *(("estimate", wrong, "number for each state by name") for wrong in (3, {"x": "a"})),
+        *(("inputs", wrong, "or a number, for each input by name") for wrong in (None, 3, {1: 1})),
+        ("inputs", {"u": [1]}, "inputs: an input was given [1], of type list"),
+        ("inputs", {"u": "sin(t"}, "inputs: "),
+        *(
+            ("noise", wrong, "a standard deviation")
+            for wrong in (None, 0.1, {"y": "a"}, {"y": True}, {"y": Jump(1, "x", 1)})
+        ),
+        ("noise", {"y": OrnsteinUhlenbeck("a")}, "a standard deviation"),
+        *(("jumps", wrong, "must be a Jump(time, state, value)") for wrong in (None, 3, (3,), Jump("v", 5, 2), "ab")),
+        *(
+            ("settled", wrong, "must be a Settled(state, band, hold)")
+            for wrong in (3, ("x", 1, 1), Settled("x", "a", 1))
+        ),
+        *(("steady", wrong, "must be a number, or None") for wrong in ("a", [1], True)),
+        *(
+            ("seeds", wrong, "a count from 1 to 1000")
+            for wrong in ("abc", None, 1.5, True, 1001, (0, -1), (0.5,), [True])
+        ),
+    ],
+)
+def test_a_field_of_another_kind_is_a_sentence(key, given, said):
+    with pytest.raises(BadTrial) as caught:
+        read_field("drive", key, given) if key != "name" else Trial(given, 1, {})
+    assert said in str(caught.value)
+
+
+def test_a_model_with_such_a_trial_names_its_line(tmp_path):
+    path = tmp_path / "made.py"
+    path.write_text("from hgogen.trial import Trial\n\n\ndef trial():\n    return Trial('a', 1, {}, seeds='abc')\n")
+    with pytest.raises(model.ModelFails, match=r"made\.py, line 5: trial 'a': seeds = 'abc' must be a count from 1 to"):
+        model.load(path).trials()
 
 
 @pytest.mark.parametrize(("value", "fits"), [(8, True), (-8, True), (8.1, False), (-20, False)])

@@ -126,6 +126,8 @@ def _one(
     as_json: str | None,
 ) -> None:
     plant, folded = loaded.plant, loaded.notes
+    if observer is not None:
+        loaded.demand_tuned(observer)
     for sentence in folded:  # before anything is called proved
         note(sentence)
 
