@@ -79,7 +79,7 @@ class Trial:
         Raises: `BadTrial`.
         """
         plant = form.system if form.system.origin is None else form.system.origin.plant
-        _names(self, "inputs", self.inputs, {s.name for s in plant.inputs}, needed=True)
+        _names(self, "inputs", _inputs(form.system, self), {s.name for s in form.system.inputs}, needed=True)
         _names(self, "estimate", self.estimate, {s.name for s in plant.states})
         first = zip(form.system.inputs, _sampled(form.system, self, np.zeros(1))[0], strict=True)
         read = set().union(*(sp.sympify(e).free_symbols for e in form.to_form))
