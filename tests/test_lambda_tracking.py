@@ -66,13 +66,13 @@ def test_at_the_start_the_inverse_is_taken_at_the_edge_of_the_ranges() -> None:
     assert 0.001 < last["s"] < 0.15
 
 
-def test_where_the_inverse_is_no_number_the_states_rest() -> None:
-    """In binary fractions, x2 = (a1 - u) x1 exactly: the denominator is 0."""
+def test_at_a_pole_of_the_inverse_the_substrate_is_at_its_highest() -> None:
+    """In binary fractions, x2 = (a1 - u) x1 exactly: the denominator is 0, what is measured stays as it is."""
     step = hg.sample(tuned(), hg.methods.rk4, dt=0.01)
     step._machine.memory["state.w"][:] = 1 / 16, 1 / 16 - 1 / 256
     sample = step(u=1 / 16, y=1 / 16)
-    assert (sample["m"], sample["s"]) == (0.075, 0.03)
-    assert sample.flags == ("SINGULAR",)
+    assert (sample["m"], sample["s"]) == (1 / 16, 0.15)
+    assert sample.flags == ("OUTSIDE_BOX",)
 
 
 # --- known answers ------------------------------------------------------------------------------------------
