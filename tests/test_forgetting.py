@@ -1,6 +1,7 @@
 """What a covariance that forgets does where nothing is seen: without samples, and with states that the input hides.
 
-S' = -rho (S - S_0) - A'S - S A + C'R^-1 C, which is linear: S is what the samples show plus what S_0 leaves.
+S' = -rho (S - S_0) - A'S - S A + C'R^-1 C - S Q_0 S, Q_0 = 1e-14 rho S_0^-1: linear but for the last term, S is what
+the samples show plus what S_0 leaves; the last bounds S where the plant contracts faster than S is forgotten.
 """
 
 import sys
@@ -16,7 +17,7 @@ from native_step import NativeStep
 from oracle import kalman_like as oracle
 from plants import MODELS, chain, model
 from scipy.integrate import solve_ivp
-from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
+from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 import hgogen as hg
 from hgogen.emit import layout, native
@@ -31,6 +32,8 @@ from hgogen.trial import t, try_out
 
 NAN = float("nan")
 EPS_NEURON = 0.8
+SHARE = 1e-14  # of Q_0
+TUNED = {path.stem: load(path) for path in sorted(MODELS.glob("*.*")) if path.is_file()}
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 reals = pytest.mark.parametrize("real", ["float", "double"])
 VIEWS = [("pendulum", "continuous_discrete"), ("pendulum", "cholesky"), ("chain", "continuous_discrete")]
@@ -77,15 +80,18 @@ def covariance(step: hg.Step, state: np.ndarray) -> np.ndarray:
 @reals
 @pytest.mark.parametrize(("name", "method"), VIEWS)
 def test_in_silence_the_covariance_tends_to_its_limit(name: str, method: str, real: Real) -> None:
-    """S = exp(-rho h) Phi'^-1 S Phi^-1 + (1 - exp(-rho h)) S_0, to which the start decays at rho less twice the plant's
-    own rate (.1 or 1). A step rounds n^2 products, and 1/(rho h) of them count."""
+    """S = (exp(rho h) Phi S^-1 Phi' + h Q_0)^-1 + (1 - exp(-rho h)) S_0, to which the start decays at rho less twice
+    the plant's own rate (.1 or 1). A step rounds n^2 products, and 1/(rho h) of them count."""
     step, of = sampled(name, method), observer(name)
     rho, n, h = of.gains[0].initial[0], of.form.n, step.dt
     compiled, count = NativeStep(step, real), round(60 / (rho - (0.2 if name == "pendulum" else 2.0)) / h)
     found = compiled.run(np.zeros((count, 1)), np.full((count, 1), NAN))
     A = np.array([[0, 1], [0, -0.1]]) if name == "pendulum" else np.eye(n, k=1) - np.diag([0.0] * (n - 1) + [1])
-    back = np.exp(-rho * h / 2) * np.linalg.inv(np.eye(n) + h * A + h * h / 2 * A @ A)
-    S = solve_discrete_lyapunov(back.T, (1 - np.exp(-rho * h)) * np.diag(1 / caps(of)))
+    grown = np.exp(rho * h / 2) * (np.eye(n) + h * A + h * h / 2 * A @ A)
+    S = np.linalg.inv(of.parts[0].covariance)
+    for _ in range(count):
+        after = np.linalg.inv(grown @ np.linalg.inv(S) @ grown.T + h * rho * SHARE * np.diag(caps(of)))
+        S = after + (1 - np.exp(-rho * h)) * np.diag(1 / caps(of))
     P, unit = covariance(step, compiled.state), np.sqrt(caps(of))
     rounding = n * n / (rho * h) * np.finfo(np.float32 if real == "float" else float).eps
     scaled = S * np.outer(unit, unit)
@@ -164,6 +170,63 @@ def test_what_rounds_away_is_neither_forgotten_nor_told() -> None:
     compiled.params["gain"]["rho"] = 1e-5
     compiled.tune()
     assert (compiled.params["derived"]["growth"][0], compiled.params["derived"]["prior"][0]) == (1, 0)
+
+
+# --- what the plant contracts faster than it is forgotten ----------------------------------------------------
+
+
+@cache
+def motor() -> hg.Step:
+    """The motor, at rest at vq = 400 from the first sample on."""
+    of = hg.observers.kalman_like(hg.forms.state_affine(TUNED["pmsm"].plant), rho=10, R=1e-8, initial=tuple(RESTS))
+    return hg.sample(of, dt=1e-4)
+
+
+def contracting(x: np.ndarray) -> np.ndarray:
+    """A (3, 3) of the motor."""
+    return np.array([[-200.0, 0, x[1]], [0, -200, -x[0] - 30], [0, 500, -0.5]])
+
+
+RESTS = np.array([0.0, 0.0, 0.0])
+for _ in range(100):  # i_d = w i_q/200, i_q = w/1000, w (1/5 + i_d + 30) = 400
+    RESTS = np.array([RESTS[2] * RESTS[1] / 200, RESTS[2] / 1000, 400 / (30.2 + RESTS[0])])
+
+
+@needs_compiler
+@reals
+def test_what_contracts_fast_keeps_its_rank_in_silence(real: Real) -> None:
+    """30000 samples are missing. P solves rho (P - P S_0 P) + A P + P A' + Q_0 = 0 to first order in h, which moves
+    the modes of A, at 50 to 150, by h |A|/2 or so of itself. Then samples are off by v: K_i^2 <= P_ii/r, so
+    that they move z_i by at most the sum of sqrt(P_ii/r) |v|, and by h w v as the products have the measured currents.
+    With D at its floor the first threw the speed by hundreds."""
+    step, count, v = motor(), 30_000, 0.02
+    of, compiled = step.observer, NativeStep(step, real)
+    u, y = np.tile([0.0, 400.0], (count, 1)), np.full((count, 2), NAN)
+    compiled.run(u, y)
+    found = covariance(step, compiled.state)
+    A = contracting(RESTS) + 5 * np.eye(3)
+    P = solve_continuous_are(A.T, np.eye(3), 10 * SHARE * np.diag(caps(of)), np.diag(caps(of)) / 10)
+    assert found == pytest.approx(P, rel=0.03, abs=0.03 * np.abs(P).max())
+    before = compiled.run(u[:1], y[:1]).x[0]
+    after = compiled.run(u[:1], RESTS[None, :2] + [v, -v]).x[0]
+    assert (np.abs(after - before) <= 1.1 * v * (2 * np.sqrt(np.diag(P) / 1e-4) + step.dt * RESTS[2])).all()
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["lorenz", "cstr", "fitzhugh_nagumo", "hindmarsh_rose"])
+def test_a_million_silent_samples_leave_no_pivot_at_its_floor(name: str) -> None:
+    """In float. D_i >= h Q_0ii before S_0 is told, which takes a share of some rho h: the floor is 1e-12 of it."""
+    step = TUNED[name].step("kalman_like")
+    (part,), outputs = step.observer.parts, len(step.outputs)
+    compiled, count = NativeStep(step, "float"), 10_000
+    middle = np.array([(s.interval[0] + s.interval[1]) / 2 for s in step.observer.form.system.inputs])
+    u, y = np.tile(middle, (count, 1)), np.full((count, outputs), NAN)
+    (diagonal,) = (field for field in step.state if field.name == "D")
+    for _ in range(100):
+        found = compiled.run(u, y)
+        assert not any("RESTARTED" in step.flags(status) for status in np.unique(found.status))
+        assert (compiled.state["D"][0] > 1e6 * np.array(diagonal.low)).all()
+        assert (np.diag(covariance(step, compiled.state)) < largest(part)).all()
 
 
 # --- with states that the input hides -----------------------------------------------------------------------
@@ -312,7 +375,6 @@ def test_at_first_the_prior_is_far_below_whatever_the_covariance() -> None:
     assert np.linalg.eigvalsh(part.covariance / np.outer(unit, unit))[-1] == pytest.approx(0.25, rel=1e-12)
 
 
-TUNED = {path.stem: load(path) for path in sorted(MODELS.glob("*.*")) if path.is_file()}
 SHOWN = [name for name, each in TUNED.items() if "kalman_like" in each.tuning.tables and each.has("trial")]
 
 

@@ -4,7 +4,7 @@
     covariance   P' =  F P + P F' + rho (P - P S_0 P) + Q_theta - P C' R_theta^-1 C P  (P = S^-1)
     factored     P  =  L D L', L unit lower triangular, D > 0         (positive definite by construction)
 
-F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = 0. Source: Boizot, Busvelle, Gauthier
+F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = Q_0. Source: Boizot, Busvelle, Gauthier
 2010, (4); Thornton 1976 for the time update, Bierman 1977 for the measurement update of the factors.
 """
 

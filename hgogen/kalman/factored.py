@@ -2,12 +2,12 @@
 
 Both do  z by one classical Runge-Kutta step, Phi = I + hF + (hF)^2/2 at its midpoint, P <- Phi P Phi' + h Q_theta,
 and scalar updates with r = R_theta/h. Where a variance P_ii exceeds its cap, rows of L are scaled, a congruence, which
-keeps what the last samples showed, and h Q_theta keeps the rank. A part that forgets has no Q, and needs no cap:
+keeps what the last samples showed. h Q_theta keeps the rank. A part that forgets needs no cap:
 
-    P <- exp(rho h) Phi P Phi',   P^-1 <- P^-1 + (1 - exp(-rho h)) S_0,   S_0 = diag(1/cap_i)
+    P <- exp(rho h) Phi P Phi' + h Q_0,   P^-1 <- P^-1 + (1 - exp(-rho h)) S_0,   S_0 = diag(1/cap_i)
 
 The second is a scalar update for each state, of a sample that is the estimate: it moves P alone. Where A = 0 both
-together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h.
+together are S <- exp(-rho h) S + (1 - exp(-rho h)) S_0, exact for any h but for Q_0.
 """
 
 from collections.abc import Callable
@@ -72,8 +72,9 @@ class Moved:
     @property
     def equation(self) -> str:
         """Of P over one step."""
-        grows = "" if self.part.forgetting is None else "exp(rho h) "
-        return f"P <- {grows}Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
+        if self.part.forgetting is not None:
+            return "P <- exp(rho h) Phi P Phi' + h Q_0"
+        return "P <- Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
 
     def _given(self, c: float) -> tuple[Any, Any, Any]:
         """Input, measurement and its validity at the fraction c of the step."""
@@ -138,7 +139,8 @@ def smallest(part: Riccati, clock: Clock, values: np.ndarray) -> np.ndarray:
 def largest(part: Riccati) -> np.ndarray:
     """What each P_ii (n) stays below: its cap; where the past is forgotten, twice (1 + 2 mu/rho) cap_i at the smallest
     rho, mu the largest logarithmic norm of F in units of sqrt(cap), at points of the box, or 0. For S' = -rho (S - S_0)
-    - F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what the points miss."""
+    - F'S - S F + .. keeps S_0^-1/2 S S_0^-1/2 above rho/(rho + 2 mu), and twice is for what Q_0 adds and the points
+    miss."""
     if part.forgetting is None:
         return part.cap
     unit = np.sqrt(part.cap)

@@ -3,8 +3,8 @@
     s = lambda_max(S_0 P) <= sum_i P_ii S_0ii,      s < 1/2  if and only if  S - 2 S_0 is positive definite
 
 The status bit is set where the sum is above 1/2 (of S, where a pivot of S - 2 S_0 is not positive): where it is not
-set, s is at most 1/2 but for rounding, which is far from the other half. A sum of 1 would be at the mercy of rounding,
-for s tends to 1 from below where nothing is seen of a state that stays.
+set, s is at most 1/2 but for rounding, which is far from the other half. A limit of 1 would be at the mercy of rounding
+and of Q_0, for s tends to 1 where nothing is seen of a state that stays.
 """
 
 from functools import reduce

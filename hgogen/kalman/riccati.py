@@ -3,7 +3,7 @@
     z' = f(z, u) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta - P C' R_theta^-1 C P
 
 The views S = P^-1, P and its factors are the methods' choice. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010),
-(4); with forgetting and measured coefficients, Hammouri, de Leon Morales, CDC 1990; with S_0, Salgado, Goodwin,
+(4); with forgetting and measured coefficients, Hammouri, de Leon Morales, CDC 1990; with S_0 and Q_0, Salgado, Goodwin,
 Middleton, International Journal of Control 47 (1988).
 """
 

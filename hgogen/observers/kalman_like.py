@@ -1,28 +1,38 @@
 """Kalman-like observer with forgetting, for plants that are state-affine up to output injection.
 
-    z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d),   S' = -rho (S - S_0) - A' S - S A + C' R^-1 C
-    P = S^-1:   P' = rho (P - P S_0 P) + A P + P A' - P C' R^-1 C P
+    z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d)
+    S' = -rho (S - S_0) - A' S - S A + C' R^-1 C - S Q_0 S,   Q_0 = q rho S_0^-1,   q = 1e-14
+    P = S^-1:   P' = rho (P - P S_0 P) + A P + P A' + Q_0 - P C' R^-1 C P
 
-(e' S e)' = -rho (e' S e - e' S_0 e) - |C e|^2/R whatever the plant does: e' S e decays like exp(-rho (1 - s) t), s the
-largest eigenvalue of S_0 P. S is what the samples show plus what S_0 leaves, for its equation is linear. Where the
-input is regularly persistent the first stays above a multiple a of the unit matrix, s below |S_0|/a, and if that is
-below 1, |e| decays like exp(-rho (1 - s) t/2) from any initial state. No gain needs to be large, and no a_i needs to
-keep off zero.
+(e' S e)' = -rho (e' S e - e' S_0 e) - |C e|^2/R - e' S Q_0 S e whatever the plant does: e' S e decays like
+exp(-rho (1 - s) t) or faster, s the largest eigenvalue of S_0 P. By Q_0 S loses at most as if the past were forgotten
+at rho (1 + q w), w the largest eigenvalue of S_0^-1 S; at that rate its equation is linear, and S at least what the
+samples show plus what S_0 leaves. Where the input is regularly persistent the first stays above a multiple a of the
+unit matrix, s below |S_0|/a, and if that is below 1, |e| decays like exp(-rho (1 - s) t/2) from any initial state. No
+gain needs to be large, and no a_i needs to keep off zero.
 
 The source has S_0 = 0, with which P grows like exp(rho t) where the input or a silence hides a state. Here S_0 is the
 inverse of the squares of the outer box's half-widths, far below S where the input shows the state: a sample of every
 state, equal to the estimate, that tells rho S_0 a second. Unseen, S_0^1/2 P S_0^1/2 stays below
-max(initial, 1 + 2 max(mu, 0)/rho), mu the largest logarithmic norm of S_0^1/2 A S_0^-1/2, and keeps the correlation
-that A gives it. The status COVARIANCE_LIMITED is set where sum_i P_ii S_0ii, which is at least s, is above 1/2: unset,
-s < 1 at that sample. At first s is at most 1/4.
+max(initial, 1 + q + 2 max(mu, 0)/rho), mu the largest logarithmic norm of M = S_0^1/2 A S_0^-1/2, and keeps the
+correlation that A gives it. The status COVARIANCE_LIMITED is set where sum_i P_ii S_0ii, which is at least s, is above
+1/2: unset, s < 1 at that sample. At first s is at most 1/4.
 
-What the plant itself contracts faster than exp(-rho t/2) leaves P, seen or not: after a jump of the plant the error in
-it goes at the plant's own rate, and what it did to other states is forgotten like exp(-rho t/2). A rho above twice the
-rate of every such mode keeps them all. The measurement enters A and b as it is, with its noise.
+The source has Q_0 = 0, with which S grows without bound in what the plant contracts faster than exp(-rho t/2), and P
+loses its rank in any real number's digits. With it w stays below max(initial, max(x, 0)/q + sqrt((1 + m)/q)),
+x = 2 nu/rho - 1, nu the largest logarithmic norm of -M and rho m the largest eigenvalue of S_0^-1/2 C' R^-1 C
+S_0^-1/2: no eigenvalue of S_0^1/2 P S_0^1/2 falls below 1/w. A step leaves no D_i of P = L D L' below h Q_0ii,
+whatever it rounds, for Gram-Schmidt on [Phi L, I] leaves the unit matrix a unit triangle. q is the squared rounding of
+a float: what Q_0 adds is far below P where the input shows the state.
+
+Of what the plant contracts so fast P is small, seen or not, with x > 0 about q/x of S_0^-1 in silence: after a jump of
+the plant the error in it goes hardly faster than by the plant itself, and what it did to other states is forgotten
+like exp(-rho t/2). A rho above twice the rate of every such mode keeps them all. The measurement enters A and b as it
+is, with its noise.
 
 Source: H. Hammouri, J. de Leon Morales, "Observer synthesis for state-affine systems", 29th IEEE CDC (1990); G.
 Besancon, G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the output injection; M. Salgado, G.
-Goodwin, R. Middleton, International Journal of Control 47 (1988), for the term in S_0 (delta P^2 there).
+Goodwin, R. Middleton, International Journal of Control 47 (1988), for the terms in S_0 and Q_0 (delta P^2, beta I).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -47,8 +57,9 @@ from hgogen.theta import constant
 REFERENCE = "Hammouri, de Leon Morales, Observer synthesis for state-affine systems, CDC 1990"
 EQUATIONS = (
     "z' = A(u, y) z + b(u, y) + S^-1 C' R^-1 (y - C z - d)",
-    "S' = -rho (S - S_0) - A' S - S A + C' R^-1 C,   P = S^-1",
+    "S' = -rho (S - S_0) - A' S - S A + C' R^-1 C - S Q_0 S,   P = S^-1",
 )
+SHARE = 1e-14  # q: the squared rounding of a float
 PERSISTENCE = "kalman_like.persistence"
 THEOREM = Theorem(
     "the estimate converges from any initial state, |error| like exp(-rho (1 - s) t/2), s the largest eigenvalue of "
@@ -113,6 +124,7 @@ def kalman_like(
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     start = spd("covariance", half**2 if covariance is None else covariance, n)
     unseen = _unseen(z.box, start)
+    noise = SHARE * unseen
     gains = (
         gain("rho", rate, 1e-3 * rate, 1e3 * rate, "rate at which the past is forgotten", "1/s"),
         wide("R", variances, "output noise", "y^2 s"),
@@ -121,13 +133,13 @@ def kalman_like(
         dynamics=dynamics,
         z=z,
         theta=constant(1.0),
-        weights=ca.SX(0, 1),
-        factor=np.zeros((n, 0)),
+        weights=sym("gain.rho") * ca.SX(ca.DM(noise)),
+        factor=np.eye(n),
         R=sym("gain.R", outputs),
         covariance=start,
         cap=unseen,
         limited=LIMITED,
-        nominal=(np.zeros((n, n)), np.array(variances)),
+        nominal=(rate * np.diag(noise), np.array(variances)),
         forgetting=gains[0],
         known=known(dynamics),
     )
@@ -141,7 +153,7 @@ def kalman_like(
         checks=(*form.checks, check),
         accepted=accept,
         theorem=THEOREM,
-        equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(map(same, unseen))})"),
+        equations=(*EQUATIONS, f"S_0^-1 = diag({', '.join(map(same, unseen))}),   Q_0 = {SHARE:g} rho S_0^-1"),
         reference=REFERENCE,
     )
 

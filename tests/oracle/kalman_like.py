@@ -1,11 +1,13 @@
 """Oracle: the Kalman-like observer with forgetting, sampled, in plain numpy, P in full.
 
     z' = A(u, v) z + b(u, v),  v the measured states: y on the line between two samples, z's own where one is missing
-    P  <- exp(rho h) Phi P Phi',  Phi = I + hA + (hA)^2/2 at mid-step;  z by classical Runge-Kutta
-    P  <- P - P (P + diag(cap)/(1 - exp(-rho h)))^-1 P, which is P^-1 <- P^-1 + (1 - exp(-rho h)) S_0, S_0 = 1/cap
+    P  <- exp(rho h) Phi P Phi' + h Q_0,  Phi = I + hA + (hA)^2/2 at mid-step;  z by classical Runge-Kutta
+    P  <- P - P (P + diag(cap)/(1 - exp(-rho h)))^-1 P, which is P^-1 <- P^-1 + (1 - exp(-rho h)) S_0, S_0 = 1/cap,
+    Q_0 = 1e-14 rho diag(cap)
     z  <- z + K (y_i - z_i),  K = P C_i'/(R_i/h + C_i P C_i'),  P <- P - K C_i P,  one output after the other
 
-H. Hammouri, J. de Leon Morales, CDC 1990: S' = -rho (S - S_0) - A'S - S A + C'R^-1 C, P = S^-1, there with S_0 = 0.
+H. Hammouri, J. de Leon Morales, CDC 1990: S' = -rho (S - S_0) - A'S - S A + C'R^-1 C - S Q_0 S, P = S^-1, there with
+S_0 = Q_0 = 0.
 The outputs show the first states. Written apart from the package; imports nothing of it.
 """
 
@@ -47,7 +49,7 @@ def run(
             hA = h * A((u[k - 1] + u[k]) / 2, np.where(valid, (before + y[k]) / 2, centre[:outputs]))
             z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(z + h * k3, 1.0))
             Phi = np.eye(len(z)) + hA + hA @ hA / 2
-            P = np.exp(rho * h) * Phi @ P @ Phi.T
+            P = np.exp(rho * h) * Phi @ P @ Phi.T + 1e-14 * rho * h * np.diag(cap)
             P = P - P @ np.linalg.solve(P + np.diag(cap / (1 - np.exp(-rho * h))), P)
         for i in np.flatnonzero(valid):
             K = P[:, i] / (R[i] / h + P[i, i])
