@@ -58,7 +58,9 @@ GREEK = (
 )
 WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
 COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # of a legend, at most; inches of its rows, lines and letters
-PARTS = 300  # of the time axis, where errors are drawn by their largest: they cross 0
+PARTS = 100  # of the time axis, where errors are drawn by their largest: they cross 0
+COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of Okabe and Ito
+DASHES = ("-", "--", ":", "-.")
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
 
 
@@ -92,21 +94,26 @@ def errors(
     states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray], events: Sequence[float] = (), unit: str = "s"
 ) -> Figure:
     """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
-    line for each observer; `of`: errors (N, n) by name. A part ends at each of the `events`: no line rises before.
+    line for each observer, named beside the panels; `of`: errors (N, n) of one seed by name. A part ends at each of the
+    `events`: no line rises before.
     """
     cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
     first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
     with rc_context(STYLE):
-        figure, axes = _figure(len(states), t, unit, top=0.4 + ROW * ((len(of) - 1) // _columns(tuple(of))))
+        beside = HANDLE + LETTER * max(map(len, of))
+        rows = ROW * len(of) - PANEL * len(states)
+        figure, axes = _figure(len(states), t, unit, top=max(0.4, 0.1 + rows), beside=beside)
         for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
             axis.set_yscale("log")
             for k, (name, error) in enumerate(of.items()):
                 size = np.maximum.reduceat(np.abs(error[:, i]), first)
                 shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
-                style = ("-", "--", ":")[k // 10 % 3]  # ten colours
-                axis.plot(t[first], shown, style, color=f"C{k % 10}", label=name, drawstyle="steps-post")
-            _name(axis, signal.name, signal.unit, f"error of {signal.meaning or signal.name}")
-        _legend(figure, axes, tuple(of))
+                look: Any = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
+                axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look)
+            _name(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
+        axes[0].set_title(f"one seed, the largest in each 1/{PARTS} of the time", loc="right", pad=3, fontsize=7)
+        at = (axes[0].get_position().x1 + 0.01, 1.0)
+        figure.legend(axes[0].get_lines(), list(of), loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
     return figure
 
 
@@ -202,11 +209,15 @@ def _symbol(name: str) -> str:
     return f"${letter}_{{{match[2]}}}$" if match[2] else f"${letter}$"
 
 
-def _figure(panels: int, t: np.ndarray, unit: str, top: float = 0.4) -> tuple[Figure, Sequence[Axes]]:
-    height = PANEL * panels + top + BOTTOM
-    figure = Figure(figsize=(WIDTH, height))
+def _figure(
+    panels: int, t: np.ndarray, unit: str, top: float = 0.4, beside: float = 0.0
+) -> tuple[Figure, Sequence[Axes]]:
+    """Panels below one another; `top`, `beside`: inches above and to the right of them."""
+    height, width = PANEL * panels + top + BOTTOM, WIDTH + beside
+    figure = Figure(figsize=(width, height))
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
-    figure.subplots_adjust(left=0.105, right=0.955, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
+    left, right = 0.105 * WIDTH / width, 0.955 * WIDTH / width
+    figure.subplots_adjust(left=left, right=right, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
     grid[-1].set_xlabel(f"time ({unit})")
     grid[-1].set_xlim(float(t[0]), float(t[-1]))
     figure.align_ylabels(grid)
