@@ -268,12 +268,19 @@ def _all(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
     return tuple(item for items in tuples for item in items)
 
 
+def _adapts(pieces: tuple[Pieces, ...]) -> bool:
+    """Whether a part adapts, which asks whether time has passed between two calls."""
+    return any(piece.adapt for piece in pieces)
+
+
 def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...]) -> tuple[Field, ...]:
     """The parts' fields, then the clock's: calls, the last input, and the last sample where predict reads it."""
     system = observer.form.system
     fields = list(_all(piece.fields for piece in pieces))
-    fields.append(scalar("calls", 0, kind="index", high=2, meaning="0 before the first call, 1 after it, then 2"))
-    fields += sensors.fields(system.outputs) if clock.every else ()
+    adapts = _adapts(pieces)
+    most, later = (2, ", then 2") if adapts else (1, "")
+    fields.append(scalar("calls", 0, kind="index", high=most, meaning=f"0 before the first call, 1 after it{later}"))
+    fields += sensors.fields(system.outputs, adapts) if clock.every else ()
     if system.inputs:
         start = tuple(resting(signal) for signal in system.inputs)
         low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
@@ -281,7 +288,9 @@ def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...]) -> tup
         fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
     if any(piece.uses_output for piece in pieces):
         zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
-        fields.append(Field("y", zeros, labels=names, meaning="last valid sample"))
+        fields.append(
+            Field("y", zeros, labels=names, meaning="sample of the last call, or its estimate where there was none")
+        )
         fields.append(Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample"))
     return tuple(fields)
 
@@ -291,12 +300,13 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state
     program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
     if uses_output:
         program.append(guard_outputs(observer, clock))
-    program += [tick(observer.form.system.outputs)] if clock.every else []
-    calls = sym("state.calls")
+    adapts, calls = _adapts(pieces), sym("state.calls")
+    program += [tick(observer.form.system.outputs, adapts)] if clock.every else []
+    counted = ca.if_else(calls < 2, calls + 1, 2) if adapts else ca.SX(1)
     program.append(
         Block(
             "the first call advances no time",
-            {"work.running": calls >= 1, "state.calls": ca.if_else(calls < 2, calls + 1, 2)},
+            {"work.running": calls >= 1, "state.calls": counted},
         )
     )
     moves = _all(piece.predict for piece in pieces)

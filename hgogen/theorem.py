@@ -141,7 +141,7 @@ OPERATION = (
     ),
     Hypothesis(
         "the input is measured and stays in its declared range",
-        reason="beyond it the observer takes the range's end (status CLAMPED)",
+        reason="beyond it the observer takes the range's end (status CLAMPED_ and its name)",
     ),
     Hypothesis(
         "the model is exact: its parameters are the plant's and constant, no state jumps",

@@ -236,6 +236,22 @@ def test_a_sample_counts_once() -> None:
     assert made.update(1, y1=0.3).flags == ()
 
 
+def test_before_the_first_predict_every_sample_is_early() -> None:
+    """Else that of period 0 would be used twice: before the first predict, which forgets what was used, and after."""
+    made, native = fresh(two(y2=0.05)), Sections(two(y2=0.05), "float")
+    before, kept = made.save(), native.state.copy()
+    for at_ in (None, 0):
+        assert made.update(at_, y1=0.3).flags == ("EARLY_y1",)
+        assert made.flags(native.update("y1", 0.3, at=at_)) == ("EARLY_y1",)
+    assert made.save() == before
+    assert (native.state == kept).all()
+    made.predict(u=0.1)
+    native.predict((0.1,))
+    for flags in ((), ("REPEATED_y1",)):
+        assert made.update(0, y1=0.3).flags == flags
+        assert made.flags(native.update("y1", 0.3, at=0)) == flags
+
+
 def test_theta_adapts_once() -> None:
     made, native = fresh(adaptive()), Sections(adaptive(), "double")
     for step in range(2):

@@ -24,7 +24,7 @@
  *   gamma_0 = 0.7
  *   gamma_1 = 1
  * Method: continuous-discrete, L D L', dt = 4 s
- * Between samples the input is on a line
+ * Between two calls the input is taken to move on a straight line from the value before to that now
  * Reference: Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46
  * (2010)
  * Claims
@@ -52,7 +52,7 @@
  *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
  *     (status OUTSIDE_BOX tells of the estimate only)
  *   the input is measured and stays in its declared range; beyond it the observer takes the range's end
- *     (status CLAMPED)
+ *     (status CLAMPED_ and its name)
  *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
  *     starts again
  *   y is measured without noise; noise leaves an error that trials measure
@@ -137,7 +137,7 @@ typedef struct {
     float y; /* measured lower level, 0 .. 10 */
 } cascaded_tanks_output;
 
-/* the estimate of the plant's state */
+/* the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
 typedef struct {
     float x1; /* upper level, 0.2704 .. 10 */
     float x2; /* lower level, 0.25 .. 11 */
@@ -163,7 +163,7 @@ typedef struct {
     unsigned samples; /* valid samples in the sum */
 } cascaded_tanks_predictor;
 
-/* what a step remembers: yours to copy, save and restore */
+/* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
 typedef struct {
     float z[2];                            /* estimate in the form's coordinates: x2, w */
     /* unit lower factor of P, strict lower triangle by columns: L21, -3.27727e+08 .. 3.27727e+08 */

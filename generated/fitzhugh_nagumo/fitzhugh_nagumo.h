@@ -24,7 +24,7 @@
  *   gamma_0 = 0.16
  *   gamma_1 = 0.32
  * Method: continuous-discrete, L D L', dt = 0.01 s
- * Between samples the input is on a line
+ * Between two calls the input is taken to move on a straight line from the value before to that now
  * Reference: Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46
  * (2010)
  * Claims
@@ -51,7 +51,7 @@
  *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
  *     (status OUTSIDE_BOX tells of the estimate only)
  *   the input is measured and stays in its declared range; beyond it the observer takes the range's end
- *     (status CLAMPED)
+ *     (status CLAMPED_ and its name)
  *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
  *     starts again
  *   y is measured without noise; noise leaves an error that trials measure
@@ -136,7 +136,7 @@ typedef struct {
     float y; /* measured potential, -5 .. 5 */
 } fitzhugh_nagumo_output;
 
-/* the estimate of the plant's state */
+/* the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
 typedef struct {
     float x1;  /* membrane potential, -3.5 .. 3.5 */
     float x2;  /* recovery, -10 .. 10 */
@@ -163,7 +163,7 @@ typedef struct {
     unsigned samples; /* valid samples in the sum */
 } fitzhugh_nagumo_predictor;
 
-/* what a step remembers: yours to copy, save and restore */
+/* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
 typedef struct {
     float z[3];                             /* estimate in the form's coordinates: x1, x2, -eta */
     /* unit lower factor of P, strict lower triangle by columns: L21, L31, L32 */

@@ -54,7 +54,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
     {
         const unsigned calls = s->calls;
         running = calls >= 1u;
-        s->calls = (calls < 2u) ? calls + 1u : 2u;
+        s->calls = 1u;
     }
     if (running) {
         /* w, eta: one step of classical Runge-Kutta */

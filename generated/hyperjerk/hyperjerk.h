@@ -17,7 +17,6 @@
  *   in chains of integrators the plant is w' = A w + c(w, u), A the shift; c takes w clamped to its ranges
  *   theta = 10
  * Method: classical Runge-Kutta, dt = 0.001 s
- * Between samples the input is on a line
  * Reference: Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC
  * (2018)
  * Claims
@@ -37,7 +36,7 @@
  *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
  *     (status OUTSIDE_BOX tells of the estimate only)
  *   the input is measured and stays in its declared range; beyond it the observer takes the range's end
- *     (status CLAMPED)
+ *     (status CLAMPED_ and its name)
  *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
  *     starts again
  *   y is measured without noise; noise leaves an error that trials measure
@@ -106,7 +105,7 @@ typedef struct {
     float y; /* measured position [m] */
 } hyperjerk_output;
 
-/* the estimate of the plant's state */
+/* the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
 typedef struct {
     float x1; /* position [m], -3 .. 3 */
     float x2; /* velocity [m/s], -4 .. 4 */
@@ -121,12 +120,12 @@ typedef struct {
     } gain;
 } hyperjerk_params;
 
-/* what a step remembers: yours to copy, save and restore */
+/* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
 typedef struct {
     float w[4];     /* estimate, in chains of integrators: x1, x2, x3, x4 */
     float eta[4];   /* filtered output injection */
-    unsigned calls; /* 0 before the first call, 1 after it, then 2 */
-    float y;        /* last valid sample: y */
+    unsigned calls; /* 0 before the first call, 1 after it */
+    float y;        /* sample of the last call, or its estimate where there was none: y */
     float y_valid;  /* 1 where the last call had a valid sample: y */
 } hyperjerk_state;
 

@@ -114,7 +114,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     {
         const unsigned calls = s->calls;
         running = calls >= 1u;
-        s->calls = (calls < 2u) ? calls + 1u : 2u;
+        s->calls = 1u;
     }
     if (running) {
         /* z: one step of classical Runge-Kutta */

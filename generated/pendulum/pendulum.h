@@ -13,7 +13,7 @@
  *   K = (2, 1)
  *   theta = 20
  * Method: classical Runge-Kutta, dt = 0.001 s
- * Between samples the input is on a line
+ * Between two calls the input is taken to move on a straight line from the value before to that now
  * Reference: Gauthier, Hammouri, Othman, A simple observer for nonlinear systems, IEEE TAC 37 (1992)
  * Claims
  *   proved: triangular.structure: each row brings in one new state, linearly; y -> q -> w
@@ -30,7 +30,7 @@
  *   the plant's state stays in its declared ranges; outside of them the model is evaluated at their edge
  *     (status OUTSIDE_BOX tells of the estimate only)
  *   the input is measured and stays in its declared range; beyond it the observer takes the range's end
- *     (status CLAMPED)
+ *     (status CLAMPED_ and its name)
  *   the model is exact: its parameters are the plant's and constant, no state jumps; after a jump the theorem
  *     starts again
  *   y is measured without noise; noise leaves an error that trials measure
@@ -110,7 +110,7 @@ typedef struct {
     float y; /* measured angle [rad] */
 } pendulum_output;
 
-/* the estimate of the plant's state */
+/* the estimate of the plant's state; ranges are the declared ones, beyond which it may peak */
 typedef struct {
     float q; /* angle [rad], -4 .. 4 */
     float w; /* rate [rad/s], -20 .. 20 */
@@ -126,12 +126,12 @@ typedef struct {
     } derived;
 } pendulum_params;
 
-/* what a step remembers: yours to copy, save and restore */
+/* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
 typedef struct {
     float z[2];     /* estimate in the form's coordinates: q, w */
-    unsigned calls; /* 0 before the first call, 1 after it, then 2 */
+    unsigned calls; /* 0 before the first call, 1 after it */
     float u;        /* last valid input: tau, -1 .. 1 */
-    float y;        /* last valid sample: y */
+    float y;        /* sample of the last call, or its estimate where there was none: y */
     float y_valid;  /* 1 where the last call had a valid sample: y */
 } pendulum_state;
 

@@ -83,10 +83,10 @@ def moving_gain(
     return Ode((w, level), rest, linear, chain.offset, frozen={level.name: level.high})
 
 
-def capped(level: Field) -> Jump:
+def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
     """The status bit of a gain that has reached its cap, the upper end of its field."""
     reached = {"status.GAIN_LIMITED": sym(f"state.{level.name}") >= level.high[0]}
-    return Jump(lambda clock: Pieces(bits=(GAIN_LIMITED,), adapt=(Block("has the gain reached its cap?", reached),)))
+    return Jump(lambda clock: Pieces(bits=(bit,), adapt=(Block("has the gain reached its cap?", reached),)))
 
 
 def unmodelled(form: Form) -> Jump:

@@ -42,6 +42,9 @@ def header(step: Step, real: Real, command: str) -> list[str]:
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
 
 
+_BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line from the value before to that now"}
+
+
 def _comment(lines: Iterable[str]) -> list[str]:
     return ["/*", *(f" * {harmless(line)}".rstrip() for line in lines), " */"]
 
@@ -62,7 +65,7 @@ def _banner(step: Step, command: str) -> list[str]:
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
     lines += [f"  {f.name} = {', '.join(map(same, f.initial))}" for f in step.gains]
     lines += [f"Method: {step.rule}, dt = {pace(step.dt, step.time)}"]
-    lines += ["Between samples the input " + ("is held" if step.between == "hold" else "is on a line")]
+    lines += [f"Between two calls the input is taken to {_BETWEEN[step.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {_claimed(check, observer.accepted)}" for check in observer.checks]
     return _comment([*lines, *_assumed(observer)])
@@ -102,20 +105,19 @@ def _model(observer: Observer) -> str:
 
 
 _MANUAL = Template("""
-How to use it: one init, then one step a sampling period of $dt.
+How to use it: one init, then $what a sampling period of $dt.
 
     ${name}_state s;
     ${name}_params p;
 $structs
     ${name}_init(&s, &p);
     for (;;) {                      every $dt
-        $fill
-        $status status = ${name}_step($call);
+$body
         ${name}_estimate(&s, &p, &x);
     }
 
 The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
-The period is compiled in: one call for each, with NaN for a sample that did not come.
+$missing
 An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
 valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
 plausible value is not noticed. The status is 0 for ok, else an or of the bits below.
@@ -132,6 +134,10 @@ never with -ffast-math, which takes the guards against NaN away.
 """)
 
 
+_MISSING = (
+    "The period is compiled in: one call for each, with NaN for a sample that did not come.",
+    "The period is compiled in: one predict for each.",
+)
 _PARTS = Template("""
 ${name}_step is $parts:
 in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later
@@ -141,30 +147,24 @@ than the input. Without a sample leave its update out.
 
 _TIMED = Template("""
 Sensors of different rates: $rates. The noise R of an output is taken for that
-time. A period is then, instead of one step,
-
-$calls
+period: give no sample more often. ${name}_step is all of the calls above at once, for a period in which
+every output has a sample; an output without one then needs NaN.
 
 ${name}_update_${last}_at($given, at), and the like of other outputs, is told
 the number of the period in which the sample was taken: 0 for that of the first predict after init or
 reset, modulo $round, which is (uint16_t)k of a counter k of 16 bits or more. The counter may wrap
 round: differences are taken modulo $round. A sample up to $oldest periods older than the state is
 late, any other that is not of now is early; neither is used. A sample older by a multiple of $round
-periods cannot be told from one of now.
+periods cannot be told from one of now. Before the first predict every sample is early.
 """)
 
 
 def _timed(step: Step) -> str:
     """How to call the sections of a step for sensors of different rates."""
-    calls = [f"    status |= {_call(step, section)};" for section in step.sections]
-    notes = {f"update_{y}": f"    if {y} has a sample now" for y in step.outputs}
-    lines = [call + notes.get(section.name, "") for call, section in zip(calls, step.sections, strict=True)]
     last = step.outputs[-1].name
     given = ", ".join(_given(arguments(step, step.timed[-1].program))[:-1])
     numbers = {"round": ROUND, "oldest": OLDEST}
-    return _TIMED.substitute(
-        name=step.name, rates=_rates(step), calls="\n".join(lines), last=last, given=given, **numbers
-    )
+    return _TIMED.substitute(name=step.name, rates=_rates(step), last=last, given=given, **numbers)
 
 
 def _call(step: Step, section: Section) -> str:
@@ -190,16 +190,33 @@ def _own(step: Step) -> list[str]:
     return [f"s.{field.name}" for field in step.state if field.outer] or inside
 
 
+def _body(step: Step) -> list[str]:
+    """What a caller does in a period."""
+    given = [f"in.{s.name} = ...;" for s in step.inputs]
+    status = f"{status_type(step)} status"
+    if not step.timed:
+        given += [f"out.{s.name} = ...;" for s in step.outputs]
+        call = ", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"])
+        return [" ".join(given), f"{status} = {step.name}_step({call});"]
+    first, *rest = step.sections
+    lines = [*given, f"{status} = {_call(step, first)};"]
+    for section in rest:
+        call, output = f"status |= {_call(step, section)};", section.name.removeprefix("update_")
+        taken = [f"if ({output} has a sample now) {{", f"    out.{output} = ...;", f"    {call}", "}"]
+        lines += taken if section.name.startswith("update_") else [call]
+    return lines
+
+
 def _manual(step: Step) -> list[str]:
     kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
         name=step.name,
         dt=pace(step.dt, step.time),
         own=" and ".join(_own(step)) or "the estimates in s",
-        fill=" ".join([*(f"in.{s.name} = ...;" for s in step.inputs), *(f"out.{s.name} = ...;" for s in step.outputs)]),
-        call=", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"]),
+        what="predict, and update where a sample came," if step.timed else "one step",
+        body="\n".join(f"        {line}" for line in _body(step)),
+        missing=_MISSING[bool(step.timed)],
         structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),
-        status=status_type(step),
         parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",
         timed=_timed(step) if step.timed else "",
     )
@@ -221,7 +238,11 @@ def _status(step: Step) -> list[str]:
 
 # ---------------------------------------------------------------- structs
 
-_KIND = {"input": "the input now", "output": "the measurement now", "plant": "the estimate of the plant's state"}
+_KIND = {
+    "input": "the input now",
+    "output": "the measurement now",
+    "plant": "the estimate of the plant's state; ranges are the declared ones, beyond which it may peak",
+}
 
 
 def _structs(step: Step, real: Real) -> list[str]:
@@ -236,7 +257,7 @@ def _structs(step: Step, real: Real) -> list[str]:
     members = [_member(step, real, f) for f in step.state] + _arrays(name, step.groups)
     return [
         *lines,
-        "/* what a step remembers: yours to copy, save and restore */",
+        "/* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */",
         *struct(f"{name}_state", members),
         "",
     ]

@@ -326,7 +326,7 @@ def describe(item: Field) -> str:
         text += f" [{item.unit}]"
     if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
         low, high = ranges.pop()
-        text += f", {low:g} .. {high:g}"
+        text += f", {low:g} .. {high:g}" if low < high else f", fixed at {low:g}"
     return text
 
 

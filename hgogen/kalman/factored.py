@@ -120,7 +120,11 @@ def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:
     return {
         "derived": (
             scalar("growth", 1.0, meaning="exp(rho dt), by which the covariance grows in a step"),
-            Field("prior", (0.0,) * len(part.cap), meaning="roots of (1 - exp(-rho dt)) S_0, told in a step"),
+            Field(
+                "prior",
+                (0.0,) * len(part.cap),
+                meaning="roots of (1 - exp(-rho dt)) S_0, what a step adds of the prior",
+            ),
         ),
         "tune": (Block("what a step forgets", {"derived.growth": growth, "derived.prior": prior}),),
     }

@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.chains.injection import capped, injection_gains, listed, moving_gain, unmodelled
+from hgogen.chains.injection import GAIN_LIMITED, capped, injection_gains, listed, moving_gain, unmodelled
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
 from hgogen.form import Form
@@ -75,6 +75,13 @@ MODELLED = Theorem(
         *_LAW,
     ),
     f"{REFERENCE}, Theorems 2 and 3, extended",
+)
+
+
+GROWN = replace(
+    GAIN_LIMITED,
+    action="the gain never falls, so it stays set: call reset if outliers drove it there; if it comes back, "
+    "raise strip, or declare a higher cap, and a shorter dt for it",
 )
 
 
@@ -133,7 +140,7 @@ def lambda_tracking(
     return observer_on(
         chain,
         "lambda_tracking",
-        parts=(moving_gain(chain, w, p, k, law), capped(k), *(() if model else (unmodelled(form),))),
+        parts=(moving_gain(chain, w, p, k, law), capped(k, GROWN), *(() if model else (unmodelled(form),))),
         gains=(
             gain("gamma", rate, 1e-3 * rate, 1e3 * rate, "how fast the gain grows", "1/(y^2 s^2)"),
             gain("strip", width, 1e-3 * width, widest, "output error up to which the gain rests", "y"),

@@ -34,7 +34,7 @@ SIGNAL_BITS: dict[str, tuple[str, str]] = {
         "none if rare; a sensor that is always late needs its delay in the model",
     ),
     "EARLY": (
-        "the sample of {} is of a period to come: not used",
+        "the sample of {} is of a period to come, or comes before the first predict: not used",
         "call predict first; check the count of periods",
     ),
     "REPEATED": ("a second sample of {} in one period: not used", "give each sample once"),
@@ -96,7 +96,12 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
     if form.behind is None or observer.dynamics.recoverable:
         return ()
     _, usable = observer.dynamics.recovered(observer.z, sym("state.u", len(form.system.inputs)))
-    return (Block("where the inverse is no number, a state rests", {"status.SINGULAR": ca.logic_not(usable)}),)
+    return (
+        Block(
+            "where the inverse has no value, each state is told at its nominal value, else 0",
+            {"status.SINGULAR": ca.logic_not(usable)},
+        ),
+    )
 
 
 def _any(tests: Iterable[Any]) -> Any:

@@ -3,9 +3,9 @@
 `state.now` counts the calls of `predict` modulo 65536, the first one is number 0. A sample of output y may come with
 the number of the period in which it was taken, `update_y_at`: one of an earlier period is late, one of a period that
 `predict` has not reached is early; neither is used, and the status says which. The difference is taken modulo 65536,
-so the count may wrap round: up to 32768 periods back count as late, more as early. A second sample of y in one period
-and a second `adapt` do nothing but say so. The noise R of an output is taken for its own period, a whole multiple of
-dt.
+so the count may wrap round: up to 32768 periods back count as late, more as early. Before the first `predict` every
+sample is early. A second sample of y in one period and a second `adapt` do nothing but say so. The noise R of an output
+is taken for its own period, a whole multiple of dt.
 """
 
 from collections.abc import Mapping
@@ -62,12 +62,13 @@ def _multiple(name: str, period: Any, dt: float, unit: str) -> int:
     return count
 
 
-def fields(outputs: tuple[Signal, ...]) -> tuple[Field, ...]:
-    """What the step remembers of time."""
+def fields(outputs: tuple[Signal, ...], adapts: bool) -> tuple[Field, ...]:
+    """What the step remembers of time; `adapts`: whether it has an `adapt`."""
+    adapted = scalar("adapted", 0, kind="index", high=1, meaning="1 when adapt was called now")
     used = (scalar(_used(s), 0, kind="index", high=1, meaning=f"1 when a sample of {s} was used now") for s in outputs)
     return (
         scalar("now", 0, kind="index", high=ROUND - 1, meaning=f"number of this period, modulo {ROUND}"),
-        scalar("adapted", 0, kind="index", high=1, meaning="1 when adapt was called now"),
+        *([adapted] if adapts else ()),
         *used,
     )
 
@@ -76,18 +77,22 @@ def _used(output: Signal) -> str:
     return f"used_{output}"
 
 
-def tick(outputs: tuple[Signal, ...]) -> Block:
+def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
     """The next period, before the first call's flag is raised."""
     now = sym("state.now")
     after = ca.if_else(now >= ROUND - 1, 0, now + 1)
-    fresh = {f"state.{name}": ca.SX(0) for name in ("adapted", *map(_used, outputs))}
+    fresh = {f"state.{name}": ca.SX(0) for name in (*["adapted"] * adapts, *map(_used, outputs))}
     return Block("the next period", {"state.now": ca.if_else(sym("state.calls") >= 1, after, now), **fresh})
 
 
 def once(output: Signal, correct: Program) -> Program:
-    """An update by one output, once a period; `correct` ends with what a valid sample does."""
-    used = sym(f"state.{_used(output)}")
-    test = {"work.fresh": used < 1, f"status.REPEATED_{output}": used >= 1}
+    """An update by one output, once a period, none before the first; `correct` ends with what a valid sample does."""
+    used, begun = sym(f"state.{_used(output)}"), sym("state.calls") >= 1
+    test = {
+        "work.fresh": ca.logic_and(used < 1, begun),
+        f"status.REPEATED_{output}": used >= 1,
+        f"status.EARLY_{output}": ca.logic_not(begun),
+    }
     return (Block(f"one sample of {output} a period", test), When("work.fresh", correct))
 
 
