@@ -99,9 +99,18 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
     return Nothing(f"no gain up to {most:g} was found") if K is None else tuple(map(float, K))
 
 
+class Checks(tuple[Check, ...]):
+    """Checks that print as one a line."""
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self))
+
+
 def verified(
     K: Any, P: Any, sigma: Any, decay: float | None = None, alphas: tuple[float, float] | None = None
-) -> tuple[Check, ...]:
+) -> Checks:
     """Whether P > 0, D P + P D >= 0, (54) with lambda = `decay`, by default any, and (87) with `alphas`, in the
     notation of `convergence.adaptive_gain`: each proved, or refuted with the eigenvalue.
 
@@ -117,7 +126,7 @@ def verified(
         level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
         claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
         checks.append(judged("adaptive_gain.attenuation", claim, block, sign=-1))
-    return tuple(checks)
+    return Checks(checks)
 
 
 def adaptive_gain(

@@ -107,6 +107,9 @@ def test_the_printed_design_is_proved() -> None:
     assert "the largest eigenvalue is at most -0.1576" in found["decay"].reason
     assert "the largest eigenvalue is at most -0.09314" in found["attenuation"].reason
     assert by_id(hg.design.verified(K, P, SIGMA, alphas=ALPHAS))["attenuation"].verdict is Verdict.PROVED
+    told = str(hg.design.verified(K, P, SIGMA)).split("\n")
+    assert len(told) == len(hg.design.verified(K, P, SIGMA))
+    assert all(line.startswith("proved   adaptive_gain.") for line in told)
 
 
 def test_what_fails_is_refuted_with_its_eigenvalue() -> None:

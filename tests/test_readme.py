@@ -18,6 +18,7 @@ from hgogen.emit import native
 from hgogen.emit.cost import cost
 from hgogen.model import load
 from hgogen.reading.entry import entry
+from hgogen.stepping.guards import STEP_BITS
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text()
@@ -134,11 +135,16 @@ def test_links_lead_somewhere() -> None:
         assert (ROOT / link).exists(), link
 
 
+BIT = re.compile(r'\bBit\(\s*"([A-Z_]+)"')  # those of observers and parts: no one header has them all
+
+
 def test_every_status_bit_is_explained() -> None:
     header = (ROOT / "generated/fitzhugh_nagumo/fitzhugh_nagumo.h").read_text()
     bits = re.findall(r"#define FITZHUGH_NAGUMO_(\w+) +0x[0-9A-F]+u", header)
     assert len(bits) >= 9
-    for bit in bits:
+    others = [name for path in ROOT.glob("hgogen/**/*.py") for name in BIT.findall(path.read_text())]
+    assert {"GAIN_LIMITED", "COVARIANCE_RESTARTED", "COVARIANCE_LIMITED"} <= set(others)
+    for bit in [*bits, *others, *STEP_BITS]:
         assert f"| `{bit}` |" in TEXT
 
 
