@@ -43,10 +43,10 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
-from hgogen.evidence import end, text
-from hgogen.evidence import evidence as of_form
-from hgogen.evidence_error import evidence as of_error
-from hgogen.evidence_observer import evidence as of_observer
+from hgogen.evidence.error import evidence as of_error
+from hgogen.evidence.form import end, text
+from hgogen.evidence.form import evidence as of_form
+from hgogen.evidence.observer import evidence as of_observer
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.proof import Grounds

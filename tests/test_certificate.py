@@ -25,7 +25,7 @@ from hgogen import cli
 from hgogen.certificate import NotCertifiable, certificate
 from hgogen.check import Check, Verdict
 from hgogen.commands import jobs
-from hgogen.evidence import outward
+from hgogen.evidence.form import outward
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest, read
 from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck

@@ -11,7 +11,7 @@ from hgogen.convergence.certified_core import CoreBound
 from hgogen.convergence.dwell import Held
 from hgogen.convergence.gain_update import Weighted
 from hgogen.convergence.sector import Decay, SectorBound
-from hgogen.evidence import LOOSE, Evidence, enclosure, steep, text, written
+from hgogen.evidence.form import LOOSE, Evidence, enclosure, steep, text, written
 from hgogen.form import Form
 from hgogen.intervals.proof import Grounds
 from hgogen.kalman.persistence import Persistent

@@ -5,7 +5,7 @@ from typing import Any
 
 from hgogen.check import Check, Verdict
 from hgogen.dissipation import Dissipates
-from hgogen.evidence import Evidence, end, written
+from hgogen.evidence.form import Evidence, end, written
 from hgogen.intervals.box import Box
 from hgogen.intervals.proof import Proof
 
