@@ -38,7 +38,7 @@ from hgogen.commands.comparing import compare
 from hgogen.commands.prediction import predictions
 from hgogen.commands.responding import response
 from hgogen.emit import native
-from hgogen.model import Model, listed, load
+from hgogen.model import Model, listed, load, summary
 from hgogen.reading.record import Record, mapping, read
 from hgogen.registry import summaries
 from hgogen.signal import Signal
@@ -360,13 +360,12 @@ def _lengths(text: str) -> tuple[float, ...]:
 def list_(as_json: Json = False) -> None:
     """List the models found in models/, and the forms, observers, methods and targets there are.
 
-    JSON keys: models, forms, observers, methods, targets (names), summaries (of each of the last four: by name, what it
-    is in one line).
+    JSON keys: models (paths), forms, observers, methods, targets (names), summaries (of each: what it is in one line).
     """
     kinds = ("forms", "observers", "methods", "targets")
-    names = {kind: list(getattr(hg, kind).__all__) for kind in kinds}
-    told = {kind: summaries(f"hgogen.{kind}", names[kind]) for kind in kinds}
-    show(as_json, {"models": list(listed()), **names, "summaries": told}, tables.listed(listed(), told))
+    cases = {kind: summaries(f"hgogen.{kind}", getattr(hg, kind).__all__) for kind in kinds}
+    told = {"models": {path: summary(path) for path in listed()}, **cases}
+    show(as_json, {**{kind: list(found) for kind, found in told.items()}, "summaries": told}, tables.listed(told))
 
 
 if __name__ == "__main__":

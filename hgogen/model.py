@@ -1,5 +1,6 @@
 """A model file: Python that holds `plant` and, where they apply, `step()`, `trial()` and `tuning`; or plain text."""
 
+import ast
 import linecache
 import sys
 import tokenize
@@ -284,6 +285,32 @@ def listed(folder: Path = FOLDER) -> tuple[str, ...]:
     """The model files in a folder, by default `models` here, sorted."""
     found = (path for path in folder.glob("*") if path.suffix in _LOADERS and path.is_file())
     return tuple(sorted(str(path) for path in found if not path.name.startswith("_")))
+
+
+def summary(path: str) -> str:
+    """What a model file says it is, the first sentence of its docstring or `meaning`; empty where it says nothing or
+    cannot be read. Nothing of the file is run."""
+    try:
+        with tokenize.open(path) as stream:
+            told = _MEANINGS[Path(path).suffix](stream.read())
+    except (OSError, ValueError, SyntaxError, RecursionError):  # `load` tells what is wrong with it
+        return ""
+    return " ".join(told.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
+
+
+def _docstring(text: str) -> str:
+    return ast.get_docstring(ast.parse(text)) or ""
+
+
+def _meaning(reader: Callable[[str], Any]) -> Callable[[str], str]:
+    def meaning(text: str) -> str:
+        table = reader(text)
+        return str(table.get("meaning", "")) if isinstance(table, dict) else ""
+
+    return meaning
+
+
+_MEANINGS = {".py": _docstring, **{suffix: _meaning(reader) for suffix, reader in READERS.items()}}
 
 
 def _located(given: str) -> Path:

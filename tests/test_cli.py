@@ -17,6 +17,7 @@ from hgogen import cli
 from hgogen.commands import command as command_
 from hgogen.commands.agreement import Agreement
 from hgogen.emit import native
+from hgogen.model import summary
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"
@@ -80,11 +81,30 @@ def test_list(here: Path):
     assert {"rk4", "continuous_discrete"} <= set(found["methods"])
     assert "c99" in found["targets"]
     assert {kind: list(told) for kind, told in found["summaries"].items()} == {
-        kind: names for kind, names in found.items() if kind not in ("models", "summaries")
+        kind: names for kind, names in found.items() if kind != "summaries"
     }
     assert found["summaries"]["observers"]["high_gain"] == "Standard high-gain observer with a constant gain."
+    (model,) = found["summaries"].pop("models").values()
+    assert model.startswith("Modified FitzHugh-Nagumo neuron")
     assert all(len(text) > 40 for told in found["summaries"].values() for text in told.values())
     assert "models/neuron.py" in hgogen("list")[0]
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "told"),
+    [
+        ("a.py", '"""One tank.\n\nIts level."""\nraise SystemExit', "One tank"),
+        ("a.py", '"""A tank, its level\nmeasured. By hand."""', "A tank, its level measured"),
+        ("a.py", "def f(:", ""),
+        ("a.py", "plant = 1", ""),
+        ("a.toml", 'meaning = "One tank"', "One tank"),
+        ("a.toml", "meaning = ", ""),
+        ("a.json", "[1]", ""),
+    ],
+)
+def test_a_model_says_what_it_is_without_being_run(tmp_path: Path, file: str, text: str, told: str):
+    (tmp_path / file).write_text(text)
+    assert summary(str(tmp_path / file)) == told
 
 
 def test_check(here: Path):

@@ -384,13 +384,13 @@ def responses(continuous: Response, sampled: Response, unit: str) -> RenderableT
     return Group(table, "")
 
 
-def listed(models: Sequence[str], summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
-    """The models, and what there is of each kind, a line each with its summary."""
+def listed(summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
+    """What there is of each kind, a line each with its summary."""
     table = _table("", "", "", "")
     for kind, told in summaries.items():
-        for k, (name, text) in enumerate(told.items()):
+        for k, (name, text) in enumerate((told or {"none": ""}).items()):
             table.add_row("" if k else kind, name, Text(text))
-    return Group(Text(f"models: {', '.join(models) or 'none'}"), table)
+    return table
 
 
 def files(paths: Iterable[Any]) -> RenderableType:
