@@ -149,7 +149,11 @@ def _rate(observer: Observer, P: Matrix) -> Matrix:
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    n = len(context.z)
+    """P, the same in every claim about the observer: together they speak of one Lyapunov function."""
+    n, told, observer = len(context.z), claim.evidence.get("P"), claim.id.partition(".")[0]
+    for other in context.file.claims:
+        if other.id.startswith(f"{observer}.") and other.evidence.get("P", told) != told:
+            raise NotShown(f"{other.id} tells another P")
     return matrix(claim.evidence, "P", n, n)
 
 
