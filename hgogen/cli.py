@@ -38,10 +38,12 @@ from hgogen.commands.comparing import compare
 from hgogen.commands.prediction import predictions
 from hgogen.commands.responding import response
 from hgogen.emit import native
+from hgogen.emit.cnames import renamed, says
 from hgogen.model import Model, listed, load, summary
 from hgogen.reading.record import Record, mapping, read
 from hgogen.registry import summaries
 from hgogen.signal import Signal
+from hgogen.step import Step
 from hgogen.targets.c99 import c99
 from hgogen.trial import Trial
 
@@ -99,10 +101,10 @@ def build(
     Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
     the trials run in Python, one seed each, and the C is written but not tried.
 
-    JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, theorem, notes (as in `check`),
-    compiler, self_check (what it printed), trials (trial, criterion, seeds, engine, times, settled, worst, peak, calm,
-    triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial, seed, until, before, after, settled, dt,
-    agreed), files.
+    JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, theorem, notes (as in `check`), c_names
+    (by signal, where C has another name), compiler, self_check (what it printed), trials (trial, criterion, seeds,
+    engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial,
+    seed, until, before, after, settled, dt, agreed), files.
     """
     loaded = load(model)
     folder = out or Path("build") / _folder(loaded, observer)
@@ -113,6 +115,7 @@ def build(
     for sentence in claims.notes:
         note(sentence)
     files = c99(step, real=real.value, command=_made_by(loaded.name, observer, real))
+    _note_names(step)
     paths = hg.write(files, folder)
     engine = engine_here()
     self_check = native.run_check(files).strip() if engine == "c" else None
@@ -124,6 +127,7 @@ def build(
     report = {
         "model": loaded.path,
         **claims.as_dict(),
+        "c_names": renamed(step),
         "compiler": native.compiler(),
         "self_check": self_check,
         "trials": [one.as_dict() for one in summaries],
@@ -137,6 +141,12 @@ def build(
     show(as_json, report, *shown, tables.files(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
+
+
+def _note_names(step: Step) -> None:
+    """Say which signals have another name in C."""
+    if said := says(step):
+        note(f"in C {said}")
 
 
 command(cls=OptionalFile)(check)
@@ -174,7 +184,7 @@ def generate(
 ) -> None:
     """Write the C of models, and the figures of their trials as that C draws them.
 
-    JSON keys: models (a list of: model, files).
+    JSON keys: models (a list of: model, c_names, by signal where C has another name, files).
     """
     written = []
     for given in models:
@@ -183,6 +193,7 @@ def generate(
             note(sentence)
         step = loaded.step(observer)
         files = c99(step, real=real.value, command=_made_by(loaded.name, observer, real))
+        _note_names(step)
         drawn = {}
         if loaded.has("trial"):
             drawn = jobs.figures(step, _tried(step, loaded.trials(), "c", 1))
@@ -190,7 +201,7 @@ def generate(
             note(f"{loaded.path} defines no trial(), so there are no figures of it")
         folder = out / _folder(loaded, observer)
         paths = hg.write(files, folder) + save_figures(drawn, folder)
-        written.append({"model": loaded.path, "files": [str(path) for path in paths]})
+        written.append({"model": loaded.path, "c_names": renamed(step), "files": [str(path) for path in paths]})
     show(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
 
 

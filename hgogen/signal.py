@@ -14,18 +14,6 @@ import sympy as sp
 from hgogen.errors import HgogenError
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
-_WORDS = """
-    auto break case char const continue default do double else enum extern float for goto if inline
-    int long register restrict return short signed sizeof static struct switch typedef union
-    unsigned void volatile while alignas alignof bool complex constexpr false generic imaginary
-    noreturn nullptr static_assert thread_local true typeof asm fortran and and_eq bitand bitor
-    catch class compl const_cast delete dynamic_cast explicit export friend mutable namespace new
-    not not_eq operator or or_eq private protected public reinterpret_cast static_cast template this
-    throw try typeid typename using virtual wchar_t xor xor_eq char8_t char16_t char32_t concept
-    consteval constinit co_await co_return co_yield decltype noexcept requires NULL EOF errno
-    assert offsetof NAN INFINITY
-"""
-_RESERVED = frozenset(_WORDS.split())
 _DOTS = ("", "_dot", "_ddot", "_dddot")
 
 
@@ -58,16 +46,11 @@ class BadRange(HgogenError):
 
 
 def check_name(name: str) -> None:
-    """Raise `BadName` unless `name` is an ASCII C identifier that C and C++ do not reserve.
-
-    `I` is free: it is a macro of complex.h only, which the C here does not include.
-    """
+    """Raise `BadName` unless `name` is an ASCII identifier; one that C takes otherwise has another name there."""
     if not isinstance(name, str) or not _IDENTIFIER.match(name):
         raise BadName(str(name), "is not an identifier (a letter, then letters, digits and underscores)")
     if "__" in name:
         raise BadName(name, "has a double underscore, which C++ reserves")
-    if name in _RESERVED:
-        raise BadName(name, "is reserved by C or C++")
 
 
 def _number(name: str, what: str, value: Any) -> float | None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import platform
 import socket
 import subprocess
 import sys
@@ -70,6 +71,18 @@ def test_the_library_s_functions_stay_within_the_tolerance(name: str, real: str,
 def test_contraction_stays_within_the_tolerance(name: str, real: str, tmp_path: Path) -> None:
     flags = ("-O3", "-march=native", "-ffp-contract=fast")
     assert check("gcc", name, real, tmp_path, *flags) == passed(name)
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "functions", "many_states", "integrated"])
+def test_where_bits_differ_by_a_wider_format_it_is_said(name: str, real: str, tmp_path: Path) -> None:
+    """FLT_EVAL_METHOD is 2 with the x87 unit: intermediate results have 64 bits."""
+    if platform.machine() != "x86_64":
+        pytest.skip("no x87 unit here")
+    said = (
+        f"{step(name).name}: 64 samples within the tolerance, for FLT_EVAL_METHOD is not 0 here and bits may differ\n"
+    )
+    assert check("gcc", name, real, tmp_path, "-O2", "-mfpmath=387", exact(name)) == said
 
 
 # CMSIS-DSP's sine: linear interpolation between 512 values

@@ -42,7 +42,7 @@ static float cascaded_tanks_keep(float v, float low, float high, float otherwise
     return cascaded_tanks_within(v, limit) ? cascaded_tanks_clamp(v, low, high) : otherwise;
 }
 
-/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
  * Define CASCADED_TANKS_USE_LIBM for those of <math.h>, or CASCADED_TANKS_USE_CMSIS for CMSIS-DSP. */
 #if defined(CASCADED_TANKS_USE_LIBM)
 static float cascaded_tanks_sqrt(float x)

@@ -95,8 +95,9 @@
  * version of this file; write s.z after init or reset to start from an estimate of yours.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
- * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check;
- * never with -ffast-math, which takes the guards against NaN away.
+ * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
+ * where FLT_EVAL_METHOD of <float.h> is 0: elsewhere intermediate results are rounded otherwise; never with
+ * -ffast-math, which takes the guards against NaN away.
  */
 
 /* Status bits: what happened, and what it asks of you. */

@@ -42,7 +42,7 @@ static float fitzhugh_nagumo_keep(float v, float low, float high, float otherwis
     return fitzhugh_nagumo_within(v, limit) ? fitzhugh_nagumo_clamp(v, low, high) : otherwise;
 }
 
-/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
  * Define FITZHUGH_NAGUMO_USE_LIBM for those of <math.h>, or FITZHUGH_NAGUMO_USE_CMSIS for CMSIS-DSP. */
 #if defined(FITZHUGH_NAGUMO_USE_LIBM)
 static float fitzhugh_nagumo_exp(float x)

@@ -32,7 +32,7 @@ static float pendulum_keep(float v, float low, float high, float otherwise, floa
     return pendulum_within(v, limit) ? pendulum_clamp(v, low, high) : otherwise;
 }
 
-/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.
+/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.
  * Define PENDULUM_USE_LIBM for those of <math.h>, or PENDULUM_USE_CMSIS for CMSIS-DSP. */
 #if defined(PENDULUM_USE_LIBM)
 static float pendulum_sin(float x)

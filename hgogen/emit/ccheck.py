@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from string import Template
 
+from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real, literal
 from hgogen.emit.ctext import arguments, indented, status_type
 from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
@@ -17,10 +18,12 @@ _TEXT = Template("""
  * Self-check of $name.c: $count recorded samples,
  * a missing, an absurd, a lost and an excessive one among them.
  * ${name}_check() returns 0, or the number of the first sample that differs. Define
- *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off;
+ *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
+ *   ${blank}          of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
  *   ${blank}          without it other roundings, of libm or of contraction, are allowed for
  *   ${upper}_NO_MAIN  to call it from firmware
  */
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #ifndef ${upper}_NO_MAIN
@@ -28,6 +31,10 @@ _TEXT = Template("""
 #endif
 
 #include "$name.h"
+
+#if defined(${upper}_EXACT) && defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD == 0)
+#define ${upper}_EVERY_BIT
+#endif
 
 unsigned ${name}_check(void);
 
@@ -43,13 +50,13 @@ static const $status expected[$count] = { /* status */
 $expected
 };
 
-#ifndef ${upper}_EXACT
+#ifndef ${upper}_EVERY_BIT
 static const $real tolerance[$results] = {$tolerance};
 #endif
 
 static bool ${name}_near($real have, unsigned k, unsigned i)
 {
-#if defined(${upper}_EXACT)
+#if defined(${upper}_EVERY_BIT)
     return have >= wanted[k][i] && have <= wanted[k][i];
 #else
 #if defined(${upper}_USE_CMSIS)
@@ -86,7 +93,12 @@ int main(void)
     if (bad != 0u) {
         (void)printf("$name: sample %u differs\\n", bad);
     } else {
+#if defined(${upper}_EXACT) && !defined(${upper}_EVERY_BIT)
+        (void)printf("$name: $count samples within the tolerance, ");
+        (void)printf("for FLT_EVAL_METHOD is not 0 here and bits may differ\\n");
+#else
         (void)printf("$name: $count samples as recorded\\n");
+#endif
     }
     return (bad == 0u) ? 0 : 1;
 }
@@ -97,7 +109,7 @@ int main(void)
 def check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
     vectors, seen = record(step, real), list(places(step))
-    inputs, outputs = [f"in.{s.name}" for s in step.inputs], [f"out.{s.name}" for s in step.outputs]
+    inputs, outputs = [f"in.{c_name(s.name)}" for s in step.inputs], [f"out.{c_name(s.name)}" for s in step.outputs]
     text = _TEXT.substitute(
         name=step.name,
         upper=step.name.upper(),

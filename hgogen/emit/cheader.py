@@ -8,8 +8,9 @@ from string import Template
 
 from hgogen.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
+from hgogen.emit.cnames import c_name, renamed, says
 from hgogen.emit.cprint import Real
-from hgogen.emit.ctext import arguments, comment, harmless, indented, member, status_type, struct
+from hgogen.emit.ctext import arguments, beside, comment, harmless, indented, member, named, status_type, struct
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer
 from hgogen.program import Field, Group, Section, lines_of
@@ -68,6 +69,7 @@ def _banner(step: Step, command: str) -> list[str]:
     lines += [f"Between two calls the input is taken to {_BETWEEN[step.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]
     lines += [f"  {_claimed(check, observer.accepted)}" for check in observer.checks]
+    lines += [f"In C {says(step)}"] * bool(renamed(step))
     return _comment([*lines, *_assumed(observer)])
 
 
@@ -129,8 +131,9 @@ The state may be copied, saved and restored, by the same version of this file; w
 reset to start from an estimate of yours.
 
 No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
-under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check;
-never with -ffast-math, which takes the guards against NaN away.
+under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
+where FLT_EVAL_METHOD of <float.h> is 0: elsewhere intermediate results are rounded otherwise; never with
+-ffast-math, which takes the guards against NaN away.
 """)
 
 
@@ -192,17 +195,17 @@ def _own(step: Step) -> list[str]:
 
 def _body(step: Step) -> list[str]:
     """What a caller does in a period."""
-    given = [f"in.{s.name} = ...;" for s in step.inputs]
+    given = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
     status = f"{status_type(step)} status"
     if not step.timed:
-        given += [f"out.{s.name} = ...;" for s in step.outputs]
+        given += [f"out.{c_name(s.name)} = ...;" for s in step.outputs]
         call = ", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"])
         return [" ".join(given), f"{status} = {step.name}_step({call});"]
     first, *rest = step.sections
     lines = [*given, f"{status} = {_call(step, first)};"]
     for section in rest:
         call, output = f"status |= {_call(step, section)};", section.name.removeprefix("update_")
-        taken = [f"if ({output} has a sample now) {{", f"    out.{output} = ...;", f"    {call}", "}"]
+        taken = [f"if ({output} has a sample now) {{", f"    out.{c_name(output)} = ...;", f"    {call}", "}"]
         lines += taken if section.name.startswith("update_") else [call]
     return lines
 
@@ -271,7 +274,9 @@ def _signal(step: Step, real: Real, signal: Signal) -> str:
     told = _units(step).get(signal.name, signal.unit)
     unit = f" [{told}]" if told else ""
     bounds = f", {signal.low:g} .. {signal.high:g}" if signal.bounded else ""
-    return f"{real} {signal.name}; {comment((signal.meaning + unit + bounds).strip(', '))}".rstrip()
+    name = c_name(signal.name)
+    text = (signal.meaning + unit + bounds).strip(", ")
+    return f"{real} {name}; {comment(text if name == signal.name else beside(signal.name, text))}".rstrip()
 
 
 def _units(step: Step) -> dict[str, str]:
@@ -293,7 +298,8 @@ def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
 def _params(step: Step, real: Real) -> list[str]:
     inner: list[str] = []
     for kind, fields in parameters(step):
-        inner += ["struct {", *struct(kind, [_member(step, real, f) for f in fields])[1:]]
+        members = map(named, fields) if kind == "plant" else fields
+        inner += ["struct {", *struct(kind, [_member(step, real, f) for f in members])[1:]]
     return [
         "typedef struct {",
         *indented(inner or ["unsigned char none; /* there are none */"]),

@@ -1,6 +1,7 @@
 """The helper and mathematical functions of the emitted C: bundled, from the C library, or CMSIS-DSP, behind one switch.
 
-Bundled functions are the graphs of `emit.elementary`, so they give the same bits on every IEEE 754 target.
+Bundled functions are the graphs of `emit.elementary`, so they give the same bits on every IEEE 754 target whose
+FLT_EVAL_METHOD is 0.
 """
 
 from collections.abc import Collection
@@ -124,7 +125,7 @@ def functions(prefix: str, real: Real, used: Collection[str]) -> list[str]:
     upper, suffix = prefix.upper(), "f" if real == "float" else ""
     cmsis = f", or {upper}_USE_CMSIS for CMSIS-DSP" if real == "float" else ""
     lines += [
-        "/* Mathematical functions, in one place. Bundled by default: no library, the same bits on every target.",
+        "/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.",
         f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
         f"#if defined({upper}_USE_LIBM)",
         *(line for name in names for line in _library(prefix, real, name, f"{name}{suffix}")),

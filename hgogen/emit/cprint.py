@@ -12,6 +12,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from hgogen.emit.cnames import c_name
 from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, negated, negative, read
 from hgogen.errors import HgogenError
 
@@ -153,8 +154,8 @@ class Printer:
         self.lines.append(f"const {kind} {node.name} = {text};")
 
     def fresh(self, name: str) -> str:
-        """`name`, or `name` with a number where it is taken."""
-        candidate, k = name, 2
+        """`name` as C takes it, with a number where it is taken."""
+        candidate, k = c_name(name), 2
         while candidate in self.taken:
             candidate, k = f"{name}_{k}", k + 1
         self.taken.add(candidate)

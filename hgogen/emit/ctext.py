@@ -6,12 +6,13 @@ at the top of a function; a member of a group is reached through a pointer named
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
+from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Number, Printer, Real, Target, body, literal
 from hgogen.program import (
     INF,
@@ -36,6 +37,7 @@ from hgogen.step import Step
 
 _STRUCTS = {"state": "s->", "plant": "p->plant.", "gain": "p->gain.", "derived": "p->derived.", "input": "in->"}
 _STRUCTS |= {"output": "out->", "estimate": "x->"}
+_SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
 ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
 
 
@@ -115,6 +117,7 @@ class Writer:
         """C text of one element of a place."""
         kind, name = place.split(".", 1)
         start = "" if kind in ("work", "argument") else _STRUCTS.get(kind, f"{kind}->")
+        name = c_name(name) if kind in _SIGNALS else name
         return f"{start}{name}" if size == 1 else f"{start}{name}[{index}]"
 
     def function(self, program: Program) -> list[str]:
@@ -313,6 +316,17 @@ def member(real: str, item: Field) -> str:
     kind = "unsigned" if item.kind == "index" else real
     size = "" if item.size == 1 else f"[{item.size}]"
     return f"{kind} {item.name}{size}; {comment(describe(item))}".rstrip()
+
+
+def named(item: Field) -> Field:
+    """A field of the plant's parameters by its name in C, with its own beside it where that is another."""
+    name = c_name(item.name)
+    return item if name == item.name else replace(item, name=name, meaning=beside(item.name, item.meaning))
+
+
+def beside(name: str, text: str) -> str:
+    """What is said of a member that has another name in C: its own, then the rest."""
+    return f"{name}: {text}" if text else name
 
 
 def describe(item: Field) -> str:

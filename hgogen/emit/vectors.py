@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import nominal, numbers
+from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real
 from hgogen.emit.exact import DTYPE, machine
 from hgogen.program import address, lines_of
@@ -38,7 +39,7 @@ class Vectors:
 
 def places(step: Step) -> dict[str, str]:
     """What the self-check compares, by its C name: the estimate, and what the observer traces of its state."""
-    estimate = {f"x.{s.name}": f"estimate.{s.name}" for s in step.states}
+    estimate = {f"x.{c_name(s.name)}": f"estimate.{s.name}" for s in step.states}
     return estimate | {f"s.{name}": f"state.{name}" for name in step.observer.traces}
 
 

@@ -1,7 +1,8 @@
 """C99 for firmware: NAME.h (the manual), NAME.c, and NAME_check.c with recorded vectors.
 
 Caller-owned structs, no heap, no static data, no recursion, bounded loops; every call returns a status, a bit mask
-with 0 for ok. Compile with `-ffp-contract=off` for the same bits on every IEEE 754 target.
+with 0 for ok. Compile with `-ffp-contract=off` for the same bits
+on every IEEE 754 target whose FLT_EVAL_METHOD is 0.
 """
 
 import re
@@ -13,8 +14,9 @@ from hgogen.emit.cfold import folded
 from hgogen.emit.cheader import Prototype, header, prototypes
 from hgogen.emit.ckernels import kernels
 from hgogen.emit.cmath import functions, includes
+from hgogen.emit.cnames import demand_names
 from hgogen.emit.cprint import Real, literal
-from hgogen.emit.ctext import Writer, called, indented, status_type
+from hgogen.emit.ctext import Writer, called, indented, named, status_type
 from hgogen.errors import HgogenError
 from hgogen.program import Field, Group
 from hgogen.step import Step
@@ -37,10 +39,12 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
 
-    Raises: `BadReal`; `BeyondFloat`, `NotPrintable` for a number, an operation that has no C.
+    Raises: `BadReal`; `HidesHeader`, `SameInC` for names that C cannot carry; `BeyondFloat`, `NotPrintable` for a
+    number, an operation that has no C.
     """
     if real not in ("float", "double"):
         raise BadReal(real)
+    demand_names(step)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": self_check(step, real)} if check else {}
     return Files(tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items()))
@@ -129,6 +133,6 @@ def _fresh(start: str, groups: Iterable[Group], real: Real, k: str = "k") -> lis
 
 
 def _init(step: Step, writer: Writer) -> list[str]:
-    kinds = (("plant", step.plant), ("gain", step.gains))
+    kinds = (("plant", map(named, step.plant)), ("gain", step.gains))
     lines = [line for kind, fields in kinds for f in fields for line in _assign(f"p->{kind}.", f, writer.real)]
     return [*lines, f"(void){step.name}_tune(p);", f"{step.name}_reset(s);"]

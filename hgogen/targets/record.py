@@ -4,6 +4,7 @@ Rows of u (count, m) and y (count, p) go in; rows of x (count, n), of the traces
 status (count) come out.
 """
 
+from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real
 from hgogen.emit.ctext import indented, status_type
 from hgogen.step import Step
@@ -15,10 +16,10 @@ def record(step: Step, *, real: Real = "double") -> Files:
     name, m, p, n = step.name, len(step.inputs), len(step.outputs), len(step.states)
     traces = step.observer.traces
     call = ", ".join(["s", "p", *(["&in"] if m else []), "&out"])
-    inner = [f"in.{s.name} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
-    inner += [f"out.{s.name} = y[{p}u*k + {j}u];" for j, s in enumerate(step.outputs)]
+    inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
+    inner += [f"out.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.outputs)]
     inner += [f"status[k] = {name}_step({call});", f"{name}_estimate(s, p, &plant);"]
-    inner += [f"x[{n}u*k + {i}u] = plant.{s.name};" for i, s in enumerate(step.states)]
+    inner += [f"x[{n}u*k + {i}u] = plant.{c_name(s.name)};" for i, s in enumerate(step.states)]
     counters = {field.name for field in step.state if field.kind == "index"}
     values = [f"({real})s->{trace}" if trace in counters else f"s->{trace}" for trace in traces]
     inner += [f"traces[{len(traces)}u*k + {j}u] = {value};" for j, value in enumerate(values)]

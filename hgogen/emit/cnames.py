@@ -1,0 +1,83 @@
+"""What a signal is called in C: by its own name, with an underscore where a keyword or a macro would take its place.
+
+A struct's member is read by the compiler after every header of the firmware that includes it, and a macro of one of
+them, such as I of <complex.h> or SREG of an AVR, replaces the member's name without a word. `names.txt` lists such
+names; those of the standard headers are compared with the installed compilers' by a test.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+from hgogen.errors import HgogenError
+from hgogen.signal import Signal
+from hgogen.step import Step
+
+# <NAME.h> of the C standard, of POSIX and of CMSIS-DSP, which a NAME.h of ours in the path of headers would hide
+_HEADERS = """
+    arm_math assert complex ctype errno fcntl fenv float inttypes iso646 limits locale malloc math memory pthread sched
+    semaphore setjmp signal stdalign stdarg stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn
+    string strings syslog tgmath threads time types uchar unistd wchar wctype
+"""
+
+
+@dataclass(eq=False)
+class SameInC(HgogenError):
+    """Two signals of one struct that C would call the same."""
+
+    names: tuple[str, str]
+
+    def __str__(self) -> str:
+        reserved, other = self.names
+        return f"{reserved} is a keyword or a macro in C, where it would be called {other}, as another is; rename one"
+
+
+@dataclass(eq=False)
+class HidesHeader(HgogenError):
+    """A model whose files would take the place of a standard header."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"the model {self.name} would be {self.name}.h, which hides <{self.name.lower()}.h>; rename the model"
+
+
+@cache
+def _taken() -> frozenset[str]:
+    lines = files("hgogen.emit").joinpath("names.txt").read_text(encoding="ascii").splitlines()
+    return frozenset(word for line in lines if not line.startswith("#") for word in line.split())
+
+
+def c_name(name: str) -> str:
+    """The name in C: `I_` for I, which is a macro; almost always the name itself."""
+    return f"{name}_" if name in _taken() else name
+
+
+def renamed(step: Step) -> dict[str, str]:
+    """The signals that have another name in C, and that name."""
+    names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
+    return {name: c_name(name) for name in names if c_name(name) != name}
+
+
+def says(step: Step) -> str:
+    """The renamed signals in words, "I is called I_"; "" where none is."""
+    pairs = ", ".join(f"{own} is called {name}" for own, name in renamed(step).items())
+    return f"{pairs}, for a keyword or a macro has the name" if pairs else ""
+
+
+def demand_names(step: Step) -> None:
+    """Raise `HidesHeader` for the name of a header, `SameInC` where two names of a struct would be one in C."""
+    if step.name.lower() in _HEADERS.split():
+        raise HidesHeader(step.name)
+    for signals in _structs(step):
+        names = {signal.name for signal in signals}
+        for name in sorted(names):
+            if c_name(name) != name and c_name(name) in names:
+                raise SameInC((name, c_name(name)))
+
+
+def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:
+    """The signals of each struct."""
+    parameters = tuple(p for p in step.observer.form.system.parameters if p.bounded)
+    return step.inputs, step.outputs, step.states, parameters
