@@ -25,7 +25,7 @@ from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
 from hgogen.observer import HUGE, Clock, Part, Pieces, real, reals
 from hgogen.program import INF, Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
-from hgogen.stability import decay_limits
+from hgogen.stability import EVERYWHERE, decay_limits
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis
 
@@ -86,7 +86,7 @@ class Predictor:
         """The step lengths at which the tableau follows the model's decay."""
         limits = decay_limits(self.dynamics.linearised(POINTS)[0], self.tableau.polynomial)
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
-        return {"limit": float(limits.max()), "caution": float(limits.min()), "why": why}
+        return {"limit": float(limits.max()), "take": float(limits.min()), "why": why, "found": EVERYWHERE}
 
     def moved(self, z: Any, u: Callable[[float], Any], dt: float) -> Any:
         """z one step later without correction, kept in the box of the observer's state; z(0) where it is lost."""

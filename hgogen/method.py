@@ -1,6 +1,6 @@
 """A method turns the differential equations of an observer into the statements of a step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -13,7 +13,8 @@ from hgogen.kalman.riccati import Riccati
 from hgogen.observer import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
 from hgogen.runge_kutta import Tableau, advance
-from hgogen.stability import Limit, core_limit, covariance_limit
+from hgogen.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
+from hgogen.transient import lengths, polynomial
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 FACTORED = "; the method continuous_discrete keeps it definite at any dt"
@@ -63,7 +64,17 @@ class Explicit:
         """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
         if self.view == "covariance":
             raise NoCovariance(self.name)
-        return self.step(part, clock)
+        why = f"beyond it the linear error core leaves the stability region of {self.tableau.name}"
+        core = Limit(paced(part, clock, self.tableau), why)
+        return replace(self.step(part, clock), **lengths(part, clock, self, core))
+
+    def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
+        """R(h M) (k, N, N), R the stability polynomial."""
+        return polynomial(h * M, self.tableau.polynomial)
+
+    def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
+        """The h at which h times an eigenvalue of M leaves the stability region (k)."""
+        return decay_limits(M, self.tableau.polynomial)
 
     def step(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once, whatever the part is of."""
@@ -85,8 +96,6 @@ class Explicit:
             predict=(block,),
             uses_output=True,
             rule=self.tableau.name,
-            limit=paced(part, clock, self.tableau),
-            why=f"beyond it the linear error core leaves the stability region of {self.tableau.name}",
         )
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -102,7 +111,8 @@ class Explicit:
             uses_output=True,
             rule=self.name,
             limit=limits[-1].dt,
-            caution=limits[0].dt,
+            take=min(limits[0].dt, pace(part.dynamics.linearised(POINTS)[0])),
+            found=EVERYWHERE,
             why=f"even where the declared box admits the longest, {limits[-1].why}{FACTORED}",
         )
 

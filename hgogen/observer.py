@@ -72,7 +72,7 @@ def on_line(c: float, last: Any, now: Any) -> Any:
 @dataclass(frozen=True)
 class Clock:
     """Sampling as a part sees it: the step length, what the input does between samples, and the numbers of all places
-    of parameters and gains as declared."""
+    of parameters and gains as declared; `of`: the observer whose part it is, where it is known."""
 
     dt: float
     between: str
@@ -80,6 +80,7 @@ class Clock:
     outputs: int
     nominal: Mapping[str, np.ndarray] = field(default_factory=dict)
     every: tuple[int, ...] = ()
+    of: "Observer | None" = None
 
     def period(self, output: int) -> float:
         """The time (s) between two samples of an output: dt, or `every` so many of them."""
@@ -113,9 +114,9 @@ class Pieces:
     """What a part adds to a step: memory, and statements for each section.
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
-    the measurement; `limit` is the largest step length that can be stable, `why` the condition behind it; from
-    `caution` on it may fail in a part of the declared box; `bits`: its own, or its words for the step's; `rule`:
-    what carries the part out, where the method leaves that to another.
+    the measurement; above the step length `limit` it is refused, `why` says what happens there; up to `take` it is
+    advised, `found` says how that was found; `bits`: its own, or its words for the step's; `rule`: what carries the
+    part out, where the method leaves that to another.
     """
 
     fields: tuple[Field, ...] = ()
@@ -128,8 +129,9 @@ class Pieces:
     adapt: Program = ()
     uses_output: bool = False
     limit: float = INF
-    caution: float = INF
+    take: float = INF
     why: str = ""
+    found: str = ""
     rule: str = ""
 
 

@@ -52,6 +52,7 @@ GRAPH = 1e12  # condition of the Hamiltonian's stable subspace from which on it 
 STEPS = 60  # of a transient, once theta has risen; over random equations all losses came within 40
 PATIENCE = 3000  # steps of a transient in all
 COARSE, FINE = 1.2, 1.02  # ratios of the step lengths tried in turn; the limit is low by less than FINE
+EVERYWHERE = "admitted at every point of the declared box that was tried, no proof"  # of the least of several limits
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,16 @@ def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
         decaying = spectrum[spectrum.real < -AXIS * np.abs(spectrum).max(initial=0.0)]
         limits.append(_spectral_limit(decaying, polynomial))
     return np.array(limits)
+
+
+def pace(jacobians: Array) -> float:
+    """1/|lambda| of the fastest mode of all F (k, n, n) that grows, or oscillates more than it decays; inf for none.
+
+    Up to it a step of order 2 or more follows such a mode to some percent; decay has limits of its own.
+    """
+    spectrum = np.linalg.eigvals(np.asarray(jacobians, dtype=float))
+    turning = np.abs(spectrum[spectrum.real > -np.abs(spectrum) / 2]).max(initial=0.0)
+    return float(1 / turning) if turning > 0 else np.inf
 
 
 def steady_covariance(

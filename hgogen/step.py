@@ -68,17 +68,30 @@ class BadStep(HgogenError):
 
 @dataclass(eq=False)
 class StepTooLong(HgogenError):
-    """A step length at which the discretisation cannot be stable."""
+    """A step length at which the discretisation is unstable at a point of the declared box: above `limit` it is
+    refused, up to `take` advised, as `found` says."""
 
     dt: float
     limit: float
+    take: float
     rule: str
     why: str
+    found: str
     unit: str = "s"
 
     def __str__(self) -> str:
-        limit = rounded_down(self.limit) + f" {self.unit}" * (self.unit != "s")
-        return f"dt = {self.dt:g} is too long for {self.rule}: {self.why}; take dt <= {limit}, or another method"
+        return (
+            f"dt = {self.dt:g} is too long for {self.rule}: refused above {_time(self.limit, self.unit)}, {self.why}; "
+            f"{_advice(self.take, self.unit, self.found)}"
+        )
+
+
+def _time(value: float, unit: str) -> str:
+    return rounded_down(value) + f" {unit}" * (unit != "s")
+
+
+def _advice(take: float, unit: str, found: str) -> str:
+    return f"take dt <= {_time(take, unit)} ({found}), or another method"
 
 
 def rounded_down(value: float) -> str:
@@ -87,7 +100,7 @@ def rounded_down(value: float) -> str:
 
 
 class StepMayFail(UserWarning):
-    """A step length that is stable in a part of the declared box only."""
+    """A step length that is not refused, and longer than is advised: it may fail."""
 
 
 STATUS = 32  # bits of a status
@@ -98,7 +111,7 @@ class Step:
     """The program of an observer at the sampling period `dt`, in the unit of the model's time as all times are.
 
     `plant`, `gains`, `derived`: fields of the parameters; `state`, `groups`: what a call remembers; `bits`: the status;
-    `tuning`, `sections`, `estimate`: programs. `limit`: the largest dt that can be stable. `timed`: the updates of
+    `tuning`, `sections`, `estimate`: programs. `limit`: the dt above which it is refused. `timed`: the updates of
     `sections` for samples that say when they were taken, of a step for sensors of different rates; `periods`: the time
     between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
     another.
@@ -188,17 +201,18 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
         raise BadStep(f"between = {between!r}", 'must be "line" or "hold"')
     system = observer.form.system
     every = () if periods is None else multiples(periods, system, float(dt))
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer), every)
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer), every, observer)
     pieces = tuple(part.pieces(method, clock) for part in observer.parts)
     tightest = min(pieces, key=lambda piece: piece.limit)
+    advised = min(pieces, key=lambda piece: piece.take)
     if dt > tightest.limit:
-        raise StepTooLong(dt, tightest.limit, tightest.rule or method.name, tightest.why, system.time)
-    doubtful = min(pieces, key=lambda piece: piece.caution)
-    if dt > doubtful.caution:
-        rule = doubtful.rule or method.name
+        rule, take = tightest.rule or method.name, min(tightest.limit, advised.take)
+        raise StepTooLong(dt, tightest.limit, take, rule, tightest.why, advised.found, system.time)
+    if dt > advised.take:
+        rule, above = advised.rule or method.name, f"; above {_time(tightest.limit, system.time)} it is refused"
         warnings.warn(
-            f"dt = {dt:g} is longer than {rounded_down(doubtful.caution)}, from where on {rule} may fail in a part of "
-            "the declared box; shorten it or take another method",
+            f"dt = {dt:g} may fail in a part of the declared box by {rule}{above * (tightest.limit < INF)}; "
+            f"{_advice(advised.take, system.time, advised.found)}",
             StepMayFail,
             stacklevel=3,
         )

@@ -5,8 +5,7 @@
     x+ = a + Psi_1 (r_1 - r_0)                                 r_1 = r(a, u_1, y_1)
 
 where 0 and 1 are the ends of a step; a method gives the matrices, which `tune` computes of the gains. Where a sample is
-missing, M and B are those of `Ode.linear` without it. The core sets no limit to the step; the rest does, as it does to
-an explicit method of order 2.
+missing, M and B are those of `Ode.linear` without it. The core sets no limit to the step; the rest does, by its slope.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +20,9 @@ from hgogen.chains.core import Core, core
 from hgogen.errors import HgogenError
 from hgogen.kalman.riccati import Riccati
 from hgogen.observer import Clock, Ode, Pieces
-from hgogen.program import Block, Field, Kernel, Program, When, sym
+from hgogen.program import INF, Block, Field, Kernel, Program, When, sym
+from hgogen.stability import Limit
+from hgogen.transient import first_unstable, lengths
 
 MOST = 3  # outputs: each may be missing, and every pattern of samples has matrices of its own
 MEANINGS = {  # of the matrices, of which the elements are stored that are not 0 by their structure
@@ -68,10 +69,11 @@ class _Update:
 
 @dataclass(frozen=True)
 class Sampled:
-    """A method by its `matrices`, of a core and a step length (s)."""
+    """A method by its `matrices`, of a core and a step length (s), and `numbers`: (Phi, Psi_0, Psi_1) (N, N) of h M."""
 
     name: str
     matrices: Callable[[Core, float], Matrices]
+    numbers: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once.
@@ -93,7 +95,18 @@ class Sampled:
             tune=(*part.tune, *(statement for update in updates.values() for statement in update.tune)),
             predict=(named, *_chosen(flags, (), updates)),
             uses_output=True,
+            **lengths(part, clock, self, Limit(INF, "")),
         )
+
+    def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
+        """a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the rest's slope (k, N, N)."""
+        J, (Phi, Psi_0, Psi_1) = M - core, self.numbers(core, h)
+        first = Phi + Psi_0 @ J
+        return np.asarray(first + Psi_1 @ J @ (first - np.eye(len(core))))
+
+    def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
+        """By trying step lengths in turn (k)."""
+        return first_unstable(core, M, self)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Refused. Raises: `NoRealisation`."""

@@ -19,7 +19,7 @@ from hgogen.chains.integrators import Integrators, integrators, observer_on, shi
 from hgogen.convergence.certified import checks
 from hgogen.convergence.sector import Adaptation, Shape, core_check, decays, theta_bound
 from hgogen.form import Form
-from hgogen.observer import BadGain, Observer, Ode, founded, gain, high_gain_parameter, positive, real
+from hgogen.observer import HUGE, BadGain, Observer, Ode, founded, gain, high_gain_parameter, positive, real
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import Theorem
 
@@ -104,6 +104,7 @@ def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shap
         (w, square),
         rest,
         derived=(Field("K", (0.0,) * n, labels=labels, meaning="observer gain"),),
+        frozen={"sigma": (0.0 if shape.below else HUGE,)},  # all of the error is injected
         tune=(Block("observer gain", {"derived.K": scaled(K, level)}),),
         core=theta * np.block([[companion(K), np.zeros((n, 1))], [np.zeros((1, n)), -decay]]),
     )

@@ -24,7 +24,7 @@ from hgogen.kalman.riccati import Riccati
 from hgogen.observer import HUGE, BadGain, Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
 from hgogen.runge_kutta import HEUN, RK4, Stages, advance
-from hgogen.stability import decay_limits
+from hgogen.stability import EVERYWHERE, decay_limits, pace
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
@@ -103,8 +103,9 @@ def common(part: Riccati, clock: Clock) -> dict[str, Any]:
     why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
     return {
         "limit": float(limits.max()),
-        "caution": float(limits.min()),
+        "take": min(float(limits.min()), pace(part.dynamics.linearised(POINTS)[0])),
         "why": why,
+        "found": EVERYWHERE,
         "bits": (part.limited,),
         "uses_output": part.known is not None,
         **({} if part.forgetting is None else _forgotten(part, clock)),

@@ -9,6 +9,7 @@ Control 72 (1999).
 """
 
 import casadi as ca
+import numpy as np
 
 from hgogen.chains.core import Core
 from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
@@ -31,4 +32,10 @@ def _matrices(line: Core, h: float) -> Matrices:
     )
 
 
-bilinear = Sampled("the bilinear rule", _matrices)
+def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    one = np.eye(len(core))
+    S = np.linalg.inv(one - h / 2 * core)
+    return 2 * S - one, h * S, h / 2 * S
+
+
+bilinear = Sampled("the bilinear rule", _matrices, _numbers)

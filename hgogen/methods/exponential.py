@@ -8,9 +8,12 @@ step length h; the rest has order 2. For any part with a linear core, such as a 
 scheme: Cox, Matthews, "Exponential time differencing for stiff systems", J. Comput. Phys. 176 (2002), ETD2RK.
 """
 
+import numpy as np
+
 from hgogen.chains.core import Core
 from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
 from hgogen.program import Kernel
+from hgogen.stepping import kernels
 
 
 def _matrices(line: Core, h: float) -> Matrices:
@@ -28,4 +31,12 @@ def _matrices(line: Core, h: float) -> Matrices:
     )
 
 
-exponential = Sampled("the matrix exponential", _matrices)
+def _numbers(core: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    size = core.size
+    phi_0, phi_1, phi_2 = (np.zeros(size) for _ in range(3))
+    kernels.exponential((h * core).reshape(-1), phi_0, phi_1, phi_2)
+    Phi, Psi_0, Psi_1 = (phi.reshape(core.shape) for phi in (phi_0, h * phi_1, h * phi_2))
+    return Phi, Psi_0, Psi_1
+
+
+exponential = Sampled("the matrix exponential", _matrices, _numbers)

@@ -64,7 +64,8 @@ class Parallel:
 
     def pieces(self, method: "Method", clock: Clock) -> Pieces:
         """The members by the method, in loops."""
-        own, period = replace(clock, nominal=nominal(self.member)), self._samples(clock.dt)
+        own = replace(clock, nominal=nominal(self.member), of=self.member)
+        period = self._samples(clock.dt)
         alone = joined(part.pieces(method, own) for part in self.member.parts)
         score = self._score(method, own, alone.fields)
         every = joined((alone, score))

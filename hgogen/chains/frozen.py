@@ -1,0 +1,103 @@
+"""The error of an estimator at fixed points of its box, e' = M e: its linear core and the model's Jacobian together.
+
+M is the Jacobian of the right-hand side in the fields, the measurement being what the estimate would give: the error of
+the estimate against a plant near by. The points lie in the box and beyond its edges, where the argument of the model is
+clamped and its columns are 0: a clamp passes a share of an error, between none and all of it, and the points have both.
+Fields that adapt rest where the core is the fastest.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.chains.core import core, nominal
+from hgogen.form import Form
+from hgogen.observer import Observer, Ode
+from hgogen.program import address, sym
+
+Array = np.ndarray
+POINTS = 32  # of each kind: corners, inside, and twice as many with states clamped; a quarter with all of them
+INSIDE = 1e-6  # of a range: how far inside of it a corner lies, where a clamp has its slope
+PUSH = 1e-9  # of the output, an error that opens a dead zone
+
+
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """M (k, N, N) at `points` (k, n + m) of the form's state and the input; `core` (N, N), the linear core, 0 for none.
+
+    `names`: of the coordinates of a point.
+    """
+
+    M: Array
+    points: Array
+    core: Array
+    names: tuple[str, ...]
+
+    def at(self, index: int) -> str:
+        """A point in words."""
+        return ", ".join(f"{name} = {value:.3g}" for name, value in zip(self.names, self.points[index], strict=True))
+
+
+@lru_cache(maxsize=16)
+def frozen(part: Ode, observer: Observer) -> Frozen:
+    """At fixed points; those at which M is not finite are left out."""
+    form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
+    values = {field.name: sym(f"state.{field.name}", field.size) for field in moving}
+    x, u = ca.vertcat(*values.values()), sym("state.u", len(form.system.inputs))
+    values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
+    output = observer.dynamics.output(observer.z, u)
+    reading = ca.SX.sym("reading", output.numel())
+    rates = part.rhs(values, u, reading, ca.SX.ones(output.numel()))
+    slope = ca.jacobian(ca.vertcat(*(rates[field.name] for field in moving)), x)
+    near = ca.substitute([slope], [reading], [output + PUSH * (1 + ca.fabs(output))])[0]
+    estimate, matrix = _numbers([observer.z, near], observer)
+    told = ca.Function("told", [x, u], [ca.densify(ca.jacobian(estimate, x)), ca.densify(estimate)])
+    error = ca.Function("error", [x, u], [ca.densify(matrix)])
+    points, n = box_points(form), form.n
+    z, inputs = points[:, :n].T, points[:, n:].T
+    start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
+    inverse = np.linalg.pinv(_stacked(told(start, inputs)[0], len(points)))
+    fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(told(start, inputs)[1]))
+    M = _stacked(error(fields, inputs), len(points))
+    finite = np.isfinite(M).all(axis=(1, 2))
+    linear = core(part, output.numel())
+    line = np.zeros(M.shape[1:]) if linear is None else np.array(ca.DM(_numbers([linear.M], observer)[0]))
+    return Frozen(M[finite], points[finite], line, tuple(map(str, (*form.to_form, *form.system.inputs))))
+
+
+def box_points(form: Form) -> Array:
+    """Points (k, n + m) of states and inputs: the middle, corners, points inside, and points with states beyond their
+    ranges by their widths; a signal without a range stays at its nominal value, or 0."""
+    signals, n = [*form.states, *form.system.inputs], form.n
+    rng, size = np.random.default_rng(1), len(signals)
+    corners = INSIDE + (1 - 2 * INSIDE) * rng.integers(0, 2, size=(POINTS, size))
+    mixed, ends = rng.uniform(size=(2 * POINTS, size)), rng.integers(0, 2, size=(2 * POINTS, size))
+    beyond = rng.integers(0, 2, size=mixed.shape).astype(bool)
+    beyond[: POINTS // 4] = True
+    beyond[:, n:] = False  # inputs are in their ranges
+    shares = (
+        np.full((1, size), 0.5),
+        corners,
+        rng.uniform(size=(POINTS, size)),
+        np.where(beyond, 3.0 * ends - 1, mixed),
+    )
+    low, high = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
+    return np.asarray(low + np.vstack(shares) * (high - low))
+
+
+def _numbers(graphs: list[Any], observer: Observer) -> list[Any]:
+    """Graphs with parameters, gains and what is derived of them at their numbers."""
+    known = nominal(observer)
+    symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in known]
+    numbers = [ca.SX(float(known[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
+    found: list[Any] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, numbers) if symbols else graphs
+    return found
+
+
+def _stacked(wide: Any, count: int) -> Array:
+    """(r, count c) as (count, r, c)."""
+    numbers = np.array(wide)
+    return np.ascontiguousarray(numbers.reshape(len(numbers), count, -1).swapaxes(0, 1))
