@@ -27,7 +27,7 @@ Array = np.ndarray
 GROWTH, SHARE = 1.5, 0.5
 DEEPEST = 1 / 8  # of `refused`: where the search for `take` ends
 SHORT, WIDER, LONGEST = 0.05, 1.2, 1e4  # over the fastest eigenvalue: where a search begins, its ratio, where it ends
-HALVINGS = 12  # of an interval, or of its logarithm
+HALVINGS, NARROWINGS = 12, 4  # of the interval in which `refused` lies, and of the logarithms of that of `take`
 ROUNDING = 1e-7  # of an eigenvalue of T
 POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and these times powers of two
 FOUND = "found by trying errors at points of the declared box, no proof"
@@ -131,14 +131,17 @@ def advised(core: Array, M: Array, way: Way, refused: float) -> float:
         return math.inf
     unit = SHORT / np.where(fastest > 0, fastest, 1.0)
     most = GROWTH * growth(polynomial(M * unit, tuple(1 / math.factorial(j) for j in range(9))))
-    good, bad = _shortest(M, refused), min(refused, LONGEST / _fastest(M))
+    good = bad = _shortest(M, refused)
+    end = min(refused, LONGEST / _fastest(M))
 
     def grows(h: float) -> bool:
         return bool((growth(way.transition(core, M, h)) > most).any())
 
-    if not grows(bad):
-        return SHARE * bad if bad == refused else math.inf
-    for _ in range(HALVINGS):
+    while not grows(bad):
+        if bad == end:
+            return SHARE * end if end == refused else math.inf
+        good, bad = bad, min(WIDER * bad, end)
+    for _ in range(NARROWINGS):
         middle = math.sqrt(good * bad)
         good, bad = (good, middle) if grows(middle) else (middle, bad)
     return SHARE * good

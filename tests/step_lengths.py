@@ -10,7 +10,7 @@ of the trial's criterion shorter than two steps tells nothing, so no step is lon
 import math
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -72,9 +72,8 @@ class Pair:
                 hg.sample(self.observer, self.method, dt, **self.options)
         except StepTooLong as error:
             return error.limit, error.take
-        return math.inf, min(
-            (float(str(w.message).split("take dt <= ")[1].split()[0]) for w in caught), default=math.inf
-        )
+        told = (float(str(warning.message).split("take dt <= ")[1].split()[0]) for warning in caught)
+        return math.inf, min(told, default=math.inf)
 
 
 @dataclass(frozen=True)
@@ -119,11 +118,11 @@ def row(pair: Pair) -> Row:
     return Row(pair, refused, take, settles, good)
 
 
-def pairs(model: Model) -> Iterator[Pair]:
-    """Every tuning of a model on each of its trials, as it is shipped, where the trial settles."""
+def pairs(model: Model, names: Collection[str] = ()) -> Iterator[Pair]:
+    """Every tuning of a model, or those of `names`, on each of its trials, as shipped, where the trial settles."""
     for trial in model.trials():
         quiet = replace(trial, noise={})
-        for name in model.tuning.tables:
+        for name in names or model.tuning.tables:
             step = model.step(name, start=trial.first_estimate)
             options = {"between": step.between}
             if len(set(step.periods)) > 1:

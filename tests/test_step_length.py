@@ -1,0 +1,177 @@
+"""The step length from where on an error grows, and the one that is advised: matrices with known answers, a plant whose
+own slope decides, and trials of shipped models at what is advised."""
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from step_lengths import pairs, row
+
+import hgogen as hg
+from hgogen.chains.frozen import frozen
+from hgogen.model import load
+from hgogen.runge_kutta import EULER, RK4
+from hgogen.stability import core_limit
+from hgogen.step import StepMayFail, StepTooLong
+from hgogen.transient import advised, first_unstable, growth, polynomial, stable
+
+MODELS = Path(__file__).resolve().parents[1] / "models"
+WAYS = ("euler", "heun", "rk4", "exponential", "bilinear")
+REGION = {"euler": 2.0, "heun": 2.0, "rk4": 2.785293563}  # of the real axis
+OBSERVERS = ("high_gain", "low_power", "peaking_free", "filtered", "stubborn", "switched_gain")
+
+
+def stiff() -> hg.Observer:
+    """x1' = x2, x2' = -1e4 x2 - x1 with poles at -10: the plant's own decay is a thousand times faster."""
+    x1, x2 = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2"))
+    plant = hg.System("stiff", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -1e4 * x2 - x1], output=[x1])
+    return hg.observers.high_gain(hg.forms.triangular(plant), theta=10, poles=(-1, -1))
+
+
+def named(sentence: str) -> tuple[float, float]:
+    """(refused above, take) of a sentence."""
+    ((refused, take),) = re.findall(r"refused above ([0-9.e+-]+)[ ,].*take dt <= ([0-9.e+-]+) ", sentence)
+    return float(refused), float(take)
+
+
+@pytest.mark.parametrize("method", WAYS)
+def test_a_plant_faster_than_the_observer_decides(method: str) -> None:
+    """Its eigenvalue -1e4 leaves the region of the explicit methods; both sampled realisations take it by a rule of
+    order 2 for x2' = -1e4 x2, whose factor 1 - x + x^2/2 passes 1 at x = 2."""
+    with pytest.raises(StepTooLong) as caught:
+        hg.sample(stiff(), getattr(hg.methods, method), dt=1e-3)
+    refused, take = named(str(caught.value))
+    assert refused == pytest.approx(REGION.get(method, 2.0) / 1e4, rel=0.01)
+    assert refused / 16.1 <= take <= refused / 1.99
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hg.sample(stiff(), getattr(hg.methods, method), dt=take)
+
+
+def test_at_what_is_named_the_fast_plant_is_followed() -> None:
+    """At dt = 1e-3 the estimate stuck at 1.67 of a plant at rest."""
+    observer = hg.observers.high_gain(stiff().form, theta=10, poles=(-1, -1), initial={"x1": 0.5, "x2": 0.5})
+    with pytest.raises(StepTooLong) as caught:
+        hg.sample(observer, hg.methods.rk4, dt=1e-3)
+    step = hg.sample(observer, hg.methods.rk4, dt=named(str(caught.value))[1])
+    run = step.run(y=np.zeros(5000))
+    assert np.abs(run.x[-1]).max() < 0.01
+
+
+def test_between_the_two_it_warns_with_both() -> None:
+    step = load(MODELS / "pendulum.py").step("high_gain")
+    with pytest.warns(
+        StepMayFail, match=r"may fail in a part of the declared box by classical Runge-Kutta; above"
+    ) as told:
+        between = hg.sample(step.observer, hg.methods.rk4, dt=0.08)
+    (above,), (take,) = (re.findall(rf"{word} ([0-9.e+-]+) ", str(told[0].message)) for word in ("above", "take dt <="))
+    assert float(take) < 0.08 < float(above) <= between.limit < 1.01 * float(above)
+
+
+# --- matrices -----------------------------------------------------------------------------------------------
+
+
+def jordan(n: int) -> np.ndarray:
+    """A - K C with all its n poles at -1."""
+    return np.diag(np.ones(n - 1), 1) - np.outer(np.poly(-np.ones(n))[1:], np.eye(n)[0])
+
+
+@pytest.mark.parametrize(("n", "fold"), [(2, 7), (3, 98), (4, 1656)])
+def test_a_multiple_pole_grows_far_before_it_decays(n: int, fold: float) -> None:
+    """RK4 at 90 % of the limit of its spectrum; at what is advised hardly more than in continuous time."""
+    M, zero = jordan(n)[None], np.zeros((n, n))
+    limit = 2.785293563
+    T = polynomial(0.9 * limit * M, RK4.polynomial)
+    spectral = max(np.linalg.norm(np.linalg.matrix_power(T[0], k), 2) for k in range(1, 200))
+    assert spectral == pytest.approx(fold, rel=0.07)
+    assert fold / 3 < growth(T)[0] < 3 * fold  # in the norm of the largest row
+    take = advised(zero, M, hg.methods.rk4, limit)
+    fine = growth(polynomial(1e-3 * M, RK4.polynomial))[0]
+    assert growth(polynomial(2 * take * M, RK4.polynomial))[0] <= 1.51 * fine
+    assert growth(polynomial(1.01 * 2 * take * M, RK4.polynomial))[0] > 1.49 * fine
+
+
+@pytest.mark.parametrize("method", ["exponential", "bilinear"])
+def test_a_sampled_core_is_refused_where_its_spectrum_leaves_the_circle(method: str) -> None:
+    way, rng = getattr(hg.methods, method), np.random.default_rng(5)
+    core = 3 * jordan(3)
+    M = core + rng.normal(size=(40, 1, 3)) * np.array([[0], [0], [6.0]])
+    M = M[stable(M)]
+    limits = way.refused(core, M)
+    found, at = limits.min(), limits.argmin()
+
+    def radius(h: float) -> np.ndarray:
+        return np.abs(np.linalg.eigvals(way.transition(core, M, h))).max(axis=1)
+
+    assert len(M) > 20
+    assert np.isfinite(limits).sum() == 1
+    assert radius(1.01 * found)[at] > 1 > radius(0.99 * found).max()
+
+
+@pytest.mark.parametrize("method", ["exponential", "bilinear"])
+def test_a_core_alone_is_admitted_at_any_step(method: str) -> None:
+    """The exponential's is exact, the bilinear rule is stable; what is advised is no shorter than the core's time."""
+    way, core = getattr(hg.methods, method), 5 * jordan(2)
+    assert np.isinf(first_unstable(core, core[None], way)).all()
+    assert advised(core, core[None], way, np.inf) > 1 / 5
+
+
+def test_what_does_not_move_limits_nothing() -> None:
+    zero = np.zeros((2, 2))
+    assert np.isinf(first_unstable(zero, np.zeros((1, 2, 2)), hg.methods.exponential)).all()
+    assert np.isinf(advised(zero, np.zeros((0, 2, 2)), hg.methods.euler, 1.0))
+    assert hg.methods.euler.refused(zero, -np.eye(2)[None])[0] == pytest.approx(
+        core_limit(-np.eye(2), EULER.polynomial)
+    )
+
+
+# --- the errors of shipped observers ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["high_gain", "stubborn", "dead_zone", "switched_gain", "adaptive_lmi"])
+def test_the_error_of_the_pendulum_by_hand(name: str) -> None:
+    """[[-K_1 l, 1], [-K_2 l^2 - a cos q, -b]] inside the box; clamped q and w leave the core."""
+    observer = load(MODELS / "pendulum.py").step(name).observer
+    (part,) = (part for part in observer.parts if hasattr(part, "rest"))
+    errors, level = frozen(part, observer), {"switched_gain": 40, "adaptive_lmi": 60}.get(name, 20)
+    q, w = errors.points[:, 0], errors.points[:, 1]
+    slope = np.where(np.abs(q) < 4, -19.6 * np.cos(np.clip(q, -4, 4)), 0.0)
+    friction = np.where(np.abs(w) < 20, -0.1, 0.0)
+    assert errors.M[:, 0, 0] == pytest.approx(-2.0 * level)
+    assert errors.M[:, 1, 0] == pytest.approx(slope - level**2, abs=1e-6)
+    assert errors.M[:, 1, 1] == pytest.approx(friction)
+    assert (np.abs(q) > 4).any()
+    assert (np.abs(w) > 20).any()
+
+
+def test_a_bank_has_the_step_lengths_of_its_members() -> None:
+    observer = load(MODELS / "pendulum.py").step("high_gain").observer
+    bank = hg.observers.bank(observer, count=2, period=1.0)
+    with pytest.raises(StepTooLong) as one:
+        hg.sample(observer, hg.methods.rk4, dt=0.25)
+    with pytest.raises(StepTooLong) as many:
+        hg.sample(bank, hg.methods.rk4, dt=0.25)
+    assert (many.value.limit, many.value.take) == (one.value.limit, min(one.value.take, many.value.take))
+
+
+# --- trials -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("model", "name"), [("pendulum", "high_gain"), ("hyperjerk", "low_power")])
+def test_at_what_is_advised_the_trial_settles(model: str, name: str) -> None:
+    """Where it did not at the step that was named before, the limit of the core's spectrum."""
+    (pair,) = (pair for pair in pairs(load(MODELS / f"{model}.py"), (name,)) if pair.tuning == name)
+    refused, take = pair.told()
+    assert take < refused
+    assert pair.settles(take)
+    assert not pair.settles(0.95 * refused)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["pendulum", "hyperjerk", "disturbed_pendulum"])
+def test_what_is_advised_is_neither_too_long_nor_too_short(model: str) -> None:
+    rows = [row(pair) for pair in pairs(load(MODELS / f"{model}.py"), OBSERVERS)]
+    assert {told.pair.tuning for told in rows} >= {"high_gain", "filtered"}
+    assert not [str(told) for told in rows if not told.holds]
