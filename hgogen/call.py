@@ -275,7 +275,7 @@ def sample(
     output, by name, a whole multiple of dt, by default dt: its noise R is taken for that time. Such a step counts its
     periods and does not use a sample that `update` tells to be of another one, or gets a second time.
 
-    Raises: `BadStep`; `StepTooLong`, with the admissible dt, where a constant linear core or the covariance equation
+    Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
     cannot be stable; `BadWindow`; `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates
     with the measurement.
     """

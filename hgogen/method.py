@@ -68,6 +68,11 @@ class Explicit:
         core = Limit(paced(part, clock, self.tableau), why)
         return replace(self.step(part, clock), **lengths(part, clock, self, core))
 
+    @property
+    def exact(self) -> bool:
+        """Every eigenvalue of the core limits the step."""
+        return False
+
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
         """R(h M) (k, N, N), R the stability polynomial."""
         return polynomial(h * M, self.tableau.polynomial)

@@ -8,7 +8,8 @@ Below `refused` T(h)^k can still grow far before it decays: of an n-fold eigenva
 classical Runge-Kutta at 90 % of `refused`. |.| is the largest sum of a row, in coordinates in which rows and columns of
 M are of about the same size (`balance`), so that the powers of a high gain do not count. `take` proves nothing: it is
 found at the points that are tried, between which an error moves on its way. For that is the half, which trials of the
-shipped models asked for.
+shipped models asked for. By a method that is exact for the core, `take` is also at most half of what follows the model
+where it oscillates or grows, 1/|lambda| of its own Jacobian.
 """
 
 import math
@@ -20,7 +21,7 @@ import numpy as np
 
 from hgogen.chains.frozen import Frozen, frozen
 from hgogen.observer import Clock, Observer, Ode
-from hgogen.stability import AXIS, Limit
+from hgogen.stability import AXIS, Limit, pace
 from hgogen.stepping.kernels import balance
 
 Array = np.ndarray
@@ -35,6 +36,11 @@ FOUND = "found by trying errors at points of the declared box, no proof"
 
 class Way(Protocol):
     """A method as it moves frozen errors: of the linear core (N, N) and M (k, N, N), which may be scaled alike."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether the core limits no step, so that nothing but the model's own motion asks for a short one."""
+        ...
 
     def transition(self, core: Array, M: Array, h: float) -> Array:
         """T(h) (k, N, N)."""
@@ -63,6 +69,7 @@ def lengths(part: Ode, clock: Clock, way: Way, core: Limit) -> dict[str, Any]:
         tightest = Limit(float(limits[at]), why, at)
     near = clock.dt > SHARE * _shortest(errors.M, tightest.dt)
     take = _advised(part, clock.of, way, tightest.dt) if near else math.inf
+    take = min(take, SHARE * pace(errors.blind)) if way.exact else take
     return {"limit": tightest.dt, "why": tightest.why, "take": take, "found": FOUND}
 
 

@@ -26,7 +26,8 @@ PUSH = 1e-9  # of the output, an error that opens a dead zone
 
 @dataclass(frozen=True, eq=False)
 class Frozen:
-    """M (k, N, N) at `points` (k, n + m) of the form's state and the input; `core` (N, N), the linear core, 0 for none.
+    """M (k, N, N) at `points` (k, n + m) of the form's state and the input; `core` (N, N), the linear core, 0 for none;
+    `blind` (k, N, N): M without samples, the model's own.
 
     `names`: of the coordinates of a point.
     """
@@ -34,6 +35,7 @@ class Frozen:
     M: Array
     points: Array
     core: Array
+    blind: Array
     names: tuple[str, ...]
 
     def at(self, index: int) -> str:
@@ -50,22 +52,26 @@ def frozen(part: Ode, observer: Observer) -> Frozen:
     values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
     output = observer.dynamics.output(observer.z, u)
     reading = ca.SX.sym("reading", output.numel())
-    rates = part.rhs(values, u, reading, ca.SX.ones(output.numel()))
-    slope = ca.jacobian(ca.vertcat(*(rates[field.name] for field in moving)), x)
-    near = ca.substitute([slope], [reading], [output + PUSH * (1 + ca.fabs(output))])[0]
-    estimate, matrix = _numbers([observer.z, near], observer)
+    near = output + PUSH * (1 + ca.fabs(output))
+
+    def slope(valid: Any) -> Any:
+        rates = part.rhs(values, u, reading, valid * ca.SX.ones(output.numel()))
+        matrix = ca.jacobian(ca.vertcat(*(rates[field.name] for field in moving)), x)
+        return ca.substitute([matrix], [reading], [near])[0]
+
+    estimate, seen, unseen = _numbers([observer.z, slope(1), slope(0)], observer)
     told = ca.Function("told", [x, u], [ca.densify(ca.jacobian(estimate, x)), ca.densify(estimate)])
-    error = ca.Function("error", [x, u], [ca.densify(matrix)])
+    error = ca.Function("error", [x, u], [ca.densify(seen), ca.densify(unseen)])
     points, n = box_points(form), form.n
     z, inputs = points[:, :n].T, points[:, n:].T
     start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
     inverse = np.linalg.pinv(_stacked(told(start, inputs)[0], len(points)))
     fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(told(start, inputs)[1]))
-    M = _stacked(error(fields, inputs), len(points))
-    finite = np.isfinite(M).all(axis=(1, 2))
+    M, blind = (_stacked(matrix, len(points)) for matrix in error(fields, inputs))
+    finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
     linear = core(part, output.numel())
     line = np.zeros(M.shape[1:]) if linear is None else np.array(ca.DM(_numbers([linear.M], observer)[0]))
-    return Frozen(M[finite], points[finite], line, tuple(map(str, (*form.to_form, *form.system.inputs))))
+    return Frozen(M[finite], points[finite], line, blind[finite], tuple(map(str, (*form.to_form, *form.system.inputs))))
 
 
 def box_points(form: Form) -> Array:

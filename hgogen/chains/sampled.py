@@ -98,6 +98,11 @@ class Sampled:
             **lengths(part, clock, self, Limit(INF, "")),
         )
 
+    @property
+    def exact(self) -> bool:
+        """The core is realised, not integrated."""
+        return True
+
     def transition(self, core: np.ndarray, M: np.ndarray, h: float) -> np.ndarray:
         """a = (Phi + Psi_0 J) e, e+ = a + Psi_1 J (a - e), J = M - core the rest's slope (k, N, N)."""
         J, (Phi, Psi_0, Psi_1) = M - core, self.numbers(core, h)
