@@ -57,10 +57,11 @@ def test_an_outlier_that_is_not_saturated_in_high_gain() -> None:
     assert stubborn[usual].max() < 1.05 * standard[usual].max()
 
 
-def test_the_linear_core_limits_the_step() -> None:
-    """Without a saturation its poles are theta times those given, and -theta lambda: 2.785/theta for RK4."""
+def test_the_core_and_the_models_slope_limit_the_step() -> None:
+    """Without a saturation the error has (s + 20)(s + 40) = a cos q, a = 19.6, but for friction: its fastest pole is up
+    to 30 + sqrt(100 + a). sigma's is -theta lambda. 2.785 over them for RK4."""
     step = hg.sample(observer(poles=(-1, -2)), hg.methods.rk4, dt=1e-3)
-    assert step.limit == pytest.approx(2.785 / 40, rel=1e-3)
+    assert step.limit == pytest.approx(2.785 / (30 + np.sqrt(119.6)), rel=3e-3)
     assert hg.sample(observer(decay=8), hg.methods.rk4, dt=1e-3).limit == pytest.approx(2.785 / 160, rel=1e-3)
 
 
