@@ -2,29 +2,63 @@
 
 plant : System --form--> Form --observer--> Observer --method, dt--> Step --target--> files
                                                                        --call------> numbers
+
+What is public is imported when it is first asked for, so that `import hgogen` takes no time. A file that holds a
+function of its own name (`response.py`: `response`) gives its function, whoever imports the file first: where Python
+binds the file to the package, the function is bound in its place.
 """
 
-from hgogen import design, forms, innovation, methods, observers, targets, theta, trial
-from hgogen.call import Run, Sample, sample
-from hgogen.casadi_model import from_casadi
-from hgogen.check import Check, Verdict
-from hgogen.dissipation import Dissipation, dissipation
-from hgogen.error_system import ErrorSystem, error_system
-from hgogen.errors import HgogenError
-from hgogen.form import Form
-from hgogen.gramian import gramian
-from hgogen.observability import observability
-from hgogen.observer import Observer
-from hgogen.query import bound, nonzero
-from hgogen.recast import recast
-from hgogen.reference import reference
-from hgogen.response import response
-from hgogen.signal import Signal
-from hgogen.singularity import singularity
-from hgogen.step import Step
-from hgogen.survey import survey
-from hgogen.system import System
-from hgogen.target import write
+import sys
+from importlib import import_module
+from types import ModuleType
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # the same as in _FILES, for what reads types; a test compares the two
+    from hgogen import design, forms, innovation, methods, observers, targets, theta, trial
+    from hgogen.call import Run, Sample, sample
+    from hgogen.casadi_model import from_casadi
+    from hgogen.check import Check, Verdict
+    from hgogen.dissipation import Dissipation, dissipation
+    from hgogen.error_system import ErrorSystem, error_system
+    from hgogen.errors import HgogenError
+    from hgogen.form import Form
+    from hgogen.gramian import gramian
+    from hgogen.observability import observability
+    from hgogen.observer import Observer
+    from hgogen.query import bound, nonzero
+    from hgogen.recast import recast
+    from hgogen.reference import reference
+    from hgogen.response import response
+    from hgogen.signal import Signal
+    from hgogen.singularity import singularity
+    from hgogen.step import Step
+    from hgogen.survey import survey
+    from hgogen.system import System
+    from hgogen.target import write
+
+_FILES = {  # a public name, and the file that holds it, "" for a file or folder itself
+    **dict.fromkeys(("design", "forms", "innovation", "methods", "observers", "targets", "theta", "trial"), ""),
+    **dict.fromkeys(("Run", "Sample", "sample"), "call"),
+    "from_casadi": "casadi_model",
+    **dict.fromkeys(("Check", "Verdict"), "check"),
+    **dict.fromkeys(("Dissipation", "dissipation"), "dissipation"),
+    **dict.fromkeys(("ErrorSystem", "error_system"), "error_system"),
+    "HgogenError": "errors",
+    "Form": "form",
+    "gramian": "gramian",
+    "observability": "observability",
+    "Observer": "observer",
+    **dict.fromkeys(("bound", "nonzero"), "query"),
+    "recast": "recast",
+    "reference": "reference",
+    "response": "response",
+    "Signal": "signal",
+    "singularity": "singularity",
+    "Step": "step",
+    "survey": "survey",
+    "System": "system",
+    "write": "target",
+}
 
 __all__ = [
     "Check",
@@ -62,3 +96,25 @@ __all__ = [
     "trial",
     "write",
 ]
+
+
+class _Package(ModuleType):
+    """This package, with what it does when a name is asked for and when a file is bound to it."""
+
+    def __getattr__(self, name: str) -> object:
+        if name not in _FILES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=self)
+        found: object = import_module(f"{__name__}.{_FILES[name] or name}")
+        found = getattr(found, name) if _FILES[name] else found
+        setattr(self, name, found)
+        return found
+
+    def __setattr__(self, name: str, value: object) -> None:
+        own = isinstance(value, ModuleType) and _FILES.get(name) == name
+        super().__setattr__(name, getattr(value, name) if own else value)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *__all__})
+
+
+sys.modules[__name__].__class__ = _Package

@@ -8,10 +8,10 @@ from typing import Any, TypeVar, cast
 import sympy as sp
 
 from hgogen.errors import HgogenError
+from hgogen.filename import shown
 from hgogen.system import System
 
 Asked = TypeVar("Asked", bound=Callable[..., Any])
-_LENGTH = 60
 
 
 @dataclass(eq=False)
@@ -23,9 +23,7 @@ class Misfit(HgogenError):
     wanted: str
 
     def __str__(self) -> str:
-        text = repr(self.given)
-        shown = text if len(text) <= _LENGTH else f"{text[: _LENGTH - 3]}..."
-        return f"{self.what} was given {shown}, of type {type(self.given).__name__}; give {self.wanted}"
+        return f"{self.what} was given {shown(self.given)}, of type {type(self.given).__name__}; give {self.wanted}"
 
 
 def asks_a_plant(question: Asked) -> Asked:

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
-from hgogen import observers
+from hgogen import filename, observers
 from hgogen.arguments import arguments
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
@@ -204,7 +204,7 @@ class Model:
             kind = type(given).__name__
             raise MissingPart(self.path, "trial", f"trial() returns the type {kind}; return a Trial or a tuple of them")
         names = [trial.name for trial in trials]
-        if len(set(names)) < len(names):
+        if len(set(map(filename.same, names))) < len(names):
             raise MissingPart(
                 self.path, "trial", f"trial() returns two trials of one name, {', '.join(names)}; rename one"
             )
@@ -226,12 +226,14 @@ class Model:
 def load(given: str | Path) -> Model:
     """The model at a path, or of a bare name in the folder `models`.
 
-    What the file prints goes to the standard error stream.
+    What the file prints goes to the standard error stream; one that ends the process itself, by os._exit, ends it.
 
-    Raises: `NoModel`; `ModelFails` with file, line and error where Python cannot import it; `BadModelFile` with file,
-    key and fix for plain text.
+    Raises: `NoModel`; `ModelFails` with file, line and error where Python cannot import it; `BadModelFile` for a name
+    that cannot be part of a path, and with file, key and fix for plain text.
     """
     path = _located(str(given))
+    if why := filename.fault(path.stem):
+        raise BadModelFile(str(path), "", f"{filename.BadFileName(path.stem, why)} in the name of the file")
     return _LOADERS[path.suffix](path)
 
 
@@ -341,7 +343,19 @@ def _guarded(path: str, function: Callable[[], Any]) -> Any:
         raise
     except Refuted as error:
         raise replace(error, where=error.where or path) from None
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:  # most likely the user's
+        raise
+    except BaseException as error:
         frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
-        kind = "" if isinstance(error, HgogenError) else f"{type(error).__name__}: "
-        raise ModelFails(path, frames[-1] or 1 if frames else 1, f"{kind}{error}") from error
+        told = _told(error) if isinstance(error, Exception) else ends_python(error)
+        raise ModelFails(path, frames[-1] or 1 if frames else 1, told) from error
+
+
+def _told(error: Exception) -> str:
+    return str(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {error}"
+
+
+def ends_python(error: BaseException) -> str:
+    """What a model does that raises what is no `Exception`, and the fix."""
+    kind, said = type(error).__name__, f" ({error})" if str(error) else ""
+    return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"

@@ -45,7 +45,10 @@ def trial_of(model: PlainModel) -> Trial:
         name: named(file, f"trial.inputs.{name}", parse, value if isinstance(value, str) else repr(value), {"t": t})
         for name, value in table.get("inputs", {}).items()
     }
-    return Trial(
+    trial: Trial = named(
+        file,
+        "trial",
+        Trial,
         table.get("name", "trial"),
         table["duration"],
         table.get("start", {}),
@@ -56,3 +59,4 @@ def trial_of(model: PlainModel) -> Trial:
         seeds=tuple(range(count)),
         estimate=table.get("estimate", {}),
     )
+    return trial

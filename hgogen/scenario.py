@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from hgogen import filename
 from hgogen.door import scalar
 from hgogen.errors import HgogenError
 from hgogen.reading.expression import parse
 from hgogen.signal import Signal
 
 SEEDS = 1000  # at most
-_SHOWN = 60  # characters of what is given
 t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 
 
@@ -31,7 +31,7 @@ class BadTrial(HgogenError):
     reason: str
 
     def __str__(self) -> str:
-        return f"trial {self.trial!r}: {self.reason}"
+        return f"trial {filename.shown(self.trial)}: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,7 @@ def read_field(trial: Any, key: str, given: Any) -> Any:
     except HgogenError as error:
         raise BadTrial(str(trial), f"{key}: {error}") from None
     except (TypeError, ValueError):
-        text = repr(given)
-        shown = text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
-        raise BadTrial(str(trial), f"{key} = {shown} must be {wanted}") from None
+        raise BadTrial(str(trial), f"{key} = {filename.shown(given)} must be {wanted}") from None
 
 
 def _text(given: Any) -> str:
@@ -165,7 +163,7 @@ def _unless_none(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 _STATE = "a number for each state by name, such as {'x1': 1.0}"
 _FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "name": (_text, "text"),
+    "name": (lambda given: filename.demand(_text(given)), "text"),
     "duration": (_number, "a number"),
     "start": (_each(_number), _STATE),
     "estimate": (_each(_number), _STATE),

@@ -7,6 +7,7 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen import filename
 from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.check import Check
 from hgogen.errors import HgogenError
@@ -44,7 +45,8 @@ class System:
     unit of time, a plain word such as "min" or "h", in which the flow, every period and every trial is.
 
     Raises: `BadSystem` for lengths that do not match, unknown or repeated names, parameters without a value,
-    a unit of time that is no word; `BadName` for a name that C could not carry.
+    a unit of time that is no word; `BadName` for a name that C could not carry; `BadFileName` for
+    one that no file could.
     """
 
     name: str
@@ -71,6 +73,7 @@ class System:
         time: str = "s",
     ) -> None:
         check_name(name)
+        filename.demand(name)
         groups = {"states": states, "inputs": inputs, "outputs": outputs, "parameters": parameters}
         for kind, signals in groups.items():
             object.__setattr__(self, kind, _signals(name, kind, signals))

@@ -1,12 +1,29 @@
-"""A target turns a step into files. Emission is pure; only `write` touches the disk."""
+"""A target turns a step into files. Emission is pure; only `write` touches the disk.
+
+The folder that the user names is taken as it is, a link to one too. Below it nothing leads elsewhere: no "..", and a
+link, a device, a pipe or a socket is refused, as a folder on the way and in the place of a file.
+"""
 
 import os
-import tempfile
-from collections.abc import Iterator, Mapping
+import secrets
+import stat
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from hgogen.errors import HgogenError
+from hgogen.filename import same, shown
+
+LONGEST = 255  # bytes of a name, on most file systems
+_KINDS = {
+    stat.S_IFLNK: "a link",
+    stat.S_IFDIR: "a folder",
+    stat.S_IFREG: "a file",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 
 
 @dataclass(eq=False)
@@ -15,9 +32,10 @@ class CannotWrite(HgogenError):
 
     path: str
     reason: str
+    fix: str = "choose a folder that can be written"
 
     def __str__(self) -> str:
-        return f"cannot write {self.path}: {self.reason}; choose a folder that can be written"
+        return f"cannot write {self.path}: {self.reason}; {self.fix}"
 
 
 @dataclass(frozen=True)
@@ -36,27 +54,100 @@ class Files(Mapping[str, str]):
         return len(self.texts)
 
 
-def write(files: Mapping[str, str] | Mapping[str, bytes], folder: str | Path) -> list[Path]:
-    """Write texts (UTF-8) or bytes by name into `folder` (made if it is not there); each appears whole or not at all.
+def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
+    """Write texts (UTF-8) or bytes into `folder` (made if it is not there), by name, or by a path below it; returns
+    their paths.
+
+    Nothing is written unless all can be, and each file appears whole or not at all.
 
     Raises: `CannotWrite`.
     """
-    folder = Path(folder)
+    paths = demand(files, folder)
+    staged: list[Path] = []
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return [_replace(folder / name, content) for name, content in files.items()]
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        for path, content in zip(paths, files.values(), strict=True):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            staged.append(path.with_name(f".hgogen-{secrets.token_hex(8)}"))
+            _fill(staged[-1], content, path)
+        for temporary, path in zip(staged, paths, strict=True):
+            os.replace(temporary, path)
     except OSError as error:
-        raise CannotWrite(str(error.filename or folder), error.strerror or str(error)) from error
+        raise _failed(error, Path(folder)) from error
+    finally:
+        for temporary in staged:
+            temporary.unlink(missing_ok=True)
+    return paths
 
 
-def _replace(path: Path, content: str | bytes) -> Path:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+def demand(names: Iterable[str], folder: str | Path) -> list[Path]:
+    """The paths at which `write` would put files of these names; nothing is made.
+
+    Raises: `CannotWrite` where it would refuse one of them.
+    """
+    names, root = list(names), Path(folder)
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content.encode() if isinstance(content, str) else content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+        if _kind(root, follow=True) not in (None, stat.S_IFDIR):
+            raise _misplaced(root, "a folder")
+        for first, second in _twins(names):
+            reason = f"{shown(first)} and {shown(second)} are one name on some systems"
+            raise CannotWrite(str(root), reason, "rename one of them")
+        paths = [_below(root, name) for name in names]
+        for there in {next(above for above in path.parents if above.exists()) for path in paths}:
+            if not os.access(there, os.W_OK | os.X_OK):
+                raise CannotWrite(str(there), "it may not be written to")
+        return paths
+    except OSError as error:
+        raise _failed(error, root) from error
+    except ValueError as error:  # a null byte, or what the file system cannot encode
+        raise CannotWrite(shown(str(root)), f"no path is made of it and {names} ({error})", "take others") from None
+
+
+def _below(root: Path, name: str) -> Path:
+    """The path of a name below the root, on which nothing leads elsewhere."""
+    pure = PurePath(name)
+    if not pure.parts or pure.anchor or ".." in pure.parts:
+        raise CannotWrite(shown(name), f"it leaves the folder {root}", "take a name that stays in it")
+    if any(len(os.fsencode(part)) > LONGEST for part in pure.parts):
+        raise CannotWrite(shown(name), f"it has a part longer than {LONGEST} bytes", "take a shorter name")
+    path = root / pure
+    for above in reversed(path.parents[: len(pure.parts) - 1]):
+        if _kind(above) not in (None, stat.S_IFDIR):
+            raise _misplaced(above, "a folder")
+    if _kind(path) not in (None, stat.S_IFREG):
+        raise _misplaced(path, "a file")
     return path
+
+
+def _kind(path: Path, follow: bool = False) -> int | None:
+    """What is there, as `stat` calls it; None where there is nothing. A link that leads nowhere is one."""
+    try:
+        return stat.S_IFMT(path.stat(follow_symlinks=follow).st_mode)
+    except FileNotFoundError:
+        return _kind(path) if follow else None
+
+
+def _misplaced(path: Path, wanted: str) -> CannotWrite:
+    there = _KINDS.get(_kind(path) or 0, "no file")
+    return CannotWrite(str(path), f"it is {there}, where {wanted} belongs", "remove it, or take another path")
+
+
+def _twins(names: list[str]) -> Iterator[tuple[str, str]]:
+    seen: dict[str, str] = {}
+    for name in names:
+        if same(name) in seen:
+            yield seen[same(name)], name
+        seen[same(name)] = name
+
+
+def _fill(temporary: Path, content: str | bytes, path: Path) -> None:
+    """Write a file that is new, with the permissions of the one that it replaces."""
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+    with os.fdopen(handle, "wb") as stream:
+        stream.write(content.encode() if isinstance(content, str) else content)
+    if path.exists():
+        os.chmod(temporary, path.stat().st_mode & 0o777)
+
+
+def _failed(error: OSError, folder: Path) -> CannotWrite:
+    return CannotWrite(str(error.filename or folder), error.strerror or str(error))

@@ -43,6 +43,10 @@ __all__ = [
 ]
 
 
+MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
+_BESIDE = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
+
+
 @dataclass(frozen=True)
 class Trial:
     """A scenario, repeated over noise seeds; its times are in the unit of time of the plant's System.
@@ -256,13 +260,21 @@ def _validate(plant: System, trial: Trial, dt: float) -> None:
     _names(trial, "noise", trial.noise, {s.name for s in plant.outputs})
     _names(trial, "jumps", [jump.state for jump in trial.jumps], states)
     _names(trial, "settled", [trial.settled.state] if trial.settled else [], states)
-    for reason in (*_faults(trial, dt, plant.time), *_outside(plant, trial)):
+    width = 2 * len(plant.states) + len(plant.inputs) + 2 * len(plant.outputs) + _BESIDE
+    for reason in (*_faults(trial, dt, plant.time, width), *_outside(plant, trial)):
         raise BadTrial(trial.name, reason)
 
 
-def _faults(trial: Trial, dt: float, unit: str) -> Iterator[str]:
+def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
     if not dt <= trial.duration < math.inf:
         yield f"duration = {trial.duration!r} must be a time in {plural(unit)}, at least dt = {dt:g}"
+    elif (rows := trial.duration / dt) * width > MEMORY / 8:
+        longest = 0.9 * MEMORY / 8 / width * dt
+        yield (
+            f"duration = {trial.duration:g} {unit} is {rows:.3g} samples of dt = {dt:g} {unit}, which take "
+            f"{8 * rows * width / 2**30:.3g} GiB of memory; take a duration of at most {longest:.2g} {unit}, or a "
+            "longer dt"
+        )
     if not 0 <= trial.steady_from <= trial.duration:
         yield f"steady = {trial.steady_from:g} must lie within 0..{trial.duration:g} {unit}"
     if not trial.seeds:

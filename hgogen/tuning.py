@@ -33,7 +33,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from hgogen import forms, methods, observers
+from hgogen import filename, forms, methods, observers
 from hgogen.arguments import faults, poles, value
 from hgogen.call import CallableStep, sample
 from hgogen.check import Refuted, Verdict
@@ -125,6 +125,9 @@ class Tuning:
             raise BadModelFile(self.file, where, f"is of type {kind}; write a table of the observer's arguments")
         if not name.isidentifier():
             raise BadModelFile(self.file, where, "must be a name of letters, digits and underscores")
+        self._refusals(where, lambda: filename.demand(name))
+        if twins := [key for key in self.tables if key != name and filename.same(key) == filename.same(name)]:
+            raise BadModelFile(self.file, where, f"{twins[0]} is the same name on some systems; rename one of the two")
         needed = "kind" if name == self.default else None
         demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)
         return table

@@ -14,7 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from hgogen import cli
-from hgogen.commands import command as command_
+from hgogen.commands import jobs
+from hgogen.commands import process as process_
 from hgogen.commands.agreement import Agreement
 from hgogen.emit import native
 from hgogen.model import summary
@@ -223,7 +224,7 @@ def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
 @needs_compiler
 def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pytest.MonkeyPatch):
     bad = Agreement("short", 0, until=1.0, before=0.5, after=0.5, settled=((1.0, 2.0),), dt=0.01)
-    monkeypatch.setattr(cli.jobs, "agreements", lambda *_: (bad,))
+    monkeypatch.setattr(jobs, "agreements", lambda *_: (bad,))
     _, err = hgogen("build", "neuron", status=1)
     assert "hgogen: C and Python disagree in trial 'short', seed 0: 5.0e-01" in err
 
@@ -593,7 +594,7 @@ def test_a_reader_that_stops_early_is_no_error(options: tuple[str, ...]):
     process.stdout.close()  # type: ignore[union-attr]
     process.stdout = None
     assert process.communicate() == (None, "")
-    assert process.returncode == command_.UNREAD
+    assert process.returncode == process_.UNREAD
 
 
 @pytest.mark.parametrize("module", ["hgogen", "hgogen.cli"])

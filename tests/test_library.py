@@ -164,7 +164,7 @@ def test_files_that_are_no_library(tmp_path: Path) -> None:
         (tmp_path / "in.json").write_text(text)
         with pytest.raises(BadLibrary, match="a library is JSON"):
             read(tmp_path / "in.json")
-    with pytest.raises(BadLibrary, match="cannot be read"):
+    with pytest.raises(BadLibrary, match="there is no such file"):
         read(tmp_path / "none.json")
 
 

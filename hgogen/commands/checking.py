@@ -13,11 +13,13 @@ import hgogen as hg
 from hgogen.check import demand
 from hgogen.commands import jobs, library, tables
 from hgogen.commands.answers import FIELDS
-from hgogen.commands.command import Bar, Tuned, note, show
+from hgogen.commands.command import Bar, Tuned, command, json_text, show
 from hgogen.commands.headline import headline
 from hgogen.commands.latex import fragment
+from hgogen.commands.process import note, results
 from hgogen.intervals.bounds import Range
 from hgogen.model import Model, load
+from hgogen.target import demand as demand_place
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
@@ -41,7 +43,8 @@ class OptionalFile(TyperCommand):
         return super().parse_args(ctx, given)
 
 
-def check(
+@command(OptionalFile)
+def check_(
     model: Annotated[
         str | None, typer.Argument(metavar="[MODEL]", help="A model file, or the name of one in models/.")
     ] = None,
@@ -88,6 +91,10 @@ def check(
     for option, file in (("--certificate", certificate), ("--json", _file(as_json))):
         if file is not None and file.is_dir():
             raise typer.BadParameter(f"{file} is a folder; give a file in it", param_hint=option)
+        if file is not None:
+            demand_place([file.name], file.parent)
+    if certificate is not None and certificate == _file(as_json):
+        raise typer.BadParameter("one file cannot be the certificate and the JSON", param_hint="--certificate")
     options = {
         "--certificate": certificate,
         "--latex": latex,
@@ -112,7 +119,7 @@ def _file(as_json: str | None) -> Path | None:
 
 def _written(value: Any, path: Path) -> None:
     new = "" if path.parent.is_dir() else ", in a new folder"
-    hg.write({path.name: json.dumps(value, indent=1, allow_nan=False) + "\n"}, path.parent)
+    hg.write({path.name: json_text(value, indent=1) + "\n"}, path.parent)
     note(f"wrote {path}{new}")
 
 
@@ -151,7 +158,7 @@ def _one(
         say(tables.checks(singular.head, singular.checks, ()))
     say(tables.theorem(claims.theorem, claims.hypotheses))
     if latex:
-        print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex())
+        print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex(), file=results())
     elif as_json:
         told = {"observability": seen.as_dict(), "forms": forms.as_dict(), "bounds": _ranges(ranges)}
         whole = {"model": loaded.path, "headline": headline(seen, claims), **told, **claims.as_dict()}

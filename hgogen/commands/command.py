@@ -1,9 +1,11 @@
 """What every command of the command line has: the app, errors as one sentence and an exit status, a progress bar."""
 
 import json
-import os
-import sys
+import math
+import traceback
+import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
@@ -16,16 +18,18 @@ from typer.core import TyperCommand
 
 from hgogen.call import Engine
 from hgogen.check import Refuted
-from hgogen.commands import tables
 from hgogen.commands.agreement import Disagree
+from hgogen.commands.process import INTERRUPTED, console, dropped, interrupted, listen, note, printing, results
 from hgogen.emit import native
 from hgogen.errors import HgogenError
+from hgogen.model import Model, ends_python
 from hgogen.recheck.recheck import NothingVerified, NotVerified
+from hgogen.scenario import SEEDS
+from hgogen.target import demand, write
 from hgogen.trial import Trial
 
 # what exits with 1; other errors with 2
 FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed)
-UNREAD = 141  # the exit status where the reader of the output is gone, as the shell gives it: 128 + SIGPIPE
 
 
 class Reader(StrEnum):
@@ -35,59 +39,65 @@ class Reader(StrEnum):
     PYTHON = "python"
 
 
-app = typer.Typer(
-    help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
-    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted, a failed comparison or a certificate that is "
-    "not verified, 2 usage or bad input.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="markdown",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
 ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model file, or the name of one in models/.")]
 Tuned = Annotated[
     str | None, typer.Option("--observer", metavar="NAME", help="A tuning of the model; by default its own step.")
 ]
-Seeds = Annotated[int | None, typer.Option(min=1, help="Number of noise seeds; by default the trial's.")]
+Seeds = Annotated[int | None, typer.Option(min=1, max=SEEDS, help="Number of noise seeds; by default the trial's.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
 ReaderOption = Annotated[Reader | None, typer.Option("--engine", help="c or python; C where there is a compiler.")]
 OneTrial = Annotated[str | None, typer.Option("--trial", help="The trial of this name; by default all.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 
 
-def command(
-    name: str | None = None, cls: type[TyperCommand] | None = None
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a command whose errors are one sentence and an exit status."""
+def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., None]], Any]:
+    """Make a command of a function, whose errors become one sentence and an exit status."""
 
-    def register(function: Callable[..., None]) -> Callable[..., None]:
-        @app.command(name, cls=cls)
+    def register(function: Callable[..., None]) -> Any:
+        app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
+
+        @app.command(cls=cls)
         @wraps(function)
         def command(*args: Any, **kwargs: Any) -> None:
             try:
-                function(*args, **kwargs)
-                sys.stdout.flush()
+                listen()
+                with printing(), warnings.catch_warnings():
+                    warnings.showwarning = _warned
+                    function(*args, **kwargs)
+                    results().flush()
             except BrokenPipeError:  # as after `| head`
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-                raise typer.Exit(UNREAD) from None
+                raise typer.Exit(dropped()) from None
             except FAILURES as error:
                 note(str(error))
                 raise typer.Exit(1) from None
             except (HgogenError, OSError) as error:
                 note(str(error))
                 raise typer.Exit(2) from None
+            except MemoryError:
+                note("there is not enough memory; take a shorter trial or record, or fewer seeds")
+                raise typer.Exit(2) from None
+            except RecursionError:
+                note("an expression is nested too deep; write it in several")
+                raise typer.Exit(2) from None
+            except BaseException as error:
+                if isinstance(error, Exception):  # typer's own, or a fault of this program
+                    raise
+                if isinstance(error, KeyboardInterrupt) and interrupted():
+                    note("interrupted")
+                    raise typer.Exit(INTERRUPTED) from None
+                at = traceback.extract_tb(error.__traceback__)[-1]
+                note(f"{at.filename}, line {at.lineno}: {ends_python(error)}")
+                raise typer.Exit(2) from None
 
-        return function
+        return typer.main.get_command(app)
 
     return register
 
 
-def note(sentence: str) -> None:
-    """Say something on the standard error stream."""
-    print(f"hgogen: {sentence}", file=sys.stderr)
+def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """A warning in one line; what is meant for users says what it is."""
+    kind = "" if issubclass(category, UserWarning) else f"{category.__name__}: "
+    note(f"{kind}{' '.join(str(message).split())}")
 
 
 def engine_here() -> Engine:
@@ -123,19 +133,61 @@ class Bar(Progress):
 def show(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
     """Print a result: as JSON alone, or as tables."""
     if as_json:
-        print(json.dumps(value, indent=2, allow_nan=False))
+        print(json_text(value), file=results())
         return
     for part in shown:
-        tables.console().print(part)
+        console().print(part)
 
 
-def save_figures(drawn: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Write figures by name into a folder, with a progress bar; returns the files."""
+def json_text(value: Any, indent: int = 2) -> str:
+    """A value as JSON, which has no infinite number and none that is none: they are null."""
+    return json.dumps(_finite(value), indent=indent, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
+    """The files of figures by name, made with a progress bar."""
     from hgogen.commands import figure  # here, because matplotlib is slow to import
 
-    paths: list[Path] = []
+    files: dict[str, bytes] = {}
     with Bar("figures", len(drawn)) as bar:
         for name, one in drawn.items():
-            paths += figure.save({name: one}, folder)
+            files |= figure.files(name, one)
             bar.tick()
-    return paths
+    return files
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Where a command's results go: the folder that the user named, by default `build`, and the one `below` it."""
+
+    root: Path
+    below: str = ""
+
+    def demand(self, *names: str) -> list[Path]:
+        """The paths of files of these names. Raises: `CannotWrite` where they cannot be written."""
+        return demand(map(self._within, names), self.root)
+
+    def write(self, files: Mapping[str, str | bytes]) -> list[Path]:
+        """Write all files by name, or none; returns their paths. Raises: `CannotWrite`."""
+        return write({self._within(name): content for name, content in files.items()}, self.root)
+
+    def _within(self, name: str) -> str:
+        return f"{self.below}/{name}" if self.below else name
+
+
+def folder_of(out: Path | None, model: Model, observer: str | None = None) -> Folder:
+    """The folder --out, by default build/MODEL, or build/MODEL_OBSERVER of a tuning that is asked for."""
+    return Folder(Path("build"), named(model, observer)) if out is None else Folder(out)
+
+
+def named(model: Model, observer: str | None) -> str:
+    """The name of the folder of results: that of the model, and of the tuning where one is asked for."""
+    return f"{model.name}_{observer}" if observer else model.name

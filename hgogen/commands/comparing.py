@@ -1,6 +1,5 @@
 """The command `compare`: several observers of one model over its trials, on the same noise."""
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -15,14 +14,16 @@ from hgogen.commands.command import (
     Out,
     ReaderOption,
     Seeds,
+    command,
     engine_here,
-    note,
+    folder_of,
     one_or_all,
-    save_figures,
+    rendered,
     show,
 )
 from hgogen.commands.compare import Measured, measured
 from hgogen.commands.metrics import criterion
+from hgogen.commands.process import note
 from hgogen.model import MissingPart, Model, load
 from hgogen.system import System
 from hgogen.trial import Trial
@@ -32,7 +33,8 @@ Names = Annotated[
 ]
 
 
-def compare(
+@command()
+def compare_(
     model: ModelArgument,
     observers: Names = None,
     seeds: Seeds = None,
@@ -55,8 +57,10 @@ def compare(
     in float), files.
     """
     loaded = load(model)
+    folder = folder_of(out, loaded)
     names = _names(loaded, observers)
     chosen, engine = one_or_all(loaded.trials(), trial), reader.value if reader else engine_here()
+    folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps = {one.name: _started(loaded, names, one) for one in chosen}
     first = steps[chosen[0].name]
     unit, dt = loaded.plant.time, min(step.dt for step in first.values())
@@ -72,9 +76,7 @@ def compare(
             each = steps[one.name].items()
             found.append((one, [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in each]))
             _note_no_error(loaded.plant, one)
-    paths = save_figures(
-        {f"{one.name}_errors": jobs.errors(each, unit) for one, each in found}, out or Path("build") / loaded.name
-    )
+    paths = folder.write(rendered({f"{one.name}_errors": jobs.errors(each, unit) for one, each in found}))
     shown = [
         tables.compared(
             f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one, unit)}",

@@ -7,7 +7,6 @@ its thresholds, and theta. SVG for print and the web, PNG to look at; the same n
 import io
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from matplotlib.ticker import MaxNLocator
 from hgogen.response import Response
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.target import write
 from hgogen.trial import Trajectory
 
 TRUTH, ESTIMATE, MEASURED = "black", "#c8102e", "#c4c4c4"
@@ -61,6 +59,7 @@ COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # of a legend, at most; inch
 PARTS = 100  # of the time axis, where errors are drawn by their largest: they cross 0
 COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of Okabe and Ito
 DASHES = ("-", "--", ":", "-.")
+FAR = 1e300
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
 
 
@@ -252,7 +251,9 @@ def _columns(names: Sequence[str]) -> int:
 
 
 def _thin(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The samples that a line needs to look the same: the extremes of each bin; gaps (NaN) stay gaps."""
+    """The samples that a line needs to look the same: the extremes of each bin; gaps (NaN) stay gaps, and what
+    no axis holds is one."""
+    values = np.where(np.abs(values) < FAR, values, np.nan)
     if len(t) <= 2 * BINS:
         return t, values
     keep = [0, len(t) - 1]
@@ -282,12 +283,6 @@ def png(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-def save(figures: Mapping[str, Figure], folder: str | Path) -> list[Path]:
-    """Write NAME.svg and NAME.png for each figure; each file appears whole or not at all.
-
-    Raises: `CannotWrite`.
-    """
-    contents: dict[str, bytes] = {}
-    for name, figure in figures.items():
-        contents |= {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}
-    return write(contents, folder)
+def files(name: str, figure: Figure) -> dict[str, bytes]:
+    """NAME.svg and NAME.png."""
+    return {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}

@@ -14,8 +14,10 @@ from typing import Any
 from hgogen.commands.answers import FIELDS, answers
 from hgogen.commands.workers import End, run
 from hgogen.errors import HgogenError
+from hgogen.reading.content import Unread, content_of
 from hgogen.reading.entry import FORMAT, entry
 
+BYTES = 1 << 28  # of a library
 LIMIT = 10.0  # seconds for each model
 
 
@@ -36,9 +38,9 @@ def read(path: Path) -> list[tuple[str, Any]]:
     Raises: `BadLibrary`.
     """
     try:
-        found = json.loads(path.read_bytes())
-    except OSError as error:
-        raise BadLibrary(str(path), f"cannot be read: {error.strerror}") from None
+        found = json.loads(content_of(path, BYTES))
+    except Unread as error:
+        raise BadLibrary(str(path), error.reason) from None
     except (ValueError, RecursionError) as error:
         raise BadLibrary(str(path), f"is no JSON ({error})") from None
     models = found.get("models") if isinstance(found, Mapping) else None

@@ -78,7 +78,9 @@ def _errors(
 
 
 def _rms(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(error**2))) if len(error) else 0.0
+    """Its root mean square, found without squares that overflow."""
+    most = float(np.abs(error).max(initial=0.0))
+    return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
 
 
 def _functions(step: Step) -> tuple[Any, Any, Any]:

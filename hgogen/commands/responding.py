@@ -9,7 +9,8 @@ import typer
 
 import hgogen as hg
 from hgogen.commands import tables
-from hgogen.commands.command import Json, ModelArgument, Tuned, note, show
+from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, rendered, show
+from hgogen.commands.process import note
 from hgogen.model import load
 from hgogen.response import Response, pace
 
@@ -17,7 +18,8 @@ COUNT = 6  # frequencies of the table, unless they are given
 POINTS = 200  # frequencies of the figure
 
 
-def response(
+@command()
+def response_(
     model: ModelArgument,
     observer: Tuned = None,
     omega: Annotated[str, typer.Option("--omega", help="Frequencies (rad/s), such as 50,100,300.")] = "",
@@ -42,11 +44,13 @@ def response(
     if out is not None:
         from hgogen.commands import figure  # here, because matplotlib is slow to import
 
+        folder = Folder(out)
+        folder.demand("response.svg")
         span = np.geomspace(min(slow / 10, *given), max(10 * fast, *given), POINTS)
         drawn = figure.response(
             hg.response(step.observer, span), hg.response(step, span[span < math.pi / step.dt]), step.time
         )
-        paths += figure.save({"response": drawn}, out)
+        paths += folder.write(rendered({"response": drawn}))
     value = {
         "model": loaded.path,
         "observer": step.observer.name,

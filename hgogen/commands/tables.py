@@ -1,13 +1,12 @@
 """What the commands print: checks, metrics, comparisons, predictions and reports as tables."""
 
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -18,6 +17,7 @@ from hgogen.commands.compare import Measured
 from hgogen.commands.metrics import Summary
 from hgogen.commands.noise import Suggestion
 from hgogen.commands.prediction import Prediction
+from hgogen.commands.process import console
 from hgogen.gramian import Gramian
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
@@ -31,21 +31,8 @@ from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
-WIDTH = 110  # of what is not a terminal, unless COLUMNS says otherwise
 _ALIKE = 4  # rows that say the same, before they are one
 _SHORT = 20  # a reason that may be repeated
-
-
-class _Output(Console):
-    def on_broken_pipe(self) -> None:
-        """Leave it to the command."""
-        raise BrokenPipeError
-
-
-def console() -> Console:
-    """For the standard output."""
-    out = _Output(highlight=False)
-    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdigit() else _Output(highlight=False, width=WIDTH)
 
 
 def _table(title: str, *columns: str, numbers: int = 0) -> Table:
@@ -270,7 +257,10 @@ _ENGINE = {"c": "C", "python": "Python"}
 
 
 def _number(value: float | None) -> str:
-    return "never" if value is None else f"{value:.2f}"
+    """A time; two decimals tell nothing of a short one."""
+    if value is None:
+        return "never"
+    return f"{value:g}" if abs(value) < 0.01 else f"{value:.2f}"
 
 
 def _percent(share: float | None) -> str:

@@ -6,6 +6,7 @@ is ready again; one that is past its time, or that has died, is replaced.
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -87,7 +88,8 @@ def _start(context: Any, work: Work) -> _Worker:
 
 
 def _serve(pipe: Connection, work: Work) -> None:
-    """The worker's side."""
+    """The worker's side; a Ctrl-C is for the process that started it, which ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _bounded()
     while True:
         pipe.send(("ready", None))

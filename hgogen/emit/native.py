@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from hgogen.errors import HgogenError
-from hgogen.target import write
+from hgogen.target import CannotWrite, demand, write
 
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
@@ -78,9 +78,8 @@ def library(files: Mapping[str, str]) -> ctypes.CDLL:
 
 @cache
 def _load(command: str, digest: str, files: tuple[tuple[str, str], ...]) -> ctypes.CDLL:
-    path = cache_folder() / f"{digest}.so"
+    path = demand([f"{digest}.so"], cache_folder())[0]
     if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory() as folder:
             write(dict(files), folder)
             sources = [name for name, _ in files if name.endswith(".c")]
@@ -99,21 +98,25 @@ def _load(command: str, digest: str, files: tuple[tuple[str, str], ...]) -> ctyp
                 ],
                 folder,
             )
-            handle, temporary = tempfile.mkstemp(dir=path.parent)
-            os.close(handle)
-            shutil.copyfile(built, temporary)
-            os.replace(temporary, path)
+            write({path.name: built.read_bytes()}, path.parent)
     return ctypes.CDLL(str(path))
 
 
 def cache_folder() -> Path:
-    """Where compiled libraries are kept: $XDG_CACHE_HOME/hgogen or ~/.cache/hgogen, else the temporary folder."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    """Where compiled libraries are kept: $XDG_CACHE_HOME/hgogen or ~/.cache/hgogen; where that cannot be written, a
+    folder of this process alone, since what lies in one that others can write to is not to be loaded."""
     try:
-        (base / "hgogen").mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return Path(tempfile.gettempdir()) / "hgogen"
-    return base / "hgogen"
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hgogen"
+        write({}, folder)
+    except (CannotWrite, RuntimeError):  # or there is no home
+        return Path(_own_folder().name)
+    return folder if os.access(folder, os.W_OK | os.X_OK) else Path(_own_folder().name)
+
+
+@cache
+def _own_folder() -> tempfile.TemporaryDirectory[str]:
+    """It is removed when the process ends."""
+    return tempfile.TemporaryDirectory(prefix="hgogen-", ignore_cleanup_errors=True)
 
 
 def run(command: Sequence[str], folder: str | Path) -> str:

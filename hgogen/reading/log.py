@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from hgogen.errors import HgogenError
+from hgogen.reading.content import Unread, content_of
 
+BYTES = 1 << 28  # of a log, whose cells take some ten times as much memory
 DELIMITERS = ",;\t|"
 EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
@@ -146,13 +148,9 @@ def _aligned(path: str, header: list[str], rows: list[list[str]], delimiter: str
 
 def _text(path: Path) -> tuple[str, list[str]]:
     try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise BadRecord(str(path), "there is no such file") from None
-    except IsADirectoryError:
-        raise BadRecord(str(path), "is a folder; give a CSV file in it") from None
-    except OSError as error:
-        raise BadRecord(str(path), f"cannot be read: {error.strerror}") from None
+        content = content_of(path, BYTES)
+    except Unread as error:
+        raise BadRecord(str(path), error.reason) from None
     try:
         wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text, notes = content.decode("utf-16" if wide else "utf-8-sig"), []

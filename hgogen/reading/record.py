@@ -162,7 +162,14 @@ def read(
             raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
     found = {name: log.column(column) for name, column in columns.items()}
     times = _stamps(log, log.column(time), unit) if time is not None else np.arange(len(log.rows)) * (period or dt)
-    return _gridded(log, found, times, dt, unit)
+    record = _gridded(log, found, times, dt, unit)
+    for name, one in found.items():
+        if record.report.absent[name] == record.report.samples:
+            example = f", but cells such as {one.example!r}" if one.example else ""
+            raise BadRecord(
+                log.path, f"the column {one.name!r} holds no number for {name}{example}; say --map {name}=COLUMN"
+            )
+    return record
 
 
 def _stamps(log: Table, column: Column, unit: str) -> np.ndarray:

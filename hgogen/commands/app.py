@@ -1,0 +1,65 @@
+"""The command line: from a model file to an observer in C and in Python.
+
+Exit status 0: done; 1: a hypothesis refuted that nobody accepted, C and Python (or C and its recorded vectors)
+disagree, or a certificate is not verified; 2: wrong usage or bad input. Results go to the standard output, as tables
+or, with --json, as JSON alone; everything else goes to the standard error stream.
+"""
+
+import ast
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+_FILES = {
+    "build": "building",
+    "check": "checking",
+    "compare": "comparing",
+    "response": "responding",
+    "recheck": "rechecking",
+    "generate": "building",
+    "simulate": "building",
+    "run": "running",
+    "noise": "running",
+    "window": "showing",
+    "list": "listing",
+}  # each command, and the file of this folder that holds it
+
+
+class _Deferred(TyperCommand):
+    """A command that stands for the one in its file, which is imported when it is run or its own help is asked for."""
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """That of the command."""
+        found: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[str(self.name)]}"), f"{self.name}_")
+        return found.make_context(info_name, args, parent=parent, **extra)
+
+
+class _Commands(TyperGroup):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        for name, file in _FILES.items():
+            self.add_command(_Deferred(name, callback=None, help=_help(file, f"{name}_")))
+
+
+def _help(file: str, name: str) -> str:
+    """The docstring of a function in a file of this folder, which is not run."""
+    tree = ast.parse(Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))
+    found = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    return ast.get_docstring(found) or ""
+
+
+app = typer.Typer(
+    cls=_Commands,
+    callback=lambda: None,
+    help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
+    epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted, a failed comparison or a certificate that is "
+    "not verified, 2 usage or bad input.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)

@@ -1,0 +1,188 @@
+"""The commands `build`, `generate` and `simulate`: a model's observer in C and in Python, and what its trials show."""
+
+from enum import StrEnum
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hgogen.call import CallableStep, Engine
+from hgogen.commands import jobs, tables
+from hgogen.commands.agreement import Disagree
+from hgogen.commands.command import (
+    Bar,
+    Folder,
+    Json,
+    ModelArgument,
+    OneTrial,
+    Out,
+    ReaderOption,
+    Seeds,
+    Tuned,
+    command,
+    engine_here,
+    folder_of,
+    json_text,
+    named,
+    one_or_all,
+    rendered,
+    show,
+)
+from hgogen.commands.process import console, note
+from hgogen.emit import native
+from hgogen.emit.cnames import renamed, says
+from hgogen.filename import same
+from hgogen.model import load
+from hgogen.step import Step
+from hgogen.targets.c99 import c99
+from hgogen.trial import Trial
+
+
+class Precision(StrEnum):
+    """Working precision of the C."""
+
+    FLOAT = "float"
+    DOUBLE = "double"
+
+
+Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
+
+
+def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
+    seeds = {trial.name: trial.seeds if count is None else tuple(range(count)) for trial in trials}
+    language = {"c": "C", "python": "Python"}[engine]
+    with Bar(f"trials in {language}", sum(map(len, seeds.values()))) as bar:
+        return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
+
+
+def _made_by(name: str, observer: str | None, real: Precision) -> str:
+    """The command that makes the same C, for its banner."""
+    words = ["hgogen generate", name, *(["--observer", observer] if observer else [])]
+    return " ".join([*words, *(["--real double"] if real is Precision.DOUBLE else [])])
+
+
+@command()
+def build_(
+    model: ModelArgument,
+    observer: Tuned = None,
+    out: Out = None,
+    real: Real = Precision.FLOAT,
+    seeds: Seeds = None,
+    as_json: Json = False,
+) -> None:
+    """Check a model, generate and compile its C, try it in C and in Python, compare them, draw the figures.
+
+    Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
+    the trials run in Python, one seed each, and the C is written but not tried.
+
+    JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, theorem, notes (as in `check`), c_names
+    (by signal, where C has another name), compiler, self_check (what it printed), trials (trial, criterion, seeds,
+    engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial,
+    seed, until, before, after, settled, dt, agreed), files.
+    """
+    loaded = load(model)
+    folder = folder_of(out, loaded, observer)
+    folder.demand("report.json")
+    step, trials = loaded.step(observer), loaded.trials()
+    claims = jobs.checked(loaded, name=observer)
+    if not as_json:
+        console().print(tables.checks(claims.head, claims.checks, claims.accepted))
+    for sentence in claims.notes:
+        note(sentence)
+    files = c99(step, real=real.value, command=_made_by(loaded.name, observer, real))
+    _note_names(step)
+    engine = engine_here()
+    self_check = native.run_check(files).strip() if engine == "c" else None
+    done = _tried(step, trials, engine, seeds if engine == "c" else 1)
+    again = _tried(step, trials, "python", 1) if engine == "c" else []
+    comparison = jobs.agreements(done, again, step.dt) if again else ()
+    written: dict[str, str | bytes] = {**files, **rendered(jobs.figures(step, done))}
+    paths = folder.demand(*written, "report.json")
+    summaries = jobs.summaries(step, done, engine, note)
+    report = {
+        "model": loaded.path,
+        **claims.as_dict(),
+        "c_names": renamed(step),
+        "compiler": native.compiler(),
+        "self_check": self_check,
+        "trials": [one.as_dict() for one in summaries],
+        "comparison": [one.as_dict() for one in comparison],
+        "files": list(map(str, paths)),
+    }
+    folder.write({**written, "report.json": json_text(report) + "\n"})
+    shown = [tables.trials(summaries, step.time)]
+    if again:
+        shown += [tables.agreements(comparison, step.time), f"self-check of the {real.value} C: {self_check}\n"]
+    show(as_json, report, *shown, tables.files(paths))
+    if not all(one.agreed for one in comparison):
+        raise Disagree(tuple(one for one in comparison if not one.agreed))
+
+
+def _note_names(step: Step) -> None:
+    """Say which signals have another name in C."""
+    if said := says(step):
+        note(f"in C {said}")
+
+
+@command()
+def generate_(
+    models: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Model files, or names in models/.")],
+    observer: Tuned = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
+    real: Real = Precision.FLOAT,
+    as_json: Json = False,
+) -> None:
+    """Write the C of models, and the figures of their trials as that C draws them.
+
+    JSON keys: models (a list of: model, c_names, by signal where C has another name, files).
+    """
+    loaded = [load(given) for given in models]
+    folders = [Folder(out, named(one, observer)) for one in loaded]
+    for first, second in combinations(loaded, 2):
+        if same(first.name) == same(second.name):
+            reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
+            raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
+    written = []
+    for one, folder in zip(loaded, folders, strict=True):
+        folder.demand(f"{one.plant.name}.c")
+    for one, folder in zip(loaded, folders, strict=True):
+        for sentence in one.notes:
+            note(sentence)
+        step = one.step(observer)
+        files: dict[str, str | bytes] = {**c99(step, real=real.value, command=_made_by(one.name, observer, real))}
+        _note_names(step)
+        if one.has("trial"):
+            files |= rendered(jobs.figures(step, _tried(step, one.trials(), "c", 1)))
+        else:
+            note(f"{one.path} defines no trial(), so there are no figures of it")
+        paths = folder.write(files)
+        written.append({"model": one.path, "c_names": renamed(step), "files": list(map(str, paths))})
+    show(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
+
+
+@command()
+def simulate_(
+    model: ModelArgument,
+    observer: Tuned = None,
+    seeds: Seeds = None,
+    reader: ReaderOption = None,
+    trial: OneTrial = None,
+    as_json: Json = False,
+) -> None:
+    """Try a model's observer on its trials and print the metrics.
+
+    JSON keys: model, trials (trial, criterion: what settled means, seeds, engine, times of the events, settled and
+    worst time to settle after each, peak of theta as [smallest, largest], calm: time until theta < 1.05, triggered:
+    share of seeds, loud: share of the last fifth before the next event with theta > 1.5, latched: seeds in which theta
+    does not come back, alarm_ratio: innovation at the largest theta over its threshold, rms by state, clamped: samples
+    outside the box after the first 5%, each: the same by seed).
+    """
+    loaded = load(model)
+    step, trials = loaded.step(observer), loaded.trials()
+    chosen, engine = one_or_all(trials, trial), reader.value if reader else engine_here()
+    done = _tried(step, chosen, engine, seeds)
+    summaries = jobs.summaries(step, done, engine, note)
+    pairs = zip(summaries, done, strict=True)
+    listed_ = [{**told.as_dict(), "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
+    show(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries, step.time))

@@ -1,0 +1,212 @@
+"""The command as a process: Ctrl-C, readers that stop, models that end Python or print, input without an end."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hgogen import cli
+from hgogen.commands import process, tables
+from hgogen.commands.command import json_text
+from hgogen.reading.content import Unread, content_of
+
+COMMAND = [sys.executable, "-c", "from hgogen.cli import main; main()"]
+PENDULUM = Path(__file__).resolve().parents[1] / "models" / "pendulum.py"
+posix = pytest.mark.skipif(os.name != "posix", reason="pipes and signals of POSIX")
+
+
+def hgogen(*arguments: Any, status: int = 0) -> tuple[str, str]:
+    result = CliRunner().invoke(cli.app, list(map(str, arguments)))  # type: ignore[attr-defined]
+    assert result.exit_code == status, (result.stdout, result.stderr, result.exception)
+    assert "Traceback" not in result.stdout + result.stderr
+    return result.stdout, result.stderr
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# --- Ctrl-C -------------------------------------------------------------------------------------------------
+
+
+@posix
+@pytest.mark.parametrize("moment", ["importing", "running"])
+def test_ctrl_c_ends_it_by_the_signal_and_without_a_word_of_pythons(moment: str, here: Path) -> None:
+    """While it imports nothing is to be put in order; later it says that it was interrupted."""
+    (here / "slow.py").write_text("import time, sys\nprint('begun', flush=True)\ntime.sleep(60)\n")
+    importing = "import sys; sys.modules['typer'] = None; import hgogen.cli as c, os, signal as s\n"
+    importing += "class Late:\n    def find_spec(self, name, path, target=None):\n"
+    importing += "        if name == 'hgogen.commands.app': os.kill(os.getpid(), s.SIGINT)\n"
+    importing += "sys.meta_path.insert(0, Late()); c.main()"
+    command = [sys.executable, "-c", importing] if moment == "importing" else [*COMMAND, "check", "slow.py"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        said = ""
+        if moment == "running":
+            said = run.stderr.readline()  # type: ignore[union-attr]
+            run.send_signal(signal.SIGINT)
+        out, err = run.communicate(timeout=60)
+    assert run.returncode == -signal.SIGINT
+    assert (out, said + err) == ("", "" if moment == "importing" else "begun\nhgogen: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("raise KeyboardInterrupt", "raises KeyboardInterrupt, which ends Python"),
+        ("raise GeneratorExit('now')", "raises GeneratorExit (now), which"),
+        ("import sys; sys.exit(3)", "raises SystemExit (3), which ends Python; leave it out, or raise an error"),
+        ("raise type('Odd', (BaseException,), {})", "raises Odd, which ends Python"),
+    ],
+)
+@pytest.mark.parametrize("place", ["file", "step"])
+def test_a_model_that_ends_python(line: str, said: str, place: str, here: Path) -> None:
+    text = PENDULUM.read_text()
+    (here / "ends.py").write_text((f"{line}\n" if place == "file" else "") + f"{text}\ndef step():\n    {line}\n")
+    _, err = hgogen("check", "ends.py", "--json", status=2)
+    assert err.startswith("hgogen: ends.py, line ")
+    assert said in err
+    assert err.count("\n") == 1
+
+
+# --- the standard output --------------------------------------------------------------------------------------
+
+
+@posix
+def test_nothing_but_results_reaches_the_standard_output(here: Path) -> None:
+    """Descriptor 1, C's buffered stdout, a process, Python's own stream: all of them write to the error stream."""
+    loud = """import ctypes, os, sys, warnings
+os.write(1, b"by descriptor\\n"); ctypes.CDLL(None).puts(b"by C"); os.system("echo by a process")
+sys.__stdout__.write("by Python\\n"); print("by print"); warnings.warn("be\\ncareful")
+"""
+    (here / "loud.py").write_text(loud + PENDULUM.read_text())
+    done = subprocess.run([*COMMAND, "check", "loud.py", "--json"], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["plant"] == "pendulum"
+    for how in ("by descriptor", "by C", "by a process", "by Python", "by print", "hgogen: be careful"):
+        assert f"{how}\n" in done.stderr
+    assert "Warning" not in done.stderr
+
+
+@posix
+def test_a_reader_of_the_help_that_stops_early_ends_it_quietly() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run([*COMMAND, "--help"], stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert done.stderr == ""
+    assert done.returncode in (1, process.UNREAD)
+
+
+def test_json_has_no_number_that_is_not_finite() -> None:
+    value = {"a": [float("inf"), (-float("inf"), 1.5)], "b": {"c": float("nan")}, "d": np.float64("nan"), "e": "inf"}
+    assert json.loads(json_text(value)) == {"a": [None, [None, 1.5]], "b": {"c": None}, "d": None, "e": "inf"}
+
+
+@pytest.mark.parametrize("huge", ["1e300", "1.7e308"])
+def test_a_record_with_huge_values(huge: str, here: Path) -> None:
+    rows = [f"{k / 100},{np.cos(k / 100)},{np.sin(k / 100)}" for k in range(60)]
+    rows[20], rows[30] = f"0.2,{huge},0", f"0.3,-{huge},0"
+    (here / "log.csv").write_text("\n".join(["time,y,tau", *rows]))
+    out, _ = hgogen("run", PENDULUM, "--data", "log.csv", "--time", "time", "--json")
+    assert [one["ahead"] for one in json.loads(out)["predictions"]] == [1, 5, 25, None]
+    assert json.loads((here / "build" / "pendulum" / "log_report.json").read_text()) == json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(None, "never"), (0.0, "0"), (0.002, "0.002"), (0.0096, "0.0096"), (0.01, "0.01"), (9, "9.00")],
+)
+def test_a_short_time_is_told_in_full(value: float | None, shown: str) -> None:
+    assert tables._number(value) == shown
+
+
+# --- input --------------------------------------------------------------------------------------------------
+
+
+def test_a_trial_that_asks_for_more_memory_than_there_is(here: Path) -> None:
+    """At the door: nothing is written; and the duration that the sentence names is taken."""
+    text = PENDULUM.read_text()
+    (here / "long.py").write_text(
+        text + "\nfrom dataclasses import replace\nshort = trial\ndef trial(): return replace(short(), duration=1e9)\n"
+    )
+    for command in ("build", "generate", "simulate"):
+        _, err = hgogen(command, "long.py", status=2)
+        assert "is 1e+12 samples of dt = 0.001 s, which take " in err
+        assert " GiB of memory; take a duration of at most " in err
+    assert [path.name for path in here.iterdir()] == ["long.py"]
+
+
+@posix
+def test_what_is_read_has_an_end(here: Path) -> None:
+    """A pipe with an end is read; a device, a silent pipe and one that never stops are refused."""
+    os.mkfifo("pipe")
+    feed = threading.Thread(target=lambda: Path("pipe").write_bytes(b"a,b\n" * 100_000))
+    feed.start()
+    assert content_of("pipe", 1 << 20) == b"a,b\n" * 100_000
+    feed.join()
+    before = time.monotonic()
+    with pytest.raises(Unread, match="is a pipe that says nothing"):
+        content_of("pipe", 100, silence=0.05)
+    held = os.open("pipe", os.O_RDWR)
+    os.write(held, b"1")
+    with pytest.raises(Unread, match="or has no end"):
+        content_of("pipe", 100, patience=0.05)
+    os.write(held, b"1" * 200)
+    with pytest.raises(Unread, match="holds more than"):
+        content_of("pipe", 100)
+    os.close(held)
+    assert time.monotonic() - before < 30
+    for device in ("/dev/zero", "/dev/null"):
+        with pytest.raises(Unread, match="is a device, whose content may have no end"):
+            content_of(device, 100)
+    for options in (
+        ("run", PENDULUM, "--data", "/dev/zero", "--time", "t"),
+        ("check", "--library", "/dev/zero"),
+        ("recheck", "/dev/zero"),
+    ):
+        assert "is a device" in hgogen(*options, status=2)[1]
+
+
+def test_a_column_without_one_number(here: Path) -> None:
+    (here / "log.csv").write_text("time,y,tau,note\n" + "".join(f"{k / 100},,{k},on\n" for k in range(50)))
+    options = ("run", PENDULUM, "--data", "log.csv", "--time", "time")
+    assert "the column 'y' holds no number for y; say --map y=COLUMN" in hgogen(*options, status=2)[1]
+    said = hgogen(*options, "--map", "y=note", status=2)[1]
+    assert "the column 'note' holds no number for y, but cells such as 'on'" in said
+
+
+def test_two_models_of_one_name(here: Path) -> None:
+    """Each would replace the files of the other."""
+    for folder in ("a", "b"):
+        (here / folder).mkdir()
+    (here / "a" / "one.py").write_text(PENDULUM.read_text())
+    (here / "b" / "ONE.py").write_text(PENDULUM.read_text())
+    assert "have one name" in " ".join(hgogen("generate", "a/one.py", "b/ONE.py", status=2)[1].split())
+    assert not (here / "generated").exists()
+
+
+@posix
+def test_results_are_refused_where_a_folder_leads_elsewhere(here: Path) -> None:
+    (here / "elsewhere").mkdir()
+    (here / "out").mkdir()
+    (here / "out" / "pendulum").symlink_to("../elsewhere")
+    (here / "plain").write_text("kept")
+    (here / "link").symlink_to("plain")
+    os.mkfifo(here / "pipe")
+    assert "is a link, where a folder belongs" in hgogen("generate", PENDULUM, "-o", "out", status=2)[1]
+    for option in ("--certificate=link", "--json=link", "--certificate=pipe", "--json=pipe", "--certificate=/dev/null"):
+        assert ", where a file belongs" in hgogen("check", PENDULUM, option, status=2)[1]
+    assert not list((here / "elsewhere").iterdir())
+    assert (here / "plain").read_text() == "kept"
+    assert (here / "link").is_symlink()
+    assert (here / "pipe").is_fifo()
