@@ -12,8 +12,9 @@ import sympy as sp
 from hgogen.check import Verdict
 from hgogen.door import limits, scalar
 from hgogen.errors import HgogenError
-from hgogen.intervals import bounds
-from hgogen.intervals.bounds import LIMIT, Box, End, Range, Sign, box
+from hgogen.intervals import bounds, sign
+from hgogen.intervals.bounds import LIMIT, Box, End, Range, box
+from hgogen.intervals.sign import Sign
 from hgogen.reading.expression import read
 from hgogen.reading.folding import Fold
 from hgogen.system import System
@@ -68,9 +69,9 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
     """
     limits("nonzero", boxes)
     asked, box, folded = _question("nonzero", expression, where)
-    found = bounds.nonzero(asked, box, boxes=boxes)
+    found = sign.nonzero(asked, box, boxes=boxes)
     if folded and found.verdict is Verdict.PROVED:
-        return replace(found, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded)
+        return replace(found, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded, exact=None)
     return found
 
 

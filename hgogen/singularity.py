@@ -13,7 +13,10 @@ from fractions import Fraction
 from typing import Any
 
 import sympy as sp
+from sympy.combinatorics import Permutation
 
+from hgogen.algebra.branches import ROUGH
+from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
@@ -22,8 +25,10 @@ from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.check import Check, Verdict
 from hgogen.door import asks_a_plant
 from hgogen.intervals.box import box as box_of
-from hgogen.intervals.glance import Interval, contains_zero, enclose
+from hgogen.intervals.glance import Interval
+from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import singular
+from hgogen.structure.chain import on_box
 from hgogen.system import System
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
@@ -32,8 +37,8 @@ LIMIT = 4000
 _WRITTEN = 30_000
 # Derivatives beyond y^(n-1) that a jet on a zero set may use, and how many zero sets one inside the other are followed.
 _FURTHER, _DEPTH = 2, 2
+_BOXES = 500  # of the question whether a factor is 0
 _SHOWN = 8  # terms of a sum that are shown
-_ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
 Row = tuple[int, int]  # (output, order of the derivative), both from 0
 Where = tuple[tuple[sp.Symbol, sp.Expr], ...]
 _STATES, _NAME = "singularity.regular", "singularity.jet_{}"
@@ -127,9 +132,10 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     Parameters stay symbols. A zero set is followed where a factor is linear, with a constant slope, in one of the
     inputs, their derivatives or the states: that symbol is put to its root. `limit` counts nodes of expressions.
     """
-    derived = _Derived(plant, rates(plant, len(plant.states) - 1 + _FURTHER), limit)
+    plain = on_box(plant)
+    derived = _Derived(plain, rates(plain, len(plant.states) - 1 + _FURTHER), limit)
     try:
-        generic = _jet((), derived, len(plant.states) - 1)
+        generic = _triangle(plain) or _jet((), derived, len(plant.states) - 1)
         return Singularity(plant, (generic, *_followed(generic, derived, _DEPTH)))
     except (TooLarge, NoTape) as error:
         rough = without_derivative((*plant.flow, *plant.output)) if isinstance(error, NoTape) else ""
@@ -162,10 +168,10 @@ class _Derived:
                         f"a derivative of an output, written out with {written} nodes, more than {_WRITTEN},"
                     )
                 chain = (*chain, along(chain[-1], self.flow))
+                self._small(chain)
             self.chains[j] = chain
             for i in range(k + 1):
                 if (j, i) not in self.rows:
-                    self._small(chain[: i + 1])
                     self.rows[j, i] = [*(chain[i].diff(x) for x in self.plant.states), chain[i]]
         self._small(e for row in self.rows.values() for e in row)
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
@@ -185,9 +191,9 @@ def _box(plant: System) -> dict[sp.Symbol, Interval]:
 
 
 def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """Those that outward-rounded intervals do not keep away from 0 on the box."""
+    """Those that are not proved to be 0 nowhere on the box."""
     box = _box(plant)
-    return tuple(e for e in factors if contains_zero(enclose(exact(e), box)))
+    return tuple(e for e in factors if not nonzero(e, box, boxes=_BOXES, refute=False).never)
 
 
 def _jet(where: Where, derived: _Derived, last: int) -> Jet:
@@ -203,6 +209,35 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
             factors = (found.value,) if found.factors is None else found.factors
             return Jet(where, chosen, found.value, factors, order, parts)
     return Jet(where, (), sp.S.Zero, None, last)
+
+
+def _triangle(plant: System) -> Jet | None:
+    """The generic jet of a chain, without a derivative: y reads z_1 alone, the rate of z_i no state beyond z_(i+1).
+
+    Then y^(k) reads no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i = dz_i'/dz_(i+1), and
+    d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). None of another plant, of one with kinks,
+    and of one with roots, whose derivatives are singular where the root is not.
+    """
+    order: list[sp.Symbol] = []
+    slopes, row, n = list[sp.Expr](), plant.output[0], len(plant.states)
+    rows = []
+    while len(order) < n:
+        new = [x for x in plant.states if row.has(x) and x not in order]
+        powers = row.atoms(sp.Pow)
+        if len(plant.output) > 1 or len(new) != 1 or row.has(*ROUGH) or any(not p.exp.is_Integer for p in powers):
+            return None
+        rows.append(row)
+        slopes.append(row.diff(new[0]))
+        order += new
+        row = plant.flow[plant.states.index(new[0])]
+    if any(is_zero(slope) is not False for slope in slopes):
+        return None
+    found = [determinant([[slope]]) for slope in slopes]
+    sign = Permutation([plant.states.index(x) for x in order]).signature()
+    value = sign * sp.Mul(*(one.value ** (n - i) for i, one in enumerate(found)))
+    known = [one.factors for one in found if one.factors is not None]
+    factors = tuple(dict.fromkeys(e for part in known for e in part)) if len(known) == n else (value,)
+    return Jet((), tuple((0, k) for k in range(n)), value, factors, n - 1, (*rows, *slopes))
 
 
 def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
@@ -272,7 +307,7 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
         reason = f"derivatives up to order {jet.order} leave the generic rank below {len(plant.states)}"
         return Check(id, claim, Verdict.UNKNOWN, reason)
     reason = f"the determinant of their Jacobian is {_brief(jet.determinant)}"
-    rough = sorted({str(node) for part in jet.parts for node in part.atoms(*_ROUGH)})
+    rough = sorted({str(node) for part in jet.parts for node in part.atoms(*ROUGH)})
     if rough:
         return Check(id, claim, Verdict.UNKNOWN, f"{rough[0]} may not be smooth; {reason}")
     conditions = [f"{_brief(e)} != 0" for e in _open(plant, jet.factors)]

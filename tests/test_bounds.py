@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from hgogen.algebra.variants import STEEP, largest_exponent
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import Range, bound, nonzero
+from hgogen.intervals.bounds import Range, bound
 from hgogen.intervals.box import EmptyBox, box
+from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
 
 u, v, w, p, q = NAMES = sp.symbols("u v w p q")

@@ -247,14 +247,13 @@ def test_a_row_that_jumps_or_bends_in_the_new_state_is_not_linear(flow: list[sp.
 @pytest.mark.parametrize(
     "row", [sp.Abs(NEAR), sp.Min(NEAR, 5), sp.Max(NEAR, 1), sp.Piecewise((NEAR, NEAR > 0), (NEAR + 1, True))]
 )
-def test_a_row_that_jumps_or_bends_outside_the_box_is_unknown(row: sp.Expr) -> None:
-    """On the box the row is NEAR: no point refutes it, and nothing here proves it; the model stays as it is."""
+def test_a_row_that_jumps_or_bends_outside_the_box_alone_is_linear(row: sp.Expr) -> None:
+    """On the box the row is NEAR."""
     form = forms.triangular(plant([row, 0], states=(X1, NEAR)))
-    z2 = form.states[1]
-    assert verdicts(form)["structure"] == "unknown"
+    assert verdicts(form)["structure"] == "proved"
     assert form.to_form == (X1, NEAR)
     assert form.A[0, 1] == 1
-    assert form.b[0].subs(z2, 1.5) == 0
+    assert form.b[0] == 0
     assert_same_numbers(form)
     demand(form.checks)
 
@@ -432,7 +431,8 @@ def test_a_gain_of_a_parameter_that_is_zero() -> None:
         (sp.tan(X1), "unknown", "no uniform bound is shown; it may be singular at cos(x1) = 0"),
         (X1 * sp.sin(1 / X1), "unknown", "no uniform bound is shown; it may be singular at x1 = 0"),
         (sp.asin(X1), "refuted", "no bound towards x1 = 1"),
-        (sp.Piecewise((X1, X1 > 0), (0, True)), "unknown", "may jump"),
+        (sp.Piecewise((X1, X1 > 0), (0, True)), "proved", ""),
+        (sp.Piecewise((X1 + 1, X1 > 0), (0, True)), "unknown", "may jump"),
         (1 / X1 + sp.exp(400 * X2), "refuted", "no bound towards x1 = 0"),
         (X1 * sp.sign(X2), "unknown", "sign(x2) may jump"),
         (sp.Mod(X1, 1), "unknown", "may jump"),

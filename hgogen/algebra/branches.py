@@ -15,8 +15,12 @@ import flint
 import sympy as sp
 
 from hgogen.algebra.field import Field, Root
+from hgogen.algebra.kinks import Direction, Norm
 
-ROUGH = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, sp.nan, sp.zoo, sp.oo)
+ROUGH = (
+    *(sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, Norm, Direction),
+    *(sp.nan, sp.zoo, sp.oo),
+)
 
 
 def branches(field: Field) -> bool:

@@ -42,6 +42,8 @@ def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction])
     if op == "root":
         exponent = Fraction(value or 0)
         return _whole(_root(args[0], exponent.denominator), exponent.numerator)
+    if op == "direction":
+        return _direction(args, int(value or 0))
     rule = _RULES.get(op)
     return rule(*args) if rule else _NAN
 
@@ -68,6 +70,18 @@ def _atan2(y: Ball, x: Ball) -> Ball:
 
 def _sign(a: Ball) -> Ball:
     return arb(1) if a > 0 else arb(-1) if a < 0 else arb(0) if a.is_zero() else _NAN
+
+
+def _norm(*parts: Ball) -> Ball:
+    return sum((a**2 for a in parts), start=arb(0)).sqrt() if all(a.is_finite() for a in parts) else _NAN
+
+
+def _direction(parts: Sequence[Ball], index: int) -> Ball:
+    """Undefined at 0."""
+    if len(parts) == 1:
+        return _NAN if parts[0].contains(0) else _sign(parts[0])
+    size = _norm(*parts)
+    return parts[index] / size if size > 0 else _NAN
 
 
 def _step(a: Ball, at_zero: Ball = None) -> Ball:
@@ -119,6 +133,7 @@ _RULES: dict[str, Callable[..., Any]] = {
     "exp": arb.exp,
     "log": lambda a: a.log() if a > 0 else _NAN,
     "abs": abs,
+    "norm": _norm,
     "sign": _sign,
     "heaviside": _step,
     "atan2": _atan2,

@@ -18,6 +18,7 @@ from functools import reduce
 
 import sympy as sp
 
+from hgogen.algebra.kinks import Norm
 from hgogen.errors import HgogenError
 
 # A multiple of an angle, the terms and the operations of one argument beyond these would only cost time.
@@ -109,7 +110,7 @@ class Writer:
             return self._exponential(node)
         if isinstance(node, sp.log):
             return self._log(_canonical(node.args[0]))
-        if isinstance(node, sp.Abs):
+        if isinstance(node, sp.Abs) or (isinstance(node, Norm) and len(node.args) == 1):
             return self._abs(node.args[0])
         if isinstance(node, (sp.Min, sp.Max)):
             sign = 1 if isinstance(node, sp.Max) else -1

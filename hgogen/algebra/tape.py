@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import sympy as sp
 
+from hgogen.algebra.kinks import Direction, Norm
 from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.errors import HgogenError
 
@@ -53,7 +54,8 @@ class Instruction(NamedTuple):
 
     `op`: "symbol" (`value`: its index), "number" (a Fraction), "constant" ("pi" or "e"), "add", "mul", "min", "max",
     "and", "or" (two `args`), "power" (`value`: the whole exponent), "root" (`value`: a rational exponent that is not
-    whole), "raise" (base, exponent), the relations "less", "less_equal", "equal", "unequal" and "not", "true", "false",
+    whole), "raise" (base, exponent), "norm", "direction" (`value`: which of the `args`),
+    the relations "less", "less_equal", "equal", "unequal" and "not", "true", "false",
     "piecewise" (value, condition, value, condition, ...), or a function's name. `args` are indices of instructions
     before it.
     """
@@ -129,6 +131,10 @@ class _Writer:
             return self._put(op, tuple(reversed(args) if swapped else args))
         if kind in _FUNCTIONS:
             return self._put(_FUNCTIONS[kind], tuple(args))
+        if kind is Norm:
+            return self._put("norm" if len(args) > 1 else "abs", tuple(args))
+        if kind is Direction:
+            return self._put("direction", tuple(args), int(node.args[0]))
         if kind is sp.Piecewise:
             return self._put("piecewise", tuple(args))
         if node in (sp.true, sp.false):
@@ -152,4 +158,4 @@ def _parts(node: sp.Basic) -> tuple[sp.Basic, ...]:
         return (node.base,)
     if isinstance(node, sp.Piecewise):
         return tuple(part for pair in node.args for part in pair.args)
-    return tuple(node.args)
+    return tuple(node.args[1:] if isinstance(node, Direction) else node.args)

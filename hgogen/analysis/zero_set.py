@@ -11,18 +11,17 @@ from flint import arb
 
 from hgogen.algebra.angles import degrees, even, factored
 from hgogen.algebra.elimination import Product
+from hgogen.algebra.factors import definite
 from hgogen.algebra.field import Field
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.powers import Power
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import tape
-from hgogen.check import Verdict
-from hgogen.intervals.bounds import nonzero
+from hgogen.intervals.sign import nonzero
 
 _TERMS = 1500  # of all factors: more cannot be read
-_FEW = 3  # symbols, and boxes, of a factor that bounds are asked whether it ever vanishes
-_BOXES, _BITS = 40, 256
+_BOXES, _BITS = 40, 256  # of the question whether a factor ever vanishes; of samples
 _SAMPLES, _GRID = 24, 9  # points, and of what fractions
 
 
@@ -64,8 +63,8 @@ def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None
 
     Raises: `TooLarge`.
     """
-    kept = [one.polynomial for one in parts if one.exponent > 0 and not _definite(field, one.polynomial)]
-    poles = [one.polynomial for one in parts if one.exponent < 0 and not _definite(field, one.polynomial)]
+    kept = [one.polynomial for one in parts if one.exponent > 0 and not definite(field, one.polynomial)]
+    poles = [one.polynomial for one in parts if one.exponent < 0 and not definite(field, one.polynomial)]
     if sum(map(len, kept)) > _TERMS:
         raise TooLarge("the determinant")
     if any(_symbolic(field, p) for p in kept) or (kept and poles and any(_related(field, p) for p in (*kept, *poles))):
@@ -108,37 +107,9 @@ def _related(field: Field, polynomial: Any) -> bool:
     return any(polynomial.degrees()[g] for g in doubtful)
 
 
-# ---------------------------------------------------------------- what never vanishes
-
-
-def _definite(field: Field, polynomial: Any) -> bool:
-    """Terms of one sign, in squares and what is never negative, one of them never 0."""
-    terms = list(polynomial.terms())
-    if len({c > 0 for _, c in terms}) > 1:
-        return False
-    nonnegative = {root.index for root in field.roots if root.degree % 2 == 0}
-    positive = {k for k, m in field.exponents.items() if not m.has(sp.log)}  # x**a is 0 at x = 0
-    positive |= {k for k, g in enumerate(field.generators) if g.is_positive}
-    read = [{k for k, d in enumerate(exponents) if d} for exponents, _ in terms]
-    odd = {k for exponents, _ in terms for k, d in enumerate(exponents) if d % 2}
-    return odd <= positive | nonnegative and any(one <= positive for one in read)
-
-
 def _never(e: sp.Expr) -> bool:
     """Whether the factor is proved to be 0 for no real values of its symbols."""
-    if not e.free_symbols:
-        return e.is_zero is False
-    if len(e.free_symbols) > _FEW or _may_vanish(e):
-        return False
-    return nonzero(e, dict.fromkeys(e.free_symbols, (-inf, inf)), boxes=_BOXES).verdict is Verdict.PROVED
-
-
-def _may_vanish(e: sp.Expr) -> bool:
-    """Whether sample points show both signs, or 0, or nothing: then bounds are not asked."""
-    symbols = sorted(e.free_symbols, key=str)
-    program = tape((e,), symbols)
-    found = [ball for ball in (values(program, point)[0] for point in _points(len(symbols), 0)) if ball.is_finite()]
-    return not found or not (all(ball > 0 for ball in found) or all(ball < 0 for ball in found))
+    return nonzero(e, dict.fromkeys(e.free_symbols, (-inf, inf)), boxes=_BOXES, refute=False).never
 
 
 def _signed(e: sp.Expr) -> sp.Expr:

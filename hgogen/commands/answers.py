@@ -24,7 +24,9 @@ from hgogen.analysis.gauthier_bornard import gauthier_bornard
 from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import Sign, bound, nonzero
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.one_sided import one_sided
+from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.entry import Entry
 from hgogen.reading.expression import parse
@@ -71,7 +73,8 @@ class _Forms:
     @cached_property
     def rows(self) -> Rows:
         e = self.entry
-        return Rows(e.states, e.flow, e.outputs, e.output, e.inner or {})
+        flow, output = (tuple(one_sided(row, e.outer) for row in rows) for rows in (e.flow, e.output))
+        return Rows(e.states, flow, e.outputs, output, e.inner or {})
 
     @cached_property
     def chains(self) -> Chains:
@@ -205,7 +208,7 @@ def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
     low, high = found.low, found.high
     if sign.verdict is Verdict.PROVED:
         near, far = (low, high) if sign.sign > 0 else (-high, -low)
-        return [max(near, sign.margin), far]
+        return [max(near, float(sign.margin)), far]
     return [max(low, -high, 0.0), max(-low, high)]
 
 

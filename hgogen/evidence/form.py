@@ -7,19 +7,23 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
 import sympy as sp
 from sympy.printing.str import StrPrinter
 
+from hgogen.algebra.kinks import slope
 from hgogen.algebra.points import exact
 from hgogen.analysis.determinant import determinant
 from hgogen.analysis.lie import derivatives, rates
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
-from hgogen.intervals.bounds import Range, bound, box, nonzero
+from hgogen.intervals.bounds import Range, bound, box
+from hgogen.intervals.digits import up
 from hgogen.intervals.proof import Proof
+from hgogen.intervals.sign import Cause, nonzero
 
 Evidence = dict[str, Any]
 Sides = Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]]
@@ -58,7 +62,7 @@ def outward(value: float | Fraction, way: int) -> Fraction:
     """A number of 12 significant digits at or above the value (`way` 1), or at or below it (-1)."""
     if not value:
         return Fraction(0)
-    step = Fraction(10) ** int(math.floor(math.log10(abs(float(value)))) + 1 - _DIGITS)
+    step: Fraction = Fraction(10) ** (Decimal(up(abs(Fraction(value)))).adjusted() + 1 - _DIGITS)
     steps = Fraction(value) / step
     return step * (math.ceil(steps) if way > 0 else math.floor(steps))
 
@@ -157,7 +161,7 @@ def _no_gain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     where = _box(form, a.free_symbols)
     found = nonzero(a, where)
     least = found.range.least
-    if found.verdict is Verdict.REFUTED and found.reason != "changes sign":  # else it is next to the zero only
+    if found.cause in (Cause.ZERO, Cause.UNDEFINED, Cause.PART):  # else it is next to the zero only
         point = found.witness
     elif least is not None and least.value < 0:
         point = least.point
@@ -184,7 +188,7 @@ def _slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
 
 def _rate_slope(form: Form, index: int) -> sp.Expr:
     rate = form.output[0] if index == 1 else form.flow[index - 2]
-    return exact(sp.sympify(rate).diff(form.states[index - 1]))
+    return exact(slope(sp.sympify(rate), form.states[index - 1]))
 
 
 def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
@@ -196,7 +200,7 @@ def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None
     points: dict[str, Mapping[Any, Any]] = {}
     if least is not None and most is not None and least.value < 0 < most.value:
         points = {"witness": least.point, "other": most.point}
-    elif found.verdict is Verdict.REFUTED and found.reason == "vanishes":
+    elif found.cause is Cause.ZERO:
         points = {"witness": found.witness}
     told = {key: {s.name: str(point[s]) for s in where if s in point} for key, point in points.items()}
     return {"expression": text(form, slope), **told} if told else None

@@ -23,8 +23,9 @@ from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, wit
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.intervals.bounds import Box, Sign, bound, box, nonzero
+from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.digits import down
+from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import singular
 from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in

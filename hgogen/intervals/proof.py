@@ -44,12 +44,12 @@ class Grounds:
     fact: Any = field(hash=False)
 
 
-def ends(low: float, high: float) -> tuple[Fraction | None, Fraction | None]:
+def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
     """Bounds a little outside; one of the sign that it had, if it had one; None for an infinite one."""
     return _moved(low, -1), _moved(high, 1)
 
 
-def _moved(value: float, way: int) -> Fraction | None:
+def _moved(value: Fraction | float, way: int) -> Fraction | None:
     if abs(value) == float("inf"):
         return None
     return Fraction(value) + way * abs(Fraction(value)) * _SLACK

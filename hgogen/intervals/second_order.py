@@ -24,9 +24,9 @@ import sympy as sp
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import Tape, tape
 from hgogen.check import Verdict
-from hgogen.intervals.bounds import Sign, nonzero
 from hgogen.intervals.box import Box, Point, Sides
 from hgogen.intervals.proof import Proof, ends
+from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.slope import lipschitz_bound
 
 _GRID = 1024  # of a side: samples are exact

@@ -13,6 +13,7 @@ from itertools import islice
 
 import sympy as sp
 
+from hgogen.algebra.kinks import Norm, bent
 from hgogen.algebra.points import exact, kind, put
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
@@ -23,7 +24,7 @@ from hgogen.intervals.zeros import special_point
 
 # What jumps hides from the symbolic derivative, and what bends is better read by slopes.
 JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2)
-KINKS = (sp.Abs, sp.Min, sp.Max)
+KINKS = (sp.Abs, sp.Min, sp.Max, Norm)
 
 LIMIT = 4000
 _FIRST = 500  # boxes before a singular point is looked for
@@ -70,7 +71,7 @@ def lipschitz_bound(
         return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, "it is not a finite real number", 0, around.symbols)
     if not read:
         return _constant(rows, around, boxes)
-    vector = _field(rows, read, around)
+    vector = _field([bent(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
     found = steepest(vector, around.outer, relative, min(boxes, _FIRST))
     steep = None if found.bounded else _endless(rows, read, around)

@@ -12,6 +12,7 @@ from itertools import islice, product
 import numpy as np
 import sympy as sp
 
+from hgogen.algebra.kinks import jump
 from hgogen.algebra.points import kind, put
 from hgogen.algebra.tape import Tape
 from hgogen.algebra.variants import STEEP, largest_exponent
@@ -52,8 +53,8 @@ def special_point(
 
 
 def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, above: Point) -> Point:
-    """A zero, or a point next to one, on the line from a point where the expression is negative to one where it is
-    positive; the expression is continuous there."""
+    """A zero, a kink at which the sign jumps, or a point next to one, on the line from a point where the expression is
+    negative to one where it is positive; the expression is continuous there."""
     for _ in range(_STEPS):
         centre = {s: Fraction(number((below[s] + above[s]) / 2)[0]) for s in sides.symbols}
         if centre in (below, above) or not sides.contains(centre):
@@ -68,7 +69,9 @@ def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, abo
     if largest_exponent(expression) > STEEP:
         return below
     for point in (_simplest(below, above), centre):
-        if sides.contains(point) and kind(expression, _rational(point)) == "= 0":
+        if sides.contains(point) and (
+            kind(expression, _rational(point)) == "= 0" or jump(expression, _rational(point)) is not None
+        ):
             return point
     return below
 

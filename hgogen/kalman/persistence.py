@@ -27,7 +27,8 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
-from hgogen.intervals.bounds import Box, bound, box, nonzero
+from hgogen.intervals.bounds import Box, bound, box
+from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.observer import BadGain
 from hgogen.reading.expression import parse

@@ -18,7 +18,8 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
-from hgogen.intervals.bounds import Box, bound, nonzero
+from hgogen.intervals.bounds import Box, bound
+from hgogen.intervals.sign import nonzero
 
 _LENGTH = 60  # of an expression in a sentence
 

@@ -8,10 +8,11 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.algebra.identity import free_of
+from hgogen.algebra.kinks import slope
 from hgogen.check import Verdict
 from hgogen.signal import Signal
 from hgogen.structure.apart import apart
-from hgogen.structure.chain import Rows, listed, of_plant, slope_in
+from hgogen.structure.chain import Rows, listed, of_plant
 from hgogen.structure.dynamics import Dynamics
 from hgogen.system import System
 
@@ -44,7 +45,7 @@ def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Aff
     none, slopes, rest, may = (sp.S.Zero,) * len(states), [], row, list[sp.Symbol]()
     for x in states:
         sure, maybe = rows.reads(row, (x,))
-        gain = free_of(slope_in(row, x), states, rows.box) if sure or maybe else sp.S.Zero
+        gain = free_of(slope(row, x), states, rows.box) if sure or maybe else sp.S.Zero
         varies, may_vary = rows.reads(gain, states)
         if varies:
             why = f"{name} has the slope {gain} in {x}, which varies with {listed(varies)}"

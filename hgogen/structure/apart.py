@@ -4,8 +4,9 @@ import sympy as sp
 
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, Verdict
-from hgogen.intervals.bounds import box, nonzero
+from hgogen.intervals.bounds import box
 from hgogen.intervals.digits import down
+from hgogen.intervals.sign import nonzero
 from hgogen.system import System
 
 

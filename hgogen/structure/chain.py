@@ -10,15 +10,18 @@ False only where that is proved, else None.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 
 import sympy as sp
 
 from hgogen.algebra.identity import Box, dependence, free_of, is_zero
+from hgogen.algebra.kinks import bent
+from hgogen.algebra.kinks import slope as slope_of
 from hgogen.algebra.points import put
 from hgogen.intervals.box import box
+from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.slope import JUMPS
 from hgogen.system import System
 
@@ -63,11 +66,17 @@ class Rows:
 
 
 def of_plant(plant: System) -> Rows:
-    """The rows of a plant on its box; a parameter without a range has its value."""
-    fixed = {p: (value, value) for p, value in plant.nominal.items() if not p.bounded}
-    return Rows(
-        plant.states, plant.flow, tuple(y.name for y in plant.outputs), plant.output, box(plant.signals) | fixed
-    )
+    """The rows of a plant on its box, without kinks whose side the box decides; a parameter without a range has its
+    value."""
+    plain, around = on_box(plant), box(plant.signals, plant.nominal)
+    return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
+
+
+def on_box(plant: System) -> System:
+    """The plant without kinks and jumps whose side its box decides."""
+    around = box(plant.signals, plant.nominal)
+    flow, output = (tuple(one_sided(row, around) for row in rows) for rows in (plant.flow, plant.output))
+    return plant if (flow, output) == (plant.flow, plant.output) else replace(plant, flow=flow, output=output)
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class Link:
     @property
     def jumps(self) -> str:
         """A part in which the row may jump in its state, which its slope does not see; "" without."""
-        rough = () if self.affine else (str(node) for node in self.row.atoms(*JUMPS) if node.has(self.state))
+        rough = () if self.affine else (str(node) for node in bent(self.row).atoms(*JUMPS) if node.has(self.state))
         return min(rough, default="")
 
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
@@ -221,7 +230,7 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
     """The row as a link to the first of the new states; the others are strays."""
     state, strays = new[0], tuple(new[1:])
     clean = free_of(row, [x for x in rows.states if x not in new], rows.box)
-    slope = slope_in(clean, state)
+    slope = slope_of(clean, state)
     gain, rest, affine = _line(row, clean, state, slope, rows)
     varies, may_vary = rows.reads(gain, rows.states)
     if affine is False and not varies:
@@ -229,13 +238,6 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
     still = is_zero(slope, rows.box)
     moves = None if still is None else not still
     return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
-
-
-def slope_in(row: sp.Expr, state: sp.Symbol) -> sp.Expr:
-    """d row/d state over the reals: SymPy's |x| of a complex x has another derivative."""
-    plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
-    slope = row.xreplace(plain).diff(plain.get(state, state))
-    return slope.xreplace({dummy: s for s, dummy in plain.items()})
 
 
 def _line(

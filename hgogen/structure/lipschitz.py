@@ -9,10 +9,12 @@ from dataclasses import replace
 
 import sympy as sp
 
+from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
+from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.singular import singular
 from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
@@ -34,7 +36,7 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") ->
         return Check(id, f"{name} is Lipschitz in the state on the box", verdict, reason, fix=fix)
 
     box = box_of(system.signals, system.nominal)
-    rows = tuple(b)
+    rows = tuple(one_sided(row, box) for row in b)
     try:
         found = lipschitz_bound(rows, system.states, box)
     except NoTape as missing:
@@ -47,7 +49,7 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") ->
         return _refuted(
             answer(Verdict.REFUTED, found.reason, "Narrow the ranges so that it stays away from there."), found
         )
-    jumps = sorted({str(node) for row in rows for node in row.atoms(*JUMPS) if node.has(*system.states)})
+    jumps = sorted({str(node) for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)})
     if jumps:
         return answer(Verdict.UNKNOWN, f"{jumps[0]} may jump", "Write saturations with sympy.Min and sympy.Max.")
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]

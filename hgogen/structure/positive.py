@@ -7,9 +7,11 @@ import sympy as sp
 from hgogen.algebra.points import exact, kind, points, settled
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, Verdict
-from hgogen.intervals.bounds import Range, Sign, bound, box, nonzero
+from hgogen.intervals.bounds import Range, bound, box
+from hgogen.intervals.box import End
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Proof, ends
+from hgogen.intervals.sign import Sign, nonzero
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -59,25 +61,28 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
     """Once the sign is proved, as tight a range as there is."""
     around = box(system.signals, system.nominal)
-    found = bound(a, around)
-    low, high = max(found.low, first.range.low), min(found.high, first.range.high)
+    found = first.range if first.exact else bound(a, around)
+    low, high = first.exact or (max(found.low, first.range.low), min(found.high, first.range.high))
     if high == float("inf"):
         return _unknown(check, f"{found.boxes} boxes give no upper bound", signals)
     tightest = found if found.low > 0 else first.range
+    sure = first.exact or (tightest.low, tightest.high)
     proof = Proof(
         "range",
         (a,),
         {s: around[s] for s in signals},
-        *ends(tightest.low, tightest.high),
+        *ends(*sure),
         tightest.variables,
         tightest.tree,
     )
     return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, found, first), proofs=(proof,))
 
 
-def _range(a: sp.Expr, low: float, high: float, found: Range, first: Sign) -> str:
+def _range(a: sp.Expr, low: End, high: End, found: Range, first: Sign) -> str:
     if a.is_Rational:
         return f"it is {a}"
+    if first.exact:
+        return f"between {down(low)} and {up(high)}, by {first.reason}"
     boxes = max(found.boxes, first.range.boxes)
     return (
         f"between {down(low)} and {up(high)}, by outward-rounded intervals on {boxes} box{'' if boxes == 1 else 'es'}"

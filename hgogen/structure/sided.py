@@ -13,9 +13,9 @@ import sympy as sp
 
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.intervals.bounds import nonzero
 from hgogen.intervals.box import Box, box
 from hgogen.intervals.digits import down
+from hgogen.intervals.sign import nonzero
 from hgogen.structure.inverse import tidy
 
 _BOXES = 2000  # a bound away from 0 need not be the best

@@ -1,0 +1,251 @@
+"""Kinks: |e|, max, min and sqrt(e_1^2 + .. + e_k^2) as norms, whose slopes at the kink are sets.
+
+    d|e|/dx = s e' with s = -1 where e < 0, s = 1 where e > 0,   d|(e_1, .., e_k)|/dx = sum_i s_i e_i',  s_i = e_i/|e|
+
+At e = 0 any s in the unit ball stands for the slope: the hull of the limits of the slope there (F. H. Clarke,
+"Optimization and nonsmooth analysis", 1983, theorem 2.5.1). SymPy's sign(0) = 0 would be one number of them.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import reduce
+from itertools import combinations
+from typing import Any
+
+import sympy as sp
+
+from hgogen.algebra.points import exact, put
+
+_LARGE = 400  # operations of a root's argument, of a piecewise expression, that are looked at
+
+
+class Norm(sp.Function):  # type: ignore[misc]
+    """sqrt(e_1^2 + .. + e_k^2); of one argument |e|."""
+
+    is_real = True
+    is_nonnegative = True
+
+    @classmethod
+    def eval(cls, *args: sp.Expr) -> sp.Expr | None:
+        """Numbers as their norm, and |-e| as |e|."""
+        if all(e.is_number for e in args):
+            return sp.sqrt(sp.Add(*(e**2 for e in args)))
+        if len(args) == 1:
+            factor, rest = args[0].as_coeff_Mul(rational=True)
+            if rest.could_extract_minus_sign():
+                rest = -rest
+            return None if rest == args[0] else abs(factor) * cls(rest)
+        return None
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        terms = (Direction(sp.Integer(i), *self.args) * e.diff(s) for i, e in enumerate(self.args) if e.has(s))
+        return sp.Add(*terms)
+
+    def _sympystr(self, printer: Any) -> str:
+        return str(printer.doprint(self.plain()))
+
+    def _latex(self, printer: Any, exp: str | None = None) -> str:
+        text = str(printer.doprint(self.plain()))
+        return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
+
+    def plain(self) -> sp.Expr:
+        """As SymPy has it."""
+        return sp.Abs(self.args[0]) if len(self.args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in self.args)))
+
+
+class Direction(sp.Function):  # type: ignore[misc]
+    """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, and at e = 0 every number of [-1, 1]; of one e it is the sign else."""
+
+    is_real = True
+
+    @classmethod
+    def eval(cls, index: sp.Integer, *args: sp.Expr) -> sp.Expr | None:
+        """Of one argument the sign where that is known; without numbers before it."""
+        if len(args) > 1:
+            return None
+        if args[0].is_positive or args[0].is_negative:
+            return sp.S.One if args[0].is_positive else sp.S.NegativeOne
+        factor, rest = args[0].as_coeff_Mul(rational=True)
+        if rest.could_extract_minus_sign():
+            factor, rest = -factor, -rest
+        return None if factor == 1 or not rest.free_symbols else sp.sign(factor) * cls(index, rest)
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        """Of one e there is none at 0."""
+        e, *more = self.args[1:]
+        if not more:
+            return 2 * sp.DiracDelta(e) * e.diff(s)
+        top, size = self.args[1 + int(self.args[0])], Norm(*self.args[1:])
+        return top.diff(s) / size - top * size.diff(s) / size**2
+
+    def _sympystr(self, printer: Any) -> str:
+        return str(printer.doprint(self.plain()))
+
+    def _latex(self, printer: Any, exp: str | None = None) -> str:
+        text = str(printer.doprint(self.plain()))
+        return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
+
+    def plain(self) -> sp.Expr:
+        """As SymPy has it, sign(e) or e_i/|e|, without the set at 0; only to be read."""
+        e, *more = self.args[1:]
+        if not more:
+            return sp.sign(e, evaluate=False)
+        return sp.Mul(self.args[1 + int(self.args[0])], 1 / Norm(e, *more).plain(), evaluate=False)
+
+
+def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+    """d row/d symbol over the reals, where the row has one; at a kink the set of slopes next to it, in `Direction`."""
+    return over_reals(lambda e, x: _bent(e).diff(x), row, symbol)
+
+
+def bent(row: sp.Expr) -> sp.Expr:
+    """The same function over the reals, its kinks as `Norm`: |e|, max, min, roots of sums of squares, e sign(e), and
+    what is continuous of Piecewise."""
+    return over_reals(lambda e, _: _bent(e), row)
+
+
+def over_reals(
+    function: Callable[[sp.Expr, sp.Symbol], sp.Expr], row: sp.Expr, symbol: sp.Symbol | None = None
+) -> sp.Expr:
+    """A function of an expression (and a symbol) with real symbols: SymPy's |x| of a complex x has another slope."""
+    plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
+    found = function(row.xreplace(plain), plain.get(symbol, symbol))
+    return found.xreplace({dummy: s for s, dummy in plain.items()})
+
+
+def _bent(e: sp.Expr) -> sp.Expr:
+    if not e.has(sp.Abs, sp.Min, sp.Max, sp.Piecewise, sp.sign) and not any(_rooted(p) for p in e.atoms(sp.Pow)):
+        return e
+    return _node(e.func(*map(_bent, e.args)) if e.args and not isinstance(e, sp.Piecewise) else e)
+
+
+def _rooted(node: sp.Pow) -> bool:
+    return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
+
+
+def _node(e: sp.Expr) -> sp.Expr:
+    if isinstance(e, sp.Abs):
+        return Norm(e.args[0])
+    if isinstance(e, (sp.Min, sp.Max)):
+        sign = 1 if isinstance(e, sp.Max) else -1
+        return reduce(lambda a, b: (a + b + sign * Norm(a - b)) / 2, e.args)
+    if isinstance(e, sp.Piecewise):
+        return _joined(e)
+    if isinstance(e, sp.Pow) and _rooted(e):
+        squares = _squares(e.base)
+        return e if squares is None else Norm(*squares) ** e.exp.p
+    if isinstance(e, sp.Mul):
+        return signed(e)
+    return e
+
+
+def signed(e: sp.Mul) -> sp.Expr:
+    """e sign(e) as |e|; itself without."""
+    for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
+        (base,), rest = node.args, e / node
+        powers = (factor.as_base_exp() for factor in sp.Mul.make_args(rest))
+        if any(b == base and k.is_Integer and k > 0 for b, k in powers):
+            found = rest / base * Norm(base)
+            return signed(found) if isinstance(found, sp.Mul) else found
+    return e
+
+
+def _squares(e: sp.Expr) -> list[sp.Expr] | None:
+    """e_1 .. e_k, polynomials or functions, with e = e_1^2 + .. + e_k^2; numbers among them are not negative."""
+    if e.count_ops() > _LARGE:
+        return None
+    found = []
+    for term in sp.Add.make_args(e):
+        root = _square(term)
+        if root is None:
+            return _as_square(e)
+        found.append(root)
+    return found
+
+
+def _as_square(e: sp.Expr) -> list[sp.Expr] | None:
+    """The one root of a sum that is a square."""
+    if not e.is_polynomial(*e.free_symbols):
+        return None
+    root = _square(sp.factor(e))
+    return None if root is None else [root]
+
+
+def _square(term: sp.Expr) -> sp.Expr | None:
+    """The root of a square, None of anything else."""
+    number, rest = term.as_coeff_Mul(rational=True)
+    if number < 0:
+        return None
+    factors = sp.Mul.make_args(rest) if rest != 1 else ()
+    roots = []
+    for factor in factors:
+        base, exponent = factor.as_base_exp() if factor.is_Pow and factor.exp.is_Integer else (factor, sp.S.One)
+        if not (exponent.is_Integer and exponent > 0 and exponent % 2 == 0):
+            return None
+        roots.append(base ** (exponent / 2))
+    return sp.Mul(sp.sqrt(number), *roots)
+
+
+# ---------------------------------------------------------------- Piecewise
+
+
+def _joined(e: sp.Piecewise) -> sp.Expr:
+    """b + sum_i g_i (c_i + |c_i|)/2 for (b + g_i c_i where c_i > 0, .., else b), no two c_i above 0 at once: of
+    polynomials alone, so that all branches have values everywhere; itself where that is not its shape."""
+    *branches, (rest, last) = [tuple(pair.args) for pair in exact(e).args]
+    kinds = (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)
+    if last != sp.true or e.count_ops() > _LARGE or not all(isinstance(where, kinds) for _, where in branches):
+        return e
+    rest = _bent(rest)
+    conditions = [sp.expand(where.gts - where.lts) for _, where in branches]
+    if not all(_apart(a, b) for a, b in combinations(conditions, 2)):
+        return e
+    total = rest
+    for (value, _), c in zip(branches, conditions, strict=True):
+        rise = sp.expand(_bent(value) - rest)
+        if not all(map(_polynomial, (rise, rest, c))):
+            return e
+        quotient, left = _divided(rise, c)
+        if left != 0:
+            return e
+        total += quotient * (c + Norm(c)) / 2
+    return total
+
+
+def _apart(a: sp.Expr, b: sp.Expr) -> bool:
+    """Whether a positive multiple of b is a number below -a: then they are not positive at once."""
+    symbols = sorted(a.free_symbols & b.free_symbols, key=str)
+    ratio = -a.coeff(symbols[0]) / b.coeff(symbols[0]) if symbols and b.coeff(symbols[0]) != 0 else sp.S.Zero
+    return bool(ratio.is_positive and sp.expand(a + ratio * b).is_nonpositive)
+
+
+def _polynomial(e: sp.Expr) -> bool:
+    """In symbols and norms of polynomials: it has a value everywhere."""
+    if isinstance(e, sp.Pow):
+        return bool(e.exp.is_Integer and e.exp > 0) and _polynomial(e.base)
+    if isinstance(e, (sp.Add, sp.Mul, Norm)):
+        return all(map(_polynomial, e.args))
+    return bool(e.is_Symbol or e.is_Rational)
+
+
+def _divided(top: sp.Expr, bottom: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """Quotient and remainder of polynomials in symbols and norms."""
+    stands = {node: sp.Dummy() for node in top.atoms(Norm) | bottom.atoms(Norm)}
+    back = {dummy: node for node, dummy in stands.items()}
+    top, bottom = top.xreplace(stands), bottom.xreplace(stands)
+    letters = sorted(top.free_symbols | bottom.free_symbols, key=str)
+    if not bottom.free_symbols:
+        return sp.S.Zero, sp.S.One
+    quotient, left = sp.div(top, bottom, *letters)
+    return quotient.xreplace(back), left.xreplace(back)
+
+
+def jump(expression: sp.Expr, point: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, sp.Expr] | None:
+    """The values on the two sides of the one kink |e| on which a point lies, where they have opposite signs."""
+    there = put(expression, point)
+    kinks = set() if there is None else {node for node in there.atoms(Direction) if len(node.args) == 2}
+    if there is None or len(kinks) != 1 or there.free_symbols:
+        return None
+    (kink,) = kinks
+    low, high = (there.xreplace({kink: side}) for side in (sp.S.NegativeOne, sp.S.One))
+    opposite = (low.is_negative and high.is_positive) or (low.is_positive and high.is_negative)
+    return (low, high) if opposite else None

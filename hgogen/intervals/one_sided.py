@@ -1,0 +1,126 @@
+"""The same function on a box, without the kinks and jumps whose side the box decides: |x| is x where x >= 0.
+
+What is proved of a side is proved in exact or outward-rounded arithmetic, on the closed box.
+"""
+
+from collections.abc import Iterable
+
+import sympy as sp
+
+from hgogen.algebra.kinks import Norm, bent, signed
+from hgogen.algebra.tape import NoTape
+from hgogen.check import Verdict
+from hgogen.intervals.box import Box
+from hgogen.intervals.rational import rational
+from hgogen.intervals.sign import nonzero
+
+_KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise)
+_OPERATIONS = 200  # of an argument whose side is asked for
+_BOXES = 60
+_STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
+
+
+def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
+    """The expression where its symbols are in the box; equal to it wherever it is defined there."""
+    if not expression.has(*_KINDS) and not any(_rooted(node) for node in expression.atoms(sp.Pow)):
+        return expression
+    return _visited(expression, box)
+
+
+def _rooted(node: sp.Pow) -> bool:
+    return bool(node.exp.is_Rational and node.exp.q == 2 and node.base.free_symbols)
+
+
+def _visited(node: sp.Expr, box: Box) -> sp.Expr:
+    if isinstance(node, sp.Piecewise):
+        return _chosen(node, box)
+    if not node.args:
+        return node
+    args = [_visited(part, box) if isinstance(part, sp.Expr) else part for part in node.args]
+    if isinstance(node, (sp.Min, sp.Max)):
+        return _extreme(type(node), args, box)
+    found = node if args == list(node.args) else node.func(*args)
+    if isinstance(found, sp.Mul) and any(isinstance(part, sp.sign) for part in found.args):
+        whole = signed(found)
+        return found if whole == found else _visited(whole, box)
+    if isinstance(found, sp.Abs) or (isinstance(found, Norm) and len(found.args) == 1):
+        return _size(found.args[0], box)
+    if isinstance(found, sp.sign):
+        return sp.Integer(_strict(found.args[0], box)) or found
+    if isinstance(found, sp.Heaviside):
+        way = _strict(found.args[0], box)
+        return found if way == 0 else sp.Integer(way > 0)
+    if isinstance(found, sp.Pow) and _rooted(found):
+        whole = bent(found)
+        return found if whole == found or not whole.is_Function or len(whole.args) > 1 else _size(whole.args[0], box)
+    return found
+
+
+def _size(argument: sp.Expr, box: Box) -> sp.Expr:
+    """|e|, factor by factor."""
+    sized: list[sp.Expr] = []
+    rest: list[sp.Expr] = []
+    for factor in sp.Mul.make_args(argument):
+        way = _side(factor, box)
+        (sized if way else rest).append(way * factor if way else factor)
+    return sp.Mul(*sized, sp.Abs(sp.Mul(*rest)))
+
+
+def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
+    """Min or Max of those that may be it."""
+    way = 1 if kind is sp.Max else -1
+    kept: list[sp.Expr] = []
+    for a in args:
+        if any(_side(way * (b - a), box) > 0 for b in kept):
+            continue
+        kept = [b for b in kept if _side(way * (a - b), box) <= 0]
+        kept.append(a)
+    return kind(*kept)
+
+
+def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
+    """The branches that may be taken; where it is continuous, what holds at a branch's edge alone does not count."""
+    kept: list[tuple[sp.Expr, sp.Basic]] = []
+    smooth = not bent(node).has(sp.Piecewise)
+    for value, condition in (tuple(pair.args) for pair in node.args):
+        holds = _holds(condition, smooth, box)
+        if holds is not False:
+            kept.append((_visited(value, box), sp.true if holds else condition))
+        if holds:
+            break
+    return sp.Piecewise(*kept) if kept else node
+
+
+def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
+    """Whether a condition holds on the whole box, or nowhere on it."""
+    if condition in (sp.true, sp.false):
+        return bool(condition)
+    if not isinstance(condition, (sp.StrictLessThan, sp.LessThan, sp.StrictGreaterThan, sp.GreaterThan)):
+        return None
+    rise = condition.gts - condition.lts
+    strict = isinstance(condition, (sp.StrictLessThan, sp.StrictGreaterThan))
+    above = _side(rise, box) if weakly or not strict else _strict(rise, box)
+    below = _side(rise, box) if weakly or strict else _strict(rise, box)
+    return True if above > 0 else False if below < 0 else None
+
+
+def _side(e: sp.Expr, box: Box) -> int:
+    """1 where it is proved that e >= 0 on the box, -1 where e <= 0, else 0; 1 of what is 0."""
+    if e.count_ops() > _OPERATIONS or e.has(*_STRANGE):
+        return 0
+    low, high = rational(e, box)
+    return 1 if low >= 0 else -1 if high <= 0 else _strict(e, box)
+
+
+def _strict(e: sp.Expr, box: Box) -> int:
+    """1 where it is proved that e > 0 on the box, -1 where e < 0, else 0."""
+    if e.count_ops() > _OPERATIONS or e.has(*_STRANGE):
+        return 0
+    low, high = rational(e, box)
+    if low > 0 or high < 0:
+        return 1 if low > 0 else -1
+    try:
+        found = nonzero(e, box, boxes=_BOXES, refute=False)
+    except NoTape:
+        return 0
+    return found.sign if found.verdict is Verdict.PROVED else 0

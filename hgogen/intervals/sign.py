@@ -1,0 +1,203 @@
+"""Whether an expression is 0 somewhere on a closed box: the one answer that forms and singular sets stand on.
+
+Proved by outward-rounded intervals and bisection, by rational ends where floats are too coarse, or factor by factor
+after exact algebra; refuted by a point, or between two points of opposite sign. A slope's values at a kink are a set,
+and a set that jumps over 0 has not one sign: an upper semicontinuous map with convex values takes connected boxes to
+connected sets (J.-P. Aubin, A. Cellina, "Differential inclusions", 1984, chapter 1).
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from fractions import Fraction
+
+import sympy as sp
+
+from hgogen.algebra.factors import Factors, factors
+from hgogen.algebra.kinks import jump
+from hgogen.check import Verdict
+from hgogen.intervals.bounds import LIMIT, NOWHERE, Problem, Range, attained, counted, place, problem_of, range_of
+from hgogen.intervals.box import Box, End, Point, Sides
+from hgogen.intervals.digits import down
+from hgogen.intervals.glance import Interval
+from hgogen.intervals.outward import number
+from hgogen.intervals.rational import multiplied, raised, rational
+from hgogen.intervals.search import Found, one_sign, regular
+from hgogen.intervals.zeros import crossing, special_point
+
+_GLANCE = 60  # boxes before a zero is looked for
+
+
+class Cause(Enum):
+    """Why an expression has not one sign, at the witness."""
+
+    ZERO = "vanishes"
+    UNDEFINED = "is not a finite real number"
+    CROSSING = "changes sign"  # next to the witness
+    JUMP = "jumps from one sign to the other"  # at a kink, where it is a set
+    PART = "vanishes with a factor, or is not finite there"
+
+
+@dataclass(frozen=True)
+class Sign:
+    """Whether an expression has one sign on a box.
+
+    PROVED: `sign` is 1 or -1 and 0 < `margin` <= |value| there, finite. REFUTED: `witness` is a point where it is zero
+    or undefined, next to a zero between two points of opposite sign, or at a kink where it jumps between them, as
+    `cause` says. UNKNOWN: `reason` says how many boxes were tried. `never`: proved to be 0 nowhere on the box, although
+    it may come as close to 0 as you like where the box is unbounded, or be undefined. `exact`: the rational ends that
+    prove it without bisection.
+    """
+
+    verdict: Verdict
+    sign: int
+    margin: End
+    witness: Mapping[sp.Symbol, Fraction] = field(hash=False)
+    reason: str
+    range: Range
+    cause: Cause | None = None
+    never: bool = False
+    exact: Interval | None = field(default=None, hash=False)
+
+    def __str__(self) -> str:
+        if self.verdict is Verdict.PROVED:
+            told = f"at least {down(self.margin, 9)}" if self.sign > 0 else f"at most -{down(self.margin, 9)}"
+            return f"{self.verdict}: {told}, by {self.reason}"
+        return f"{self.verdict}: {self.reason}{place(self.witness)}"
+
+
+def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool = True) -> Sign:
+    """Whether the expression is finite and has one sign on the whole box; without `refute`, which may take long, proved
+    or unknown.
+
+    Raises: `EmptyBox`; `NoTape` for a function without a rule.
+    """
+    problem = problem_of(expression, box)
+    if problem is None:
+        return Sign(Verdict.REFUTED, 0, 0.0, {}, "it is not a finite real number", NOWHERE, Cause.UNDEFINED)
+    never = False
+    for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
+        found = problem.search(one_sign, limit)
+        if found.defined and (found.low > 0 or found.high < 0):
+            return _proved(problem, found)
+        refuted = _refutation(problem, found, limit) if refute else None
+        if refuted:
+            cause, reason, witness = refuted
+            return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, range_of(problem, found, 0.0), cause)
+        if limit <= _GLANCE and not found.inner.least < 0 < found.inner.most:
+            never, low, high = _by_algebra(problem.expression, box_of(problem.sides))
+            if found.defined and (low > 0 or high < 0):
+                return _enclosed(problem, found, low, high)
+        if found.boxes + 2 <= limit:  # more boxes would change nothing
+            break
+    reason = f"{counted(found.boxes)} {'does' if found.boxes == 1 else 'do'} not decide it"
+    return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, found, 0.0), never=never)
+
+
+def _proved(problem: Problem, found: Found) -> Sign:
+    positive = found.low > 0
+    margin = found.low if positive else -found.high
+    reason = counted(found.boxes)
+    sign = 1 if positive else -1
+    return Sign(Verdict.PROVED, sign, margin, {}, reason, range_of(problem, found, 0.0), never=True)
+
+
+def _enclosed(problem: Problem, found: Found, low: End, high: End) -> Sign:
+    """Of one sign by its exact range on the box as a whole."""
+    outer = replace(range_of(problem, found, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
+    sign, reason = 1 if low > 0 else -1, "exact algebra and rational ends"
+    return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
+
+
+def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
+    """Whether it is 0 nowhere on the box where it is defined, by its factors; and its range with rational ends."""
+    low, high = rational(expression, box)
+    found = factors(expression)
+    if found is None or (low > 0 or high < 0):
+        return low > 0 or high < 0, low, high
+    never, product = _product(found, expression, box)
+    return never, max(low, product[0]), min(high, product[1])
+
+
+def _product(found: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Interval]:
+    """The factors' ranges multiplied; a factor that floats bound away from 0 by bisection as they say."""
+    never, total = True, rational(found.number, {})
+    for one in found.factors:
+        low, high = rational(one.base, box)
+        known = one.definite or low > 0 or high < 0
+        if low <= 0 <= high and one.base.free_symbols and one.base not in (expression, -expression):
+            sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
+            known = known or sign.never
+            if sign.verdict is Verdict.PROVED:
+                low, high = max(low, sign.range.low), min(high, sign.range.high)
+        never = never and (known or one.exponent < 0)
+        total = multiplied(total, raised((low, high), one.exponent))
+    return never, total
+
+
+def _refutation(problem: Problem, found: Found, boxes: int) -> tuple[Cause, str, Point] | None:
+    """Why it has not one sign, as a sentence too, and where."""
+    near = [problem.sides.point(at.tolist()) for at in (found.inner.at_least, found.inner.at_most) if at is not None]
+    special = special_point(problem.expression, problem.program, problem.sides, near=near)
+    if special:
+        what, point = special
+        cause = Cause.ZERO if what == "= 0" else Cause.UNDEFINED
+        return cause, cause.value, point
+    crossed = _crossed(problem, found, boxes)
+    if crossed:
+        sides = jump(problem.expression, {s: sp.Rational(value) for s, value in crossed.items()})
+        if sides is None:
+            return Cause.CROSSING, Cause.CROSSING.value, crossed
+        return Cause.JUMP, "jumps from {} to {}, not of one sign".format(*sides), crossed
+    for part, reason in _parts(problem.expression):
+        inner = nonzero(part, box_of(problem.sides), boxes=boxes)
+        if inner.verdict is Verdict.REFUTED and inner.cause is not Cause.JUMP:
+            rest = {s: Fraction(_any(ends)) for s, ends in zip(problem.sides.symbols, problem.sides.ends, strict=True)}
+            return Cause.PART, reason.format(part), rest | dict(inner.witness)
+    return None
+
+
+def _crossed(problem: Problem, found: Found, boxes: int) -> Point | None:
+    """The zero between two values of opposite sign of a continuous expression."""
+    least, most = (
+        attained(problem, found.inner.least, found.inner.at_least),
+        attained(problem, found.inner.most, found.inner.at_most),
+    )
+    if least is None or most is None or not least.value < 0 < most.value:
+        return None
+    if not found.continuous:
+        between = {s: _ordered(least.point[s], most.point[s]) for s in problem.sides.symbols}
+        part = problem_of(problem.expression, between)
+        if part is None or not part.search(regular, boxes).continuous:
+            return None
+    return crossing(problem.expression, problem.program, problem.sides, dict(least.point), dict(most.point))
+
+
+def _ordered(a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
+    return (a, b) if a <= b else (b, a)
+
+
+def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
+    """Factors, at whose zeros the expression is zero or undefined, and what it divides by."""
+    powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
+    for node in powers:  # a Piecewise may not take the branch that is not finite
+        if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
+            yield node.base, "is not finite: it divides by {}, which vanishes"
+    try:
+        _, factors = sp.factor_list(sp.together(expression))
+    except (sp.PolynomialError, NotImplementedError):
+        return
+    for factor, _ in factors:
+        if factor != expression and factor.free_symbols and not factor.is_Symbol:
+            yield factor, "vanishes with its factor {}, or is not finite there"
+
+
+def box_of(sides: Sides) -> dict[sp.Symbol, tuple[End, End]]:
+    """The box that the sides are of."""
+    return dict(zip(sides.symbols, sides.ends, strict=True))
+
+
+def _any(ends: tuple[End, End]) -> End:
+    low, high = ends
+    return low if abs(low) != math.inf else high if abs(high) != math.inf else Fraction(0)
