@@ -236,7 +236,8 @@ def _triangle(plant: System) -> Jet | None:
     sign = Permutation([plant.states.index(x) for x in order]).signature()
     value = sign * sp.Mul(*(one.value ** (n - i) for i, one in enumerate(found)))
     known = [one.factors for one in found if one.factors is not None]
-    factors = tuple(dict.fromkeys(e for part in known for e in part)) if len(known) == n else (value,)
+    every = tuple(sorted({e for part in known for e in part}, key=sp.default_sort_key))
+    factors = every if len(known) == n else (value,)
     return Jet((), tuple((0, k) for k in range(n)), value, factors, n - 1, (*rows, *slopes))
 
 

@@ -18,6 +18,7 @@ from hgogen.algebra.kinks import Norm
 from hgogen.algebra.points import exact
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import NoTape, tape
+from hgogen.algebra.variants import STEEP
 from hgogen.intervals.box import EVERYTHING, Box, End
 from hgogen.intervals.glance import Interval, enclose
 
@@ -72,7 +73,7 @@ def _ends(e: sp.Expr, box: Box) -> Interval:
     if isinstance(e, sp.cosh):
         low, high = _size(_ends(e.args[0], box))
         return max(Fraction(1), _applied(arb.cosh, low)[0]), _applied(arb.cosh, high)[1]
-    low, high = (end if abs(end) == math.inf else Fraction(end) for end in enclose(e, box))
+    low, high = fractions(enclose(e, box))
     return (max(low, Fraction(0)), high) if e.is_Pow and e.exp.is_Rational and e.exp.q % 2 == 0 else (low, high)
 
 
@@ -121,6 +122,12 @@ def _sum(a: Interval, b: Interval) -> Interval:
     )
 
 
+def fractions(a: Interval) -> Interval:
+    """The same ends, those that are numbers as fractions."""
+    low, high = (end if end in (-math.inf, math.inf) else Fraction(end) for end in a)
+    return low, high
+
+
 def multiplied(a: Interval, b: Interval) -> Interval:
     """a b; an infinite end is a bound and no value, so 0 times it is 0."""
     ends = [_times(x, y) for x in a for y in b]
@@ -134,7 +141,9 @@ def _times(x: End, y: End) -> End:
 
 
 def raised(a: Interval, n: int) -> Interval:
-    """a^n for whole n; for n < 0 where a is not 0."""
+    """a^n for whole n; for n < 0 where a is not 0. The whole line for a power with too many digits."""
+    if abs(n) > STEEP:
+        return EVERYTHING
     if n < 0:
         return _inverse(_short(raised(a, -n)))
     low, high = a if n % 2 else _size(a)

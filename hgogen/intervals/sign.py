@@ -22,7 +22,7 @@ from hgogen.intervals.box import Box, End, Point, Sides
 from hgogen.intervals.digits import down
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.outward import number
-from hgogen.intervals.rational import multiplied, raised, rational
+from hgogen.intervals.rational import fractions, multiplied, raised, rational
 from hgogen.intervals.search import Found, one_sign, regular
 from hgogen.intervals.zeros import crossing, special_point
 
@@ -130,7 +130,8 @@ def _product(found: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Inter
             sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
             known = known or sign.never
             if sign.verdict is Verdict.PROVED:
-                low, high = max(low, sign.range.low), min(high, sign.range.high)
+                seen = sign.exact or fractions((sign.range.low, sign.range.high))
+                low, high = max(low, seen[0]), min(high, seen[1])
         never = never and (known or one.exponent < 0)
         total = multiplied(total, raised((low, high), one.exponent))
     return never, total

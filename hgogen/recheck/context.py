@@ -225,14 +225,20 @@ def _pair(value: object) -> tuple[object, object]:
     return value[0], value[1]
 
 
-def enclosed(context: Context, claim: Claim, wanted: Quotient, source: Expression) -> tuple[Fraction, Fraction, Shown]:
-    """The claim's enclosure low <= e <= high of what has to be shown, on the model's box."""
+def enclosed(
+    context: Context,
+    claim: Claim,
+    wanted: Quotient,
+    source: Expression,
+    read: Callable[[Expression], Expression] = lambda text: text,
+) -> tuple[Fraction, Fraction, Shown]:
+    """The claim's enclosure low <= e <= high of what has to be shown, on the model's box; `read`: how its text is."""
     evidence = claim.evidence
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     low, high = number(evidence.get("low")), number(evidence.get("high"))
     box = declared_box(evidence, context.form.box, text.names)
-    boxes = covered(box, part(evidence, "tree", str), ranged(text, low, high))
+    boxes = covered(box, part(evidence, "tree", str), ranged(read(text), low, high))
     if text.text != source.text:  # the form's own expression is defined there, too
         boxes += finite(source, context.form.box)
     return low, high, Shown(f"{short(low, -1)} <= {cut(text.text)} <= {short(high, 1)}{on(box)}", boxes)

@@ -185,6 +185,12 @@ def _sign(x: Interval) -> Interval:
     return _UNIT if x.sign == 0 else point(Fraction(x.sign))
 
 
+def _side(x: Interval) -> Interval:
+    """The slope of |x|: at the edge of a box the one within it, where x is 0 inside it, or all over it, [-1, 1]."""
+    low, high = (libmp.mpf_sign(end) for end in x.ends)
+    return point(Fraction(1 if high > 0 else -1)) if low * high >= 0 and (low or high) else _UNIT
+
+
 def _sinh(x: Interval) -> Interval:
     return _rising(libmp.mpf_sinh)(_bounded(x))
 
@@ -282,6 +288,7 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
     "asinh": _rising(libmp.mpf_asinh),
     "Abs": _abs,
     "sign": _sign,
+    "side": _side,
     "Min": _least,
     "Max": _most,
 }
@@ -361,7 +368,9 @@ def _exact_function(name: str, args: tuple[Fraction, ...]) -> Fraction:
         return min(args) if name == "Min" else max(args)
     if name == "Abs":
         return abs(args[0])
-    if name == "sign":
+    if name == "side" and args[0] == 0:
+        raise NotExact
+    if name in ("sign", "side"):
         return Fraction((args[0] > 0) - (args[0] < 0))
     if name == "log":
         if args[0] <= 0:

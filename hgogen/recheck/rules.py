@@ -30,7 +30,7 @@ from hgogen.recheck.observers import OF_CHAINS, OF_NUMBERS, STEEP, Keys, Row, Ru
 from hgogen.recheck.observers import rests as of_observer
 from hgogen.recheck.persistence import persistent
 from hgogen.recheck.phase import phases, rank
-from hgogen.recheck.slope import regular, steep
+from hgogen.recheck.slope import at_kinks, regular, steep
 from hgogen.recheck.text import Expression, expression, number
 
 
@@ -176,7 +176,7 @@ def _uniform_structure(context: Context, claim: Claim, place: Row) -> Shown:
 def _uniform_slope(context: Context, claim: Claim, place: Row) -> Shown:
     """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *place)
-    low, high, shown = enclosed(context, claim, wanted, rate)
+    low, high, shown = enclosed(context, claim, wanted, rate, at_kinks)
     if low <= 0 <= high:
         raise NotShown("its bounds do not keep clear of zero")
     return Shown(f"{claim.id.partition('.')[2]}: {shown.sentence}", shown.boxes)
@@ -191,19 +191,19 @@ def _wanted_slope(context: Context, index: int) -> tuple[Quotient, Expression]:
 
 
 def _no_slope(context: Context, claim: Claim, place: Row) -> Shown:
-    """A slope is zero at a point of the box; or is continuous, and has opposite signs at two."""
-    wanted, _ = _wanted_slope(context, *place)
+    """A slope is zero at a point of the box that is at no kink; or it has opposite signs at two, and what it is of is
+    continuous."""
+    wanted, rate = _wanted_slope(context, *place)
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     keys = [key for key in ("witness", "other") if key in claim.evidence]
-    signs = [witnessed(text, _witness(claim, context.form.box, text.names, key)) for key in keys]
+    signs = [witnessed(at_kinks(text), _witness(claim, context.form.box, text.names, key)) for key in keys]
     if signs == ["zero"]:
         return Shown(f"{text.text} is zero at its witness")
     if sorted(signs) != ["negative", "positive"]:
         raise NotShown(f"{text.text} is not shown to be zero, or to change its sign")
-    if any(step.op == "sign" for step in text.instructions):
-        raise NotShown(f"{text.text} is not shown to be continuous")
-    return Shown(f"{text.text} changes its sign", finite(text, context.form.box))
+    boxes = finite(text, context.form.box) + finite(rate, context.form.box)
+    return Shown(f"{text.text} changes its sign", boxes)
 
 
 def _uniform_lipschitz(context: Context, claim: Claim, place: Row) -> Shown:

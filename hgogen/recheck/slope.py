@@ -6,6 +6,7 @@ the mean value form of each entry, with second derivatives.
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
@@ -27,6 +28,12 @@ def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable
             return Try(False)
 
     return attempt
+
+
+def at_kinks(slope: Expression) -> Expression:
+    """A slope of what has no jumps, its `sign` read as the slope of |e|, which at e = 0 is a set and not 0."""
+    steps = tuple(step._replace(op="side") if step.op == "sign" else step for step in slope.instructions)
+    return replace(slope, instructions=steps)
 
 
 def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:

@@ -1,0 +1,299 @@
+"""Kinks: slopes there are sets, sides that the box decides are taken, and the oracle of zeros; attacked by samples."""
+
+import json
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from form_answers import check, verdicts
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import hgogen as hg
+from hgogen import forms
+from hgogen.algebra.kinks import Direction, bent, slope
+from hgogen.algebra.pointwise import values
+from hgogen.algebra.tape import tape
+from hgogen.certificate import certificate
+from hgogen.check import Verdict
+from hgogen.intervals.one_sided import one_sided
+from hgogen.intervals.sign import Cause, nonzero
+from hgogen.intervals.slope import lipschitz_bound
+from hgogen.recheck.recheck import recheck
+from hgogen.structure.apart import apart
+from hgogen.structure.positive import positive
+
+x, y, z = sp.symbols("x y z", real=True)
+ONE = (Fraction(-1), Fraction(1))
+HALF = sp.Rational(1, 2)
+SATURATED = sp.Piecewise((-HALF, x < -HALF), (HALF, x > HALF), (x, True))
+
+
+def plant(row: Any, low: float = -1, high: float = 1) -> hg.System:
+    """x1' = row(x1, x2, u), x2' = -x2, y = x1."""
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=low, high=high)
+    u = hg.Signal("u", low=-1, high=1)
+    flow = [row(x1, x2, u), -x2]
+    return hg.System("kink", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+
+
+# --- at the edge of the box only the inner side counts
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        lambda v: sp.sqrt(v**2),
+        sp.Abs,
+        lambda v: sp.Max(v, -v),
+        lambda v: v * sp.sign(v),
+        lambda v: sp.Piecewise((v, v > 0), (-v, True)),
+    ],
+)
+@pytest.mark.parametrize(("low", "high"), [(0, 1), (-1, 0)])
+def test_a_side_that_the_box_decides_is_taken(row: Any, low: float, high: float) -> None:
+    made = plant(lambda _, x2, u: row(x2), low, high)
+    assert set(verdicts(forms.triangular(made)).values()) == {"proved"}
+    assert set(verdicts(forms.uniform(made)).values()) == {"proved"}
+    assert {one.verdict for one in hg.singularity(made).checks} == {Verdict.PROVED}
+
+
+@pytest.mark.parametrize(
+    ("row", "sides", "at"),
+    [
+        (sp.Abs, "from -1 to 1", 0),
+        (lambda v: sp.Max(v, -v), "from -1 to 1", 0),
+        (lambda v: sp.Min(v, 1 - 3 * v), "from 1 to -3", Fraction(1, 4)),
+        (lambda v: sp.Piecewise((2 * v, v > 0), (-v, True)), "from -1 to 2", 0),
+        (lambda v: 3 * v * sp.sign(v) + v, "from -2 to 4", 0),
+    ],
+)
+def test_a_slope_that_jumps_over_zero_is_not_said_to_vanish(row: Any, sides: str, at: Fraction) -> None:
+    found = check(forms.uniform(plant(lambda _, x2, u: row(x2))), "slope_2")
+    assert found.verdict is Verdict.REFUTED
+    assert "jumps" in found.reason
+    assert "vanishes" not in found.reason
+    one, other = sides.split()[1::2]
+    assert f"{one} to {other}" in found.reason or f"{other} to {one}" in found.reason
+    assert found.witness == {"x2": float(at)}
+
+
+def test_a_kink_between_slopes_of_one_sign_is_proved() -> None:
+    found = nonzero(slope(2 * y + sp.Abs(y) + sp.sqrt(x**2 + y**2) / 2, y), {x: ONE, y: ONE})
+    assert (found.verdict, found.sign, found.margin) == (Verdict.PROVED, 1, 0.5)
+
+
+def test_a_slope_that_is_zero_beside_a_kink_vanishes() -> None:
+    found = check(forms.uniform(plant(lambda _, x2, u: sp.Max(x2, 0))), "slope_2")
+    assert (found.verdict, found.reason) == (Verdict.REFUTED, "dF_1/dz_2 vanishes")
+    assert found.witness["x2"] < 0
+
+
+@pytest.mark.parametrize("row", [lambda v: v + sp.sign(v), lambda v: sp.Piecewise((v + 1, v > 0), (2 * v, True))])
+def test_what_jumps_itself_stays_unknown(row: Any) -> None:
+    made = plant(lambda _, x2, u: row(x2))
+    assert check(forms.uniform(made), "slope_2").verdict is Verdict.UNKNOWN
+    assert check(forms.uniform(made), "lipschitz").verdict is Verdict.UNKNOWN
+
+
+def test_the_sides_of_a_kink_that_only_touches_zero_are_one() -> None:
+    square = sp.Abs(x**2 - x + sp.Rational(1, 4))
+    assert one_sided(square, {x: (Fraction(0), Fraction(1))}) == x**2 - x + sp.Rational(1, 4)
+    assert nonzero(slope(sp.Abs(-(x**2)) + 3 * x, x), {x: ONE}).sign == 1
+
+
+# --- certificates
+
+
+def test_a_zero_of_a_slope_at_a_kink_is_not_verified() -> None:
+    form = forms.uniform(plant(lambda _, x2, u: sp.Abs(x2)))
+    content = certificate(form, form.checks)
+    assert {row.id: row.found for row in recheck(json.dumps(content)).rows}["uniform.slope_2"] == "verified"
+    claim = next(one for one in content["claims"] if one["id"] == "uniform.slope_2")
+    claim["evidence"] = {"expression": "sign(z2)", "witness": {"z2": "0"}}
+    from test_certificate import sealed
+
+    assert {row.id: row.found for row in recheck(sealed(content)).rows}["uniform.slope_2"] == "fails"
+
+
+# --- Lipschitz
+
+
+@pytest.mark.parametrize(
+    ("row", "bound"),
+    [
+        (sp.sqrt(x**2 + y**2), 1.415),
+        (sp.sqrt(4 * x**2 + y**2 + 3), 2.3),
+        (sp.sqrt(x**2 - 2 * x * y + y**2), 1.4143),
+        ((x**2 + y**2) ** sp.Rational(3, 2), 6.13),
+        (sp.Max(sp.sqrt(x**2 + y**2), sp.Abs(x) + y), 2.5),
+        (SATURATED, 1.0001),
+    ],
+)
+def test_norms_and_what_is_made_of_them_are_lipschitz(row: sp.Expr, bound: float) -> None:
+    found = lipschitz_bound([row], [x, y], {x: ONE, y: ONE})
+    assert found.verdict is Verdict.PROVED
+    assert found.low <= found.high <= bound
+
+
+def test_each_slope_of_a_norm_is_at_most_1() -> None:
+    for symbol in (x, y):
+        assert hg.bound(slope(sp.sqrt(x**2 + y**2), symbol), {x: (-1, 1), y: (-1, 1)}).high == 1
+
+
+@pytest.mark.parametrize("row", [sp.sqrt(sp.Abs(x)), sp.sqrt(x**2 + y), sp.Max(x, 0) ** sp.Rational(1, 3)])
+def test_a_root_that_is_no_norm_is_not(row: sp.Expr) -> None:
+    assert lipschitz_bound([row], [x, y], {x: ONE, y: (Fraction(0), Fraction(1))}).verdict is not Verdict.PROVED
+
+
+# --- one oracle of zeros
+
+
+@pytest.mark.parametrize(
+    "factor",
+    [
+        lambda u: sp.cosh(100 * u) ** 2 - sp.sinh(100 * u) ** 2,
+        lambda u: sp.exp(-1000 * u),
+        lambda u: 1 + sp.tanh(1000 * u),
+        lambda u: sp.exp(sp.pi * sp.sqrt(163)) - 262537412640768744,
+        lambda u: u**2 - u + sp.Rational(26, 100),
+        lambda u: (u**2 - u + sp.Rational(26, 100)) * sp.exp(-1000 * u),
+    ],
+)
+def test_forms_and_the_singular_set_know_the_same_zeros(factor: Any) -> None:
+    made = plant(lambda _, x2, u: factor(u) * x2)
+    (u,) = made.inputs
+    assert positive("a_2", "a_2", sp.sign(factor(0)) * factor(u), made).verdict is Verdict.PROVED
+    assert apart("slope_2", "dF_1/dz_2", factor(u), made).verdict is Verdict.PROVED
+    assert hg.singularity(made).open_factors == ()
+    found = nonzero(factor(u), {u: ONE})
+    number = factor(u).subs(u, 1).evalf(1000)
+    assert found.never
+    assert 0 < found.margin <= abs(number)
+
+
+def test_what_comes_as_near_to_zero_as_you_like_is_never_zero_and_not_proved() -> None:
+    found = nonzero(sp.exp(x), {x: (float("-inf"), float("inf"))})
+    assert (found.never, found.verdict) == (True, Verdict.UNKNOWN)
+
+
+@pytest.mark.parametrize("e", [sp.exp(x) - 2, sp.tanh(1000 * x), sp.exp(x) - sp.exp(-x), 1 + sp.tanh(x) - y])
+def test_what_has_a_zero_is_never_said_to_have_none(e: sp.Expr) -> None:
+    found = nonzero(e, {x: ONE, y: (Fraction(0), Fraction(1))})
+    assert not found.never
+    assert found.verdict is not Verdict.PROVED
+
+
+# --- random expressions with kinks: samples try to refute what is proved, exact points show what is refuted
+
+KINKED = st.recursive(
+    st.sampled_from((x, y, sp.Integer(1), HALF, -sp.Rational(1, 4))),
+    lambda e: st.one_of(
+        st.tuples(e, e).map(lambda p: p[0] + p[1]),
+        st.tuples(e, e).map(lambda p: p[0] - p[1]),
+        st.tuples(e, e).map(lambda p: p[0] * p[1]),
+        e.map(sp.Abs),
+        st.tuples(e, e).map(lambda p: sp.Max(*p)),
+        st.tuples(e, e).map(lambda p: sp.Min(*p)),
+        st.tuples(e, e).map(lambda p: sp.sqrt(p[0] ** 2 + p[1] ** 2)),
+        st.tuples(e, e).map(lambda p: p[0] * p[1] * sp.sign(p[0])),
+        st.tuples(e, e, e).map(lambda p: sp.Piecewise((p[0] + p[1] * p[2], p[1] > 0), (p[0], True))),
+    ),
+    max_leaves=6,
+)
+ENDS = st.sampled_from(((-1, 1), (0, 1), (-1, 0), (Fraction(1, 4), 1)))  # exact in balls
+
+
+def grid(box: dict[sp.Symbol, tuple[Any, Any]], count: int) -> list[list[Fraction]]:
+    """Points of a box, its faces among them, row by row along the first symbol."""
+    sides = [
+        [Fraction(low) + (Fraction(high) - low) * k / count for k in range(count + 1)] for low, high in box.values()
+    ]
+    return [[a, b] for b in sides[1] for a in sides[0]]
+
+
+def sampled(e: sp.Expr, box: dict[sp.Symbol, tuple[Any, Any]], count: int = 16) -> np.ndarray:
+    """Values on the grid, (count + 1, count + 1), rising x along a row; NaN where there is none."""
+    program = tape([e], list(box))
+    found = [values(program, point, 128)[0] for point in grid(box, count)]
+    return np.array([float(ball.mid()) if ball.is_finite() else np.nan for ball in found]).reshape(count + 1, count + 1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(KINKED, ENDS, ENDS)
+def test_without_kinks_it_is_the_same_function(e: sp.Expr, first: Any, second: Any) -> None:
+    box = {x: (Fraction(first[0]), Fraction(first[1])), y: (Fraction(second[0]), Fraction(second[1]))}
+    want = sampled(e, box)
+    for other in (bent(e), one_sided(e, box)):
+        seen = sampled(other, box)
+        assert np.isfinite(want).any()
+        assert np.allclose(
+            np.where(np.isnan(want), np.nan, seen), np.where(np.isnan(seen), np.nan, want), equal_nan=True
+        )
+
+
+@settings(max_examples=60, deadline=None)
+@given(KINKED, ENDS, ENDS, st.integers(-4, 4))
+def test_slopes_at_kinks_hold_for_chords(e: sp.Expr, first: Any, second: Any, tilt: int) -> None:
+    """What is proved of the slope in x is true of every chord along x; a jump over zero shows in two of them."""
+    box = {x: (Fraction(first[0]), Fraction(first[1])), y: (Fraction(second[0]), Fraction(second[1]))}
+    row = e + tilt * x
+    steep = slope(row, x)
+    if steep.has(sp.Piecewise, sp.sign, sp.DiracDelta):
+        return
+    found = nonzero(steep, box, boxes=200)
+    chords = np.diff(sampled(row, box), axis=1) * 16 / float(box[x][1] - box[x][0])
+    if found.verdict is Verdict.PROVED:
+        assert np.nanmin(found.sign * chords) >= float(found.margin) * (1 - 1e-9)
+    if found.cause in (Cause.JUMP, Cause.CROSSING):
+        least, most = found.range.least, found.range.most
+        assert least is not None
+        assert most is not None
+        assert least.value < 0 < most.value
+        for one in (least, most):
+            at = {s: sp.Rational(value) for s, value in one.point.items()}
+            exactly = steep.xreplace(at)
+            assert not exactly.has(Direction) or not exactly.free_symbols
+    if found.cause is Cause.ZERO:
+        at = {s: sp.Rational(value) for s, value in found.witness.items()}
+        assert steep.xreplace(at).equals(0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(KINKED, ENDS, ENDS)
+def test_a_lipschitz_bound_holds_for_chords(e: sp.Expr, first: Any, second: Any) -> None:
+    box = {x: (Fraction(first[0]), Fraction(first[1])), y: (Fraction(second[0]), Fraction(second[1]))}
+    found = lipschitz_bound([e], [x, y], box, boxes=200)
+    if found.verdict is not Verdict.PROVED:
+        return
+    table = sampled(e, box)
+    width = [float(high - low) / 16 for low, high in box.values()]
+    for axis, step in ((1, width[0]), (0, width[1])):
+        assert np.nanmax(np.abs(np.diff(table, axis=axis))) <= float(found.high) * step * (1 + 1e-9) + 1e-12
+
+
+# --- a chain
+
+
+def test_a_chain_needs_no_long_derivatives() -> None:
+    """x_i' = x_(i+1) + sin(x_i): its ninth derivative has some hundred thousand terms, its determinant is 1."""
+    states = [hg.Signal(f"x{i}", low=-4, high=4) for i in range(1, 11)]
+    flow = [b + sp.sin(a) for a, b in pairwise(states)] + [-sp.sin(states[0]) - states[-1]]
+    made = hg.System("chain", states=states, outputs=(hg.Signal("y"),), flow=flow, output=[states[0]])
+    (found,) = hg.singularity(made).jets
+    assert (found.determinant, found.factors) == (1, ())
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 2, 1)])
+def test_the_determinant_of_a_chain_is_that_of_its_jacobian(order: tuple[int, ...]) -> None:
+    a, b, c = (hg.Signal(name, low=-1, high=1) for name in "abc")
+    rows = {a: (2 + c) * b + a**2, c: 3 * a + c, b: a * b * c}  # y = c
+    states = [(a, b, c)[k] for k in order]
+    made = hg.System("abc", states=states, outputs=(hg.Signal("y"),), flow=[rows[s] for s in states], output=[c])
+    y0, y1 = c, rows[c]
+    y2 = sum(y1.diff(s) * rows[s] for s in rows)
+    jacobian = sp.Matrix(3, 3, lambda i, j: (y0, y1, y2)[i].diff(states[j]))
+    assert sp.expand(hg.singularity(made).jets[0].determinant - jacobian.det()) == 0
