@@ -81,6 +81,17 @@ def test_a_slope_that_jumps_over_zero_is_not_said_to_vanish(row: Any, sides: str
     assert found.witness == {"x2": float(at)}
 
 
+@pytest.mark.parametrize(
+    ("low", "verdict", "says"), [(0, "proved", "|det| >= 1"), (-1, "refuted", "jumps from -1 to 1")]
+)
+@pytest.mark.parametrize("row", [sp.Abs, lambda v: sp.Max(v, -v)])
+def test_the_determinant_of_a_phase_form_knows_kinks(row: Any, low: float, verdict: str, says: str) -> None:
+    made = forms.phase(plant(lambda _, x2, u: row(x2), low))
+    (found,) = (one for one in made.checks if one.id == "phase.rank")
+    assert found.verdict == verdict
+    assert says in found.reason
+
+
 def test_a_kink_between_slopes_of_one_sign_is_proved() -> None:
     found = nonzero(slope(2 * y + sp.Abs(y) + sp.sqrt(x**2 + y**2) / 2, y), {x: ONE, y: ONE})
     assert (found.verdict, found.sign, found.margin) == (Verdict.PROVED, 1, 0.5)

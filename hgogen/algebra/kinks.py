@@ -103,6 +103,12 @@ def bent(row: sp.Expr) -> sp.Expr:
     return over_reals(lambda e, _: _bent(e), row)
 
 
+def at_kinks(derivative: sp.Expr) -> sp.Expr:
+    """What SymPy found as the derivative of something continuous, its sign and step at 0 as the sets that they are."""
+    steps = derivative.replace(sp.Heaviside, lambda e, *_: (1 + Direction(sp.S.Zero, e)) / 2)
+    return steps.replace(sp.sign, lambda e: Direction(sp.S.Zero, e))
+
+
 def over_reals(
     function: Callable[[sp.Expr, sp.Symbol], sp.Expr], row: sp.Expr, symbol: sp.Symbol | None = None
 ) -> sp.Expr:

@@ -16,6 +16,7 @@ from fractions import Fraction
 
 import sympy as sp
 
+from hgogen.algebra.kinks import at_kinks
 from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.analysis.determinant import determinant
@@ -28,9 +29,10 @@ from hgogen.intervals.digits import down
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import singular
 from hgogen.signal import Signal
+from hgogen.structure.chain import on_box
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
-from hgogen.structure.lipschitz import lipschitz
+from hgogen.structure.lipschitz import JUMPS, lipschitz
 from hgogen.system import System
 
 LIMIT = 20_000  # nodes of y .. y^(n)
@@ -103,7 +105,8 @@ def _map(plant: System) -> _Map:
     if len(plant.outputs) != 1:
         names = ", ".join(y.name for y in plant.outputs)
         raise NoPhase(plant.name, f"has {len(plant.outputs)} outputs, {names}; the phase form takes one: keep one")
-    flow, chain = rates(plant, n + 1), plant.output
+    plain = on_box(plant)
+    flow, chain = rates(plain, n + 1), plain.output
     while len(chain) <= n:
         chain = (*chain, derivatives(chain[-1], flow, 2)[1])
         if size(chain) > LIMIT:
@@ -191,7 +194,9 @@ def _inputs(whole: _Map) -> Check:
 def _rank(whole: _Map) -> tuple[Check, Sign]:
     """By rigorous bounds of the determinant; generic where it is not 0 identically, and its zeros are not excluded."""
     id, claim = "phase.rank", f"det dPhi/dx = {whole.determinant} has no zero on the box"
-    sign = nonzero(whole.determinant, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
+    jumps = any(row.has(*JUMPS) for row in (*whole.before.flow, *whole.before.output))
+    det = whole.determinant if jumps else at_kinks(whole.determinant)
+    sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
     witness = {s.name: float(value) for s, value in sign.witness.items()}
     fix = "Narrow the ranges, or measure something else; where it is 0 an observer does not correct."
     if sign.verdict is Verdict.REFUTED:
