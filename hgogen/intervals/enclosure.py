@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgogen.algebra.tape import Instruction, Tape
-from hgogen.intervals import endpoints, outward
+from hgogen.intervals import directions, endpoints, outward
 from hgogen.intervals.outward import Array, Pair, add, hull, multiply, negate, power, reciprocal, scale
 
 Flags = NDArray[np.bool_]
@@ -245,47 +245,18 @@ def _abs(args: list[Enclosure]) -> Enclosure:
 
 
 def _norm(args: list[Enclosure]) -> Enclosure:
-    value = _size([a.value for a in args])
-    slopes = [None if a.slope is None else scale(_direction_of(args, i, True), a.slope) for i, a in enumerate(args)]
+    value = directions.size([a.value for a in args])
+    parts = [a.value for a in args]
+    slopes = [_chain(a, lambda i=i: directions.direction(parts, i, True)) for i, a in enumerate(args)]  # type: ignore[misc]
     return Enclosure(value, *_both(args), reduce(lambda a, b: _total([a, b]), slopes))
-
-
-def _size(parts: list[Pair]) -> Pair:
-    return outward.square_root(reduce(add, (power(a, 2) for a in parts)))
 
 
 def _direction(args: list[Enclosure], index: int, wide: bool) -> Enclosure:
     """e_i/|e|, and at 0 what it is next to it, in the whole of which it counts as continuous: what is proved of slopes
     is proved of sets."""
-    value = _direction_of(args, index, wide)
+    value = directions.direction([a.value for a in args], index, wide)
     zero = None if args[0].slope is None else (np.zeros(args[0].slope[0].shape), np.zeros(args[0].slope[0].shape))
     return Enclosure(value, *_both(args), _jumpy(zero, value[0] != value[1], args))
-
-
-def _direction_of(args: list[Enclosure], index: int, wide: bool) -> Pair:
-    """The range of e_i/|e|; of a `wide` box without what it is at its faces alone: slopes there are limits from within.
-
-    It rises with e_i, and falls with the size of the others where e_i > 0, rises with it where e_i < 0.
-    """
-    low, high = args[index].value
-    zero = np.zeros(low.shape)
-    rest = reduce(add, (power(a.value, 2) for i, a in enumerate(args) if i != index), (zero, zero))
-    alone = np.full(low.shape, len(args) == 1)
-    least = np.where(low < 0, _share(low, rest[0])[0], np.where(alone, 1.0, _share(low, rest[1])[0]))
-    most = np.where(high > 0, _share(high, rest[0])[1], np.where(alone, -1.0, _share(high, rest[1])[1]))
-    free = (low <= 0) & (high >= 0) & (rest[0] <= 0)  # e may be 0
-    least = np.where(free, np.where(low < 0, -1.0, np.where(alone, 1.0, 0.0)), least)
-    most = np.where(free, np.where(high > 0, 1.0, np.where(alone, -1.0, 0.0)), most)
-    within = wide & (low < high)
-    return np.where(free & ~within, -1.0, least), np.where(free & ~within, 1.0, most)
-
-
-def _share(e: Array, rest: Array) -> Pair:
-    """e/sqrt(e^2 + rest), between -1 and 1; not for e = rest = 0."""
-    size = outward.square_root(add(power((e, e), 2), (rest, rest)))
-    low, high = multiply((e, e), reciprocal(size))
-    far = np.isinf(e)
-    return np.where(far, -1.0, np.maximum(low, -1.0)), np.where(far, 1.0, np.minimum(high, 1.0))
 
 
 def _least(args: list[Enclosure]) -> Enclosure:
