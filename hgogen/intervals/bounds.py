@@ -110,6 +110,7 @@ class Problem:
     program: Tape
 
     def search(self, goal: Goal, boxes: int) -> Found:
+        """Bisect its box for a goal."""
         return search(self.program, self.sides.outer, self.sides.inner, goal, boxes)
 
 
@@ -122,6 +123,7 @@ def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
 
 
 def range_of(problem: Problem, found: Found, relative: float) -> Range:
+    """What a search found, as a range; `relative`: how tight it was asked to be."""
     return Range(
         low=found.low,
         high=found.high,
@@ -136,6 +138,7 @@ def range_of(problem: Problem, found: Found, relative: float) -> Range:
 
 
 def attained(problem: Problem, value: float, at: Array | None) -> Attained | None:
+    """A bound of the value at a point that a search looked at; None without one."""
     if not problem.sides.symbols and math.isfinite(value):
         return Attained(value, {})
     return None if at is None else Attained(value, problem.sides.point(at.tolist()))
@@ -150,6 +153,7 @@ def _note(found: Found, relative: float) -> str:
 
 
 def counted(count: int) -> str:
+    """A number of boxes, in words."""
     return f"{count} box{'' if count == 1 else 'es'}"
 
 
