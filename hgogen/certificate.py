@@ -1,6 +1,6 @@
 """Certificates: what was proved of a model, as a JSON value that `recheck.recheck` verifies again.
 
-    {"format": "hgogen certificate", "version": "1", "hgogen": its version,
+    {"format": "hgogen certificate", "version": "2", "hgogen": its version,
      "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
                "output"},
      "form": {"kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"},
@@ -23,8 +23,9 @@ the spectral norm, "tree"; of a refutation: "expression", "witness", and "other"
 form: "chain" (y, y', ..) in the plant's states; of the convergence of a high_gain observer: "scale" S, "core" N = S (A
 - gains C) S^-1, or "ranges", the enclosures of the a_i, at whose ends N is taken, "P" with N'P + P N <= -I, "peak" >=
 lambda_max(P), and the Lipschitz bound of b in the coordinates S z. Of other observers: "units" s_i, "scale" s_i a_1 ..
-a_i, and what their modules say. Of inequality (38): the error "system" with V and mu, and on which "share" of the box
-of errors its second order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on the faces. A tree is
+a_i, and what their modules say. Of inequality (38): the "gain" of the observer, the disturbances "G1" and "G2" and the
+ranges of the "errors", of which the system is rebuilt, with V and mu; on which "share" of the box of errors its second
+order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on the faces. A tree is
 a bisection in prefix order: a name cuts its side of the box at the midpoint (an unbounded side at 0, beyond 0 at twice
 its end and one), a dot is a leaf.
 
@@ -44,6 +45,7 @@ import sympy as sp
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.error import evidence as of_error
+from hgogen.evidence.error import given
 from hgogen.evidence.form import end, text
 from hgogen.evidence.form import evidence as of_form
 from hgogen.evidence.observer import evidence as of_observer
@@ -197,5 +199,6 @@ def _claim(form: Form, check: Check) -> dict[str, Any]:
     if found is None:
         open_ = check.verdict not in (Verdict.PROVED, Verdict.REFUTED)
         verdict, prefix = (str(check.verdict), "") if open_ else ("stated", f"{check.verdict}: ")
-        return {"id": check.id, "verdict": verdict, "evidence": {"reason": f"{prefix}{check.reason}"}}
+        of = ", of an error system that is given and not made of the plant" if given(check) else ""
+        return {"id": check.id, "verdict": verdict, "evidence": {"reason": f"{prefix}{check.reason}{of}"}}
     return {"id": check.id, "verdict": str(check.verdict), "evidence": found}

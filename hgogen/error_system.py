@@ -34,11 +34,26 @@ class BadErrorSystem(HgogenError):
 
 
 @dataclass(frozen=True)
+class Injection:
+    """How a plant makes an error system: `gain` l (n, p), `G1` (n, k), `G2` (p, k), of the plant's signals."""
+
+    gain: sp.ImmutableDenseMatrix
+    G1: sp.ImmutableDenseMatrix
+    G2: sp.ImmutableDenseMatrix
+
+    @property
+    def names(self) -> frozenset[sp.Symbol]:
+        """The symbols that they read."""
+        return frozenset().union(*(M.free_symbols for M in (self.gain, self.G1, self.G2)))
+
+
+@dataclass(frozen=True)
 class ErrorSystem:
     """e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0.
 
     `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
-    the x (n) that belong to the e, where x - e is the estimate, or none.
+    the x (n) that belong to the e, where x - e is the estimate, or none; `injection`: how `error_system` made it of a
+    plant, None where it is given.
 
     Raises: `BadErrorSystem`.
     """
@@ -49,6 +64,7 @@ class ErrorSystem:
     noise: sp.ImmutableDenseMatrix
     box: Box = field(default_factory=dict, hash=False)
     states: tuple[sp.Symbol, ...] = ()
+    injection: Injection | None = None
 
     def __post_init__(self) -> None:
         """Numbers exact, lengths and symbols as they should be."""
@@ -104,6 +120,7 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
         noise.xreplace(fixed).as_immutable(),
         {s: ends for s, ends in box(signals, plant.nominal).items() if s not in fixed},
         plant.states,
+        Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
     )
 
 

@@ -27,7 +27,7 @@ from hgogen.check import Check, Verdict
 from hgogen.commands import jobs
 from hgogen.evidence.form import outward
 from hgogen.model import load
-from hgogen.recheck.file import digest, model_digest, read
+from hgogen.recheck.file import VERSION, digest, model_digest, read
 from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -89,10 +89,10 @@ def of_model(path: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
 def test_a_models_certificate_is_verified(path: Path) -> None:
     claims = jobs.checked(load(path))
-    begin = time.perf_counter()
+    begin = time.process_time()
     text = json.dumps(certificate(claims.form, claims.checks, claims.observer))
     result = recheck(text)
-    assert time.perf_counter() - begin < 10
+    assert time.process_time() - begin < 10
     assert not result.failed
     assert {row.id for row in result.rows} == {check.id for check in claims.checks}
     assert text == json.dumps(certificate(claims.form, claims.checks, claims.observer))
@@ -135,7 +135,7 @@ def test_a_wrong_proof_is_not_written() -> None:
     form = hg.forms.triangular(load(ROOT / "models" / "fitzhugh_nagumo.py").plant)
     content = certificate(form, claimed(form))
     assert claim_of(content, "triangular.a_2")["verdict"] == "stated"
-    assert found(json.dumps(content))["triangular.a_2"] == "open"
+    assert found(json.dumps(content))["triangular.a_2"] == "stated"
     assert found(json.dumps(content))["triangular.a_3"] == "verified"
 
 
@@ -360,7 +360,7 @@ def test_a_changed_file_tells_what_still_holds() -> None:
 def test_a_refuted_structure_leaves_nothing_to_verify() -> None:
     form = hg.forms.triangular(uniform_plant())
     content = certificate(form, form.checks)
-    assert found(json.dumps(content)) == {"triangular.structure": "open"}
+    assert found(json.dumps(content)) == {"triangular.structure": "stated"}
     claim_of(content, "triangular.structure").update(verdict="proved")
     result = found(sealed(content))
     assert set(result.values()) == {"fails"}
@@ -409,7 +409,7 @@ def test_a_form_without_rules_is_stated(form: str) -> None:
     made = getattr(hg.forms, form)(uniform_plant())
     rows = recheck(json.dumps(certificate(made, made.checks))).rows
     assert {row.id for row in rows} == {check.id for check in made.checks}
-    assert {row.found for row in rows} == {"open"}
+    assert {row.found for row in rows} <= {"open", "stated"}
 
 
 def test_piecewise_has_no_certificate() -> None:
@@ -691,7 +691,7 @@ def plain(**changes: Any) -> dict[str, Any]:
     evidence = {"structure": {}, "a_1": one | changes.get("a_1", {}), "lipschitz": steep}
     claims = [{"id": f"triangular.{id}", "verdict": "proved", "evidence": told} for id, told in evidence.items()]
     claims += changes.get("claims", [])
-    head = {"format": "hgogen certificate", "version": "1", "hgogen": "0"}
+    head = {"format": "hgogen certificate", "version": VERSION, "hgogen": "0"}
     return {**head, "plant": plant, "form": form, "observer": None, "claims": claims}
 
 
@@ -790,8 +790,8 @@ HOSTILE = {
     "no JSON": "hello",
     "a list": "[]",
     "other JSON": '{"models": []}',
-    "a later version": '{"format": "hgogen certificate", "version": "2"}',
-    "no plant": '{"format": "hgogen certificate", "version": "1"}',
+    "a later version": '{"format": "hgogen certificate", "version": "3"}',
+    "no plant": f'{{"format": "hgogen certificate", "version": "{VERSION}"}}',
     "a deep nest": "[" * 100_000,
     "a key twice": '{"format": "x", "format": "hgogen certificate"}',
     "a long number": '{"format": ' + "9" * 10_000 + "}",

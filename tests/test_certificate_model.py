@@ -150,7 +150,8 @@ def test_a_bound_is_that_of_the_named_observer() -> None:
 def test_the_row_of_convergence_says_under_what() -> None:
     content = written()
     sentence = rows(content)["high_gain.convergence"].sentence
-    assert sentence.startswith("in continuous time, without noise, the error converges exponentially for every theta")
+    under = "in continuous time, without noise, the error converges exponentially for every theta"
+    assert sentence.startswith(f"the high_gain observer: {under}")
     for state in content["form"]["states"]:
         assert f"{state['name']} in [{state['low']}, {state['high']}]" in sentence
 
@@ -171,7 +172,7 @@ HOLDERS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
 def test_an_unknown_part_is_refused(holder: str) -> None:
     content = written()
     HOLDERS[holder](content)["approved_by"] = "nobody"
-    with pytest.raises(NoCertificate, match=rf"{holder} has a part 'approved_by', which is unknown here"):
+    with pytest.raises(NoCertificate, match=rf'{holder} has a part "approved_by", which is unknown here'):
         recheck(sealed(content))
 
 
@@ -210,13 +211,13 @@ def test_an_unknown_verdict_and_an_unknown_reason_fail_alone() -> None:
 def test_the_last_line_counts(tmp_path: Path) -> None:
     file = tmp_path / "p.json"
     command("check", str(ROOT / "models" / "pendulum.py"), "--certificate", str(file))
-    assert command("recheck", str(file)).stdout.splitlines()[-1] == "5 verified, 1 open, 0 failed"
+    assert command("recheck", str(file)).stdout.splitlines()[-1] == "5 verified, 1 open, 0 stated, 0 failed"
     content = json.loads(file.read_text())
     told = json.loads(command("recheck", str(file), "--json").stdout)
     assert (told["model"], told["observer"], told["verified"]) == (content["model"], "high_gain", True)
     claim_of(content, "triangular.lipschitz")["evidence"]["bound"] = "1"
     file.write_text(sealed(content))
-    assert command("recheck", str(file)).stdout.splitlines()[-1] == "4 verified, 1 open, 1 failed"
+    assert command("recheck", str(file)).stdout.splitlines()[-1] == "4 verified, 1 open, 0 stated, 1 failed"
 
 
 def test_a_file_of_which_nothing_is_verified_does_not_pass(tmp_path: Path) -> None:
@@ -226,7 +227,7 @@ def test_a_file_of_which_nothing_is_verified_does_not_pass(tmp_path: Path) -> No
     assert "verifies it again" not in shown.stderr
     shown = command("recheck", str(file))
     assert shown.exit_code == 1
-    assert shown.stdout.splitlines()[-1] == "0 verified, 1 open, 0 failed"
+    assert shown.stdout.splitlines()[-1] == "0 verified, 0 open, 1 stated, 0 failed"
     assert "nothing of sir is verified" in shown.stderr
     told = json.loads(command("recheck", str(file), "--json").stdout)
     assert (told["verified"], told["observer"]) == (False, None)

@@ -16,7 +16,9 @@ from hgogen.commands.answers import FIELDS, answers
 from hgogen.commands.library import BadLibrary, check, read
 from hgogen.commands.workers import End, Event, run
 from hgogen.errors import HgogenError
+from hgogen.intervals.bounds import bound
 from hgogen.reading.entry import FORMAT, entry
+from hgogen.reading.expression import parse
 
 GOOD: dict[str, Any] = {
     "name": "good",
@@ -37,6 +39,7 @@ def asked(model: dict[str, Any]) -> dict[str, Any]:
 
 def test_every_field_of_a_model() -> None:
     found = check([("good", GOOD)])["good"]
+    assert found.pop("notes") == ["bound_queries, '1/E': it is not a finite real number at E = 0"]
     assert list(found) == list(FIELDS)
     (low, high), pole = found.pop("bounds")
     assert 0.7 < low <= 0.75
@@ -51,6 +54,18 @@ def test_every_field_of_a_model() -> None:
     names = {"order": ["x1", "E"], "observable_params_known": ["x1", "E"], "observable_joint": ["x1", "E"]}
     ranks = {"rank_params_known": 2, "rank_joint": 2}
     assert found == {**structure, **names, **ranks, "gb_uniform": False, "singular": "all"}
+
+
+def test_a_bound_says_where_there_is_no_value() -> None:
+    """As --bound does: sqrt(3 - x) has a range on [0, 3.14], and no value beyond 3."""
+    model = GOOD | {"x_box": {"x1": [0, 3.14], "E": [0.5, 1]}, "bound_queries": ["sqrt(3 - x1)", "1/E"]}
+    found = check([("good", model)])["good"]
+    (low, high), _ = found["bounds"]
+    assert low <= 0 < 3**0.5 <= high < 1.8
+    (note,) = found["notes"]
+    told = bound(parse("sqrt(3 - x1)", entry(model).symbols), entry(model).outer)
+    assert note == f"bound_queries, 'sqrt(3 - x1)': {told.note}"
+    assert "it is not a finite real number at x1 = 3." in note
 
 
 @pytest.mark.parametrize(

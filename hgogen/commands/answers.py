@@ -235,7 +235,8 @@ def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
 
 
 def _bounds(forms: _Forms) -> Iterator[Answer]:
-    """One query after the other; null where no finite range is proved, the sentence where it cannot be read."""
+    """One query after the other; null where no finite range is proved, a note where it has not a value everywhere, the
+    sentence where it cannot be read."""
     e, faults = forms.entry, []
     found: list[list[float] | None] = [None] * len(e.queries)
     for k, text in enumerate(e.queries):
@@ -246,6 +247,8 @@ def _bounds(forms: _Forms) -> Iterator[Answer]:
             continue
         found[k] = [one.low, one.high] if one.finite else None
         yield "bounds", list(found)
+        if not one.defined:
+            yield "note", f"bound_queries, {text!r}: {one.note}"
     if faults:
         yield "error", "; ".join(faults)
 

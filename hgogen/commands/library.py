@@ -2,7 +2,7 @@
 
 IN is {"models": [model, ..]} as `reading.entry` reads them; OUT is one object from name to answer, the fields of
 `commands.answers`, null where there is no answer, and where they apply "error", a sentence, "partial": true where the
-time limit struck, and "notes", sentences on questions that failed.
+time limit struck, and "notes", sentences on questions that failed and on bounds of what has no value somewhere.
 """
 
 import json

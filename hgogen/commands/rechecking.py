@@ -22,8 +22,10 @@ def recheck_(
     Exit status: 0 every claim that is said to be proved or refuted is verified, 1 one of them is not or there is none,
     2 the file is no certificate. The model's digest is that in the banner of its C; the file's digest is no signature.
 
-    JSON keys: plant, form, observer (null without one), model (SHA-256 of these three), verified, claims (id, verdict,
-    found: "verified", "open" where nothing is asserted, or "fails", sentence, boxes: how many intervals it took).
+    JSON keys: plant, form, observer (null without one), model (SHA-256 of these three), verified, counts (verified,
+    open, stated, failed), claims (id, verdict, found: "verified", "open" or "stated" where nothing is asserted, or
+    "fails", sentence, boxes: how many intervals it took), unexamined (what no verified claim is about), points (names
+    whose range is one value, and it).
     """
     try:
         text = content_of(file, LARGEST).decode()

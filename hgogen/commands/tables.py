@@ -163,9 +163,12 @@ def rechecked(found: Rechecked) -> RenderableType:
     for row in found.rows:
         word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
         word.stylize(colours.get(row.found, "yellow"))
-        sentence = row.sentence if row.found != "open" else f"{row.verdict}: {row.sentence}"
+        sentence = f"{row.verdict}: {row.sentence}" if row.found in ("open", "stated") else row.sentence
         table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-    return Group(table, "", Text(f"model {found.model[:SHOWN]}"), Text(found.count))
+    points = ", ".join(f"{name} = {value}" for name, value in found.points.items())
+    fixed = [Text(f"with one value: {points}")] if points else []
+    left = [Text(f"not examined: {said}") for said in found.unexamined]
+    return Group(table, "", *fixed, *left, Text(f"model {found.model[:SHOWN]}"), Text(found.count))
 
 
 def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:

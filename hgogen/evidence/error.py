@@ -1,10 +1,12 @@
-"""The evidence of a claim about an error system, inequality (38): the system, its bisections, the level of V."""
+"""The evidence of a claim about an error system, inequality (38): how the plant makes it, its bisections, the level of
+V."""
 
 from fractions import Fraction
 from typing import Any
 
 from hgogen.check import Check, Verdict
 from hgogen.dissipation import Dissipates
+from hgogen.error_system import Injection
 from hgogen.evidence.form import Evidence, end, written
 from hgogen.intervals.box import Box
 from hgogen.intervals.proof import Proof
@@ -13,9 +15,9 @@ from hgogen.intervals.proof import Proof
 def evidence(check: Check) -> Evidence | None:
     """What shows a proved check; None where nothing here does."""
     found = next((proof for proof in check.proofs if isinstance(proof, Dissipates)), None)
-    if found is None or check.verdict is not Verdict.PROVED:
+    if found is None or found.system.injection is None or check.verdict is not Verdict.PROVED:
         return None
-    system = {"system": _system(found)}
+    system = {"system": _system(found, found.system.injection)}
     if found.floor is not None:
         return {**system, "floor": str(found.floor)}
     answer, names = found.answer, _names(found)
@@ -35,13 +37,19 @@ def _names(found: Dissipates) -> set[str]:
     return {s.name for s in (*found.system.errors, *found.system.box)}
 
 
-def _system(found: Dissipates) -> dict[str, Any]:
-    names = _names(found)
+def given(check: Check) -> bool:
+    """Whether a check is about an error system that was given, and not made of the plant."""
+    return any(isinstance(proof, Dissipates) and proof.system.injection is None for proof in check.proofs)
+
+
+def _system(found: Dissipates, made: Injection) -> dict[str, Any]:
+    names = {s.name for s in (*found.system.errors, *found.system.box, *made.names)}
     return {
+        **{
+            key: [[written(cell, names) for cell in row] for row in M.tolist()]
+            for key, M in (("gain", made.gain), ("G1", made.G1), ("G2", made.G2))
+        },
         "errors": _ranges(found.within),
-        "signals": _ranges(found.system.plain),
-        "flow": [written(row, names) for row in found.system.flow],
-        "noise": [[written(cell, names) for cell in row] for row in found.system.noise.tolist()],
         "V": written(found.V, names),
         "mu": str(found.mu),
     }

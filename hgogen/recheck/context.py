@@ -16,8 +16,8 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
-from hgogen.recheck.algebra import Algebra, Quotient
-from hgogen.recheck.arithmetic import Dual, dual, evaluate
+from hgogen.recheck.algebra import Algebra, Quotient, TooLarge
+from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.box import Box, NotShown, covered, ranged
 from hgogen.recheck.file import Certificate, Claim, ends, part
 from hgogen.recheck.text import Expression, expression, number
@@ -65,6 +65,10 @@ class Context:
             self._undone()
         except NotShown as error:
             return str(error)
+        except Undefined as error:
+            return f"an expression has no value: {error}"
+        except TooLarge:
+            return "its identity is too large to verify"
         return ""
 
     def _finite(self) -> None:

@@ -9,8 +9,9 @@ V = e'H e/2, N and H averages of H(c) and
 
 over c, d, g in any box around 0 that holds e. They are positive definite on a `share` of the box of errors, by
 bisection; on the slabs that this leaves S and V keep off 0. A set {V <= c} keeps off the faces of the box where V is
-above c on them: of V = e'P e, where P - c/end_i^2 on its place (i, i) has no negative eigenvalue. The system is the
-claim's own. Source: Alessandri, Mathematical Problems in Engineering (2020), theorem 1, (21), (38), (39).
+above c on them: of V = e'P e, where P - c/end_i^2 on its place (i, i) has no negative eigenvalue. The system is that
+of the file's plant (`error`); a claim tells the observer's gain, V and mu. Source: Alessandri, Mathematical Problems in
+Engineering (2020), theorem 1, (21), (38), (39).
 """
 
 import math
@@ -23,15 +24,15 @@ from hgogen.recheck.algebra import Quotient
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.box import Box, NotShown, Try, centre_of, covered, ranged, sides
 from hgogen.recheck.context import Context, Shown, algebra_of, cut, letters_of, narrowed, on, short, value_of
-from hgogen.recheck.file import Claim, part, signals
+from hgogen.recheck.error import PARTS, ErrorSystem, error_system, smooth
+from hgogen.recheck.file import Claim, part
 from hgogen.recheck.interval import intersection, intervals, point
 from hgogen.recheck.matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
-from hgogen.recheck.slope import mean_value, positive, regular, weights
+from hgogen.recheck.slope import mean_value, positive, weights
 from hgogen.recheck.text import Expression, expression
 
 Row = tuple[int, ...]
-_KNOWN = {"errors", "signals", "flow", "noise", "V", "mu"}
-_KINKS = ("Abs", "sign", "Min", "Max")
+_KNOWN = {*PARTS, "V", "mu"}
 _duals = dual(intervals)  # slopes in the names of a box
 _seconds = dual(_duals)
 _thirds = dual(_seconds)
@@ -39,15 +40,30 @@ _thirds = dual(_seconds)
 
 @dataclass(frozen=True)
 class Told:
-    """An error system with V and mu, as a claim tells it: `around` the box of the errors, `box` of all names."""
+    """The error system with V and mu, as a claim tells them."""
 
-    errors: tuple[str, ...]
-    around: Box
-    box: Box
-    flow: tuple[Expression, ...]
-    noise: tuple[tuple[Expression, ...], ...]
+    system: ErrorSystem
     V: Expression
     mu: Fraction
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The names of the errors."""
+        return self.system.errors
+
+    @property
+    def around(self) -> Box:
+        """The box of the errors."""
+        return self.system.around
+
+    @property
+    def box(self) -> Box:
+        """The box of all names."""
+        return self.system.box
+
+    def shown(self, sentence: str, boxes: int) -> Shown:
+        """What was shown of it."""
+        return Shown(f"{sentence}; of the error {self.system.sentence}", boxes)
 
 
 def is_positive(context: Context, claim: Claim, row: Row) -> Shown:
@@ -59,14 +75,14 @@ def is_positive(context: Context, claim: Claim, row: Row) -> Shown:
         if bound <= 0:
             raise NotShown("V is not kept above zero on a slab")
         boxes += covered(narrowed(slab, told.V.names), tree, ranged(told.V, bound, math.inf))
-    return Shown(f"V = {cut(told.V.text)} > 0 for every e but 0{on(told.around)}", boxes)
+    return told.shown(f"V = {cut(told.V.text)} > 0 for every e but 0{on(told.around)}", boxes)
 
 
 def inequality(context: Context, claim: Claim, row: Row) -> Shown:
     """S(e, x) < 0 for every e of the box but 0, and every x."""
     told = _told(context, claim)
     share, T = _share(claim, told)
-    reads = {"c": told.V.names, "d": _names(told.flow), "g": _names(cell for row in told.noise for cell in row)}
+    reads = {"c": told.V.names, "d": told.system.read_by_flow, "g": told.system.read_by_noise}
     boxes = covered(_copies(told, share, reads), ".", _definite(told, T, _second_order))
     slabs = list(_slabs(claim, told, share))
     if slabs:
@@ -76,7 +92,7 @@ def inequality(context: Context, claim: Claim, row: Row) -> Shown:
             if bound >= 0:
                 raise NotShown("the left side is not kept below zero on a slab")
             boxes += covered(narrowed(slab, left.names), tree, ranged(left, -math.inf, bound))
-    return Shown(f"inequality (38) holds with V = {cut(told.V.text)} and mu = {short(told.mu)}{on(told.box)}", boxes)
+    return told.shown(f"inequality (38) holds with V = {cut(told.V.text)}, mu = {short(told.mu)}{on(told.box)}", boxes)
 
 
 def level(context: Context, claim: Claim, row: Row) -> Shown:
@@ -93,62 +109,60 @@ def level(context: Context, claim: Claim, row: Row) -> Shown:
         for i, end in faces:
             face = narrowed({**told.around, told.errors[i]: (end, end)}, told.V.names)
             boxes += covered(face, ".", ranged(told.V, floor, math.inf))
-    return Shown(f"every {{V <= c}} with c < {short(floor, -1)} keeps off the faces of the box", boxes)
+    faced = f"every {{V <= c}} of V = {cut(told.V.text)} with c < {short(floor, -1)} keeps off the faces of the box"
+    return told.shown(f"{faced}{on(told.around)}", boxes)
 
 
 # --- the claim's system
 
 
 def _told(context: Context, claim: Claim) -> Told:
-    """The system, with F, V and V_e zero at e = 0, and smooth; the claims of one file are about one system."""
-    system = part(claim.evidence, "system", dict)
-    if system.keys() != _KNOWN:
+    """The system with V and V_e zero at e = 0, all smooth; the claims of one file are about one system."""
+    told = part(claim.evidence, "system", dict)
+    if told.keys() != _KNOWN:
         raise NotShown(f"its system has not the parts {', '.join(sorted(_KNOWN))}")
     for other in context.file.claims:
-        if other.id.startswith("dissipation.") and other.evidence.get("system", system) != system:
+        if other.id.startswith("dissipation.") and other.evidence.get("system", told) != told:
             raise NotShown(f"it is about another system than {other.id}")
-    around, plain = signals(system, "errors"), signals(system, "signals")
-    if around.keys() & plain.keys() or not all(-math.inf < low < 0 < high < math.inf for low, high in around.values()):
-        raise NotShown("its errors have no finite ranges around 0, or names of signals")
-    box, n = {**plain, **around}, len(around)
-    noise = entries(system, "noise", n)
-    columns = len(noise[0]) if isinstance(noise[0], list) else 0
-    told = Told(
-        errors=tuple(around),
-        around=around,
-        box=box,
-        flow=tuple(expression(row, box) for row in entries(system, "flow", n)),
-        noise=tuple(
-            tuple(expression(cell, box) for cell in entries({"noise": row}, "noise", columns)) for row in noise
-        ),
-        V=expression(system["V"], around),
-        mu=above_zero(system, "mu"),
-    )
-    _vanishing(told)
-    return told
+    system = error_system(context, told)
+    found = Told(system, expression(told["V"], system.around), above_zero(told, "mu"))
+    _vanishing(found)
+    return found
 
 
 def _vanishing(told: Told) -> None:
-    """F(0, x) = 0, V(0) = 0, V_e(0) = 0 by exact algebra; no kinks, finite slopes on the whole box."""
-    algebra = algebra_of(told.box)
+    """V(0) = 0, V_e(0) = 0 by exact algebra; V without kinks, and finite slopes on the whole box."""
+    algebra = algebra_of(told.around)
     zero, one = algebra.number(Fraction(0)), algebra.number(Fraction(1))
-    at = {**letters_of(algebra, told.box), **dict.fromkeys(told.errors, zero)}
-    for text in (*told.flow, told.V):
-        if any(step.op in _KINKS for step in text.instructions):
-            raise NotShown(f"{cut(text.text)} has kinks or jumps")
-        if not algebra.is_zero(value_of(text, at, algebra)):
-            raise NotShown(f"{cut(text.text)} is not shown to vanish at e = 0")
+    smooth((told.V,))
+    if not algebra.is_zero(value_of(told.V, dict.fromkeys(told.errors, zero), algebra)):
+        raise NotShown(f"{cut(told.V.text)} is not shown to vanish at e = 0")
     moving = {name: Dual(zero, {i: one}) for i, name in enumerate(told.errors)}
     slopes = evaluate(told.V, moving, dual(algebra.arithmetic)).slopes
     if not all(algebra.is_zero(slope) for slope in slopes.values()):
         raise NotShown("dV/de is not shown to vanish at e = 0")
-    covered(narrowed(told.box, _names(told.flow)), ".", regular(told.flow, told.errors))
-    covered(
-        narrowed(told.box, _names(cell for row in told.noise for cell in row)),
-        ".",
-        regular([c for row in told.noise for c in row], ()),
-    )
+    covered(narrowed(told.box, told.system.read_by_flow | told.system.read_by_noise), ".", _regular(told.system))
     covered(narrowed(told.around, told.V.names), ".", _smooth(told))
+
+
+def _regular(system: ErrorSystem) -> Any:
+    """The statement that F has finite slopes in e, and that G is finite."""
+    one = point(Fraction(1))
+
+    def attempt(box: Box) -> Try:
+        at = {**dict.fromkeys(system.box, point(Fraction(0))), **sides(box)}  # what is not read may be anything
+        moving = {
+            name: Dual(side, {system.errors.index(name): one} if name in system.around else {})
+            for name, side in at.items()
+        }
+        try:
+            rates, noise = system.flow(moving, _duals), system.noise(at, intervals)
+        except Undefined:
+            return Try(False)
+        slopes = (x for rate in rates for x in rate.slopes.values())
+        return Try(all(x.finite for x in (*slopes, *(x for row in noise for x in row))))
+
+    return attempt
 
 
 def _smooth(told: Told) -> Any:
@@ -163,10 +177,6 @@ def _smooth(told: Told) -> Any:
             return Try(False)
 
     return attempt
-
-
-def _names(texts: Any) -> set[str]:
-    return {name for text in texts for name in text.names}
 
 
 def _text(tree: Any) -> str:
@@ -211,12 +221,13 @@ def _left(told: Told, left: Expression) -> None:
     zero, half = algebra.number(Fraction(0)), algebra.number(Fraction(1, 2))
     p = [slopes.get(i, zero) for i in range(len(told.errors))]
     total: Quotient = zero
-    for slope, row, name in zip(p, told.flow, told.errors, strict=True):
-        total = total + slope * value_of(row, letters, algebra) + half * letters[name] * letters[name]
-    for k in range(len(told.noise[0])):
+    for slope, rate, name in zip(p, told.system.flow(letters, algebra.arithmetic), told.errors, strict=True):
+        total = total + slope * rate + half * letters[name] * letters[name]
+    noise = told.system.noise(letters, algebra.arithmetic)
+    for k in range(len(noise[0])):
         pushed = zero
-        for slope, cells in zip(p, told.noise, strict=True):
-            pushed = pushed + slope * value_of(cells[k], letters, algebra)
+        for slope, cells in zip(p, noise, strict=True):
+            pushed = pushed + slope * cells[k]
         total = total + algebra.number(1 / (2 * told.mu**2)) * pushed * pushed
     if not algebra.is_zero(value_of(left, letters, algebra) - total):
         raise NotShown("its left side is not that of (38)")
@@ -319,9 +330,8 @@ def _second_order(told: Told, box: Box) -> list[list[Dual]]:
         name: Dual(value, {told.errors.index(name): one} if name in told.around else {})
         for name, value in values.items()
     }
-    rows = [evaluate(row, moving, _seconds).slopes for row in told.flow]
-    there = _values(told, box, "g")
-    G = [[evaluate(cell, there, _duals) for cell in row] for row in told.noise]
+    rows = [rate.slopes for rate in told.system.flow(moving, _seconds)]
+    G = told.system.noise(_values(told, box, "g"), _duals)
     HF = [[_sum(H[i][k] * rows[k].get(j, zero) for k in n) for j in n] for i in n]
     HG = [[_sum(H[i][k] * G[k][j] for k in n) for j in range(len(G[0]))] for i in n]
     level_ = _number(1 / told.mu**2)

@@ -5,6 +5,7 @@ The file says nothing twice that could disagree: a claim's expressions are compa
 
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -14,10 +15,14 @@ from hgogen.errors import HgogenError
 from hgogen.recheck.box import Box, End
 from hgogen.recheck.text import Expression, expression, number
 
-FORMAT, VERSION = "hgogen certificate", "1"
+FORMAT, VERSION = "hgogen certificate", "2"
 LARGEST = 50_000_000  # characters of a file
 ABOUT = ("plant", "form", "observer")  # the parts that say what is proved about
 SHOWN = 16  # digits of their digest that are printed
+LONGEST = 300  # characters of the file's words that are printed
+DEEPEST = 20  # lists and objects in each other
+_ID = re.compile(r"[a-z_0-9]{1,60}\.[A-Za-z_0-9]{1,60}\Z", re.ASCII)
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}\Z", re.ASCII)
 _KEYS = {
     "the file": ("format", "version", "hgogen", *ABOUT, "model", "claims", "digest"),
     "plant": ("name", "states", "inputs", "parameters", "outputs", "flow", "output"),
@@ -116,6 +121,15 @@ class Certificate:
     named: bool
     untouched: bool
 
+    def claim(self, id: str) -> Claim | None:
+        """The claim of that id, None where there is none."""
+        return next((claim for claim in self.claims if claim.id == id), None)
+
+
+def words(text: str) -> str:
+    """Words of the file, quoted so that they cannot be taken for the verifier's, nor move a terminal's cursor."""
+    return json.dumps(text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}...")
+
 
 def digest(content: Mapping[str, Any]) -> str:
     """SHA-256 of the content without its digest. It finds accidents; who forges a file makes it anew."""
@@ -145,11 +159,23 @@ def read(text: str) -> Certificate:
         raise NoCertificate("its JSON is nested too deep") from None
     except ValueError as error:
         raise NoCertificate(f"its JSON cannot be read ({error})") from None
+    _shallow(content)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise NoCertificate(f'it does not say "format": "{FORMAT}"')
     if content.get("version") != VERSION:
-        raise NoCertificate(f"its version is {content.get('version')!r}, this reader's is {VERSION!r}")
+        raise NoCertificate(f"its version is not {VERSION!r}, which this reader has")
     return _read(content)
+
+
+def _shallow(content: Any) -> None:
+    """Raises: `NoCertificate` where lists and objects are too deep for what reads them."""
+    left = [(content, 0)]
+    while left:
+        value, depth = left.pop()
+        if depth > DEEPEST:
+            raise NoCertificate("its JSON is nested too deep")
+        inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        left += [(each, depth + 1) for each in inner]
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -219,7 +245,7 @@ def _known(what: str, holder: Mapping[str, Any]) -> None:
 def _parts(what: str, holder: Mapping[str, Any], known: Iterable[str]) -> None:
     strange = sorted(holder.keys() - set(known))
     if strange:
-        raise NoCertificate(f"{what} has a part {strange[0]!r}, which is unknown here")
+        raise NoCertificate(f"{what} has a part {words(strange[0])}, which is unknown here")
 
 
 def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
@@ -234,6 +260,8 @@ def _observer(content: Mapping[str, Any], names: Mapping[str, Any], count: int) 
         return None
     found = dict(part(content, "observer", dict))
     name = part(found, "name", str)
+    if not _NAME.match(name):
+        raise NoCertificate(f"{words(name)} is no name of an observer")
     del found["name"]
     if not found:
         return Observer(name, {})
@@ -269,8 +297,8 @@ def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
             raise NoCertificate(f"an entry of {key!r} is no object")
         _known("a range", entry)
         name = part(entry, "name", str)
-        if not name.isidentifier() or name in found:
-            raise NoCertificate(f"{name!r} in {key!r} is no name, or stands twice")
+        if not _NAME.match(name) or name in found:
+            raise NoCertificate(f"{words(name)} in {key!r} is no name, or stands twice")
         found[name] = ends(entry.get("low"), entry.get("high"), name)
     return found
 
@@ -290,11 +318,14 @@ def _claims(content: Mapping[str, Any]) -> tuple[Claim, ...]:
         if not isinstance(entry, dict):
             raise NoCertificate("a claim is no object")
         _known("a claim", entry)
-        found.append(Claim(part(entry, "id", str), part(entry, "verdict", str), part(entry, "evidence", dict)))
+        id = part(entry, "id", str)
+        if not _ID.match(id):
+            raise NoCertificate(f"{words(id)} is no id of a claim")
+        found.append(Claim(id, part(entry, "verdict", str), part(entry, "evidence", dict)))
     return tuple(found)
 
 
 __all__ = [
     *("FORMAT", "SHOWN", "VERSION", "Certificate", "Claim", "NoCertificate", "Unreadable"),
-    *("digest", "model_digest", "part", "read"),
+    *("digest", "model_digest", "part", "read", "words"),
 ]

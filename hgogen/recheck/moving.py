@@ -221,10 +221,10 @@ def held(context: Context, claim: Claim, row: Row) -> Shown:
     """The time hold is long enough; that both gains are above the bound is another claim."""
     numbers = built(context, claim).numbers
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
-    bounds = [other for other in context.file.claims if other.id == "switched_gain.convergence"]
-    if not bounds:
+    bound = context.file.claim("switched_gain.convergence")
+    if bound is None:
         raise NotShown("there is no bound on theta")
-    evidence, n, least = bounds[0].evidence, len(context.z), above_zero(claim.evidence, "least")
+    evidence, n, least = bound.evidence, len(context.z), above_zero(claim.evidence, "least")
     P, peak, L = matrix(evidence, "P", n, n), above_zero(evidence, "peak"), scalar(evidence, "bound")
     demand_nonnegative({"P - least I": minus(P, scaled(least, unit(n)))})
     growth = (peak / least) ** 2 * (theta / low) ** (2 * (n - 1))

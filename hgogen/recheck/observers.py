@@ -47,11 +47,11 @@ def _theta(context: Context, claim: Claim, row: Row) -> Shown:
     chosen = scalar(observer.numbers, which)
     if chosen > scalar(observer.numbers, "theta"):
         raise NotShown("theta_low is above theta")
-    found = [other for other in context.file.claims if other.id == f"{name}.convergence"]
-    bounds = [_THRESHOLDS[name](observer, other) for other in found]
-    if not bounds or not chosen > bounds[0]:
+    other = context.file.claim(f"{name}.convergence")
+    bound = _THRESHOLDS[name](observer, other) if other else None
+    if bound is None or not chosen > bound:
         raise NotShown(f"{which} = {short(chosen)} is not above the bound")
-    return Shown(f"{which} = {short(chosen)} is above {short(bounds[0], 1)}")
+    return Shown(f"{which} = {short(chosen)} is above {short(bound, 1)}")
 
 
 # The claim's id, and what its evidence has: each a rule for "proved". On a form in chains:

@@ -62,8 +62,7 @@ def phases(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
 
 def rank(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
     """det dPhi/dx keeps clear of zero; Phi is another claim."""
-    (source,) = [other for other in context.file.claims if other.id == "phase.chain"] or [claim]
-    box, _, Phi = _read(context, source)
+    box, _, Phi = _read(context, context.file.claim("phase.chain") or claim)
     states = context.plant.states
     if len(states) > MOST:
         raise NotShown(f"the determinant of more than {MOST} states is not computed")
@@ -82,8 +81,14 @@ def rank(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
 
 
 def _read(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[Expression]]:
+    """The box and the names of `box_of_rates`, and Phi."""
+    box, rates = box_of_rates(context)
+    return box, rates, [expression(text, box) for text in part(claim.evidence, "chain", list)]
+
+
+def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
     """The plant's box with the derivatives of inputs, unbounded where they have no range; which name is the derivative
-    of which, by the names; Phi."""
+    of which, by the names. Raises: `NotShown`."""
     count, inputs = len(context.plant.states), context.file.inputs
     lines = [[name, *(f"{name.rstrip('_')}{suffix}" for suffix in _suffixes(count))] for name in inputs]
     derived = {other for line in lines for other in line[1:]}
@@ -91,7 +96,7 @@ def _read(context: Context, claim: Claim) -> tuple[Box, Mapping[str, str], list[
     box = {**dict.fromkeys(rates.values(), (-math.inf, math.inf)), **context.plant.box}
     if derived & {*context.plant.states, *context.file.parameters}:
         raise NotShown("a name that a derivative of an input would have is taken")
-    return box, rates, [expression(text, box) for text in part(claim.evidence, "chain", list)]
+    return box, rates
 
 
 def _suffixes(count: int) -> list[str]:

@@ -2,11 +2,14 @@
 
 Exact identities are shown by rational functions over fractions, ranges by mpmath's intervals on the certificate's
 bisections. A claim holds for the model that stands in the same file, of which `Rechecked.model` is the digest; the
-file's own digest finds accidents, it is no signature.
+file's own digest finds accidents, it is no signature. What no verified claim is about is said to be unexamined, and an
+open claim's reason is the file's: nobody has verified it.
 """
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +17,14 @@ from hgogen.errors import HgogenError
 from hgogen.recheck.algebra import TooLarge
 from hgogen.recheck.arithmetic import Undefined
 from hgogen.recheck.box import NotShown
-from hgogen.recheck.context import Context, Shown
-from hgogen.recheck.file import LARGEST, Certificate, Claim, NoCertificate, read
-from hgogen.recheck.rules import required, rests, rule
+from hgogen.recheck.context import Context, Shown, short
+from hgogen.recheck.examined import faults, unexamined
+from hgogen.recheck.file import LARGEST, Certificate, Claim, NoCertificate, part, read, words
+from hgogen.recheck.rules import required, rests, rule, subject
 from hgogen.recheck.text import Unreadable
 
-OPEN = ("where", "generic", "unknown", "stated")  # verdicts that assert nothing to verify
+STATED = "stated"  # proved or refuted, but of no evidence that is verified here
+OPEN = ("where", "generic", "unknown", STATED)  # verdicts that assert nothing to verify
 
 
 @dataclass(eq=False)
@@ -56,7 +61,8 @@ class NothingVerified(HgogenError):
 
 @dataclass(frozen=True)
 class Row:
-    """One claim, what was found ("verified", "open" where nothing is asserted, "fails"), how, with how many boxes."""
+    """One claim, what was found ("verified", "open" or "stated" where nothing is asserted, "fails"), how, with how many
+    boxes; or a fault of the file or of its form, which has no verdict."""
 
     id: str
     verdict: str
@@ -75,15 +81,21 @@ class Row:
         }
 
 
+_COUNTED = {"verified": "verified", "open": "open", STATED: STATED, "fails": "failed"}
+
+
 @dataclass(frozen=True)
 class Rechecked:
-    """What was verified of a certificate, claim by claim."""
+    """What was verified of a certificate, claim by claim; `unexamined`: what no verified claim is about; `points`: the
+    names that have one value, which all of it rests on."""
 
     plant: str
     form: str
     observer: str
     model: str
     rows: tuple[Row, ...]
+    unexamined: tuple[str, ...] = ()
+    points: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     @property
     def failed(self) -> tuple[Row, ...]:
@@ -99,9 +111,14 @@ class Rechecked:
         return tuple(row for row in self.rows if row.found == what)
 
     @property
+    def counts(self) -> dict[str, int]:
+        """How many claims were verified, are open, are only stated; and what failed."""
+        return {name: len(self._found(what)) for what, name in _COUNTED.items()}
+
+    @property
     def count(self) -> str:
-        """How many claims were verified, are open, failed."""
-        return f"{len(self.verified)} verified, {len(self._found('open'))} open, {len(self.failed)} failed"
+        """The counts as text."""
+        return ", ".join(f"{count} {name}" for name, count in self.counts.items())
 
     def demand(self) -> None:
         """Raises: `NotVerified` where a claim fails, `NothingVerified` where none is verified."""
@@ -114,7 +131,8 @@ class Rechecked:
         """For JSON."""
         rows = [row.as_dict() for row in self.rows]
         about = {"plant": self.plant, "form": self.form, "observer": self.observer or None, "model": self.model}
-        return {**about, "verified": bool(self.verified and not self.failed), "claims": rows}
+        found = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}
+        return {**about, **found, "unexamined": list(self.unexamined), "points": dict(self.points)}
 
 
 def recheck(text: str) -> Rechecked:
@@ -125,9 +143,25 @@ def recheck(text: str) -> Rechecked:
     Raises: `NoCertificate` and `Unreadable` for a text that is no certificate.
     """
     certificate = read(text)
+    context = Context(certificate)
     observer = certificate.observer.name if certificate.observer else ""
-    about = (certificate.name, certificate.form.kind, observer, certificate.model)
-    return Rechecked(*about, (*_changed(certificate), *rows(certificate)))
+    found = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", said) for said in faults(context)))
+    verified = [row.id for row in found if row.found == "verified"]
+    points = {name: short(Fraction(low)) for name, (low, high) in certificate.plant.box.items() if low == high}
+    return Rechecked(
+        _plain(certificate.name),
+        _plain(certificate.form.kind),
+        observer,
+        certificate.model,
+        found,
+        tuple(unexamined(context, verified)),
+        points,
+    )
+
+
+def _plain(text: str) -> str:
+    """A name of the file, quoted where it may be more than a name."""
+    return text if re.fullmatch(r"[\w ,.()-]{1,80}", text, re.ASCII) else words(text)
 
 
 def _changed(certificate: Certificate) -> Iterator[Row]:
@@ -149,14 +183,15 @@ def load(path: str | Path) -> str:
         raise CannotRead(str(path), "is no text in UTF-8") from None
 
 
-def rows(certificate: Certificate) -> Iterator[Row]:
+def rows(context: Context) -> Iterator[Row]:
     """One row a claim, and one for each that is missing."""
-    context = Context(certificate)
+    certificate = context.file
     found: dict[str, Row] = {}
     for claim in certificate.claims:
         if claim.id in found:
-            yield Row(claim.id, claim.verdict, "fails", "it stands twice")
-        found.setdefault(claim.id, _row(context, claim))
+            found[claim.id] = Row(claim.id, _plain(claim.verdict), "fails", "it stands twice")
+        else:
+            found[claim.id] = _row(context, claim)
     known = dict(found)
     while loose := [row for row in known.values() if row.found == "verified" and _missing(certificate, row, known)]:
         known |= {row.id: _resting(row, _missing(certificate, row, known)) for row in loose}
@@ -176,28 +211,41 @@ def _resting(row: Row, missing: list[str]) -> Row:
 
 
 def _row(context: Context, claim: Claim) -> Row:
+    verdict = _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
             _read_only(claim, ("reason",))
-            return Row(claim.id, claim.verdict, "open", str(claim.evidence.get("reason", "")))
+            reason = words(part(claim.evidence, "reason", str))
+            found = STATED if claim.verdict == STATED else "open"
+            return Row(claim.id, verdict, found, f"not verified; in the file's words: {reason}")
         shown = _shown(context, claim)
     except NotShown as error:
-        return Row(claim.id, claim.verdict, "fails", str(error))
+        return Row(claim.id, verdict, "fails", str(error))
     except Undefined as error:
-        return Row(claim.id, claim.verdict, "fails", f"an expression has no value: {error}")
+        return Row(claim.id, verdict, "fails", f"an expression has no value: {error}")
     except TooLarge:
-        return Row(claim.id, claim.verdict, "fails", "its identity is too large to verify")
+        return Row(claim.id, verdict, "fails", "its identity is too large to verify")
     except NoCertificate as error:
-        return Row(claim.id, claim.verdict, "fails", error.reason)
+        return Row(claim.id, verdict, "fails", error.reason)
     except Unreadable as error:
-        return Row(claim.id, claim.verdict, "fails", error.fault)
-    return Row(claim.id, claim.verdict, "verified", shown.sentence, shown.boxes)
+        return Row(claim.id, verdict, "fails", error.fault)
+    sentence = f"{subject(claim.id, context.form.kind)}: {shown.sentence}{_narrow(context)}"
+    return Row(claim.id, verdict, "verified", sentence, shown.boxes)
+
+
+def _narrow(context: Context) -> str:
+    """The states and inputs whose ranges are one point, which a claim holds at alone."""
+    plant = context.plant
+    every = {**plant.box, **{name: context.form.box[name] for name in context.z}}
+    signals = (*plant.states, *context.file.inputs, *context.z)
+    named = [f"{name} = {short(Fraction(every[name][0]))}" for name in signals if every[name][0] == every[name][1]]
+    return f"; at {', '.join(named)} alone, a range of one point" if named else ""
 
 
 def _shown(context: Context, claim: Claim) -> Shown:
     found = rule(context.form.kind, claim)
     if found is None:
-        raise NotShown(f"no rule verifies that it is {claim.verdict}")
+        raise NotShown(f"no rule verifies that it is {_plain(claim.verdict)}")
     verify, place, keys = found
     _read_only(claim, keys)
     return verify(context, claim, place)
@@ -207,7 +255,7 @@ def _read_only(claim: Claim, keys: Iterable[str]) -> None:
     """Evidence that nothing reads could say anything. Raises: `NotShown`."""
     strange = sorted(claim.evidence.keys() - set(keys))
     if strange:
-        raise NotShown(f"its evidence has a part {strange[0]!r}, which is unknown here")
+        raise NotShown(f"its evidence has a part {words(strange[0])}, which is unknown here")
 
 
 __all__ = [

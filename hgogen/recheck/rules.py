@@ -5,16 +5,20 @@ or a witness. Source of the hypotheses: Boizot, Busvelle, Gauthier, Automatica 4
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
+from itertools import combinations
 
 from hgogen.recheck.algebra import Quotient
+from hgogen.recheck.arithmetic import evaluate
 from hgogen.recheck.box import Box, NotShown, covered, ranged, witnessed
 from hgogen.recheck.chain import place_of, wanted_gain
 from hgogen.recheck.context import (
     RANGE,
     Context,
     Shown,
+    cut,
     declared_box,
     enclosed,
     finite,
@@ -26,6 +30,7 @@ from hgogen.recheck.context import (
 )
 from hgogen.recheck.dissipation import inequality, is_positive, level
 from hgogen.recheck.file import OBSERVERS, Certificate, Claim, FormFile, part
+from hgogen.recheck.interval import intervals, point
 from hgogen.recheck.observers import OF_CHAINS, OF_NUMBERS, STEEP, Keys, Row, Rule
 from hgogen.recheck.observers import rests as of_observer
 from hgogen.recheck.persistence import persistent
@@ -151,9 +156,12 @@ def _clamped(context: Context, claim: Claim, place: Row) -> Shown:
 
 
 def _in_chain(rule: Rule) -> Rule:
-    """A rule about an observer on a form that has no claim of its structure: it is shown with it."""
+    """A rule about the file's observer on a form that has no claim of its structure: it is shown with it."""
 
     def shown(context: Context, claim: Claim, place: Row) -> Shown:
+        observer = context.file.observer
+        if observer is None or observer.name != claim.id.partition(".")[0]:
+            raise NotShown("the file's observer is another")
         _structure(context, claim, place)
         return rule(context, claim, place)
 
@@ -199,11 +207,27 @@ def _no_slope(context: Context, claim: Claim, place: Row) -> Shown:
     keys = [key for key in ("witness", "other") if key in claim.evidence]
     signs = [witnessed(at_kinks(text), _witness(claim, context.form.box, text.names, key)) for key in keys]
     if signs == ["zero"]:
+        _differentiable((rate, text), _witness(claim, context.form.box, text.names | rate.names))
         return Shown(f"{text.text} is zero at its witness")
     if sorted(signs) != ["negative", "positive"]:
         raise NotShown(f"{text.text} is not shown to be zero, or to change its sign")
+    if any(step.op == "sign" for step in rate.instructions):
+        raise NotShown(f"{rate.text} is not shown to be continuous")
     boxes = finite(text, context.form.box) + finite(rate, context.form.box)
     return Shown(f"{text.text} changes its sign", boxes)
+
+
+def _differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
+    """That no modulus, sign, minimum or maximum turns at a point: the formula of a slope says nothing there."""
+    values = {name: point(value) for name, value in at.items()}
+    for text in texts:
+        for op, args, _ in text.instructions:
+            if op not in ("Abs", "sign", "Min", "Max"):
+                continue
+            found = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
+            apart = [x - y for x, y in combinations(found, 2)] if len(found) > 1 else found
+            if any(x.sign == 0 for x in apart):
+                raise NotShown(f"{cut(text.text)} may have no slope at its witness")
 
 
 def _uniform_lipschitz(context: Context, claim: Claim, place: Row) -> Shown:
@@ -334,6 +358,19 @@ def rule(kind: str, claim: Claim) -> tuple[Rule, Row, Keys] | None:
     return None
 
 
+def subject(id: str, kind: str) -> str:
+    """What a verified claim is about, for its sentence."""
+    what = id.partition(".")[0]
+    if what in OBSERVERS:
+        return f"the {what} observer"
+    return {
+        "phase": "the plant",
+        "dissipation": "the plant",
+        "recast": "the form's coordinates",
+        "kalman_like": f"the plant in {kind} form",
+    }.get(what, f"the {kind} form")
+
+
 def rests(certificate: Certificate, id: str) -> tuple[str, ...]:
     """The ids of the claims that this one rests on; any claim of a form rests on those of its coordinates."""
     kind = certificate.form.kind
@@ -349,6 +386,8 @@ def required(certificate: Certificate) -> tuple[str, ...]:
     and what a form of proved structure needs beside."""
     form = certificate.form
     kind, blocks = form.kind, form.blocks
+    if kind.startswith("phase"):
+        return ("phase.chain",)
     if kind not in ("triangular", "uniform", "block_triangular", "state_affine"):
         return ()
     structure = f"{kind}.structure"

@@ -17,7 +17,7 @@ from hgogen.errors import HgogenError
 
 LONGEST = 100_000  # characters of one expression
 DEEPEST = 60  # nested brackets, signs and powers
-LARGEST = 400  # digits of a number
+LARGEST = 300  # digits of a number, so that a float holds it
 HIGHEST = 1000  # whole exponent
 
 ONE_ARGUMENT = frozenset(
@@ -30,7 +30,7 @@ MANY_ARGUMENTS = frozenset(("Min", "Max"))
 TWO_ARGUMENTS = frozenset(("atan2",))
 
 _TOKEN = re.compile(r"\s*(?:(\d+(?:\.\d+)?(?:[eE][+-]?\d{1,4})?)|([A-Za-z_][A-Za-z0-9_]*)|(\*\*|[-+*/(),]))", re.ASCII)
-_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:/[1-9]\d*)?\Z", re.ASCII)
+_NUMBER = re.compile(r"-?(?:\d+(?:\.\d+)?|\d+/0*[1-9]\d*)\Z", re.ASCII)
 
 
 @dataclass(eq=False)
@@ -71,15 +71,22 @@ class Expression:
 
 def number(text: object) -> Fraction:
     """The exact number that a text such as "-7/2" or "0.05" stands for. Raises: `Unreadable`."""
-    if not isinstance(text, str) or len(text) > 2 * LARGEST or not _NUMBER.match(text):
-        raise Unreadable(str(text), 'a number is written as "p/q" or as a decimal')
+    if not isinstance(text, str) or not _NUMBER.match(text):
+        raise Unreadable(_shown(text), 'a number is a text, "p/q" or a decimal')
+    if len(text) > 2 * LARGEST or max(abs(Fraction(text).numerator), Fraction(text).denominator) >= 10**LARGEST:
+        raise Unreadable(text, f"a number has more than {LARGEST} digits")
     return Fraction(text)
+
+
+def _shown(value: object) -> str:
+    """What stands where a text should."""
+    return value if isinstance(value, str) else f"a {type(value).__name__}"
 
 
 def expression(text: object, declared: Container[str]) -> Expression:
     """The program of a text in declared names; `pi` is the constant unless it is declared. Raises: `Unreadable`."""
     if not isinstance(text, str):
-        raise Unreadable(str(text), "an expression is a text")
+        raise Unreadable(_shown(text), "an expression is a text")
     if len(text) > LONGEST:
         raise Unreadable(text, f"it has more than {LONGEST} characters")
     reader = _Reader(text, declared)
