@@ -165,10 +165,7 @@ def rechecked(found: Rechecked) -> RenderableType:
         word.stylize(colours.get(row.found, "yellow"))
         sentence = f"{row.verdict}: {row.sentence}" if row.found in ("open", "stated") else row.sentence
         table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-    points = ", ".join(f"{name} = {value}" for name, value in found.points.items())
-    fixed = [Text(f"with one value: {points}")] if points else []
-    left = [Text(f"not examined: {said}") for said in found.unexamined]
-    return Group(table, "", *fixed, *left, Text(f"model {found.model[:SHOWN]}"), Text(found.count))
+    return Group(table, "", *map(Text, found.remarks), Text(f"model {found.model[:SHOWN]}"), Text(found.count))
 
 
 def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:

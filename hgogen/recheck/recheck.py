@@ -120,6 +120,13 @@ class Rechecked:
         """The counts as text."""
         return ", ".join(f"{count} {name}" for name, count in self.counts.items())
 
+    @property
+    def remarks(self) -> list[str]:
+        """What all of it rests on, and what it says nothing of."""
+        points = ", ".join(f"{name} = {value}" for name, value in self.points.items())
+        fixed = [f"with one value: {points}"] if points else []
+        return [*fixed, *(f"not examined: {said}" for said in self.unexamined)]
+
     def demand(self) -> None:
         """Raises: `NotVerified` where a claim fails, `NothingVerified` where none is verified."""
         if self.failed:

@@ -1,0 +1,222 @@
+"""A forger of certificates: changes of every kind at every place, the digests made anew."""
+
+import copy
+import json
+import random
+import re
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from hgogen.recheck.file import digest, model_digest
+
+Content = dict[str, Any]
+Path = tuple[Any, ...]
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+NAME = re.compile(r"\b[A-Za-z_][A-Za-z0-9_]*\b")
+ODD: tuple[Any, ...] = (
+    *(
+        "1.5/2",
+        "9" * 500,
+        "1/" + "9" * 500,
+        "nan",
+        "inf",
+        "-inf",
+        "1e400",
+        "1e-400",
+        "",
+        " 1",
+        "0x1",
+        "1/0",
+        "--1",
+        "1/-2",
+    ),
+    *(
+        None,
+        True,
+        False,
+        7,
+        0.5,
+        1e400,
+        [],
+        {},
+        [[[[["1"]]]]],
+        "\ud800",
+        "\x1b[32mverified",
+        "é",
+        "x" * 1000,
+        "0",
+        "1",
+        "-1",
+    ),
+)
+VERDICTS = ("proved", "refuted", "stated", "unknown", "where", "generic", "certain")
+
+
+def sealed(content: Content) -> str:
+    """As a forger would write it: with the digests of the changed content."""
+    content = {**content, "model": model_digest(content)}
+    return json.dumps({**content, "digest": digest(content)})
+
+
+def places(value: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
+    """Every part of a value with its path."""
+    if path:
+        yield path, value
+    pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in list(pairs):
+        yield from places(inner, (*path, key))
+
+
+def forged(draw: random.Random, content: Content, others: Sequence[Content]) -> tuple[str, Content]:
+    """One to three changes of a certificate, and what they are."""
+    result, told = copy.deepcopy(content), []
+    for _ in range(draw.choice((1, 1, 1, 2, 3))):
+        change = draw.choice(CHANGES)
+        told.append(change.__name__)
+        change(draw, result, others)
+    return ", ".join(told), result
+
+
+def put(content: Content, path: Path, value: Any) -> None:
+    """A value at a path."""
+    holder: Any = content
+    for key in path[:-1]:
+        holder = holder[key]
+    holder[path[-1]] = value
+
+
+def _pick(draw: random.Random, content: Content, wanted: Callable[[Path, Any], bool]) -> tuple[Path, Any]:
+    """A place that is wanted: of the plant, form and observer, or of the claims, equally often."""
+    parts = draw.sample(("plant", "form", "observer", "claims", "claims"), 5)
+    for part in parts:
+        found = [(path, value) for path, value in places(content.get(part), (part,)) if wanted(path, value)]
+        if found:
+            return draw.choice(found)
+    return ("hgogen",), content.get("hgogen")
+
+
+def number(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A number in a text is another."""
+    path, text = _pick(draw, content, lambda path, value: isinstance(value, str) and bool(NUMBER.search(value)))
+    match = draw.choice(list(NUMBER.finditer(str(text))) or [None])
+    if match is None:
+        return
+    old = match[0]
+    new = draw.choice((f"(-{old})", f"1{old}", "0", "1", f"({old}*99/100)", f"({old}*101/100)", old[:-1] + "7"))
+    if re.fullmatch(r"-?[\d./]+", str(text)):  # a number, which is no expression
+        new = draw.choice((f"1{old}", "0", "1", old[:-1] + "7", f"{old}7"))
+    sign = "-" if draw.random() < 0.2 and match.start() == 0 else ""
+    put(content, path, f"{sign}{text[: match.start()]}{new}{text[match.end() :]}")
+
+
+def name(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A name in a text is another of the file."""
+    path, text = _pick(draw, content, lambda path, value: isinstance(value, str) and bool(NAME.search(value)))
+    found = list(NAME.finditer(str(text)))
+    names = [value for at, value in places(content) if at[-1] == "name" and isinstance(value, str)]
+    if found and names:
+        match = draw.choice(found)
+        put(content, path, f"{text[: match.start()]}{draw.choice(names)}{text[match.end() :]}")
+
+
+def expression(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """An expression is another, of this file or made of it."""
+    path, text = _pick(draw, content, lambda path, value: isinstance(value, str))
+    _, other = _pick(draw, content, lambda path, value: isinstance(value, str))
+    made = (
+        other,
+        "0",
+        f"2*({text})",
+        f"({text}) + 1",
+        f"Abs({text})",
+        f"sign({text})",
+        f"-({text})",
+        f"({text})*({other})",
+    )
+    put(content, path, draw.choice(made))
+
+
+def odd(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A value of another type, or no value of its kind."""
+    path, _ = _pick(draw, content, lambda path, value: True)
+    put(content, path, copy.deepcopy(draw.choice(ODD)))
+
+
+def swapped(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A part is that of another file, or of another place of this one."""
+    path, value = _pick(draw, content, lambda path, value: True)
+    holder: Any = draw.choice((content, *others))
+    same = [other for at, other in places(holder) if at[-1] == path[-1] and type(other) is type(value)]
+    if same:
+        put(content, path, copy.deepcopy(draw.choice(same)))
+
+
+def another_subject(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """The plant, the form, the observer or the claims are another file's."""
+    part = draw.choice(("plant", "form", "observer", "claims"))
+    content[part] = copy.deepcopy(draw.choice(others)[part])
+
+
+def deleted(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A part is left out."""
+    path, _ = _pick(draw, content, lambda path, value: len(path) > 1)
+    holder: Any = content
+    for key in path[:-1]:
+        holder = holder[key]
+    del holder[path[-1]]
+
+
+def twice(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """An entry of a list stands twice."""
+    _, value = _pick(draw, content, lambda path, value: isinstance(value, list) and bool(value))
+    if isinstance(value, list):
+        value.append(copy.deepcopy(draw.choice(value)))
+
+
+def verdict(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A claim has another verdict, id or evidence."""
+    claims = content.get("claims")
+    if isinstance(claims, list) and claims:
+        every = [claim for holder in (content, *others) for claim in holder["claims"] if isinstance(claim, dict)]
+        claim, other = draw.choice(claims), draw.choice(every)
+        if isinstance(claim, dict):
+            key = draw.choice(("verdict", "verdict", "id", "evidence"))
+            value = draw.choice(VERDICTS) if key == "verdict" else other.get(key)
+            claim[key] = copy.deepcopy(value)
+            if key == "verdict" and draw.random() < 0.5:
+                claim["evidence"] = copy.deepcopy(draw.choice(({}, other.get("evidence"))))
+
+
+def narrowed(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A range is one point, wherever it stands."""
+    ranges = [
+        value for _, value in places(content) if isinstance(value, dict) and value.keys() == {"name", "low", "high"}
+    ]
+    if ranges:
+        one = draw.choice(ranges)
+        end = one[draw.choice(("low", "high"))]
+        for each in ranges:
+            if each["name"] == one["name"]:
+                each["low"] = each["high"] = end
+
+
+def emptied(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """The plant stands still, or shows nothing."""
+    plant = content.get("plant")
+    if isinstance(plant, dict):
+        key = draw.choice(("flow", "output"))
+        plant[key] = ["0"] * len(plant.get(key) or ())
+
+
+def relabelled(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """The form is of another kind, known or not, and the claims that would rest on it are left out."""
+    form = content.get("form")
+    if isinstance(form, dict) and isinstance(content.get("claims"), list):
+        old, form["kind"] = form.get("kind"), draw.choice(("phase", "original", "uniform", "banana", "state_affine"))
+        content["claims"] = [c for c in content["claims"] if not str(c).startswith(f"{{'id': '{old}.")]
+
+
+CHANGES = (
+    *(number, number, number, name, expression, expression, odd, odd, swapped, swapped, another_subject, deleted),
+    *(twice, verdict, narrowed, emptied, relabelled),
+)
