@@ -104,7 +104,7 @@ def number(draw: random.Random, content: Content, others: Sequence[Content]) -> 
     old = match[0]
     new = draw.choice((f"(-{old})", f"1{old}", "0", "1", f"({old}*99/100)", f"({old}*101/100)", old[:-1] + "7"))
     if re.fullmatch(r"-?[\d./]+", str(text)):  # a number, which is no expression
-        new = draw.choice((f"1{old}", "0", "1", old[:-1] + "7", f"{old}7"))
+        new = draw.choice((f"1{old}", "0", "1", old[:-1] + "7", f"{old}7".lstrip("0")))
     sign = "-" if draw.random() < 0.2 and match.start() == 0 else ""
     put(content, path, f"{sign}{text[: match.start()]}{new}{text[match.end() :]}")
 
