@@ -49,12 +49,16 @@ def falsehood(content: dict[str, Any], verified: Sequence[str]) -> str:
     with mp.workdps(40):
         sampled = _Sampled(content)
         for claim in content["claims"]:
-            if claim["id"] in verified:
-                for pattern, says in _SAYS:
-                    if match := re.fullmatch(pattern, claim["id"]):
-                        told = says(sampled, claim, tuple(int(each) for each in match.groups() if each))
-                        if told:
-                            return f"{claim['id']}: {told}"
+            if claim["id"] in verified and (told := _said(sampled, claim)):
+                return f"{claim['id']}: {told}"
+    return ""
+
+
+def _said(sampled: "_Sampled", claim: dict[str, Any]) -> str:
+    """By the first of the patterns that its id has."""
+    for pattern, says in _SAYS:
+        if match := re.fullmatch(pattern, claim["id"]):
+            return says(sampled, claim, tuple(int(each) for each in match.groups() if each))
     return ""
 
 

@@ -67,6 +67,8 @@ def lie(content: dict[str, Any], found: Rechecked) -> str:
     rough = None in ends or any(name in str(content["form"]) for name in ("Abs", "sign", "Min", "Max"))
     if said or rough or found.observer in ("", "kalman_like") or not any(id.startswith(found.observer) for id in ids):
         return said
+    if not any(id.startswith(found.observer) and id.endswith(("convergence", "theta", "decay")) for id in ids):
+        return said  # its oracle judges the matrices of all claims together
     return observers.falsehood({**content, "claims": [c for c in content["claims"] if c["id"] in ids]})
 
 
