@@ -15,7 +15,7 @@ from types import ModuleType
 TYPE_CHECKING = False
 if TYPE_CHECKING:  # the same as in _FILES, for what reads types; a test compares the two
     from hgogen import design, forms, innovation, methods, observers, targets, theta, trial
-    from hgogen.call import Run, Sample, sample
+    from hgogen.call import sample
     from hgogen.casadi_model import from_casadi
     from hgogen.check import Check, Verdict
     from hgogen.dissipation import Dissipation, dissipation
@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # the same as in _FILES, for what reads types; a test compare
     from hgogen.recast import recast
     from hgogen.reference import reference
     from hgogen.response import response
+    from hgogen.samples import Run, Sample
     from hgogen.signal import Signal
     from hgogen.singularity import singularity
     from hgogen.step import Step
@@ -38,7 +39,8 @@ if TYPE_CHECKING:  # the same as in _FILES, for what reads types; a test compare
 
 _FILES = {  # a public name, and the file that holds it, "" for a file or folder itself
     **dict.fromkeys(("design", "forms", "innovation", "methods", "observers", "targets", "theta", "trial"), ""),
-    **dict.fromkeys(("Run", "Sample", "sample"), "call"),
+    **dict.fromkeys(("Run", "Sample"), "samples"),
+    "sample": "call",
     "from_casadi": "casadi_model",
     **dict.fromkeys(("Check", "Verdict"), "check"),
     **dict.fromkeys(("Dissipation", "dissipation"), "dissipation"),

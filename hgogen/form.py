@@ -6,6 +6,7 @@ it while it peaks.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import sympy as sp
 
@@ -82,7 +83,7 @@ class Form:
         """Whether the plant is shown to have the form's structure; without it, its states keep their own order."""
         return all(check.verdict is Verdict.PROVED for check in self.checks if check.id.endswith(".structure"))
 
-    @property
+    @cached_property
     def estimates(self) -> tuple[tuple[Signal, sp.Expr], ...]:
         """What an observer reports, each state of the plant as first declared, in terms of z."""
         back = dict(zip(self.system.states, self.from_form, strict=True))

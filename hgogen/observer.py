@@ -7,6 +7,8 @@ now, `work.e` the innovation y_j - h_j(z, u) of the output under update.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial, wraps
+from inspect import signature
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -24,6 +26,9 @@ from hgogen.theorem import Theorem
 
 if TYPE_CHECKING:
     from hgogen.method import Method
+
+
+STARTS = ("initial", "start")  # the arguments of an observer that say where its estimate starts
 
 
 @dataclass(eq=False)
@@ -196,7 +201,8 @@ class Observer:
     from places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the
     state worth recording; `notices`: blocks that raise bits of the status at the end of a call; `checks`: the form's
     and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what is claimed of it, under which
-    hypotheses; `equations`: lines for the banner; `reference`: the paper.
+    hypotheses; `equations`: lines for the banner; `reference`: the paper; `made`: the case of `hg.observers` and the
+    arguments that it was made by.
     """
 
     form: Form
@@ -212,9 +218,34 @@ class Observer:
     reference: str
     traces: tuple[str, ...] = ()
     notices: tuple[Block, ...] = ()
+    made: "partial[Observer] | None" = None
+
+    def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "Observer":
+        """The same observer, or one around the same member, that starts at what `initial` gives for its form.
+
+        Raises: `BadGain` for a start that its form does not take, or where it was not made by `hg.observers`.
+        """
+        if self.made is None:
+            raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how it starts")
+        given = signature(self.made.func).bind(*self.made.args, **self.made.keywords).arguments
+        (_, base), *rest = given.items()
+        if isinstance(base, Observer):
+            return remembered(self.made.func)(base.started(initial), **dict(rest))
+        kept = {name: value for name, value in rest if name not in STARTS}
+        return remembered(self.made.func)(base, **kept, initial=initial(base))
 
     def __repr__(self) -> str:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
+
+
+def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
+    """A case of `hg.observers` whose observers remember how they were made."""
+
+    @wraps(make)
+    def made(*args: Any, **keywords: Any) -> Observer:
+        return replace(make(*args, **keywords), made=partial(make, *args, **keywords))
+
+    return made
 
 
 def founded(

@@ -14,14 +14,13 @@ step holds. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4)-(6).
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from hgogen.call import CallableStep, Run
 from hgogen.errors import HgogenError
 from hgogen.innovation import Predictors
 from hgogen.kalman.covariance import information_ode
@@ -29,6 +28,7 @@ from hgogen.kalman.riccati import HighGain, Riccati
 from hgogen.observer import Clock, Observer, Ode, Part, Pieces
 from hgogen.program import Block, sym
 from hgogen.runge_kutta import RK4, repeated
+from hgogen.samples import Run, table
 from hgogen.step import Step, plan
 from hgogen.stepping.machine import Bound, Machine, casadi_block
 from hgogen.theta import Decaying
@@ -66,8 +66,17 @@ def reference(given: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0,
         dt, between = given.dt, given.between
     fine = replace(observer, parts=tuple(map(_refined, observer.parts)))
     step = plan(fine, Continuous(), dt, between)
-    run = _Integrated(**{f.name: getattr(step, f.name) for f in fields(step)}).run(u, y, engine="python")
-    return replace(run, engine="cvodes")
+    y = table("y", y, step.outputs, None)
+    u = table("u", u, step.inputs, len(y))
+    x, traces, status = Machine(step, partial(_bound, step)).record(u, y)
+    return Run(
+        t=np.arange(len(y)) * dt,
+        x=x,
+        names=tuple(s.name for s in step.states),
+        traces={name: traces[:, j] for j, name in enumerate(step.observer.traces)},
+        status=status,
+        engine="cvodes",
+    )
 
 
 def _refined(part: Part) -> Part:
@@ -114,31 +123,25 @@ def _after(theta: HighGain, time: Any) -> Any:
     return theta.value
 
 
-class _Integrated(CallableStep):
-    """A step in which a block that reads the time gives rates, along which its places move until the next sample."""
+def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
+    """A block that reads the time gives rates, along which its places move until the next sample."""
+    arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
+    if arrays.pop(TIME, None) is None:
+        return casadi_block(block, arguments)
+    moving = {place: arrays.pop(place) for place in block.writes}
+    results = [np.zeros_like(array) for array in moving.values()]
+    ends = np.cumsum([len(array) for array in results])[:-1]
+    solver = _solver(block, moving, arrays, step.dt)
 
-    @cached_property
-    def _machine(self) -> Machine:
-        return Machine(self, self._bound)
+    def run() -> None:
+        try:
+            end = solver(x0=np.concatenate([*moving.values()]), p=np.concatenate([*arrays.values()]))["xf"]
+        except RuntimeError:
+            raise CannotIntegrate(step.observer.name, step.dt) from None
+        for result, values in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
+            result[:] = values
 
-    def _bound(self, block: Block, arguments: list[np.ndarray]) -> Bound:
-        arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
-        if arrays.pop(TIME, None) is None:
-            return casadi_block(block, arguments)
-        moving = {place: arrays.pop(place) for place in block.writes}
-        results = [np.zeros_like(array) for array in moving.values()]
-        ends = np.cumsum([len(array) for array in results])[:-1]
-        solver = _solver(block, moving, arrays, self.dt)
-
-        def run() -> None:
-            try:
-                end = solver(x0=np.concatenate([*moving.values()]), p=np.concatenate([*arrays.values()]))["xf"]
-            except RuntimeError:
-                raise CannotIntegrate(self.observer.name, self.dt) from None
-            for result, values in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
-                result[:] = values
-
-        return run, results
+    return run, results
 
 
 def _solver(block: Block, moving: Iterable[str], given: Iterable[str], dt: float) -> Any:

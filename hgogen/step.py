@@ -149,7 +149,7 @@ class Step:
         """The plant's outputs."""
         return self.observer.form.system.outputs
 
-    @property
+    @cached_property
     def states(self) -> tuple[Signal, ...]:
         """The plant's states: what a call estimates."""
         return tuple(signal for signal, _ in self.observer.form.estimates)
@@ -164,7 +164,7 @@ class Step:
         form = self.observer.form
         return of_time(item.unit, self.time, {s.unit for s in (*form.system.signals, *form.states)})
 
-    @property
+    @cached_property
     def apart(self) -> bool:
         """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
         reads = any(scope(place) == "output" for place, _ in places(self.sections[0].program))

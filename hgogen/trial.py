@@ -19,9 +19,10 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.call import CallableStep, Engine
+from hgogen.call import CallableStep
 from hgogen.form import Form
 from hgogen.graph import to_casadi
+from hgogen.samples import Engine
 from hgogen.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
 from hgogen.signal import resting
 from hgogen.system import System
@@ -54,8 +55,8 @@ class Trial:
     `duration`; `start`: the plant's state by name; `inputs`: an expression of `hgogen.trial.t`, or a
     number, for each input by name (not for one that is the derivative of another); `noise` by output name, or its
     standard deviation; `jumps`: one or several; `steady`: the errors count as steady from then on, default the last
-    tenth; `seeds`: of the noise, or how many; `estimate`: the plant's state by name from which a comparison starts
-    every observer, default the nominal values.
+    tenth; `seeds`: of the noise, or how many; `estimate`: the plant's state by name from which every
+    observer starts, default its own start, and in a comparison the nominal values.
 
     Raises: `BadTrial` for a field of another kind.
     """
@@ -226,20 +227,23 @@ def noisy(plant: System, truth: Truth, trial: Trial, seed: int) -> np.ndarray:
 def try_out(
     step: CallableStep, trial: Trial, engine: Engine | None = None, seeds: Sequence[int] | None = None
 ) -> Iterator[Trajectory]:
-    """The step over the trial from its reset state, one trajectory for each seed; the step is left at the
-    last one's end. A slower sensor has its first sample at 0.
+    """The step over the trial, one trajectory for each seed, from the trial's `estimate`, else from its reset state;
+    the step is left at the last one's end. A slower sensor has its first sample at 0.
 
     `engine`: as in `Step.run`, "c", "python" or None for C where there is a compiler.
 
-    Raises: `BadTrial`.
+    Raises: `BadTrial`; `BadGain` for an estimate that the observer cannot start from.
     """
     system = step.observer.form.system
     plant = system if system.origin is None else system.origin.plant
     truth = simulate(plant, trial, step.dt)
     u = _sampled(system, trial, truth.t)
+    start = step.started(trial.first_estimate).save() if trial.estimate else None
     for seed in trial.seeds if seeds is None else seeds:
         y = _at_their_times(step, noisy(plant, truth, trial, seed))
         step.reset()
+        if start is not None:
+            step.restore(start)
         run = step.run(u=u, y=y, engine=engine)
         yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
 

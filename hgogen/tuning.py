@@ -40,13 +40,12 @@ from hgogen.check import Refuted, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.modelfile import NUMBER, READERS, TEXT, BadModelFile, demand_keys
-from hgogen.observer import Observer
+from hgogen.observer import STARTS, Observer
 from hgogen.system import System
 
 _OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
-_STARTS = ("initial", "start")  # the arguments that say where an observer's estimate starts
 _KEPT = 16  # forms
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
@@ -94,7 +93,7 @@ class Tuning:
         else:
             base = self._form(f"{where}.form", table.get("form", "triangular"))
             if start is not None and isinstance(base, Form):
-                gains = {key: value for key, value in gains.items() if key not in _STARTS}
+                gains = {key: value for key, value in gains.items() if key not in STARTS}
                 gains |= {"initial": start(base)}
         if "poles" in gains:
             gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "blocks", ())))}

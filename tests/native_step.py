@@ -1,6 +1,7 @@
 """A step's C, compiled as float or double and called on states that numpy can read and write."""
 
 import ctypes
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,20 @@ from hgogen.emit.cprint import Real
 from hgogen.step import Step
 
 NUMBER = {"float": np.float32, "double": np.float64}
+
+
+def pack_state(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The state in a machine's memory as one record (1) of the C in double."""
+    state = np.zeros(1, layout.state_type(step))
+    for place, array in layout.state_places(step, state).items():
+        array[:] = memory[place]
+    return state
+
+
+def unpack_state(step: Step, state: np.ndarray, memory: Mapping[str, np.ndarray]) -> None:
+    """A record (1) of the C, in any precision, into a machine's memory."""
+    for place, array in layout.state_places(step, state).items():
+        memory[place][:] = array
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ def last_error(build: Callable[[], hg.Observer], q: float, w: float) -> float:
     """The largest error at the end of the swing, from the estimate (q, w)."""
     step = _step(build)
     step.reset()
-    step._machine.memory["state.w"][:] = q, w
+    step._kept.places["state.w"][:] = q, w
     last: float = np.abs(step.run(u=truth().u, y=truth().y).x[-1] - truth().x[-1]).max()
     return last
 

@@ -232,7 +232,7 @@ def test_every_observer_of_the_pendulum_can_be_a_member(name: str) -> None:
     given_ = waves(made, 10)
     assert np.array_equal(made.run(**given_, engine="python").x, alone.run(**given_, engine="python").x)
     made(0.1, 0.2)
-    memory, n = made._machine.memory, made.observer.form.n
+    memory, n = made._kept.places, made.observer.form.n
     assert (memory["state.oldest"][0], memory["state.selected"][0]) == (1, 1)
     symbols = ca.symvar(made.observer.z)
     state = ca.Function("z", symbols, [made.observer.z])
@@ -253,7 +253,7 @@ def test_an_estimate_is_carried_over_whatever_its_box() -> None:
     bare = replace(alone, parts=(replace(part, fields=tuple(replace(f, outer=False) for f in part.fields)),))
     made = hg.sample(hg.observers.bank(bare, count=2, period=0.01, selection="newest"), hg.methods.rk4, dt=0.001)
     made.run(**waves(made, 11), engine="python")
-    memory = made._machine.memory
+    memory = made._kept.places
     assert memory["state.oldest"][0] == 1
     assert np.array_equal(memory["member.z"][0], memory["member.z"][1])
 
@@ -262,7 +262,7 @@ def test_a_member_restarts_from_the_selected_estimate_with_its_first_gain() -> N
     made = around("decaying")
     made.reset()
     made.run(**waves(made, 40), engine="python")
-    memory = made._machine.memory
+    memory = made._kept.places
     before = {place: memory[place].copy() for place in ("member.z", "member.theta", "member.score")}
     made(0.1, 0.3)
     selected, old = int(memory["state.selected"][0]), 0
@@ -279,7 +279,7 @@ def test_just_after_a_restart_the_oldest_has_the_age_of_all_periods_but_one() ->
     """0, T, .., (N - 1) T, by theta = 1 + 7 exp(-.1 age), which has lost 1e3 times its rounding after 1,000 samples."""
     made = step(count=4, period=2.0, selection="newest")
     made.run(**{name: values[:1001] for name, values in zip("uy", record()[1:], strict=True)}, engine="python")
-    ages = -np.log((made._machine.memory["member.theta"][:, 0] - 1) / 7) / 0.1
+    ages = -np.log((made._kept.places["member.theta"][:, 0] - 1) / 7) / 0.1
     assert sorted(ages) == pytest.approx([0, 2, 4, 6], abs=1e-10)
 
 
@@ -287,7 +287,7 @@ def test_the_predictors_of_a_member_restart_from_its_estimate() -> None:
     made = around("adaptive")
     made.reset()
     made.run(**waves(made, 41), engine="python")
-    memory = made._machine.memory
+    memory = made._kept.places
     assert memory["state.oldest"][0] == 1
     assert np.array_equal(memory["predictor.z"][0], np.tile(memory["member.z"][0], (3, 1)))
     assert not memory["predictor.sum"][0].any()

@@ -8,7 +8,7 @@ import emitted
 import numpy as np
 import pytest
 from emitted import files, run, step, tool
-from native_step import NUMBER, NativeStep
+from native_step import NUMBER, NativeStep, unpack_state
 from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
@@ -199,7 +199,7 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
         state = np.zeros(1, kind)
         random_state(made, state, draw)
         u, y = (random_samples(signals, draw).astype(np.float32) for signals in (made.inputs, made.outputs))
-        layout.unpack_state(made, state, reader.memory)
+        unpack_state(made, state, reader.memory)
         compiled.state[:] = state
         for place, row in (
             ("input", zip(made.inputs, u[0], strict=True)),
@@ -213,7 +213,7 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
         x = [reader.memory[f"estimate.{s.name}"][0] for s in made.states]
         np.testing.assert_array_equal(found.x[0], x)
         again = {place: array.copy() for place, array in reader.memory.items()}
-        layout.unpack_state(made, compiled.state, again)
+        unpack_state(made, compiled.state, again)
         for place, array in again.items():
             np.testing.assert_array_equal(array, reader.memory[place], err_msg=place)
     assert seen.bit_count() >= 5

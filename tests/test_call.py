@@ -317,7 +317,7 @@ def test_an_input_out_of_range_is_clamped() -> None:
 
 def finite(step: Any) -> bool:
     passing = ("input", "output", "work")
-    memory = step._machine.memory.items()
+    memory = step._kept.places.items()
     return all(np.isfinite(array).all() for place, array in memory if place.split(".")[0] not in passing)
 
 

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
-from native_step import NativeStep
+from native_step import NativeStep, unpack_state
 from oracle import kalman_like as oracle
 from plants import MODELS, chain, model
 from scipy.integrate import solve_ivp
@@ -157,7 +157,7 @@ def test_c_is_python_to_the_bit_after_a_silence(name: str, method: str, real: Re
         status, found = reader.call(), compiled.run(np.zeros((1, 1)), np.array([[sample]]))
         assert found.status[0] == status
     again = {place: array.copy() for place, array in reader.memory.items()}
-    layout.unpack_state(step, compiled.state, again)
+    unpack_state(step, compiled.state, again)
     for place, array in again.items():
         np.testing.assert_array_equal(array, reader.memory[place], err_msg=place)
 

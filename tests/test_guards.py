@@ -36,7 +36,7 @@ def test_a_lost_value_restarts_the_whole_state(field: str, lost: float) -> None:
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=(0.1, 0.1), R=0.1), dt=0.01)
     for _ in range(300):
         step(y=0.5)
-    memory = step._machine.memory
+    memory = step._kept.places
     memory[f"state.{field}"][0] = lost
     sample = step(y=np.nan)
     assert "RESTARTED" in sample.flags

@@ -83,7 +83,8 @@ def test_the_gains_of_1992(n: int) -> None:
     form = hg.forms.triangular(chain(n))
     K = [comb(n, i) for i in range(1, n + 1)]
     step = hg.sample(hg.observers.high_gain(form, theta=10, poles=[-1] * n), dt=1e-3)
-    assert step._machine.memory["derived.K"] == pytest.approx([k * 10**i for i, k in enumerate(K, 1)], rel=1e-12)
+    step.tune()
+    assert step._kept.places["derived.K"] == pytest.approx([k * 10**i for i, k in enumerate(K, 1)], rel=1e-12)
     given_ = hg.observers.high_gain(form, theta=10, gains=K)
     found = core_numbers(given_.parts[0], 1, nominal(given_))
     assert np.poly(found) == pytest.approx([comb(n, i) * 10.0**i for i in range(n + 1)], rel=1e-9)

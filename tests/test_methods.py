@@ -371,7 +371,7 @@ def test_a_dt_without_a_warning_runs() -> None:
         step = hg.sample(observer, hg.methods.rk4, dt=float(dt))
     kept = step.run(**record(20.0, float(dt)), engine="python")
     assert "RESTARTED" not in step.flags(np.bitwise_or.reduce(kept.status))
-    S = np.array(ca.DM(unpack(ca.SX(ca.DM(step._machine.memory["state.S"])), 3)))
+    S = np.array(ca.DM(unpack(ca.SX(ca.DM(step._kept.places["state.S"])), 3)))
     assert np.linalg.eigvalsh(S).min() > 0
 
 

@@ -376,7 +376,8 @@ def test_a_gain_that_can_be_tuned_enters_a_high_gain_observer() -> None:
     x = [hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2)]
     plant = hg.System("g", states=x, outputs=[hg.Signal("y")], parameters=(a2,), flow=[a2 * x[1], 0], output=[x[0]])
     step = hg.sample(hg.observers.high_gain(hg.forms.triangular(plant), theta=3.0, poles=(-1, -2)), dt=0.01)
-    K = step._machine.memory["derived.K"]
+    step.tune()
+    K = step._kept.places["derived.K"]
     assert pytest.approx([9, 9], rel=1e-14) == K
     step.tune(a2=4.0)
     assert pytest.approx([9, 4.5], rel=1e-14) == K
@@ -386,7 +387,7 @@ def test_a_gain_that_can_be_tuned_enters_a_high_gain_observer() -> None:
 
 def test_parameters_are_limited_and_it_is_said() -> None:
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(tunable(19.6)), Q=(0.1, 1.0), R=0.01), dt=0.01)
-    memory = step._machine.memory
+    memory = step._kept.places
     for value, kept in ((100.0, 30.0), (-1.0, 5.0), (NAN, 19.6), (float("inf"), 19.6)):
         assert step.flags(step.tune(a=value)) == ("PARAMETER_LIMITED",)
         assert memory["plant.a"][0] == kept
@@ -399,7 +400,7 @@ def test_parameters_are_limited_and_it_is_said() -> None:
 def test_theta_cannot_be_tuned_past_the_value_that_dt_was_admitted_for() -> None:
     step = hg.sample(pendulum(theta=20), hg.methods.rk4, dt=0.01)
     assert step.flags(step.tune(theta=21.0)) == ("PARAMETER_LIMITED",)
-    assert step._machine.memory["gain.theta"][0] == 20
+    assert step._kept.places["gain.theta"][0] == 20
 
 
 # --- what is refused ----------------------------------------------------------------------------------------

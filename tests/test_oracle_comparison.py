@@ -14,7 +14,7 @@ import neuron
 import numpy as np
 import pytest
 import rounding
-from native_step import NativeStep
+from native_step import NativeStep, pack_state, unpack_state
 from oracle import adaptive_ekf as ekf
 from oracle import fitzhugh_nagumo as fn
 
@@ -163,13 +163,13 @@ class Readers:
         Raises: `rounding.Uncertain`.
         """
         for machine in (self.float, self.bounded):
-            layout.unpack_state(self.step, state, machine.memory)
+            unpack_state(self.step, state, machine.memory)
             machine.memory["input.u"][0], machine.memory["output.y"][0] = u, y
             machine.call()
-        single, same = (layout.pack_state(self.step, m.memory) for m in (self.float, self.bounded))
+        single, same = (pack_state(self.step, m.memory) for m in (self.float, self.bounded))
         assert single.tobytes() == same.tobytes()  # the bound is one on this very computation
         error = np.vectorize(lambda number: rounding.rounded(number).error, otypes=[float])
-        bound = layout.pack_state(self.step, {place: error(array) for place, array in self.bounded.memory.items()})
+        bound = pack_state(self.step, {place: error(array) for place, array in self.bounded.memory.items()})
         self.step.restore(state.tobytes())
         self.step(u=u, y=y)
         return single, np.frombuffer(self.step.save(), state.dtype), bound
@@ -233,10 +233,10 @@ def test_compiled_float_is_the_float_that_was_bounded(name: str) -> None:
     for k, state in zip(at, recorded(step, np.sin(T), Y, at), strict=True):
         compiled.state[:] = state.astype(compiled.state.dtype)
         status = compiled.run(U32[k : k + 1], Y32[k : k + 1]).status[0]
-        layout.unpack_state(step, state, machine.memory)
+        unpack_state(step, state, machine.memory)
         machine.memory["input.u"][0], machine.memory["output.y"][0] = U32[k], Y32[k]
         assert machine.call() == status
         for (place, mine), (_, its) in zip(
-            leaves(layout.pack_state(step, machine.memory)), leaves(compiled.state), strict=True
+            leaves(pack_state(step, machine.memory)), leaves(compiled.state), strict=True
         ):
             assert (mine == its).all(), (k, place)

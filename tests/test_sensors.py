@@ -153,7 +153,7 @@ def test_a_slow_sensor_is_worth_its_share() -> None:
         y = np.zeros((3000, 2))
         y[np.arange(3000) % every > 0, 1] = NAN
         fresh(made).run(u=np.zeros(3000), y=y)
-        memory = made._machine.memory
+        memory = made._kept.places
         L, D = memory["state.L"], memory["state.D"]
         unit = np.array([[1, 0, 0], [L[0], 1, 0], [L[1], L[2], 1]])
         variances.append(np.diag(unit @ np.diag(D) @ unit.T))
@@ -180,7 +180,7 @@ def test_the_innovation_of_a_slow_sensor_is_the_same_integral(way: Any) -> None:
 def at(made: Any, period: int) -> Any:
     """The step in the period of that number."""
     fresh(made).predict(u=0.1)
-    made._machine.memory["state.now"][0] = (period - 1) % 65536
+    made._kept.places["state.now"][0] = (period - 1) % 65536
     made.predict(u=0.1)
     return made
 

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.call import CallableStep, Engine
+from hgogen.call import CallableStep
 from hgogen.commands.metrics import Summary
 from hgogen.emit import layout
+from hgogen.samples import Engine
 from hgogen.signal import resting
 from hgogen.trial import Trial, noisy, simulate
 
@@ -34,7 +35,7 @@ def ratio(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
         return None
     plant, quiet = step.observer.form.system, replace(trial, jumps=(), steady=None)
     truth = simulate(plant, quiet, step.dt)
-    pinned = replace(step, _clock=[0])  # with a memory of its own
+    pinned = replace(step)  # with a memory of its own
     pinned.tune(rate=0)  # theta never decays
     start = _at_the_peak(pinned, quiet)
     means = []

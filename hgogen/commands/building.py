@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hgogen.call import CallableStep, Engine
+from hgogen.call import CallableStep
 from hgogen.commands import jobs, tables
 from hgogen.commands.agreement import Disagree
 from hgogen.commands.command import (
@@ -34,6 +34,7 @@ from hgogen.emit import native
 from hgogen.emit.cnames import renamed, says
 from hgogen.filename import same
 from hgogen.model import load
+from hgogen.samples import Engine
 from hgogen.step import Step
 from hgogen.targets.c99 import c99
 from hgogen.trial import Trial

@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from typer.core import TyperCommand
 
-from hgogen.call import Engine
 from hgogen.check import Refuted
 from hgogen.commands.agreement import Disagree
 from hgogen.commands.process import INTERRUPTED, console, dropped, interrupted, listen, note, printing, results
@@ -24,6 +23,7 @@ from hgogen.emit import native
 from hgogen.errors import HgogenError
 from hgogen.model import Model, ends_python
 from hgogen.recheck.recheck import NothingVerified, NotVerified
+from hgogen.samples import Engine
 from hgogen.scenario import SEEDS
 from hgogen.target import demand, write
 from hgogen.trial import Trial

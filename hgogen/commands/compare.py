@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.call import CallableStep, Engine
+from hgogen.call import CallableStep
 from hgogen.commands.metrics import median, metrics, ranges
 from hgogen.emit.cost import Cost, cost
+from hgogen.samples import Engine
 from hgogen.signal import Signal
 from hgogen.trial import Trajectory, Trial, try_out
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import hgogen as hg
-from hgogen.call import CallableStep, Engine, Run
+from hgogen.call import CallableStep
 from hgogen.check import Check, Refuted, refuted
 from hgogen.commands import alarm
 from hgogen.commands.agreement import Agreement, agreement
@@ -18,6 +18,7 @@ from hgogen.commands.metrics import Metrics, Summary, metrics, summary
 from hgogen.form import Form
 from hgogen.model import MissingPart, Model
 from hgogen.reading.record import Record
+from hgogen.samples import Engine, Run
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows
 from hgogen.trial import Trajectory, Trial, try_out

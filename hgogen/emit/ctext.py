@@ -77,7 +77,7 @@ class Writer:
         return f"{above[-1].name}->{group}" if above else f"s->{group}"
 
     @cached_property
-    def _flags(self) -> set[str]:
+    def flags(self) -> set[str]:
         """Work places that are truth values."""
         return {s.flag for s in walk(self._all) if isinstance(s, When)}
 
@@ -87,7 +87,7 @@ class Writer:
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
         found = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
         found = {place for place in found if scope(place) == "work"}
-        while more := self._work - self._flags - found - self._reals(found):
+        while more := self._work - self.flags - found - self._reals(found):
             found |= more
         return found
 
@@ -134,7 +134,7 @@ class Writer:
 
     def _declaration(self, place: str, size: int) -> str:
         name = place.split(".", 1)[1]
-        if place in self._flags and size == 1:
+        if place in self.flags and size == 1:
             return f"bool {name} = false;"
         if place in self._indices:
             return f"unsigned {name} = 0u;"
@@ -205,13 +205,13 @@ class Writer:
 
     def _block(self, block: Block, taken: frozenset[str]) -> list[str]:
         reads, written = block.reads, set(block.writes)
-        real: Number = "unsigned" if self._counts(block) else self.real
+        real: Number = "unsigned" if self.counts(block) else self.real
         printer = Printer(
             real=real,
             prefix=self.prefix,
             inputs=lambda argument, element: self._read(*reads[argument], element, real),
             local=lambda argument, element: self._local(*reads[argument], element),
-            is_flag=lambda argument: reads[argument][0] in self._flags,
+            is_flag=lambda argument: reads[argument][0] in self.flags,
             used=self.used,
             taken=set(taken),
         )
@@ -234,10 +234,10 @@ class Writer:
             return [comment(block.title), "{", *indented(lines), "}"]
         return [comment(block.title), *lines]
 
-    def _counts(self, block: Block) -> bool:
+    def counts(self, block: Block) -> bool:
         """Whether a block works on counters and flags only, and so computes in `unsigned`."""
         touched = [place for place, _ in block.reads] + [p for p in block.writes if scope(p) != "status"]
-        return bool(touched) and all(self.is_index(place) or place in self._flags for place in touched)
+        return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
     def _read(self, place: str, size: int, element: int, real: Number) -> str:
         text = self.lvalue(place, element, size)
@@ -274,7 +274,7 @@ class Writer:
         source = None if argument is None else (argument, element)
         if self.is_index(place) and real != "unsigned":
             return Target(lambda text: [f"{target} = (unsigned)({text});"], source=source)
-        return Target(lambda text: [f"{target} = {text};"], flag=place in self._flags and size == 1, source=source)
+        return Target(lambda text: [f"{target} = {text};"], flag=place in self.flags and size == 1, source=source)
 
 
 def _copied(value: Any, places: set[str]) -> bool:

@@ -1,12 +1,18 @@
-"""A step's memory as the bytes of the C structs: numpy's aligned records have the layout of a C compiler here."""
+"""A step's memory in the layout of the C structs: numpy's aligned records are laid out as a C compiler does it here.
 
-from collections.abc import Iterable, Iterator, Mapping
+A `kept` record holds all that a step works on, so that one address is enough: the state and the parameters, the input
+and the measurement of a sample, the number of its period (`at`), the estimate and the traces that come out.
+"""
+
+from collections.abc import Iterable
 
 import numpy as np
 
 from hgogen.emit.cprint import Real
 from hgogen.program import Field, Group, lines_of
+from hgogen.signal import Signal
 from hgogen.step import Step
+from hgogen.stepping.sensors import AT
 
 _NUMBER = {"float": np.float32, "double": np.float64}
 
@@ -18,45 +24,53 @@ def state_type(step: Step, real: Real = "double") -> np.dtype:
 
 def params_type(step: Step, real: Real = "double") -> np.dtype:
     """The struct NAME_params."""
-    kinds = (("plant", step.plant), ("gain", step.gains), ("derived", step.derived))
-    return np.dtype([(kind, _record(fields, real)) for kind, fields in kinds if fields], align=True)
+    kinds: list[tuple[str, np.dtype]] = [
+        (kind, np.dtype(_members(fields, real), align=True)) for kind, fields in _parameters(step) if fields
+    ]
+    return np.dtype(kinds or [("none", np.dtype(np.uint8))], align=True)
 
 
-def pack_state(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The state in a machine's memory as one record, padding zero."""
-    record = np.zeros(1, state_type(step))
-    for field in step.state:
-        _store(record, field, memory[f"state.{field.name}"])
-    for place, view, field in _views(step, record):
-        view[:] = memory[place][..., 0] if _single(field) else memory[place]
-    return record
+def kept_type(step: Step, real: Real = "double") -> np.dtype:
+    """The struct NAME_kept of `targets.record`."""
+    signals = {"input": step.inputs, "output": step.outputs, "estimate": step.states}
+    members = [("state", state_type(step, real)), ("params", params_type(step, real))]
+    members += [("at", np.dtype(np.uint32))] if step.timed else []
+    members += [(kind, np.dtype(_scalars(each, real), align=True)) for kind, each in signals.items() if each]
+    traces = [(name, _NUMBER[real]) for name in step.observer.traces]
+    return np.dtype(members + ([("traces", np.dtype(traces, align=True))] if traces else []), align=True)
 
 
-def unpack_state(step: Step, record: np.ndarray, memory: Mapping[str, np.ndarray]) -> None:
-    """The inverse of `pack_state`, into the machine's memory."""
-    for field in step.state:
-        memory[f"state.{field.name}"][:] = record[field.name][0]
-    for place, view, field in _views(step, record):
-        memory[place][:] = view[..., None] if _single(field) else view
+def places(step: Step, kept: np.ndarray) -> dict[str, np.ndarray]:
+    """Where each place of a step lies in a `kept` record (1)."""
+    found = state_places(step, kept["state"])
+    for kind, fields in _parameters(step):
+        found |= {f"{kind}.{field.name}": _flat(kept["params"][kind], field) for field in fields}
+    for kind, signals in (("input", step.inputs), ("output", step.outputs), ("estimate", step.states)):
+        found |= {f"{kind}.{signal.name}": kept[kind][signal.name] for signal in signals}
+    return found | ({AT: kept["at"]} if step.timed else {})
 
 
-def pack_params(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The parameters in a machine's memory as one record."""
-    record = np.zeros(1, params_type(step))
-    for kind, fields in (("plant", step.plant), ("gain", step.gains), ("derived", step.derived)):
-        for field in fields:
-            _store(record[kind], field, memory[f"{kind}.{field.name}"])
-    return record
-
-
-def _views(step: Step, record: np.ndarray) -> Iterator[tuple[str, np.ndarray, Field]]:
-    """(place, where it lies in the record, field) of each field of a group."""
+def state_places(step: Step, state: np.ndarray) -> dict[str, np.ndarray]:
+    """Where each place of the state lies in a record (1) of `state_type`: (size), (count, size) for a field of a group,
+    (count, count, size) for one of a group in a group."""
+    found = {f"state.{field.name}": _flat(state, field) for field in step.state}
     for line in lines_of(step.groups):
-        view = record[0]
-        for group in line:
+        view = state[line[0].name][0]
+        for group in line[1:]:
             view = view[group.name]
         for field in line[-1].fields:
-            yield f"{line[-1].name}.{field.name}", view[field.name], field
+            array = view[field.name]
+            found[f"{line[-1].name}.{field.name}"] = array[..., None] if field.size == 1 else array
+    return found
+
+
+def _flat(record: np.ndarray, field: Field) -> np.ndarray:
+    array: np.ndarray = record[field.name]
+    return array if field.size == 1 else array[0]
+
+
+def _parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
+    return ("plant", step.plant), ("gain", step.gains), ("derived", step.derived)
 
 
 def _arrays(groups: Iterable[Group], real: Real) -> list[tuple[object, ...]]:
@@ -65,18 +79,10 @@ def _arrays(groups: Iterable[Group], real: Real) -> list[tuple[object, ...]]:
     ]
 
 
-def _single(field: Field) -> bool:
-    return field.size == 1
-
-
-def _store(record: np.ndarray, field: Field, values: np.ndarray) -> None:
-    record[field.name][0] = values[0] if _single(field) else values
-
-
 def _members(fields: Iterable[Field], real: Real) -> list[tuple[object, ...]]:
     kinds = {"real": _NUMBER[real], "index": np.uint32}
-    return [(f.name, kinds[f.kind]) if _single(f) else (f.name, kinds[f.kind], (f.size,)) for f in fields]
+    return [(f.name, kinds[f.kind]) if f.size == 1 else (f.name, kinds[f.kind], (f.size,)) for f in fields]
 
 
-def _record(fields: Iterable[Field], real: Real) -> np.dtype:
-    return np.dtype(_members(fields, real), align=True)
+def _scalars(signals: Iterable[Signal], real: Real) -> list[tuple[object, ...]]:
+    return [(signal.name, _NUMBER[real]) for signal in signals]

@@ -17,7 +17,8 @@ import numpy as np
 from hgogen.chains.core import nominal, numbers
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real
-from hgogen.emit.exact import DTYPE, machine
+from hgogen.emit.exact import machine
+from hgogen.emit.pygraph import DTYPE
 from hgogen.program import address, lines_of
 from hgogen.signal import Signal
 from hgogen.step import Step

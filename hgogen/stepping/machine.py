@@ -241,6 +241,22 @@ class Machine(Reading):
         """Only the estimate."""
         self._run(self._estimate)
 
+    def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
+        step, memory = self.step, self.memory
+        given = [memory[f"input.{s.name}"] for s in step.inputs] + [memory[f"output.{s.name}"] for s in step.outputs]
+        results = [memory[f"estimate.{s.name}"] for s in step.states]
+        scalars = [memory[f"state.{name}"] for name in step.observer.traces]
+        x, traces = np.zeros((len(y), len(results))), np.zeros((len(y), len(scalars)))
+        status = np.zeros(len(y), np.uint32)
+        for k in range(len(y)):
+            for place, value in zip(given, (*u[k], *y[k]), strict=True):
+                place[0] = value
+            status[k] = self.call()
+            x[k] = [place[0] for place in results]
+            traces[k] = [place[0] for place in scalars]
+        return x, traces, status
+
     def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
         for field in fields:
             self.memory[f"{kind}.{field.name}"][:] = np.asarray(field.initial, self._dtype)

@@ -1,0 +1,187 @@
+"""An SX function as Python text: the operations of the emitted C, one a line, in the same order and precision.
+
+Python's floats and numpy's float32 round each operation as C does (IEEE 754, no contraction), comparisons and choices
+are those of the C, and the elementary functions are the graphs that the C prints. So the text computes the bits of the
+C, and does not depend on this machine's mathematical library.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
+from hgogen.emit.cprint import CALLS, NotPrintable, Number, Real
+from hgogen.emit.elementary import elementary
+
+DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
+_WHOLE = {"float": 2**23, "double": 2**52}  # numbers from here on are whole, as in emit.cmath
+_SIMPLE: dict[int, str] = {
+    ca.OP_ADD: "{} + {}",
+    ca.OP_SUB: "{} - {}",
+    ca.OP_MUL: "{} * {}",
+    ca.OP_NEG: "-{}",
+    ca.OP_FABS: "-{0} if {0} < 0 else {0}",
+    ca.OP_FMIN: "{0} if {0} < {1} else {1}",
+    ca.OP_FMAX: "{0} if {0} > {1} else {1}",
+    ca.OP_SIGN: "(one if {0} > 0 else zero) - (one if {0} < 0 else zero)",
+    ca.OP_FLOOR: "floor({})",
+    ca.OP_LT: "{} < {}",
+    ca.OP_LE: "{} <= {}",
+    ca.OP_EQ: "{} == {}",
+    ca.OP_NE: "{} != {}",
+    WITHIN: "-{1} <= {0} <= {1}",
+}
+_DIVIDED = "{0} / {1} if {1} else divided({0}, {1})"  # Python refuses a division by 0, which C carries out
+_LOGIC: dict[int, str] = {ca.OP_NOT: "not {}", ca.OP_AND: "{} and {}", ca.OP_OR: "{} or {}"}
+_COUNTED: dict[int, str] = {op: f"({_SIMPLE[op]}) & 0xFFFFFFFF" for op in (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL)}
+_COUNTED |= {op: _SIMPLE[op] for op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)}
+
+
+@dataclass
+class Writer:
+    """Writes the lines of graphs. `inputs`: the text of element j of argument i; `names`: what the text refers to."""
+
+    real: Real
+    names: dict[str, Any] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+    count: int = 0
+
+    def __post_init__(self) -> None:
+        """The small functions and constants."""
+        number = float if self.real == "double" else DTYPE[self.real]
+        self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
+        self.names |= {"floor": _floor(number, _WHOLE[self.real]), "divided": _divided}
+
+    def write(self, function: Any, inputs: Callable[[int, int], str], kind: Number) -> list[list[Node]]:
+        """The lines that compute a function; its outputs as nodes, each with its name or text in `name`."""
+        outputs = read(function)
+        for node in _ordered(node for output in outputs for node in output):
+            self._name(node, inputs, kind)
+        return outputs
+
+    def number(self, node: Node, kind: Number) -> str:
+        """The text of a value as a number."""
+        if not boolean(node):
+            return node.name
+        return f"(1 if {node.name} else 0)" if kind == "unsigned" else f"(one if {node.name} else zero)"
+
+    def fresh(self, text: str) -> str:
+        """A new local that takes a value."""
+        self.count += 1
+        self.lines.append(f"t{self.count} = {text}")
+        return f"t{self.count}"
+
+    def _name(self, node: Node, inputs: Callable[[int, int], str], kind: Number) -> None:
+        if node.op == ca.OP_CONST:
+            node.name = self._constant(node.constant, kind)
+        elif node.op == ca.OP_INPUT:
+            text = inputs(*node.source)
+            node.name = text if text.isidentifier() else self.fresh(text)
+        else:
+            node.name = self.fresh(self._text(node, kind))
+
+    def _text(self, node: Node, kind: Number) -> str:
+        op, values = node.op, [self.number(arg, kind) for arg in node.args]
+        if op in _LOGIC:
+            return _LOGIC[op].format(*(arg.name for arg in node.args))
+        if op in (CHOOSE, ca.OP_IF_ELSE_ZERO):
+            _, yes, no = values if op == CHOOSE else (*values, self._constant(0.0, kind))
+            return f"{yes} if {node.args[0].name} else {no}"
+        simple = _COUNTED if kind == "unsigned" else _SIMPLE
+        if op in simple:
+            return simple[op].format(*values)
+        if kind == "unsigned":
+            raise NotPrintable(op)
+        if op == ca.OP_DIV:
+            return _DIVIDED.format(*values)
+        if op in (CLAMP, KEEP):
+            value, low, high, *rest = values
+            raised = self.fresh(_SIMPLE[ca.OP_FMAX].format(value, low))
+            clamped = _SIMPLE[ca.OP_FMIN].format(raised, high)
+            return f"({clamped}) if {_SIMPLE[WITHIN].format(value, rest[1])} else {rest[0]}" if rest else clamped
+        if op not in CALLS:
+            raise NotPrintable(op)
+        self.names[CALLS[op]] = _function(CALLS[op], self.real)
+        return f"{CALLS[op]}({', '.join(values)})"
+
+    def _constant(self, value: float, kind: Number) -> str:
+        if kind == "unsigned":
+            return str(int(value))
+        if self.real == "double":
+            return repr(float(value))
+        name = f"c{float(value).hex()}".translate(_PLAIN)
+        self.names[name] = DTYPE[self.real](value)
+        return name
+
+
+_PLAIN = str.maketrans({"-": "m", "+": "p", ".": "_"})
+
+
+def _ordered(roots: Iterable[Node]) -> list[Node]:
+    """Every node once, after those that it takes."""
+    found: list[Node] = []
+    done: set[int] = set()
+    stack = [(root, False) for root in reversed(list(roots))]
+    while stack:
+        node, ready = stack.pop()
+        if id(node) in done:
+            continue
+        if ready:
+            done.add(id(node))
+            found.append(node)
+        else:
+            stack.append((node, True))
+            stack.extend((child, False) for child in reversed(node.args))
+    return found
+
+
+def _floor(number: Any, whole: int) -> Callable[[Any], Any]:
+    def floor(value: Any) -> Any:
+        if not -whole <= value <= whole:
+            return value
+        cut = number(int(value))
+        return cut - number(cut > value)
+
+    return floor
+
+
+def _divided(a: Any, b: Any) -> Any:
+    """a / b for b = 0 or -0, as IEEE 754 has it."""
+    with np.errstate(all="ignore"):
+        quotient = np.divide(a, b)
+    return float(quotient) if isinstance(a, float | int) else quotient
+
+
+def defined(text: Sequence[str], names: dict[str, Any], name: str, title: str) -> Any:
+    """What Python text defines under a name."""
+    exec(compile("\n".join(text), f"<{title}>", "exec"), names)
+    return names[name]
+
+
+def indented(lines: Iterable[str]) -> list[str]:
+    """Every line one level in."""
+    return [f"    {line}" for line in lines]
+
+
+@cache
+def _function(name: str, real: Real) -> Callable[..., Any]:
+    """An elementary function of numbers."""
+    graph, writer = elementary(real)[name], Writer(real)
+    (result,) = (node for (node,) in writer.write(graph, lambda argument, _: f"x{argument}", real))
+    arguments = ", ".join(f"x{k}" for k in range(graph.n_in()))
+    lines = [*writer.lines, f"return {writer.number(result, real)}"]
+    return defined([f"def {name}({arguments}):", *indented(lines)], writer.names, name, name)  # type: ignore[no-any-return]
+
+
+@lru_cache(maxsize=4096)
+def evaluated(function: Any, real: Real) -> Callable[[Sequence[Any]], list[list[Any]]]:
+    """The outputs of an SX function at lists of numbers, every operation rounded to `real`."""
+    writer = Writer(real)
+    outputs = writer.write(function, lambda argument, element: f"given[{argument}][{element}]", real)
+    texts = (", ".join(writer.number(node, real) for node in output) for output in outputs)
+    lines = [*writer.lines, f"return [{', '.join(f'[{text}]' for text in texts)}]"]
+    return defined(["def run(given):", *indented(lines)], writer.names, "run", function.name())  # type: ignore[no-any-return]

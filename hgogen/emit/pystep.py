@@ -1,0 +1,221 @@
+"""A step as Python text, for single samples without a compiler: its program as plain floats on the memory of the C.
+
+The text is made and compiled once. It works on a `kept` record (`emit.layout`), as the C does, so the two can take
+turns on one state; and it computes the same bits, by `emit.pygraph`. Names of the user's do not occur in it:
+
+    D, I, B    the record as doubles, as counters, as bytes          V    numpy's views of places, for matrix kernels
+    w, t       work values of a section, values of a block           m    number of the member that a loop is at
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from hgogen.emit import layout, pygraph
+from hgogen.emit.cnode import Node, boolean
+from hgogen.emit.cprint import Number
+from hgogen.emit.ctext import Writer as Held
+from hgogen.emit.pygraph import indented
+from hgogen.program import (
+    Block,
+    Call,
+    Copy,
+    Kernel,
+    Loop,
+    Program,
+    Section,
+    Statement,
+    When,
+    lines_of,
+    places,
+    scope,
+    walk,
+)
+from hgogen.step import Step
+from hgogen.stepping.kernels import KERNELS
+
+Entry = Callable[[], int]
+SIZE = {"D": 8, "I": 4}
+
+
+def entries(step: Step, kept: np.ndarray) -> dict[str, Entry]:
+    """What can be called of a step on a `kept` record (1), as `targets.record` has it in C: `step`, `estimate`, `tune`
+    and each section, which leave the estimate and the traces in the record and return the status."""
+    return _Writer(step, kept).entries()
+
+
+class _Writer:
+    """Writes the functions of a step."""
+
+    def __init__(self, step: Step, kept: np.ndarray) -> None:
+        self.step, self.held, self.graphs = step, Held(step, "double"), pygraph.Writer("double")
+        self.places = layout.places(step, kept)
+        self.groups = {line[-1].name: line for line in lines_of(step.groups)}
+        self.bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
+        self.address = kept.ctypes.data
+        whole = kept.view(np.uint8)
+        self.names = self.graphs.names
+        self.names |= {"D": kept.view(np.float64).data, "I": kept.view(np.uint32).data}
+        self.names |= {"B": whole.data, "array": np.array, "V": list(self.places.values())}
+        self.names |= {name: np.errstate(all="ignore")(kernel) for name, kernel in KERNELS.items()}
+        self.work: dict[str, int] = {}
+        self.filled: set[str] = set()
+        self.sections: dict[str, int] = {}
+
+    def entries(self) -> dict[str, Entry]:
+        step, text = self.step, list[str]()
+        shown = self._function("shown", step.estimate, self._traces())
+        text += self._function("tune", step.tuning)
+        for section in (*step.sections, *step.timed):
+            self.sections[section.name] = len(self.sections)
+            text += self._function(self._called(section), section.program)
+        calls = {section.name: [section] for section in (*step.sections, *step.timed)}
+        calls |= {"step": list(step.sections), "estimate": []}
+        numbered = {name: f"entry{k}" for k, name in enumerate(calls)}
+        for name, sections in calls.items():
+            status = " | ".join(f"{self._called(section)}()" for section in sections) or "0"
+            text += [f"def {numbered[name]}():", f"    status = {status}", "    shown()", "    return status"]
+        pygraph.defined([*shown, *text], self.names, "shown", "a step in Python")
+        return {"tune": self.names["tune"]} | {name: self.names[short] for name, short in numbered.items()}
+
+    def _traces(self) -> list[str]:
+        traces = self.step.observer.traces
+        last = self.names["D"].nbytes // SIZE["D"] - len(traces)
+        return [f"D[{last + k}] = {self._read(f'state.{name}', 0, 'double')}" for k, name in enumerate(traces)]
+
+    def _called(self, section: Section) -> str:
+        return f"section{self.sections[section.name]}"
+
+    def _function(self, name: str, program: Program, after: Sequence[str] = ()) -> list[str]:
+        self.filled = {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
+        self.work = {place: k for k, (place, _) in enumerate(sorted(places(program))) if scope(place) == "work"}
+        start = ["status = 0", *(line for place, size in sorted(places(program)) for line in self._zero(place, size))]
+        return [f"def {name}():", *indented([*start, *self._statements(program), *after, "return status"])]
+
+    def _zero(self, place: str, size: int) -> list[str]:
+        """A work value, or an array that a kernel may be the first to write."""
+        if place not in self.work or (size > 1 and place not in self.filled):
+            return []
+        zero = 0 if self.held.is_index(place) else 0.0
+        return [f"{' = '.join(self._local(place, element) for element in range(size))} = {zero}"]
+
+    def _statements(self, program: Iterable[Statement]) -> list[str]:
+        return [line for statement in program for line in self._statement(statement)]
+
+    def _statement(self, statement: Statement) -> list[str]:
+        match statement:
+            case Block():
+                return self._block(statement)
+            case Loop():
+                return self._loop(statement)
+            case When():
+                return self._when(statement)
+            case Copy():
+                return self._copy(statement)
+            case Call():
+                return [f"status |= {self._called(statement.section)}()"]
+            case Kernel():
+                return self._kernel(statement)
+
+    def _when(self, when: When) -> list[str]:
+        lines = [f"if {self._read(when.flag, 0, 'double')}:", *indented(self._statements(when.body) or ["pass"])]
+        return [*lines, *(["else:", *indented(self._statements(when.otherwise))] if when.otherwise else [])]
+
+    # --- memory
+
+    def _local(self, place: str, element: int) -> str:
+        return f"w{self.work[place]}_{element}"
+
+    def _text(self, place: str, element: int) -> str:
+        """The text of one element of a place."""
+        if place in self.work:
+            return self._local(place, element)
+        array, line = self.places[place], self.groups.get(scope(place), ())
+        kind = "I" if array.dtype == np.uint32 else "D"
+        offset = (array.ctypes.data - self.address) // SIZE[kind] + element
+        steps = (
+            f"{stride // SIZE[kind]}*m{depth}" for depth, stride in zip(range(len(line)), array.strides, strict=False)
+        )
+        return f"{kind}[{' + '.join((*steps, str(offset)))}]"
+
+    def _read(self, place: str, element: int, kind: Number) -> str:
+        """The text of one element as a number."""
+        text = self._text(place, element)
+        return f"float({text})" if kind != "unsigned" and self.held.is_index(place) else text
+
+    def _member(self, index: str, total: int) -> str:
+        """The text of a member's number, 0 where it is beyond the last, as in C."""
+        number = self._read(index, 0, "unsigned")
+        return f"int({number}) if {number} < {total} else 0"
+
+    # --- statements
+
+    def _loop(self, loop: Loop) -> list[str]:
+        line = self.groups[loop.group]
+        depth, total = len(line) - 1, line[-1].count
+        body = self._statements(loop.body)
+        if loop.index:
+            body = [f"{self._text(loop.index, 0)} = m{depth}", *body]
+        if loop.active:
+            body = [f"if k{depth} >= {self._read(loop.active, 0, 'unsigned')}:", "    break", *body]
+        if loop.start is None:
+            return [f"for k{depth} in range({loop.count}):", *indented([f"m{depth} = k{depth}", *body])]
+        start = [f"n{depth} = {self._member(loop.start, total)}"]
+        wrapped = [f"m{depth} = (n{depth} + k{depth}) % {total}", *body]
+        return [*start, f"for k{depth} in range({loop.count}):", *indented(wrapped)]
+
+    def _copy(self, copy: Copy) -> list[str]:
+        line = self.groups[copy.group]
+        arrays = [array for place, array in self.places.items() if scope(place) == copy.group]
+        stride = arrays[0].strides[len(line) - 1]
+        first = min(array.ctypes.data for array in arrays) - self.address
+        above = "".join(f" + {s}*m{depth}" for depth, s in enumerate(arrays[0].strides[: len(line) - 1]))
+        text = [
+            f"{name} = {first} + {stride}*({self._member(place, line[-1].count)}){above}"
+            for name, place in (("source", copy.source), ("target", copy.target))
+        ]
+        return [*text, f"B[target:target + {stride}] = bytes(B[source:source + {stride}])"]
+
+    def _kernel(self, kernel: Kernel) -> list[str]:
+        given = [self._view(kernel.columns, 2)] if kernel.columns else []
+        before, after = list[str](), list[str]()
+        for k, (place, size) in enumerate(kernel.arguments):
+            if place in self.work:
+                elements = [self._local(place, element) for element in range(size)]
+                before.append(f"a{k} = array(({', '.join(elements)},), dtype=float)")
+                after += [f"{', '.join(elements)} = a{k}.tolist()"] if size > 1 else []
+                given.append(f"a{k}")
+            else:
+                given.append(self._view(place, 1))
+        call = f"{kernel.name}({', '.join(given)})"
+        return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
+
+    def _view(self, place: str, dimensions: int) -> str:
+        """The text of a place as numpy's view of it, in the members that the loops around it are at."""
+        above = self.places[place].ndim - dimensions
+        return f"V[{list(self.places).index(place)}]{''.join(f'[m{depth}]' for depth in range(above))}"
+
+    def _block(self, block: Block) -> list[str]:
+        kind: Number = "unsigned" if self.held.counts(block) else "double"
+        self.graphs.lines = lines = []
+
+        def given(argument: int, element: int) -> str:
+            place, _ = block.reads[argument]
+            text = self._read(place, element, kind)
+            return f"({text})" if place in block.writes else text  # a copy of what the block also writes
+
+        outputs = self.graphs.write(block.graph, given, kind)
+        for place, nodes in zip(block.writes, outputs, strict=False):
+            for element, node in enumerate(nodes):
+                lines += self._write(place, element, node, kind)
+        return lines
+
+    def _write(self, place: str, element: int, node: Node, kind: Number) -> list[str]:
+        if scope(place) == "status":
+            return [f"if {node.name}:", f"    status |= {self.bits[place.split('.', 1)[1]]}"]
+        value = self.graphs.number(node, kind)
+        if place in self.held.flags:
+            value = node.name if boolean(node) else f"{value} != 0"
+        elif kind != "unsigned" and self.held.is_index(place):
+            value = f"int({value})"
+        return [f"{self._text(place, element)} = {value}"]
