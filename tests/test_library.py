@@ -126,7 +126,11 @@ def test_a_bad_query_leaves_the_other_answers() -> None:
         ({"f": ["x1*E", "0"]}, {"triangular": False, "triangular_uy": False, "uof_structure": True}),
         ({"f": ["E**3", "0"]}, {"triangular": False, "uof": False, "uof_structure": True}),
         ({"f": ["E + E**3", "0"]}, {"triangular": False, "uof": True}),
-        ({"f": ["Piecewise((E, E < 0), (E - 1, True))", "0"]}, {"uof": None, "mimo_uof": None, "uof_structure": True}),
+        ({"f": ["Piecewise((E, E < 0), (E - 1, True))", "0"]}, {"uof": True, "mimo_uof": True}),  # one branch
+        (
+            {"f": ["Piecewise((E, E < 0), (E - 1, True))", "0"], "x_box": {"x1": [-1, 1], "E": [-1, 1]}},
+            {"uof": None, "mimo_uof": None, "uof_structure": True},
+        ),
         ({"f": ["u*E + sign(x1)*E", "0"], "u_box": {"u": [2, 3]}}, {"triangular": False, "uof": True}),
         ({"f": ["0", "E"]}, {"triangular": False, "uof_structure": False, "uof": False}),
         ({"h": ["x1 + u"]}, {"triangular": None, "uof_structure": True, "uof": True}),
