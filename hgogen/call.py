@@ -14,6 +14,7 @@ from hgogen.emit.pystep import Entry
 from hgogen.form import Form
 from hgogen.kept import Kept
 from hgogen.method import Method
+from hgogen.named import in_order
 from hgogen.observer import Observer
 from hgogen.program import dangling
 from hgogen.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
@@ -151,18 +152,19 @@ class CallableStep(Step):
         self._clock[0] = 0
 
     def tune(self, **values: Any) -> int:
-        """Set gains or tunable plant parameters by name, limit them to their ranges; returns the status.
+        """Set gains or tunable plant parameters by name, limit them to their ranges; returns the status. A gain of
+        coordinates or outputs takes a mapping by their names, too.
 
-        Raises: `BadShape` for an unknown name or a wrong length; then none of them is set.
+        Raises: `BadShape` for an unknown name or a wrong length, `BadNames`; then none of them is set.
         """
         kinds = [("plant", f) for f in self.plant] + [("gain", f) for f in self.gains]
-        known = {f.name: (f"{kind}.{f.name}", f.size) for kind, f in kinds}
+        known = {f.name: (f"{kind}.{f.name}", f) for kind, f in kinds}
         wanted = {}
         for name, value in values.items():
             if name not in known:
                 raise BadShape(f"tune({name}=)", f"names nothing tunable; that is {', '.join(known)}")
-            place, size = known[name]
-            wanted[place] = numbers(name, value, size)
+            place, field = known[name]
+            wanted[place] = numbers(name, in_order(name, value, field.labels) if field.labels else value, field.size)
         tune = self._entries["tune"]
         for place, array in wanted.items():
             self._kept.places[place][:] = array

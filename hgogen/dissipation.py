@@ -33,6 +33,7 @@ from hgogen.intervals.box import Box
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.second_order import Answer, SecondOrder, negative
 from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
+from hgogen.named import names_of, quadratic
 
 LIMIT = 4000
 _SHARP = 1e-2  # of V's range on a face
@@ -92,11 +93,12 @@ class Dissipation:
 def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int = LIMIT) -> Dissipation:
     """Inequality (38) of an error system, proved or refuted on a box.
 
-    Args: `V` an expression of the system's errors, or a matrix P (n, n) for e'P e, symmetric but for rounding (1e-12);
-    `mu` > 0; `within` the box of the errors: half widths (n), or ranges (low, high) around 0, in their order or by
-    name; `boxes` at most for each question of a sign.
+    Args: `V` an expression of the system's errors, or a matrix P (n, n) for e'P e, symmetric but for rounding (1e-12),
+    in their order or with rows by name; `mu` > 0; `within` the box of the errors: half widths (n), or ranges
+    (low, high) around 0, in their order or by name, of the error or of its state; `boxes` at most for each question of
+    a sign.
 
-    Raises: `BadErrorSystem`; `Misfit`.
+    Raises: `BadErrorSystem`; `BadNames`; `Misfit`.
     """
     if not isinstance(system, ErrorSystem):
         raise Misfit("dissipation", system, "an error system: hg.error_system(plant, gain)")
@@ -126,7 +128,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
 
 def _function(system: ErrorSystem, V: Any) -> sp.Expr:
     """V as an expression of the errors."""
-    n = len(system.errors)
+    n, V = len(system.errors), quadratic("V", V, names_of(system.errors), aliases=system.aliases)
     try:
         given = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
     except (sp.SympifyError, ValueError, TypeError):

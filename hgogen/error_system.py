@@ -8,7 +8,7 @@ Alessandri, "On Hamilton-Jacobi approaches to state reconstruction for dynamic s
 Engineering (2020), (19), (24), (25).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -19,6 +19,7 @@ from hgogen.algebra.points import exact
 from hgogen.door import asks_a_plant
 from hgogen.errors import HgogenError
 from hgogen.intervals.box import Box, box
+from hgogen.named import in_order, names_of
 from hgogen.system import System
 
 
@@ -88,6 +89,11 @@ class ErrorSystem:
         """The box, without ranges of the errors."""
         return {s: ends for s, ends in self.box.items() if s not in self.errors}
 
+    @property
+    def aliases(self) -> dict[str, str]:
+        """The name of each state's error."""
+        return {x.name: e.name for x, e in zip(self.states, self.errors, strict=bool(self.states))}
+
 
 @asks_a_plant
 def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> ErrorSystem:
@@ -95,17 +101,22 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
 
     Args: `gain` l (n, p) of numbers or expressions, of the plant's states, which stand for the estimate there, inputs
     and parameters (for one output n of them will do); `G1` (n, k), `G2` (p, k) of states, inputs and parameters, by
-    default (I, 0) and (0, I): a disturbance on every row of f and on every output. Inputs, parameters and states take
-    their declared ranges; a parameter without one has its value.
+    default (I, 0) and (0, I): a disturbance on every row of f and on every output. Rows, and of `gain` columns, may be
+    given by the names of states and outputs. Inputs, parameters and states take their declared ranges; a parameter
+    without one has its value.
 
-    Raises: `Misfit`; `BadErrorSystem` for matrices of another shape.
+    Raises: `Misfit`; `BadNames`; `BadErrorSystem` for matrices of another shape.
     """
     n, p = len(plant.states), len(plant.outputs)
-    ell = _matrix("gain", gain, (n, p), plant)
+    states, outputs = names_of(plant.states), names_of(plant.outputs)
+    by_row = in_order("gain", gain, states)
+    if by_row is not gain:
+        by_row = [in_order(f"gain of {x}", row, outputs) for x, row in zip(states, by_row, strict=True)]
+    ell = _matrix("gain", by_row, (n, p), plant)
     first = sp.eye(n).row_join(sp.zeros(n, p)) if G1 is None else G1
-    G_1 = _matrix("G1", first, (n, None), plant)
+    G_1 = _matrix("G1", in_order("G1", first, states), (n, None), plant)
     second = sp.zeros(p, n).row_join(sp.eye(p)) if G2 is None and G1 is None else sp.zeros(p, G_1.cols)
-    G_2 = _matrix("G2", second if G2 is None else G2, (p, G_1.cols), plant)
+    G_2 = _matrix("G2", second if G2 is None else in_order("G2", G2, outputs), (p, G_1.cols), plant)
     errors = tuple(sp.Symbol(f"e_{x}", real=True) for x in plant.states)
     estimate = {x: x - e for x, e in zip(plant.states, errors, strict=True)}
     fixed = {s: value for s, value in plant.nominal.items() if not s.bounded}
@@ -146,17 +157,11 @@ def error_box(system: ErrorSystem, within: Any) -> Box:
     """The box of the errors: of half widths (n) or ranges (low, high), low < 0 < high, in their order, or by the name
     of the error or of its state.
 
-    Raises: `BadErrorSystem`.
+    Raises: `BadErrorSystem`, `BadNames`.
     """
-    errors, names = system.errors, [e.name for e in system.errors]
-    if isinstance(within, Mapping):
-        own = {x.name: e.name for x, e in zip(system.states, errors, strict=bool(system.states))}
-        given = {own.get(str(key), str(key)): value for key, value in within.items()}
-        if {*given} != {*names}:
-            raise BadErrorSystem("within", f"must have a range for each of {', '.join(names)}, and no other")
-        values = [given[name] for name in names]
-    else:
-        values = list(within) if isinstance(within, Sequence) else [within]
+    errors, names = system.errors, names_of(system.errors)
+    values = in_order("within", within, names, aliases=system.aliases)
+    values = list(values) if isinstance(values, Sequence) else [values]
     if len(values) != len(errors):
         wanted = f"must have a half width for each of {', '.join(names)}"
         raise BadErrorSystem(f"within of length {len(values)}", wanted)

@@ -16,6 +16,7 @@ from hgogen.check import Check, Verdict
 from hgogen.form import Form
 from hgogen.gramian import Gramian, Steps, window
 from hgogen.kalman.kalman import positive
+from hgogen.named import of_outputs
 from hgogen.observer import BadGain, reals
 from hgogen.observer import positive as above
 from hgogen.program import sym
@@ -28,14 +29,14 @@ HIDDEN = 1e-12  # of the direction seen best: what a window shows no better is l
 def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     """W over every window of `d` (s) along a record, for a form `forms.state_affine`.
 
-    Args: `R` (p) as of the observer, y^2 s; `u` (N, m), `y` (N, p), all numbers, `dt` (s) apart.
+    Args: `R` (p) as of the observer, by name too, y^2 s; `u` (N, m), `y` (N, p), all numbers, `dt` (s) apart.
 
     Raises: `BadGain`.
     """
     dynamics, outputs = Dynamics(form), len(form.output)
     dt, d = above("dt", dt), above("d", d)
     m = len(form.system.inputs)
-    variances = np.array(positive("R", R, outputs))
+    variances = np.array(positive("R", of_outputs("R", R, form), outputs))
     inputs, samples = (_record(name, value, size) for name, value, size in (("u", u, m), ("y", y, outputs)))
     pieces = round(d / dt)
     if len(samples) <= pieces or pieces < 1 or (m and len(inputs) != len(samples)):

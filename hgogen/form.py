@@ -26,7 +26,8 @@ class Form:
     of the plant's states; `from_form`: the plant's states as expressions of z; `A`: n x n, of inputs and
     parameters (and z_1, where the form says so); `b`: n expressions of z, inputs, parameters; `output`: p expressions
     of z, inputs, parameters; `checks`: one for each hypothesis; `blocks`: the number of states of each output's chain,
-    in the order of z, one block of n unless it is given; `alignment`: how blocks may read each other, "" for one.
+    in the order of z, one block of n unless it is given; `alignment`: how blocks may read each other, "" for one;
+    `levels`: of states in no such chains, how far each is from the outputs, 0 for the first, by default its place.
     `jacobian`: n x n, of z, inputs and parameters, of a map to phase coordinates in which a gain acts through its
     inverse; None where z are the coordinates of the gain. `behind`: b as expressions of the plant's states, where b
     as a function of z may have poles in the box of z, or is too large there; an observer evaluates it at from_form(z),
@@ -45,18 +46,32 @@ class Form:
     reference: str
     blocks: tuple[int, ...] = ()
     alignment: str = ""
+    levels: tuple[int, ...] = ()
     jacobian: sp.ImmutableDenseMatrix | None = None
     behind: tuple[sp.Expr, ...] | None = None
 
     def __post_init__(self) -> None:
-        """One block of n."""
+        """One block of n, each state at its place."""
         if not self.blocks:
             object.__setattr__(self, "blocks", (self.n,))
+        if not self.levels:
+            object.__setattr__(self, "levels", tuple(range(self.n)))
 
     @property
     def n(self) -> int:
         """Number of states."""
         return len(self.states)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What a gain calls z_1..z_n: by the name of a state where z_i is that state or minus it, else by its own."""
+        states = {sign * x: x.name for x in self.system.states for sign in (1, -1)}
+        return tuple(str(states.get(e, z.name)) for z, e in zip(self.states, self.to_form, strict=True))
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """-1 where z_i is minus the state of its name, else 1."""
+        return tuple(-1 if -e in self.system.states else 1 for e in self.to_form)
 
     @property
     def heads(self) -> tuple[int, ...]:

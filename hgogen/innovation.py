@@ -14,14 +14,15 @@ several outputs I_d is the sum of weights_j |y_j - yhat_j|^2, each with its own 
 1/variance make outputs of different units one.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import casadi as ca
 
 from hgogen.errors import HgogenError
 from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
+from hgogen.named import Values, of_outputs
 from hgogen.observer import HUGE, Clock, Part, Pieces, real, reals
 from hgogen.program import INF, Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
@@ -31,6 +32,8 @@ from hgogen.theorem import Hypothesis
 
 if TYPE_CHECKING:
     from hgogen.method import Method
+
+Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
 
 
 @dataclass(eq=False)
@@ -133,13 +136,13 @@ class Staggered:
     d: float
     predictors: int
     tableau: Tableau
-    weights: tuple[float, ...] = ()
+    weights: Weights = field(default=(), hash=False)
     hypothesis: Hypothesis = STAGGERED
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """M + 1 copies of the model in the group `predictor`."""
-        _weighed(self.weights, dynamics)
-        return Predictors(Predictor(dynamics, z, self.tableau), self._pieces)
+        own = replace(self, weights=_weighed(self.weights, dynamics))
+        return Predictors(Predictor(dynamics, z, self.tableau), own._pieces)
 
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
         count = samples(self.d, clock.dt, self.predictors)
@@ -228,13 +231,13 @@ class Window:
 
     d: float
     tableau: Tableau
-    weights: tuple[float, ...] = ()
+    weights: Weights = field(default=(), hash=False)
     hypothesis: Hypothesis = WINDOW
 
     def part(self, dynamics: Dynamics, z: Field) -> Part:
         """A ring of N + 1 samples in the group `past`."""
-        _weighed(self.weights, dynamics)
-        return Predictors(Predictor(dynamics, z, self.tableau), self._pieces)
+        own = replace(self, weights=_weighed(self.weights, dynamics))
+        return Predictors(Predictor(dynamics, z, self.tableau), own._pieces)
 
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
         steps = samples(self.d, clock.dt)
@@ -307,12 +310,10 @@ def _wanted(count: int, clock: Clock) -> Any:
     return ca.SX(ca.DM(found)) if len({*found}) > 1 else found[0] if found else count
 
 
-def staggered(
-    d: float, predictors: int = 4, method: Any = None, weights: float | Sequence[float] | None = None
-) -> Staggered:
+def staggered(d: float, predictors: int = 4, method: Any = None, weights: float | Values | None = None) -> Staggered:
     """Innovation by `predictors` + 1 staggered copies of the model over a window `d` (s); Heun unless `method` says.
 
-    `weights`: of each output's square, 1 by default.
+    `weights`: of each output's square, by name or in their order, 1 by default.
 
     Raises: `HgogenError` where d, the number or a weight is not positive.
     """
@@ -322,7 +323,7 @@ def staggered(
     return Staggered(float(d), int(predictors), _tableau(method), _weights(weights))
 
 
-def window(d: float, method: Any = None, weights: float | Sequence[float] | None = None) -> Window:
+def window(d: float, method: Any = None, weights: float | Values | None = None) -> Window:
     """Innovation as the paper defines it, the model run again over the window `d` (s) at every sample; `weights` as in
     `staggered`."""
     _positive(d)
@@ -354,23 +355,27 @@ def _tableau(method: Any) -> Tableau:
     return tableau
 
 
-def _weights(given: Any) -> tuple[float, ...]:
+def _weights(given: Any) -> Weights:
     """The weights of the outputs; () for all 1."""
     if given is None:
         return ()
-    weights = tuple(map(float, reals("weights", given).reshape(-1)))
+    values = list(given.values()) if isinstance(given, Mapping) else given
+    weights = tuple(map(float, reals("weights", values).reshape(-1)))
     if not weights or not all(0 < weight < HUGE for weight in weights):
         raise BadWindowSize(f"weights = {given!r}", "must be positive numbers, one for each output")
-    return weights
+    return dict(zip(given, weights, strict=True)) if isinstance(given, Mapping) else weights
 
 
-def _weighed(weights: tuple[float, ...], dynamics: Dynamics) -> None:
+def _weighed(given: Weights, dynamics: Dynamics) -> tuple[float, ...]:
+    """In the order of the outputs."""
+    weights = tuple(of_outputs("weights", given, dynamics.form)) if given else ()
     if weights and len(weights) != dynamics.outputs:
         reason = f"must have one number for each of {dynamics.outputs} outputs"
         raise BadWindowSize(f"weights of length {len(weights)}", reason)
+    return weights
 
 
-def _summed(weights: tuple[float, ...], squares: Any) -> Any:
+def _summed(weights: Any, squares: Any) -> Any:
     """The weighted sum over outputs (p), kept a number."""
     if weights:
         return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), HUGE * HUGE)

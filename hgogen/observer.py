@@ -5,7 +5,7 @@ equations into statements. Places that every part may use: `state.u` the input a
 now, `work.e` the innovation y_j - h_j(z, u) of the output under update.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial, wraps
 from inspect import signature
@@ -17,6 +17,7 @@ import sympy as sp
 from hgogen.check import Check, Refuted, demand
 from hgogen.errors import HgogenError
 from hgogen.form import Form
+from hgogen.named import Values, in_order, names_of
 from hgogen.program import INF, Bit, Block, Field, Group, Program, sym
 from hgogen.scaling import exponents
 from hgogen.signal import Signal, resting
@@ -282,7 +283,7 @@ def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, told
     return ""
 
 
-def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
+def state_field(form: Form, initial: Values | None, peak: float) -> Field:
     """The field `z` (n) of an estimate in the form's coordinates.
 
     Its outer box is the declared one about its centre, half-width times peak^(i-1) (state i of a high-gain observer
@@ -290,13 +291,9 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
     one's. By name `initial` may give inputs as well, at which the form's coordinates are read in place of the resting
     ones: where they depend on inputs, the estimate is that state at those only.
 
-    Raises: `BadGain` for an initial state of the wrong names or length, not finite, or outside its range.
+    Raises: `BadNames`; `BadGain` for an initial state of the wrong length, not finite, or outside its range.
     """
-    inputs = {u: resting(u) for u in form.system.inputs}
-    if isinstance(initial, Mapping):
-        inputs |= {u: real(f"initial {u.name}", initial[u.name]) for u in inputs if u.name in initial}
-        initial = {name: value for name, value in initial.items() if name not in {u.name for u in inputs}}
-    start = _initial(form, initial)
+    start, inputs = _initial(form, initial)
     values = [float(e.subs({**form.system.nominal, **inputs}).subs(start)) for e in map(sp.sympify, form.to_form)]
     low, high = [], []
     for signal, exponent in zip(form.states, exponents(form), strict=True):
@@ -318,32 +315,30 @@ def state_field(form: Form, initial: Mapping[str, float] | Sequence[float] | Non
     )
 
 
-def _initial(form: Form, initial: Mapping[str, float] | Sequence[float] | None) -> dict[Signal, float]:
-    """The states of the form's system from those of the plant as first declared."""
-    origin = form.system.origin
-    signals = form.system.states if origin is None else origin.plant.states
-    names = [s.name for s in signals]
-    default = [resting(s) for s in signals]
-    if initial is None:
-        values: Sequence[float] = default
-    elif isinstance(initial, Mapping):
-        unknown = sorted(set(initial) - set(names))
-        if unknown:
-            raise BadGain(f"initial names {unknown[0]!r},", f"which is no state; the states are {', '.join(names)}")
-        values = [real(f"initial {name}", initial.get(name, value)) for name, value in zip(names, default, strict=True)]
+def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], dict[Signal, float]]:
+    """The states of the form's system, from those of the plant as first declared, and its inputs."""
+    origin, inputs = form.system.origin, form.system.inputs
+    states = form.system.states if origin is None else origin.plant.states
+    rest = {s.name: resting(s) for s in (*states, *inputs)}
+    if initial is None or isinstance(initial, Mapping):
+        given = in_order("initial", initial or {}, tuple(rest), default=rest)
+        values = [real(f"initial {name}", value) for name, value in zip(rest, given, strict=True)]
     else:
-        values = list(reals("initial", initial).reshape(-1))
-    if len(values) != len(names):
-        raise BadGain(f"initial of length {len(values)}", f"must have one number for each of {', '.join(names)}")
-    for signal, value in zip(signals, values, strict=True):
+        values = [*reals("initial", initial).reshape(-1), *map(resting, inputs)]
+    if len(values) != len(rest):
+        wanted = f"must have one number for each of {', '.join(names_of(states))}"
+        raise BadGain(f"initial of length {len(values) - len(inputs)}", wanted)
+    found = dict(zip((*states, *inputs), map(float, values), strict=True))
+    start, now = ({s: found[s] for s in signals} for signals in (states, inputs))
+    for signal, value in start.items():
         low, high = signal.interval
         if not (np.isfinite(value) and low <= value <= high):
             raise BadGain(f"initial {signal.name} = {value}", f"must be finite and in [{low:g}, {high:g}]")
-    start = dict(zip(signals, map(float, values), strict=True))
     if origin is None:
-        return start
+        return start, now
     numbers = start | form.system.nominal
-    return {s: float(e.subs(numbers)) for s, e in zip(form.system.states, origin.forward, strict=True)}
+    moved = {s: float(e.subs(numbers)) for s, e in zip(form.system.states, origin.forward, strict=True)}
+    return moved, now
 
 
 def gain(name: str, value: Iterable[float] | float, low: float, high: float, meaning: str, unit: str = "") -> Field:

@@ -76,9 +76,9 @@ def scaling(form: Form, scaled: Scaled = "both") -> Scaling:
 
 def exponents(form: Form) -> tuple[int, ...]:
     """The power of a high gain with which each state may overshoot: those of Delta^-1; of states in no aligned chains,
-    their places."""
+    their levels."""
     if form.alignment not in ALIGNED:
-        return tuple(range(form.n))
+        return form.levels
     longest = max(form.blocks)
     return tuple(
         level + (longest - size if form.alignment == "end" else 0) for size in form.blocks for level in range(size)
@@ -96,9 +96,16 @@ def noise_equation(form: Form, scaled: Scaled) -> str:
     """Q_theta, R_theta and Delta, for the banner."""
     process, output = _NOISE[scaled]
     several = len(form.output) > 1 and form.alignment in ALIGNED
-    delta = _DELTA[form.alignment] if several else "Delta = diag(1, 1/theta, ..)"
+    delta = _DELTA[form.alignment] if several else f"Delta = diag({_powers(form)})"
     R = "delta R delta" if several and form.alignment == "end" else "R"
     return f"P = S^-1, Q_theta = {process}, R_theta = {output.format(R)}, {delta}"
+
+
+def _powers(form: Form) -> str:
+    """The diagonal of Delta, in full where the states do not stand in the order of their levels."""
+    if form.levels == tuple(range(form.n)):
+        return "1, 1/theta, .."
+    return ", ".join(f"theta^-{level}" if level > 1 else "1/theta" if level else "1" for level in form.levels)
 
 
 def power(theta: Any, exponent: int) -> Any:

@@ -1,6 +1,6 @@
 """What a model declares of its errors: V and mu of inequality (38), as data that `check` proves or refutes.
 
-    dissipation = {"gain": (6, 12, 8), "V": P, "mu": 30, "within": {"x1": 1, "x2": 3, "x3": 3}}
+    dissipation = {"gain": {"x1": 6, "x2": 12, "x3": 8}, "V": P, "mu": 30, "within": {"x1": 1, "x2": 3, "x3": 3}}
 
 `gain`, with `G1` and `G2` if there are any, makes the error system of the plant as `error_system` does; in their place
 Python may give a `system` of its own. `V`, `mu` and `within` are those of `dissipation`. A text, as plain-text models
@@ -46,7 +46,9 @@ def stored(plant: System, declared: Any) -> Dissipation:
 
 
 def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
-    """Texts as expressions of these names, also in lists."""
+    """Texts as expressions of these names, also in lists and by name."""
     if isinstance(value, str):
         return parse(value, names)
+    if isinstance(value, Mapping):
+        return {key: _read(each, names) for key, each in value.items()}
     return [_read(each, names) for each in value] if isinstance(value, list | tuple) else value

@@ -5,7 +5,7 @@
     [tuning.high_gain]                # plain text; a complex pole is [re, im]
     theta = 20
     poles = [[-1, 0.5], [-1, -0.5]]   # of a form with a chain for each of several outputs, a list for each chain
-    form = "triangular"               # one of hg.forms, or {kind = "phase", original = true} with its arguments
+    form = "triangular"               # one of hg.forms, or {kind = "original", order = ["x2", "x1"]} with its arguments
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
     between = "line"                  # or "hold"
@@ -13,7 +13,7 @@
 
     [tuning.filter]                   # kind: one of hg.observers, where the name is none
     kind = "riccati"
-    Q = [1, 1]
+    Q = {x1 = 1, x2 = 1}              # by the names of the form's coordinates, or a list in their order
     R = 1
     theta = {kind = "adaptive", theta_1 = 4, mu = [0.16, 0.32], innovation = {kind = "staggered", d = 1}}
 
@@ -151,7 +151,8 @@ class Tuning:
         return self.observer(str(member), around, start)
 
     def _form(self, where: str, given: Any) -> Any:
-        options = {key: value for key, value in given.items() if key != "kind"} if isinstance(given, Mapping) else {}
+        told = {key: value for key, value in given.items() if key != "kind"} if isinstance(given, Mapping) else {}
+        options = {key: tuple(value) if isinstance(value, list) else value for key, value in told.items()}
         kind = given.get("kind", "triangular") if isinstance(given, Mapping) else given
         make = self._case(where, forms, kind)
         if callable(make):

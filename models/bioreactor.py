@@ -71,9 +71,9 @@ tuning: dict[str, dict[str, Any]] = {
         "threshold": 0.02,
     },
     "high_gain": {"form": {"kind": "phase", "original": True}, "method": "rk4", "theta": 1, "poles": (-0.5, -0.5)},
-    "riccati": {"form": "uniform", "Q": (1e-6, 1e-6), "R": 2.5e-7, "covariance": (0.1, 0.1)},
+    "riccati": {"form": "uniform", "Q": {"m": 1e-6, "s": 1e-6}, "R": 2.5e-7, "covariance": {"m": 0.1, "s": 0.1}},
     "bank": {"member": "decaying", "count": 3, "period": 10.0},
-    "hamilton_jacobi": {"form": "uniform", "Q": (1e6, 1e6), "R": 4e6, "P0": (10, 10)},
+    "hamilton_jacobi": {"form": "uniform", "Q": {"m": 1e6, "s": 1e6}, "R": 4e6, "P0": {"m": 10, "s": 10}},
 }
 tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(3.0, 0.1)}
 

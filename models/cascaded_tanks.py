@@ -42,9 +42,9 @@ def form(plant: hg.System) -> hg.Form:
 
 
 gains = {
-    "Q": (1e-4, 1.4e-3),
+    "Q": {"x2": 1e-4, "w": 1.4e-3},
     "R": 1.6e-3,
-    "covariance": (0.25, 0.25),
+    "covariance": {"x2": 0.25, "w": 0.25},
     # gamma_0 is set by the error of the model, the overflow above all, not by the noise of the sensor
     "theta": hg.theta.adaptive(
         2.0,
@@ -61,7 +61,7 @@ tuning: dict[str, dict[str, Any]] = {
     "riccati": {"form": form, "dt": 4.0, **gains},
     "decaying": {"kind": "riccati", "form": form, "dt": 4.0, **gains, "theta": hg.theta.decaying(2.0, 0.02)},
     "bank": {"member": "decaying", "count": 3, "period": 80.0, "dt": 4.0},
-    "hamilton_jacobi": {"form": form, "dt": 4.0, "Q": (1e4, 700.0), "R": 600.0, "P0": (4.0, 4.0)},
+    "hamilton_jacobi": {"form": form, "dt": 4.0, "Q": {"x2": 1e4, "w": 700.0}, "R": 600.0, "P0": {"x2": 4.0, "w": 4.0}},
     "high_gain": {**EVERY, **SLOW, "theta": 2},
     "low_power": {**EVERY, **SLOW, "theta": 2},
     "peaking_free": {**EVERY, **SLOW, "theta": 2, "last": 0.05},

@@ -30,7 +30,7 @@ plant = hg.System(
 
 # of x^' = f(x^) + gain (y - x1^), poles at -2 without friction and gravity, under disturbances of all rates and of y
 dissipation = {
-    "gain": (6, 12, 8),
+    "gain": {"x1": 6, "x2": 12, "x3": 8},
     "V": ((4.9, -0.6, -2.5), (-0.6, 1.8, -1.5), (-2.5, -1.5, 4.1)),
     "mu": 30,
     "within": {"x1": 1, "x2": 3, "x3": 3},
@@ -59,9 +59,19 @@ tuning = {
     },
     "peaking_free": {"theta": 20, "initial": START},
     "cascade": {"theta": 40, "initial": START},
-    "riccati": {"Q": (1e-6, 1e-3, 10), "R": 1e-9, "covariance": (1, 1000, 10), "initial": START},
+    "riccati": {
+        "Q": {"x1": 1e-6, "x2": 1e-3, "x3": 10},
+        "R": 1e-9,
+        "covariance": {"x1": 1, "x2": 1000, "x3": 10},
+        "initial": START,
+    },
     "bank": {"member": "decaying", "count": 3, "period": 0.5},
-    "hamilton_jacobi": {"Q": (1e6, 1e3, 0.1), "R": 1e9, "P0": (1, 1e-3, 0.1), "initial": START},
+    "hamilton_jacobi": {
+        "Q": {"x1": 1e6, "x2": 1e3, "x3": 0.1},
+        "R": 1e9,
+        "P0": {"x1": 1, "x2": 1e-3, "x3": 0.1},
+        "initial": START,
+    },
     "high_gain": {"theta": 20, "poles": (-1, -1, -1), "initial": START},
     "low_power": {"theta": 10, "initial": START},
     "switched_gain": {

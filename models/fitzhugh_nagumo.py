@@ -30,7 +30,7 @@ plant = hg.System(
 
 tuning = {
     "riccati": {
-        "Q": (0.1, 0.01, 2.3e-4),
+        "Q": {"x1": 0.1, "x2": 0.01, "eta": 2.3e-4},
         "R": 1.0,
         "theta": hg.theta.adaptive(
             4.0,
@@ -50,7 +50,7 @@ tuning = {
         "period": 2 * sp.pi,
     },
     # weights, not noises; theta is 1, which asks nothing of a_2: the plant's own coordinates do
-    "hamilton_jacobi": {"form": "original", "Q": (10.0, 100.0, 30.0), "R": 125.0},
+    "hamilton_jacobi": {"form": "original", "Q": {"x1": 10.0, "x2": 100.0, "eta": 30.0}, "R": 125.0},
 }
 tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(8.0, 0.1)}
 tuning["bank"] = {"member": "decaying", "count": 5, "period": 10.0}

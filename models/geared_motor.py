@@ -49,24 +49,24 @@ tuning = {
     "riccati": {
         "form": {"kind": "block_triangular", "align": "end"},
         "dt": 1e-3,
-        "Q": (1e-3, 1.0, 10.0, 1e-5),
-        "R": (1e-8, 1e-6),
-        "covariance": (1.0, 1.0, 100.0, 1e-2),
+        "Q": {"phi": 1e-3, "i": 1.0, "w": 10.0, "T": 1e-5},
+        "R": {"y1": 1e-8, "y2": 1e-6},
+        "covariance": {"phi": 1.0, "i": 1.0, "w": 100.0, "T": 1e-2},
         "theta": hg.theta.adaptive(
             2.0,
             rise_time=0.02,
             rate=20.0,
             mu=(400.0, 4000.0),
-            innovation=hg.innovation.staggered(0.02, predictors=4, weights=(1e8, 1e3)),
+            innovation=hg.innovation.staggered(0.02, predictors=4, weights={"y1": 1e8, "y2": 1e3}),
         ),
     },
     "bank": {"dt": 1e-3, "member": "decaying", "count": 3, "period": 0.2},
     "hamilton_jacobi": {  # its weights are the inverses of riccati's noises
         "form": {"kind": "block_triangular", "align": "end"},
         "dt": 1e-3,
-        "Q": (1e3, 1.0, 0.1, 1e5),
-        "R": (1e8, 1e6),
-        "P0": (1.0, 1.0, 0.01, 100.0),
+        "Q": {"phi": 1e3, "i": 1.0, "w": 0.1, "T": 1e5},
+        "R": {"y1": 1e8, "y2": 1e6},
+        "P0": {"phi": 1.0, "i": 1.0, "w": 0.01, "T": 100.0},
     },
 }
 tuning["decaying"] = {**tuning["riccati"], "kind": "riccati", "theta": hg.theta.decaying(3.0, rate=5.0)}

@@ -56,9 +56,17 @@ tuning = {
     },
     "cascade": {"theta": 5},  # practical: the last row, which it does not know, is large here
     # a tone is no white noise: R stands for its power over the filter's bandwidth
-    "riccati": {"Q": (0.4, 0.6, 1, 6), "R": 1e-3, "covariance": (9, 20, 40, 100)},
+    "riccati": {
+        "Q": {"x1": 0.4, "x2": 0.6, "x3": 1, "x4": 6},
+        "R": 1e-3,
+        "covariance": {"x1": 9, "x2": 20, "x3": 40, "x4": 100},
+    },
     "bank": {"member": "decaying", "count": 3, "period": 5.0},
-    "hamilton_jacobi": {"Q": (2.5, 1.7, 1, 0.17), "R": 1e3, "P0": (0.11, 0.05, 0.025, 0.01)},
+    "hamilton_jacobi": {
+        "Q": {"x1": 2.5, "x2": 1.7, "x3": 1, "x4": 0.17},
+        "R": 1e3,
+        "P0": {"x1": 0.11, "x2": 0.05, "x3": 0.025, "x4": 0.01},
+    },
     "kalman_like": {"form": "state_affine", "rho": 2, "R": 1e-5},
     "high_gain": {"theta": 4, "poles": POLES},
     "low_power": {"theta": 4},

@@ -45,12 +45,12 @@ tuning = {
         "form": "original",
         "method": "rk4_covariance",
         "dt": 0.01,
-        "Q": (10, 10),
+        "Q": {"x1": 10, "x2": 10},
         "R": 100,
-        "P0": (100, 100),
+        "P0": {"x1": 100, "x2": 100},
         "curvature": 5,
     },
-    "riccati": {"form": "original", "dt": 0.01, "Q": (1e-4, 1e-4), "R": (1e-6, 1e-6)},
+    "riccati": {"form": "original", "dt": 0.01, "Q": {"x1": 1e-4, "x2": 1e-4}, "R": {"y1": 1e-6, "y2": 1e-6}},
     "bank": {"dt": 0.01, "member": "riccati", "count": 3, "period": 1.0},  # a member that restarts has P(0) again
 }
 

@@ -35,10 +35,10 @@ tuning = {
     "low_power": {"theta": 20},
     "peaking_free": {"theta": 20},
     "cascade": {"theta": 100},
-    "riccati": {"Q": (1e-7, 1e-3), "R": 1e-9},  # R = v dt for samples of variance v = 1e-6
-    "decaying": {"kind": "riccati", "Q": (1e-7, 1e-3), "R": 1e-9, "theta": hg.theta.decaying(8.0, rate=1.0)},
+    "riccati": {"Q": {"q": 1e-7, "w": 1e-3}, "R": 1e-9},  # R = v dt for samples of variance v = 1e-6
+    "decaying": {"kind": "riccati", "Q": {"q": 1e-7, "w": 1e-3}, "R": 1e-9, "theta": hg.theta.decaying(8.0, rate=1.0)},
     "bank": {"member": "decaying", "count": 3, "period": 1.0},
-    "hamilton_jacobi": {"Q": (1e4, 1.0), "R": 1e9},  # R is the inverse of riccati's
+    "hamilton_jacobi": {"Q": {"q": 1e4, "w": 1.0}, "R": 1e9},  # R is the inverse of riccati's
     "switched_gain": {"theta": 40, "theta_low": 10, "threshold": 0.01, "hold": 0.2, "poles": (-1, -1)},
     "lambda_tracking": {
         "k_0": 5,

@@ -51,26 +51,21 @@ plant = hg.System(
 )
 
 
-def form(plant: hg.System) -> hg.Form:
-    """The plant's own coordinates, in the order in which they are declared."""
-    return hg.forms.original(plant, order=plant.states)
-
-
 tuning = {
     "riccati": {
-        "form": form,
+        "form": "original",
         "dt": 1e-4,
-        "Q": (1, 1, 1e-4, 1e-4, 1e3),
-        "R": (4e-8, 4e-8),
-        "covariance": (1, 1, 0.01, 0.01, 1e4),
+        "Q": {"i_a": 1, "i_b": 1, "f_a": 1e-4, "f_b": 1e-4, "w": 1e3},
+        "R": {"y_a": 4e-8, "y_b": 4e-8},
+        "covariance": {"i_a": 1, "i_b": 1, "f_a": 0.01, "f_b": 0.01, "w": 1e4},
     },
     "bank": {"dt": 1e-4, "member": "riccati", "count": 3, "period": 0.2},  # a member that restarts has P(0) again
     "hamilton_jacobi": {
-        "form": form,
+        "form": "original",
         "dt": 1e-4,
-        "Q": (1, 1, 1e4, 1e4, 1e-3),
-        "R": (2.5e7, 2.5e7),
-        "P0": (1, 1, 100, 100, 1e-4),
+        "Q": {"i_a": 1, "i_b": 1, "f_a": 1e4, "f_b": 1e4, "w": 1e-3},
+        "R": {"y_a": 2.5e7, "y_b": 2.5e7},
+        "P0": {"i_a": 1, "i_b": 1, "f_a": 100, "f_b": 100, "w": 1e-4},
     },
 }
 

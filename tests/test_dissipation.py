@@ -19,6 +19,7 @@ from hgogen.door import Misfit
 from hgogen.error_system import BadErrorSystem
 from hgogen.intervals import second_order
 from hgogen.model import load
+from hgogen.named import BadNames
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 e, f = sp.symbols("e f", real=True)
@@ -344,12 +345,12 @@ def test_without_a_range_nothing_is_missed() -> None:
         ({"within": [0]}, "the range 0 of e is none around 0"),
         ({"within": [(1, 2)]}, "none around 0"),
         ({"within": [1, 1]}, "within of length 2"),
-        ({"within": {"y": 1}}, "a range for each of e"),
+        ({"within": {"y": 1}}, "within names 'y', which is none of the names; they are e"),
         ({"within": [float("nan")]}, "none around 0"),
     ],
 )
 def test_bad_questions_are_met_with_a_sentence(changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(BadErrorSystem, match=said):
+    with pytest.raises((BadErrorSystem, BadNames), match=said):
         hg.dissipation(line(-e), **{"V": e**2, "mu": 1, "within": [1], **changes})
 
 

@@ -503,20 +503,28 @@ def test_a_scrambled_plant_is_recovered(
 # The plant in its own coordinates
 
 
-def test_original_goes_from_the_outputs_outwards() -> None:
-    form = forms.original(plant([sp.sqrt(X3 + 4) - X1, X1 - X3**2, 2 * u * X2 + X1], X1))
-    assert form.to_form == (X1, X3, X2)
-    _, z2, z3 = form.states
-    assert sp.Matrix([[-1, 0, 0], [1, 0, 2 * u], [1, 0, 0]]) == form.A
-    assert form.b == (sp.sqrt(z2 + 4), 0, -(z2**2))
+@pytest.mark.parametrize("order", [None, ("x1", X3, "x2")])
+def test_original_keeps_the_order_and_knows_the_way_outwards(order: tuple[Signal | str, ...] | None) -> None:
+    form = forms.original(plant([sp.sqrt(X3 + 4) - X1, X1 - X3**2, 2 * u * X2 + X1], X1), order)
+    assert form.to_form == ((X1, X3, X2) if order else (X1, X2, X3))
+    assert form.levels == ((0, 1, 2) if order else (0, 2, 1))
+    z = dict(zip(form.names, form.states, strict=True))
+    rates = dict(zip(form.names, form.flow, strict=True))
+    assert rates == {
+        "x1": sp.sqrt(z["x3"] + 4) - z["x1"],
+        "x2": z["x1"] - z["x3"] ** 2,
+        "x3": 2 * u * z["x2"] + z["x1"],
+    }
+    assert form.A[list(z).index("x3"), list(z).index("x2")] == 2 * u
     assert verdicts(form) == {
         "connected": "proved",
         "order": "generic",
         "lipschitz": "proved",
         "convergence": "unknown",
     }
+    assert check(form, "order").claim.startswith("in the order (x1, x3, x2) ")
     assert_same_plant(form)
-    assert z3.interval == X2.interval
+    assert z["x2"].interval == X2.interval
 
 
 @pytest.mark.parametrize(
@@ -538,13 +546,13 @@ def test_original_is_lipschitz_as_a_whole(flow: list[sp.Expr], output: sp.Expr, 
 @pytest.mark.parametrize(
     ("flow", "output", "says"),
     [
-        ([X2 + X3, X3, X1], X1, "z_1' reads x3 too early"),
+        ([X2 + X3, X3, X1], X1, "x1' reads x3 too early"),
         ([X2, X1, X2], X1 + X3, "y reads x3 too early"),
-        ([X2, X2, X2], X3, "z_2' does not read x1"),
+        ([X2, X2, X2], X3, "x2' does not read x1"),
     ],
 )
 def test_original_does_not_claim_a_shape_that_is_not_there(flow: list[sp.Expr], output: sp.Expr, says: str) -> None:
-    form = forms.original(plant(flow, output), order=(X1, X2, X3) if output.has(X1) else (X3, X2, X1))
+    form = forms.original(plant(flow, output))
     assert check(form, "order").verdict == Verdict.UNKNOWN
     assert says in check(form, "order").reason
     assert_same_plant(form)
@@ -552,8 +560,9 @@ def test_original_does_not_claim_a_shape_that_is_not_there(flow: list[sp.Expr], 
 
 def test_original_takes_several_outputs() -> None:
     form = forms.original(plant([X3, X4, u, X1 * X2], [X2, X1 + v * X2], outputs=[y, Signal("w")]))
-    assert form.to_form == (X2, X1, X4, X3)
-    assert form.output == (form.states[0], form.states[1] + v * form.states[0])
+    z1, z2, *_ = form.states
+    assert form.to_form == (X1, X2, X3, X4)
+    assert form.output == (z2, z1 + v * z2)
     assert verdicts(form)["order"] == "unknown"
     assert_same_plant(form)
 

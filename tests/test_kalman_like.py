@@ -197,7 +197,7 @@ def test_windows_of_a_record() -> None:
     W = 25 / 0.1 * np.array([[2, 2], [2, 8 / 3]])
     assert found.smallest == pytest.approx(np.linalg.eigvalsh(W)[0], rel=1e-9)  # cubic: Simpson's rule is exact
     assert excitation.shown("p", found).verdict is Verdict.UNKNOWN
-    hidden = excitation.along(form, 0.1, np.zeros(N), np.zeros(N), 0.01, 2.0)
+    hidden = excitation.along(form, {"y1": 0.1}, np.zeros(N), np.zeros(N), 0.01, 2.0)
     quiet = replace(found, smallest=1e-20 * found.smallest, largest=1e-20 * found.largest)
     assert excitation.shown("p", quiet).verdict is Verdict.UNKNOWN  # a larger R hides nothing
     check = excitation.shown("p", hidden)

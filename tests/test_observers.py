@@ -24,6 +24,7 @@ from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
 from hgogen.innovation import BadWindow, BadWindowSize
 from hgogen.model import load
+from hgogen.named import BadNames
 from hgogen.observer import BadGain, Clock
 from hgogen.structure.dynamics import Singular
 from hgogen.theta import rise
@@ -436,14 +437,14 @@ UNIT = np.eye(3)
         ({"covariance": (1, 1)}, r"covariance of shape \(2,\) must be"),
         ({"covariance": (1, 0, 1)}, "covariance must be positive definite"),
         ({"initial": (1, 2)}, "initial of length 2 must have one number for each of x1, x2, eta"),
-        ({"initial": {"x9": 1}}, "initial names 'x9', which is no state; the states are x1, x2, eta"),
+        ({"initial": {"x9": 1}}, "initial names 'x9', which is none of the names; they are x1, x2, eta, u"),
         ({"initial": {"x1": 99}}, r"initial x1 = 99\.0 must be finite and in \[-3\.5, 3\.5\]"),
         ({"initial": (0, 0, NAN)}, r"initial eta = nan must be finite"),
         ({"initial": "zero"}, r"initial = 'zero' must be a number"),
     ],
 )
 def test_bad_gains_of_riccati(changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(BadGain, match=f"^{said}"):
+    with pytest.raises((BadGain, BadNames), match=f"^{said}"):
         fitzhugh_nagumo(**changes)
 
 

@@ -16,7 +16,7 @@
  *   theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time
  *     up to theta_1, then (theta - 2 theta_1)^2/rise_time; mu 0 below gamma_0, 1 above gamma_1, a smoothstep
  *     between; I_d over d = 32 s
- *   Q = 0.0001, 0.0014
+ *   Q = {x2: 0.0001, w: 0.0014}
  *   R = 0.0016
  *   theta_1 = 2
  *   rise_time = 4
@@ -147,8 +147,8 @@ typedef struct {
 /* parameters: change plant or gain, then call tune */
 typedef struct {
     struct {
-        float Q[2];      /* process noise, diagonal factor [z^2/s], 1e-10 .. 1400 */
-        float R;         /* output noise [y^2 s], 1.6e-09 .. 1600 */
+        float Q[2];      /* process noise, diagonal factor: x2, w [z^2/s], 1e-10 .. 1400 */
+        float R;         /* output noise: y [y^2 s], 1.6e-09 .. 1600 */
         float theta_1;   /* half the largest theta, 1 .. 2 */
         float rise_time; /* Delta T [s], 0.004 .. 4000 */
         float rate;      /* lambda, rate at which theta decays to 1 [1/s], 0 .. 250 */

@@ -16,7 +16,7 @@
  *   theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time
  *     up to theta_1, then (theta - 2 theta_1)^2/rise_time; mu 0 below gamma_0, 1 above gamma_1, a smoothstep
  *     between; I_d over d = 1 s
- *   Q = 0.1, 0.01, 0.00023
+ *   Q = {x1: 0.1, x2: 0.01, eta: 0.00023}
  *   R = 1
  *   theta_1 = 4
  *   rise_time = 0.1
@@ -147,8 +147,8 @@ typedef struct {
 /* parameters: change plant or gain, then call tune */
 typedef struct {
     struct {
-        float Q[3];      /* process noise, diagonal factor [z^2/s], 2.3e-10 .. 100000 */
-        float R;         /* output noise [y^2 s], 1e-06 .. 1e+06 */
+        float Q[3];      /* process noise, diagonal factor: x1, x2, eta [z^2/s], 2.3e-10 .. 100000 */
+        float R;         /* output noise: y [y^2 s], 1e-06 .. 1e+06 */
         float theta_1;   /* half the largest theta, 1 .. 4 */
         float rise_time; /* Delta T [s], 0.0001 .. 100 */
         float rate;      /* lambda, rate at which theta decays to 1 [1/s], 0 .. 1000 */

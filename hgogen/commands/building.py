@@ -34,6 +34,7 @@ from hgogen.emit import native
 from hgogen.emit.cnames import renamed, says
 from hgogen.filename import same
 from hgogen.model import load
+from hgogen.named import by_name, written
 from hgogen.samples import Engine
 from hgogen.step import Step
 from hgogen.targets.c99 import c99
@@ -77,10 +78,10 @@ def build_(
     Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
     the trials run in Python, one seed each, and the C is written but not tried.
 
-    JSON keys: model, plant, form, coordinates, flow, outputs, checks, refuted, theorem, notes (as in `check`), c_names
-    (by signal, where C has another name), compiler, self_check (what it printed), trials (trial, criterion, seeds,
-    engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped), comparison (trial,
-    seed, until, before, after, settled, dt, agreed), files.
+    JSON keys: model, plant, form, coordinates, flow, outputs, gains, checks, refuted, theorem, notes (as in `check`),
+    c_names (by signal, where C has another name), compiler, self_check (what it printed), trials (trial, criterion,
+    seeds, engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped), comparison
+    (trial, seed, until, before, after, settled, dt, agreed), files.
     """
     loaded = load(model)
     folder = folder_of(out, loaded, observer)
@@ -173,11 +174,11 @@ def simulate_(
 ) -> None:
     """Try a model's observer on its trials and print the metrics.
 
-    JSON keys: model, trials (trial, criterion: what settled means, seeds, engine, times of the events, settled and
-    worst time to settle after each, peak of theta as [smallest, largest], calm: time until theta < 1.05, triggered:
-    share of seeds, loud: share of the last fifth before the next event with theta > 1.5, latched: seeds in which theta
-    does not come back, alarm_ratio: innovation at the largest theta over its threshold, rms by state, clamped: samples
-    outside the box after the first 5%, each: the same by seed).
+    JSON keys: model, gains (as in `check`), trials (trial, criterion: what settled means, seeds, engine, times of the
+    events, settled and worst time to settle after each, peak of theta as [smallest, largest], calm: time until
+    theta < 1.05, triggered: share of seeds, loud: share of the last fifth before the next event with theta > 1.5,
+    latched: seeds in which theta does not come back, alarm_ratio: innovation at the largest theta over its threshold,
+    rms by state, clamped: samples outside the box after the first 5%, each: the same by seed).
     """
     loaded = load(model)
     step, trials = loaded.step(observer), loaded.trials()
@@ -186,4 +187,6 @@ def simulate_(
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(summaries, done, strict=True)
     listed_ = [{**told.as_dict(), "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
-    show(as_json, {"model": loaded.path, "trials": listed_}, tables.trials(summaries, step.time))
+    report = {"model": loaded.path, "gains": {gain.name: by_name(gain) for gain in step.gains}, "trials": listed_}
+    head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
+    show(as_json, report, head, tables.trials(summaries, step.time))

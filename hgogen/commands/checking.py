@@ -72,7 +72,8 @@ def check_(
     derivatives, observable, unobservable, symmetries, repairs; joint is null where no parameter has a range; method,
     checks), forms (name, verdict: null where the form was not asked or does not take the plant, why, fix, order,
     witness), bounds (expression, low, high: null where unbounded, defined, boxes, note), plant, form, coordinates,
-    flow, outputs (expressions by name: z, z', y), checks (id, claim, verdict, reason, witness, fix, accepted), refuted
+    flow, outputs (expressions by name: z, z', y), gains (by name, those of several coordinates or outputs by the name
+    of each), checks (id, claim, verdict, reason, witness, fix, accepted), refuted
     (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
     theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks, reference; null without
     an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs: those of them

@@ -17,6 +17,8 @@ from hgogen.commands.compare import Measured
 from hgogen.commands.metrics import Metrics, Summary, metrics, summary
 from hgogen.form import Form
 from hgogen.model import MissingPart, Model
+from hgogen.named import by_name, written
+from hgogen.program import Field
 from hgogen.reading.record import Record
 from hgogen.samples import Engine, Run
 from hgogen.signal import Signal
@@ -33,8 +35,8 @@ Tick = Callable[[], None]
 class Checked:
     """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
 
-    `observer`: its name, or ""; `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`: whether
-    there is an observer, which needs what is refuted.
+    `observer`: its name, or ""; `theorem`, `gains`: the observer's; `notes`: what is not claimed, and why; `demanded`:
+    whether there is an observer, which needs what is refuted.
     """
 
     plant: str
@@ -45,6 +47,7 @@ class Checked:
     theorem: Theorem | None = None
     notes: tuple[str, ...] = ()
     demanded: bool = True
+    gains: tuple[Field, ...] = ()
 
     @property
     def shown(self) -> bool:
@@ -53,9 +56,10 @@ class Checked:
 
     @property
     def head(self) -> str:
-        """The form's coordinates and equations, as text."""
+        """The form's coordinates and equations, and the observer's gains, as text."""
         title, *equations = self.form.head.split("\n")
-        return "\n".join([title, *self._recast, *equations])
+        gains = [f"  {written(gain)}" for gain in self.gains]
+        return "\n".join([title, *self._recast, *equations, *gains])
 
     @property
     def _recast(self) -> list[str]:
@@ -92,7 +96,8 @@ class Checked:
         }
         refused = [c.id for c in self.open]
         said = {"checks": listed, "refuted": refused, "theorem": theorem, "notes": list(self.notes)}
-        return {"plant": self.plant, "form": self.form.kind, **equations, **said}
+        gains = {gain.name: by_name(gain) for gain in self.gains}
+        return {"plant": self.plant, "form": self.form.kind, **equations, "gains": gains, **said}
 
 
 def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, str]:
@@ -125,7 +130,7 @@ def _checked(model: Model, otherwise: Form | None, name: str | None) -> Checked:
         note = f"the observer of {model.path} refused this form: its own checks are missing"
         return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(*model.notes, note))
     told = (model.plant.name, observer.form, observer.checks, observer.accepted)
-    return Checked(*told, observer.name, observer.theorem, model.notes)
+    return Checked(*told, observer.name, observer.theorem, model.notes, gains=observer.gains)
 
 
 def _alone(model: Model, form: Form) -> str:

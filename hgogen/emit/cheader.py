@@ -12,6 +12,7 @@ from hgogen.emit.cnames import c_name, renamed, says
 from hgogen.emit.cprint import Real
 from hgogen.emit.ctext import arguments, beside, comment, harmless, indented, member, named, status_type, struct
 from hgogen.intervals.digits import same
+from hgogen.named import written
 from hgogen.observer import Observer
 from hgogen.program import Field, Group, Section, lines_of
 from hgogen.recheck.file import SHOWN
@@ -64,7 +65,7 @@ def _banner(step: Step, command: str) -> list[str]:
     lines += ["In the states " + ", ".join(f"{w} = {e}" for w, e in new)] if origin else []
     lines += [f"Form: {form.kind}, " + ", ".join(f"{z} = {e}" for z, e in zip(form.states, form.to_form, strict=True))]
     lines += ["Observer"] + [f"  {line}" for line in observer.equations]
-    lines += [f"  {f.name} = {', '.join(map(same, f.initial))}" for f in step.gains]
+    lines += [f"  {written(f)}" for f in step.gains]
     lines += [f"Method: {step.rule}, dt = {pace(step.dt, step.time)}"]
     lines += [f"Between two calls the input is taken to {_BETWEEN[step.between]}"] * bool(step.inputs)
     lines += [f"Reference: {observer.reference}", "Claims"]

@@ -2,11 +2,12 @@
 
     z' = A(u) z + b(z, u),   y = h(z, u),
 
-z is the plant's state in another order, A holds the coefficients of terms linear in a state, b the rest. It
-serves the plain extended Kalman filter and plants without a triangular form; no theorem promises convergence.
+z is the plant's state in its own order, A holds the coefficients of terms linear in a state, b the rest. It serves the
+plain extended Kalman filter and plants without a triangular form; no theorem promises convergence.
 
 The shape that a high gain needs is that of H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly
-observable systems", ESAIM: COCV 9 (2003): y = h(z_1, u), z_i' of z_1..z_{i+1} and u, with a slope in z_{i+1}.
+observable systems", ESAIM: COCV 9 (2003): in the order x_1..x_n from the outputs outwards, whatever that of z is,
+y = h(x_1, u), x_i' of x_1..x_{i+1} and u, with a slope in x_{i+1}. A high gain overshoots in x_i like theta^(i-1).
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.signal import Signal
 from hgogen.structure.connected import connected, outwards
-from hgogen.structure.coordinates import Coordinates, coordinates, form_in, split
+from hgogen.structure.coordinates import coordinates, form_in, split
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
@@ -38,10 +39,8 @@ class BadOrder(HgogenError):
         )
 
 
-def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
-    """The plant in its own coordinates, its states in `order`.
-
-    Default order: from the outputs outwards, a state before those that appear in its derivative.
+def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
+    """The plant in its own coordinates, its states in `order`, signals or their names; by default as declared.
 
     Checks: `original.connected` (no state is hidden from the outputs), `original.order` (the shape that a
     high gain needs: generic, or unknown), `original.lipschitz`, `original.convergence` (unknown).
@@ -52,15 +51,13 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
     seen = [reads(h, plant.states) for h in plant.output]
     shown = outwards(seen, needs)
     hidden = [x for x in plant.states if x not in shown]
-    order = tuple(order) if order is not None else (*shown, *hidden)
-    if len(order) != len(plant.states) or set(order) != set(plant.states):
-        raise BadOrder(plant.name, tuple(map(str, order)), tuple(x.name for x in plant.states))
-    z = coordinates(plant, order)
+    along = (*shown, *hidden)
+    z = coordinates(plant, plant.states if order is None else _ordered(plant, order))
     A, b = split(z.flow, z.states)
     terms = (a * z.states[j] for (_, j), a in A.todok().items())
     checks = (
         connected("original.connected", hidden),
-        _shape(z, seen, needs),
+        _shape(along, seen, needs),
         lipschitz("original.lipschitz", map(z.back, (*terms, *b, *z.output)), plant, "A x + b with the output"),
         Check(
             "original.convergence",
@@ -69,19 +66,32 @@ def original(plant: System, order: Sequence[Signal] | None = None) -> Form:
             "no theorem here covers the plant in its own coordinates",
         ),
     )
-    return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output))
+    levels = tuple(along.index(x) for x in z.order)
+    return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output), levels=levels)
 
 
-def _shape(z: Coordinates, seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]) -> Check:
-    """Whether row i reads z_1..z_{i+1} only, and z_{i+1} indeed."""
-    id, claim = "original.order", "y = h(z_1, u) and z_i' reads z_1..z_{i+1}, with a slope in z_{i+1}"
+def _ordered(plant: System, order: Sequence[Signal | str]) -> tuple[Signal, ...]:
+    """The plant's states by name. Raises: `BadOrder`."""
+    states, names = {x.name: x for x in plant.states}, tuple(map(str, order))
+    if sorted(names) != sorted(states):
+        raise BadOrder(plant.name, names, tuple(states))
+    return tuple(states[name] for name in names)
+
+
+def _shape(
+    along: Sequence[Signal], seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]
+) -> Check:
+    """Whether in the order `along` each row reads the states up to the next one, and that one indeed."""
+    id = "original.order"
+    order = ", ".join(map(str, along))
+    claim = f"in the order ({order}) y and each derivative in turn read states up to the next, with a slope in that"
     if len(seen) > 1:
         return Check(id, claim, Verdict.UNKNOWN, "the shape is for one output")
-    for i, row in enumerate((seen[0], *(needs[x] for x in z.order[:-1]))):
-        name = f"z_{i}'" if i else "y"
-        if z.order[i] not in row:
-            return Check(id, claim, Verdict.UNKNOWN, f"{name} does not read {z.order[i]}")
-        later = [x.name for x in row if x in z.order[i + 1 :]]
+    for i, row in enumerate((seen[0], *(needs[x] for x in along[:-1]))):
+        name = f"{along[i - 1]}'" if i else "y"
+        if along[i] not in row:
+            return Check(id, claim, Verdict.UNKNOWN, f"{name} does not read {along[i]}")
+        later = [x.name for x in row if x in along[i + 1 :]]
         if later:
             return Check(id, claim, Verdict.UNKNOWN, f"{name} reads {', '.join(later)} too early")
     return Check(id, claim, Verdict.GENERIC, "no slope is zero identically; zeros on the box are not excluded")

@@ -2,6 +2,7 @@
 absurd."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,10 @@ def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
     return numbers
 
 
-def wide(name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str) -> Field:
-    """A gain of positive numbers, tunable by six decades either way."""
+def wide(
+    name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
+) -> Field:
+    """A gain of positive numbers, tunable by six decades either way; `labels`: what they are of."""
     numbers = tuple(map(float, values))
-    return gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)
+    found = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)
+    return replace(found, labels=labels)

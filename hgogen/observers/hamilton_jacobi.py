@@ -12,7 +12,7 @@ Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathema
 (3), (18).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,10 @@ from hgogen.form import Form
 from hgogen.intervals.slope import JUMPS
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.curvature import Curved
-from hgogen.kalman.kalman import cap, limited, positive, spd
+from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
 from hgogen.kalman.riccati import Riccati
+from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, real, state_field
 from hgogen.program import Block, Field, sym
 from hgogen.structure.clamped import clamped
@@ -60,32 +61,33 @@ LIMITED = limited(
 def hamilton_jacobi(
     form: Form,
     *,
-    Q: Sequence[float] | np.ndarray,
-    R: float | Sequence[float],
-    P0: Sequence[float] | np.ndarray | None = None,
+    Q: Matrix,
+    R: float | Values,
+    P0: Matrix | None = None,
     curvature: float = 0.0,
-    initial: Mapping[str, float] | Sequence[float] | None = None,
+    initial: Values | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The minimum-energy estimator on any form, of any number of outputs, linear in the state or not.
 
-    Args: weights in the form's coordinates: `Q` of the model's error, diagonal (n) or symmetric positive definite
-    (n, n), unit s/z^2; `R` positive, one for each output, unit 1/(y^2 s) (for white noise of variance v per sample,
-    R = 1/(v dt)); `P0` of the first error, diagonal (n) or (n, n), unit 1/z^2, default the unit matrix. `curvature`:
-    the largest rate (1/s) at which the outputs' second derivatives may change Pi; 0 leaves them out; with them every
-    method integrates (z, Pi) or (z, P) by a Runge-Kutta method. `initial` the plant's state; `accept` ids of refuted
-    checks to build on all the same.
+    Args: weights by the names of the form's coordinates, or in their order: `Q` of the model's error, diagonal (n) or
+    symmetric positive definite (n, n), unit s/z^2; `R` positive, one for each output, unit 1/(y^2 s) (for white noise
+    of variance v per sample, R = 1/(v dt)); `P0` of the first error, as Q is given, unit 1/z^2, default the unit
+    matrix. `curvature`: the largest rate (1/s) at which the outputs' second derivatives may change Pi; 0 leaves them
+    out; with them every method integrates (z, Pi) or (z, P) by a Runge-Kutta method. `initial` the plant's state;
+    `accept` ids of refuted checks to build on all the same.
 
     Checks: `hamilton_jacobi.quadratic` (proved for a model that is affine in the state, else unknown);
     `hamilton_jacobi.lipschitz` in coordinates other than the plant's states.
 
-    Raises: `Refuted`; `BadGain` for weights of another shape or not positive, and a negative rate; `Singular` for a
-    model whose Jacobian is not finite somewhere on the box.
+    Raises: `Refuted`; `BadNames`; `BadGain` for weights of another shape or not positive, and a negative rate;
+    `Singular` for a model whose Jacobian is not finite somewhere on the box.
     """
     accept = founded("hamilton_jacobi", form, accept)
     n, outputs, dynamics = form.n, len(form.output), Dynamics(form)
-    weight, start = spd("Q", Q, n), spd("P0", np.ones(n) if P0 is None else P0, n)
-    precisions, rate = positive("R", R, outputs), _rate(curvature)
+    weight = spd("Q", of_coordinates("Q", Q, form), n)
+    start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
+    precisions, rate = positive("R", of_outputs("R", R, form), outputs), _rate(curvature)
     noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)
     upper, weights = (found[::-1] for found in factor(weight[::-1, ::-1]))  # Q = U W U', U unit upper triangular
     shape = np.linalg.inv(upper[:, ::-1]).T  # so that Q^-1 = shape W^-1 shape'
@@ -110,8 +112,8 @@ def hamilton_jacobi(
         name="hamilton_jacobi",
         parts=(Jump(_inverted(n)), part),
         gains=(
-            gain("Q", weights, 1e-6 * weights.min(), 1e6 * weights.max(), "weight of the model's error", "s/z^2"),
-            gain("R", precisions, 1e-6 * min(precisions), 1e6 * max(precisions), "weight of the output", "1/(y^2 s)"),
+            wide("Q", weights, "weight of the model's error", "s/z^2", form.names),
+            wide("R", precisions, "weight of the output", "1/(y^2 s)", names_of(form.system.outputs)),
             *([gain("curvature", rate, 1e-6 * rate, rate, "largest rate of the curvature term", "1/s")] * curved),
         ),
         z=sym("state.z", n),
@@ -119,7 +121,7 @@ def hamilton_jacobi(
         checks=(*form.checks, *clamped("hamilton_jacobi", form), _quadratic(form)),
         accepted=accept,
         theorem=THEOREM if form.jacobian is None else THEOREM.under(OTHER_COORDINATES),
-        equations=CURVED if curved else EQUATIONS,
+        equations=(*(CURVED if curved else EQUATIONS), *whole("Q", weight, form)),
         reference=REFERENCE,
     )
 

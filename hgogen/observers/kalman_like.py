@@ -35,7 +35,7 @@ Besancon, G. Bornard, H. Hammouri, European Journal of Control 2 (1996), for the
 Goodwin, R. Middleton, International Journal of Control 47 (1988), for the terms in S_0 and Q_0 (delta P^2, beta I).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import casadi as ca
@@ -47,6 +47,7 @@ from hgogen.intervals.digits import same
 from hgogen.kalman.kalman import limited, positive, spd, wide
 from hgogen.kalman.persistence import persistent
 from hgogen.kalman.riccati import Riccati
+from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs
 from hgogen.observer import HUGE, BadGain, Observer, founded, gain, state_field
 from hgogen.program import sym
 from hgogen.structure.affine import known
@@ -93,11 +94,11 @@ def kalman_like(
     form: Form,
     *,
     rho: float,
-    R: float | Sequence[float],
+    R: float | Values,
     inputs: Mapping[str, Any] | None = None,
     period: Any = None,
-    initial: Mapping[str, float] | Sequence[float] | None = None,
-    covariance: Sequence[float] | np.ndarray | None = None,
+    initial: Values | None = None,
+    covariance: Matrix | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The Kalman-like observer of `forms.state_affine(plant)`, any number of outputs.
@@ -105,13 +106,13 @@ def kalman_like(
     Args: `rho` > 0 (1/s), the rate at which the past is forgotten; `R` positive, one for each output, unit y^2 s: the
     noise's own (for white noise of variance v per sample, v dt), so that P can be told from S_0^-1; `inputs`,
     `period`: the inputs as they will be, where that is known, for the check of persistence (see `kalman.persistence`; a
-    record is judged by `hgogen.excitation`); `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n),
-    default the squares of the half-widths of the ranges, 1 without one; `accept` ids of refuted checks to build on all
-    the same.
+    record is judged by `hgogen.excitation`); `initial` the plant's state; `covariance` P(0), diagonal (n) or (n, n), by
+    the names of the states or in their order, default the squares of the half-widths of the ranges, 1 without one;
+    `accept` ids of refuted checks to build on all the same.
 
     Checks: `kalman_like.persistence`.
 
-    Raises: `Refuted`; `BadGain`.
+    Raises: `Refuted`; `BadGain`; `BadNames`.
     """
     if isinstance(form, Form) and form.kind != "state_affine":
         raise BadGain("kalman_like", f"takes forms.state_affine(plant), not a form of kind {form.kind}")
@@ -119,15 +120,15 @@ def kalman_like(
     check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)
     (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)
-    variances = positive("R", R, outputs)
+    variances = positive("R", of_outputs("R", R, form), outputs)
     dynamics, z = Dynamics(form), state_field(form, initial, 1.0)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
-    start = spd("covariance", half**2 if covariance is None else covariance, n)
+    start = spd("covariance", half**2 if covariance is None else of_coordinates("covariance", covariance, form), n)
     unseen = _unseen(z.box, start)
     noise = SHARE * unseen
     gains = (
         gain("rho", rate, 1e-3 * rate, 1e3 * rate, "rate at which the past is forgotten", "1/s"),
-        wide("R", variances, "output noise", "y^2 s"),
+        wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
     )
     part = Riccati(
         dynamics=dynamics,

@@ -11,7 +11,7 @@ in `scaling`. Source: Boizot, Busvelle, Gauthier, "An adaptive high-gain observe
 authors' ECC 2009 paper).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from hgogen.kalman.covariance import factor
 from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import of_form
 from hgogen.kalman.riccati import Riccati
+from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.observer import BadGain, Observer, founded, state_field
 from hgogen.program import sym
 from hgogen.scaling import ALIGNED, noise_equation, scaling
@@ -43,26 +44,26 @@ LIMITED = limited(
 def riccati(
     form: Form,
     *,
-    Q: Sequence[float] | np.ndarray,
-    R: float | Sequence[float],
+    Q: Matrix,
+    R: float | Values,
     theta: Theta | float = 1.0,
-    initial: Mapping[str, float] | Sequence[float] | None = None,
-    covariance: Sequence[float] | np.ndarray | None = None,
+    initial: Values | None = None,
+    covariance: Matrix | None = None,
     accept: Iterable[str] = (),
 ) -> Observer:
     """The high-gain extended Kalman filter of `form`.
 
-    Args: `Q` diagonal (n) or symmetric positive definite (n, n), in the form's coordinates, unit z^2/s; `R` positive,
-    one for each output, unit y^2 s (spectral densities: for white noise of variance v per sample, R = v dt); `theta` a
-    number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n numbers in the plant's order);
-    `covariance` P(0) = S(0)^-1, diagonal (n) or (n, n), default the unit matrix; `accept` ids of refuted checks to
-    build on all the same. A matrix that is symmetric but for rounding (1e-12) is taken as (Q + Q')/2.
+    Args: `Q` diagonal (n) or symmetric positive definite (n, n), by the names of the form's coordinates or in their
+    order, unit z^2/s; `R` positive, one for each output, unit y^2 s (spectral densities: for white noise of variance v
+    per sample, R = v dt); `theta` a number or a value of `hgogen.theta`; `initial` the plant's state (by name, or n
+    numbers in the plant's order); `covariance` P(0) = S(0)^-1, as Q is given, default the unit matrix; `accept` ids of
+    refuted checks to build on all the same. A matrix that is symmetric but for rounding (1e-12) is taken as (Q + Q')/2.
 
     Checks: `riccati.convergence` (unknown); `riccati.lipschitz` in coordinates other than the plant's states (b on the
     whole box of z).
 
-    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `Singular` for a model whose Jacobian is
-    not finite somewhere on the box.
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model whose
+    Jacobian is not finite somewhere on the box.
     """
     accept = founded("riccati", form, accept)
     theta = theta if isinstance(theta, Theta) else constant(theta)
@@ -73,12 +74,13 @@ def riccati(
             f"wants a chain for each of the {outputs} outputs of {form.system.name}, aligned at the tops or the ends; "
             'take forms.block_triangular(plant, align="top" or "end"), or theta = 1',
         )
-    noise, start = spd("Q", Q, n), spd("covariance", np.ones(n) if covariance is None else covariance, n)
-    variances = positive("R", R, outputs)
+    noise = spd("Q", of_coordinates("Q", Q, form), n)
+    start = spd("covariance", np.ones(n) if covariance is None else of_coordinates("covariance", covariance, form), n)
+    variances = positive("R", of_outputs("R", R, form), outputs)
     shape, weights = factor(noise)
     gains = (
-        wide("Q", weights, "process noise, diagonal factor", "z^2/s"),
-        wide("R", variances, "output noise", "y^2 s"),
+        wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
+        wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
         *theta.gains,
     )
     dynamics = Dynamics(form)
@@ -105,7 +107,12 @@ def riccati(
         checks=(*form.checks, *clamped("riccati", form), _theorem(theta)),
         accepted=accept,
         theorem=of_form(theta.theorem, form),
-        equations=(*EQUATIONS, noise_equation(form, theta.scaled), theta.law(form.system.time)),
+        equations=(
+            *EQUATIONS,
+            noise_equation(form, theta.scaled),
+            theta.law(form.system.time),
+            *whole("Q", noise, form),
+        ),
         reference=REFERENCE,
         traces=theta.traces,
     )

@@ -1,0 +1,186 @@
+"""A value for each coordinate, in their order or by name: gains, weights, variances and first estimates.
+
+    (0.1, 0.2)   {"w": 0.2, "q": 0.1}   {"q": {"q": 0.1, "w": 0.01}, "w": {"w": 0.2}}
+
+A mapping has every name once, in any order; a key is a name, or a signal for its name. What is no mapping is left as it
+is: the order of a sequence is that of the coordinates.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from numbers import Real
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import numpy as np
+import sympy as sp
+
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.intervals.digits import same
+from hgogen.program import Field
+
+Values: TypeAlias = Mapping[str, float] | Sequence[float]
+Matrix: TypeAlias = Mapping[str, float | Mapping[str, float]] | Sequence[float] | np.ndarray
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+_BLANK: Any = object()  # an entry of a matrix that its row leaves out
+_LENGTH = 120  # of a definition in a sentence
+
+
+@dataclass(eq=False)
+class BadNames(HgogenError):
+    """Values by name of which one is missing, unknown or given twice."""
+
+    what: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.reason}"
+
+
+def in_order(
+    what: str,
+    given: Any,
+    names: Iterable[str],
+    *,
+    default: Mapping[str, Any] = NOTHING,
+    aliases: Mapping[str, str] = NOTHING,
+    elsewhere: Mapping[str, str] = NOTHING,
+) -> Any:
+    """The values of a mapping as a list in the order of `names`; what is no mapping as it is.
+
+    `names`: a mapping to what a sentence calls them, where that is more than the name; `default`: the values of names
+    that may be left out; `aliases`: other names for these; `elsewhere`: of names that are none of these, why.
+
+    Raises: `BadNames`.
+    """
+    if not isinstance(given, Mapping):
+        return given
+    shown = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
+    told: dict[str, Any] = {}
+    for key, value in given.items():
+        name = key.name if isinstance(key, sp.Symbol) else key
+        own = name if name in shown else aliases.get(name, name)
+        if own not in shown:
+            raise BadNames(what, f"names {_short(repr(name))}, {elsewhere.get(name) or _unknown(name, shown)}")
+        if own in told:
+            raise BadNames(what, f"names {own} twice; give it once")
+        told[own] = value
+    found = {**default, **told}
+    missing = [text for name, text in shown.items() if name not in found]
+    if missing:
+        needed = ", ".join(name for name in shown if name not in default)
+        raise BadNames(what, f"has no value for {', '.join(missing)}; give one for each of {needed}")
+    return [found[name] for name in shown]
+
+
+def _unknown(name: Any, shown: Mapping[str, str]) -> str:
+    given = str(name)[:60]
+    near = [each for each in shown if each.lower() == given.lower()] or get_close_matches(given, shown, n=1)
+    fix = f"did you mean {near[0]}?" if near else f"they are {', '.join(shown.values())}"
+    return f"which is none of the names; {fix}"
+
+
+def quadratic(what: str, given: Any, names: Iterable[str], **others: Mapping[str, str]) -> Any:
+    """A diagonal (n), or a symmetric matrix (n, n) of rows by name, as lists in the order of `names`; what is no
+    mapping as it is. `others` are those of `in_order`.
+
+    An entry off the diagonal that stands in one of its two rows is the other's, too; in neither, it is 0.
+
+    Raises: `BadNames`.
+    """
+    found = in_order(what, given, names, **others)
+    if found is given or not any(isinstance(row, Mapping) for row in found):
+        return found
+    matrix = []
+    for name, row in zip(names, found, strict=True):
+        if not isinstance(row, Mapping):
+            reason = f"is no row by name, as others are; give {{{name} = {_short(str(row))}}}"
+            raise BadNames(f"{what} of {name}", reason)
+        blank = {other: _BLANK for other in names if other != name}
+        matrix.append(in_order(f"{what} of {name}", row, names, default=blank, **others))
+    order = range(len(matrix))
+    both = [[matrix[j][i] if matrix[i][j] is _BLANK else matrix[i][j] for j in order] for i in order]
+    return [[0.0 if entry is _BLANK else entry for entry in row] for row in both]
+
+
+def of_coordinates(what: str, given: Any, form: Form) -> Any:
+    """A diagonal (n), or a symmetric matrix (n, n), of the form's coordinates by their names, `Form.names`: where z_i
+    is minus a state, what is given is of the state.
+
+    Raises: `BadNames`, for the name of a state that is no coordinate with what to name in its place.
+    """
+    if not isinstance(given, Mapping):  # whose names need no definition: those of a phase form are long
+        return given
+    names = _coordinates(form)
+    found = quadratic(what, given, names, elsewhere=_no_coordinates(form, names))
+    if not any(isinstance(row, Mapping) for row in given.values()):
+        return found
+    mirrored = zip(form.signs, found, strict=True)
+    return [[_minus(a) if s != t else a for t, a in zip(form.signs, row, strict=True)] for s, row in mirrored]
+
+
+def of_outputs(what: str, given: Any, form: Form) -> Any:
+    """A value for each output of the plant. Raises: `BadNames`."""
+    return in_order(what, given, names_of(form.system.outputs))
+
+
+def names_of(signals: Iterable[sp.Symbol]) -> tuple[str, ...]:
+    """Their names."""
+    return tuple(signal.name for signal in signals)
+
+
+def by_name(field: Field) -> dict[str, float] | list[float] | float:
+    """A field's values, by the names of its elements where they have some."""
+    values = [float(value) for value in field.initial]
+    if field.labels:
+        return dict(zip(field.labels, values, strict=True))
+    return values if field.size > 1 else values[0]
+
+
+def written(field: Field) -> str:
+    """The same as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
+    found = by_name(field)
+    if isinstance(found, dict) and len(found) > 1:
+        return f"{field.name} = {_braces({name: same(value) for name, value in found.items()})}"
+    return f"{field.name} = {', '.join(map(same, field.initial))}"
+
+
+def whole(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
+    """A line for the banner where a matrix (n, n) of the form's coordinates is no diagonal: its rows, of the states."""
+    if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+        return ()
+    rows = (matrix * np.outer(form.signs, form.signs) + 0.0).tolist()
+    lines = [_braces(dict(zip(form.names, map(same, row), strict=True))) for row in rows]
+    told = _braces(dict(zip(form.names, lines, strict=True)))
+    return (f"{name} = {told}; the gain {name} is D of its factors",)
+
+
+def _braces(values: Mapping[str, str]) -> str:
+    return f"{{{', '.join(f'{name}: {value}' for name, value in values.items())}}}"
+
+
+def _minus(entry: Any) -> Any:
+    return 0.0 - entry if isinstance(entry, Real) else entry
+
+
+def _coordinates(form: Form) -> dict[str, str]:
+    """The names of z, with the definition of what is neither a state as first declared nor minus one."""
+    entries = zip(form.names, form.entry, strict=True)
+    return {name: name if str(e) in (name, f"-{name}") else f"{name} = {_short(str(e))}" for name, e in entries}
+
+
+def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
+    """Of states of the plant, as first declared and recast, and of z_i, that name no coordinate: what to name."""
+    origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
+    told = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
+    for state in (*form.system.states, *(origin.plant.states if origin else ())):
+        reading = [text for name, text in names.items() if text != name and state in entry[name].free_symbols]
+        inside = ", ".join(reading or names.values())
+        told[state.name] = f"which is no coordinate of this form ({form.kind}); in its place give {inside}"
+    return {name: sentence for name, sentence in told.items() if name not in names}
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LENGTH else f"{text[: _LENGTH - 3]}..."
