@@ -111,6 +111,14 @@ class UnknownCheck(HgogenError):
         return f"accept names {self.id!r}, which is no check here; {fix}"
 
 
+_FROM_WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verdict.PROVED)
+
+
+def worst(checks: Iterable[Check]) -> Check:
+    """The first of those with the worst verdict: what they say together is no better."""
+    return min(checks, key=lambda check: _FROM_WORST.index(check.verdict))
+
+
 def refuted(checks: Iterable[Check], accept: Iterable[str] = ()) -> tuple[Check, ...]:
     """The refuted checks that `accept` does not name.
 

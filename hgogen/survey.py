@@ -13,14 +13,13 @@ import sympy as sp
 
 from hgogen import forms
 from hgogen.analysis.gauthier_bornard import RANGES_APART, of_plant
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, Verdict, worst
 from hgogen.door import asks_a_plant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.system import System
 
 DEAR = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
-_WORST = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verdict.PROVED)
 
 
 @dataclass(frozen=True)
@@ -61,6 +60,7 @@ class Row:
     `verdict`: the worst of the checks'; None where the form does not take the plant, or was not asked, and `why` says
     which. `order`: the plant's states in the form's order, with their signs; () where the form has other coordinates,
     or there is no order. `why`: the reason of the first of the worst checks, with its `witness`; `fix`: what may help.
+    `options`: those with which the form was asked.
     """
 
     name: str
@@ -70,6 +70,12 @@ class Row:
     witness: Mapping[str, float] = field(default_factory=dict, hash=False)
     fix: str = ""
     form: Form | None = field(default=None, repr=False)
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    @property
+    def kind(self) -> str:
+        """The name of the form without its options."""
+        return self.name.partition(",")[0]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -94,14 +100,25 @@ class Survey:
         return tuple(row for row in self.rows if row.verdict is not None)
 
     @property
+    def proved(self) -> tuple[Row, ...]:
+        """The first row of each form in which the plant is proved to be."""
+        rows = [row for row in self.rows if row.form and row.verdict is Verdict.PROVED]
+        return tuple({row.kind: row for row in reversed(rows)}.values())[::-1]
+
+    @property
+    def candidates(self) -> tuple[Row, ...]:
+        """The rows of forms that say something of observability and whose structure the plant has, proved ones
+        first."""
+        rows = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        shaped = [row for row in rows if row.form and row.form.structured]
+        return tuple(sorted(shaped, key=lambda row: row.verdict is not Verdict.PROVED))
+
+    @property
     def best(self) -> Form:
         """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
         else its own coordinates."""
-        candidates = [row for row in self.answered if row.form and CASES.get(row.form.kind, Case()).candidate]
-        found = [(row.verdict, row.form) for row in candidates if row.form is not None]
-        proved = [form for verdict, form in found if verdict is Verdict.PROVED]
-        structured = [form for _, form in found if form.structured]
-        return next(iter([*proved, *structured, *(form for _, form in found)]), None) or forms.original(self.plant)
+        asked = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        return next((row.form for row in (*self.candidates, *asked) if row.form), None) or forms.original(self.plant)
 
     def as_dict(self) -> list[dict[str, Any]]:
         """For JSON."""
@@ -134,11 +151,11 @@ def _row(title: str, name: str, options: Mapping[str, Any], plant: System) -> Ro
         form: Form = getattr(forms, name)(plant, **options)
     except HgogenError as refusal:  # the plant is not one that the form takes
         return Row(title, None, (), str(refusal))
-    worst = min(form.checks, key=lambda check: _WORST.index(check.verdict))
+    found = worst(form.checks)
     order = _order(form) if form.structured else ()
-    if worst.verdict is Verdict.PROVED:
-        return Row(title, worst.verdict, order, f"all {len(form.checks)} checks proved", form=form)
-    return Row(title, worst.verdict, order, f"{_short(worst)}", worst.witness, worst.fix, form)
+    if found.verdict is Verdict.PROVED:
+        return Row(title, found.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
+    return Row(title, found.verdict, order, f"{_short(found)}", found.witness, found.fix, form, options)
 
 
 def _short(check: Check) -> str:

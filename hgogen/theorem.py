@@ -6,14 +6,32 @@ or by the way the observer is built; what remains is about the plant in operatio
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from fnmatch import fnmatchcase
 from typing import Any
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, Verdict, worst
 
 YOURS = "left to you"
-# From the worst: a hypothesis is as good as the worst of its checks.
-_ORDER = (Verdict.REFUTED, Verdict.UNKNOWN, Verdict.WHERE, Verdict.GENERIC, Verdict.PROVED)
+
+
+class Convergence(StrEnum):
+    """What is known of the convergence of an observer; what is proved comes first."""
+
+    PROVED = "convergence proved in continuous time"
+    ABOVE = "convergence proved in continuous time, for its theta"
+    BELOW = "convergence proved in continuous time, for a larger theta only"
+    UNKNOWN = "convergence unknown"
+
+
+def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
+    """By the checks of an observer, which are named after it: one of convergence, and one of its gain theta."""
+    known = {check.id.rpartition(".")[2]: check.verdict for check in checks if check.id.startswith(f"{observer}.")}
+    if known.get("convergence") is not Verdict.PROVED:
+        return Convergence.UNKNOWN
+    if "theta" not in known:
+        return Convergence.PROVED
+    return Convergence.ABOVE if known["theta"] is Verdict.PROVED else Convergence.BELOW
 
 
 @dataclass(frozen=True)
@@ -90,10 +108,10 @@ def _row(hypothesis: Hypothesis, known: Mapping[str, Check]) -> Row | None:
     ids = tuple(id for id in known if any(fnmatchcase(id, pattern) for pattern in hypothesis.checks))
     verdict, reason = hypothesis.verdict, hypothesis.reason
     if ids:
-        worst = min((known[id] for id in ids), key=lambda check: _ORDER.index(check.verdict))
-        alone = len(ids) == 1 or worst.verdict is Verdict.PROVED
-        which = "" if alone else f"{worst.verdict}: {worst.id}"
-        verdict, reason = worst.verdict, "; ".join(said for said in (which, reason) if said)
+        least = worst(known[id] for id in ids)  # a hypothesis is as good as the worst of its checks
+        alone = len(ids) == 1 or least.verdict is Verdict.PROVED
+        which = "" if alone else f"{least.verdict}: {least.id}"
+        verdict, reason = least.verdict, "; ".join(said for said in (which, reason) if said)
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:

@@ -11,15 +11,18 @@ from typer.core import TyperCommand
 
 import hgogen as hg
 from hgogen.check import demand
-from hgogen.commands import jobs, library, tables
+from hgogen.commands import findings, jobs, library, tables
 from hgogen.commands.answers import FIELDS
 from hgogen.commands.command import Bar, Tuned, command, json_text, show
 from hgogen.commands.headline import headline
 from hgogen.commands.latex import fragment
 from hgogen.commands.process import note, results
+from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Range
 from hgogen.model import Model, load
+from hgogen.sight import Sight, sight
 from hgogen.target import demand as demand_place
+from hgogen.trial import Trial
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
@@ -70,7 +73,8 @@ def check_(
 
     JSON keys: model, headline (the whole in one line), observability (known, joint: rank, dimension, order of
     derivatives, observable, unobservable, symmetries, repairs; joint is null where no parameter has a range; method,
-    checks), forms (name, verdict: null where the form was not asked or does not take the plant, why, fix, order,
+    checks; least_seen: the direction of the state that the outputs show least, null where it is not measured: least,
+    median, window, unit, trial, hopeless, where, direction), forms (name, verdict: null where the form was not asked or does not take the plant, why, fix, order,
     witness), bounds (expression, low, high: null where unbounded, defined, boxes, note), plant, form, coordinates,
     flow, outputs (expressions by name: z, z', y), gains (by name, those of several coordinates or outputs by the name
     of each), checks (id, claim, verdict, reason, witness, fix, accepted), refuted
@@ -145,12 +149,14 @@ def _one(
 
     ranges = {text: hg.bound(text, plant) for text in bounds}
     seen = hg.observability(plant)
+    least = _least(loaded) if seen.rank == seen.n else None
     try:
         forms = hg.survey(plant, deep=deep)
         claims = jobs.checked(loaded, forms.best, observer)
-        say(headline(seen, claims), "")
+        first = headline(seen, forms, claims, least)
+        say(first, "")
     finally:
-        say(tables.ranges(ranges), tables.observed(seen))
+        say(tables.ranges(ranges), findings.observed(seen, least))
     say(tables.survey(forms, claims.checks))
     if claims.shown:
         say(tables.checks(claims.head, claims.checks, claims.accepted))
@@ -161,8 +167,9 @@ def _one(
     if latex:
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex(), file=results())
     elif as_json:
-        told = {"observability": seen.as_dict(), "forms": forms.as_dict(), "bounds": _ranges(ranges)}
-        whole = {"model": loaded.path, "headline": headline(seen, claims), **told, **claims.as_dict()}
+        shown = {**seen.as_dict(), "least_seen": least and least.as_dict()}
+        told = {"observability": shown, "forms": forms.as_dict(), "bounds": _ranges(ranges)}
+        whole = {"model": loaded.path, "headline": first, **told, **claims.as_dict()}
         whole["singular"] = singular.as_dict()
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)
@@ -173,6 +180,21 @@ def _one(
         _certify(claims, certificate)
     if claims.demanded:
         demand(claims.checks, claims.accepted, claims.form)
+
+
+def _least(model: Model) -> Sight | None:
+    """What the outputs show at least, along the model's first trial, else on its box; a note says why not."""
+    given: list[Trial | None] = [None]
+    try:
+        given = [*(model.trials()[:1] if model.has("trial") else ()), None]
+    except HgogenError as error:
+        note(str(error))
+    for trial in given:
+        try:
+            return sight(model.plant, trial)
+        except HgogenError as error:
+            note(str(error))
+    return None
 
 
 def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:

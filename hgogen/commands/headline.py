@@ -1,34 +1,59 @@
-"""The answer of `check` in one line: what is observable, which form the plant is in, whether the observer converges."""
+"""The answer of `check` in one line: what is observable, which forms the plant is in, whether the observer converges.
 
-from collections.abc import Iterable
+The forms are the rows of the survey, which the table under it prints; the observer's own form is named where it is
+none of those that are proved.
+"""
+
+from collections.abc import Iterable, Iterator
 
 from hgogen.check import Check, Verdict
 from hgogen.commands.jobs import Checked
+from hgogen.form import Form
 from hgogen.observability import Observability
+from hgogen.sight import Sight
+from hgogen.survey import Survey
+from hgogen.theorem import convergence
 
 _PROVED, _REFUTED = Verdict.PROVED, Verdict.REFUTED
 
 
-def headline(seen: Observability, claims: Checked) -> str:
-    """As "pendulum: locally observable; triangular, proved; convergence unknown"."""
-    return f"{claims.plant}: " + "; ".join((_observed(seen), _form(claims), _converges(claims)))
+def headline(seen: Observability, found: Survey, claims: Checked, least: Sight | None = None) -> str:
+    """As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown"."""
+    said = (_observed(seen, least), *_forms(found, claims), _converges(claims))
+    return f"{claims.plant}: " + "; ".join(said)
 
 
-def _observed(seen: Observability) -> str:
+def _observed(seen: Observability, least: Sight | None) -> str:
     rank, known = seen.known.rank, seen.checks[0]
-    if not rank.unobservable:
-        return "locally observable"
-    hidden = _few([s.name for s in rank.unobservable])
-    return f"{hidden} not {'observable' if known.verdict is _REFUTED else 'seen'}"
+    if rank.unobservable:
+        hidden = _few([s.name for s in rank.unobservable])
+        return f"{hidden} not {'observable' if known.verdict is _REFUTED else 'seen'}"
+    if least is not None and least.hopeless:
+        return f"locally observable, but {next(iter(least.direction))} hopelessly little ({least.median:.1g})"
+    return "locally observable"
 
 
-def _form(claims: Checked) -> str:
-    form = claims.form
-    if not (claims.demanded or form.structured):
-        return "in none of the forms asked"
+def _forms(found: Survey, claims: Checked) -> Iterator[str]:
+    """Those in which the plant is proved to be, else the one that comes nearest; then the observer's, if that is
+    another one."""
+    proved = [row.kind for row in found.proved]
+    recast = claims.form.system.origin is not found.plant.origin
+    known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in found.candidates])
+    if proved:
+        yield f"{', '.join(proved)}, proved"
+    elif known:
+        yield _form(claims.form, claims.accepted)
+    else:
+        yield _form(found.best, ()) if found.candidates else "in none of the forms asked"
+    if claims.demanded and not known:
+        yield f"its observer's form{', of the recast plant' * recast}: {_form(claims.form, claims.accepted)}"
+
+
+def _form(form: Form, accepted: Iterable[str]) -> str:
+    """A form with what is not proved of it."""
     failed = [check for check in form.checks if check.verdict is _REFUTED]
     if failed:
-        known = "accepted" if all(check.id in claims.accepted for check in failed) else "refuted"
+        known = "accepted" if all(check.id in accepted for check in failed) else "refuted"
         return f"{form.kind} but for {_names(failed)} ({known})"
     doubtful = [check for check in form.checks if check.verdict is not _PROVED]
     if doubtful:
@@ -37,17 +62,9 @@ def _form(claims: Checked) -> str:
 
 
 def _converges(claims: Checked) -> str:
-    if not claims.observer:
-        return "its observer is refused" if claims.demanded else "no observer"
-    known = {
-        check.id.rpartition(".")[2]: check.verdict for check in claims.checks if check.id.startswith(claims.observer)
-    }
-    if known.get("convergence") is not _PROVED:
-        return "convergence unknown"
-    if "theta" not in known:
-        return "convergence proved in continuous time"
-    above = "for its theta" if known["theta"] is _PROVED else "for a larger theta only"
-    return f"convergence proved in continuous time, {above}"
+    if claims.observer:
+        return str(convergence(claims.observer, claims.checks))
+    return "its observer is refused" if claims.demanded else "no observer"
 
 
 def _names(checks: Iterable[Check]) -> str:

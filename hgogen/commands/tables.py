@@ -21,7 +21,6 @@ from hgogen.commands.process import console
 from hgogen.gramian import Gramian
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
-from hgogen.observability import Answer, Observability
 from hgogen.program import Bit
 from hgogen.reading.record import Report
 from hgogen.recheck.file import SHOWN
@@ -92,33 +91,6 @@ def _anyone(check: Check) -> Check:
     return replace(check, claim=put[0], reason=put[1])
 
 
-def observed(found: Observability) -> RenderableType:
-    """What the outputs tell of the states, and of the parameters that have a range."""
-    title = f"{found.system.name}: observability, at almost every state, parameter value and input"
-    loose = _listed(s for s in found.system.parameters if s.bounded)
-    whose = ("the states", f"the states and {loose}") if loose else ("the states",)
-    table = _table("", "", "")
-    table.show_header = False
-    for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):
-        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
-        table.add_row(verdict, Text(_told(answer, what, check.verdict)) if answer else "")
-    local = [Text(f"on an open set of states only, because of {found.local}")] if found.local else []
-    return Group(Text(title, style="bold"), table, *local, "")
-
-
-def _told(answer: Answer, what: str, verdict: Verdict) -> str:
-    rank = answer.rank
-    count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
-    if not rank.unobservable:
-        return f"{what} are locally observable: {count}"
-    shown = " or ".join(s.name for s in answer.repairs)
-    are = "is" if len(rank.unobservable) == 1 else "are"
-    unseen = "not observable" if verdict is Verdict.REFUTED else "not seen at a random point"
-    said = [f"of {what}, {_listed(rank.unobservable)} {are} {unseen}: {count}"]
-    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
-    return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
-
-
 def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
     """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
     table = _table(f"{found.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
@@ -126,7 +98,7 @@ def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
     for row in found.answered:
         verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
         why = "as above" if row.why == before and len(row.why) > _SHORT else row.why
-        table.add_row(verdict, Text(row.name), Text(_listed(row.order)), _text(why))
+        table.add_row(verdict, Text(row.name), Text(few(row.order)), _text(why))
         before = row.why
     reasons: dict[str, list[str]] = {}
     for row in found.rows:
@@ -149,7 +121,7 @@ def ranges(found: Mapping[str, Range]) -> RenderableType:
     return Group(table, "")
 
 
-def _listed(names: Iterable[Any], most: int = 8) -> str:
+def few(names: Iterable[Any], most: int = 8) -> str:
     """Names with commas, the middle of many left out."""
     names = [str(name) for name in names]
     return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))

@@ -1,0 +1,41 @@
+"""What `check` prints of a plant: what the outputs show, and which observers to take."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from hgogen.check import Verdict
+from hgogen.commands.tables import COLOURS, few
+from hgogen.observability import Answer, Observability
+from hgogen.sight import Sight
+
+
+def observed(found: Observability, least: Sight | None = None) -> RenderableType:
+    """What the outputs tell of the states, and of the parameters that have a range; how much at `least`."""
+    title = f"{found.system.name}: observability, at almost every state, parameter value and input"
+    loose = few(s for s in found.system.parameters if s.bounded)
+    whose = ("the states", f"the states and {loose}") if loose else ("the states",)
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):
+        verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
+        table.add_row(verdict, Text(_told(answer, what, check.verdict)) if answer else "")
+    if least is not None:
+        table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
+    local = [Text(f"on an open set of states only, because of {found.local}")] if found.local else []
+    return Group(Text(title, style="bold"), table, *local, "")
+
+
+def _told(answer: Answer, what: str, verdict: Verdict) -> str:
+    rank = answer.rank
+    count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
+    if not rank.unobservable:
+        return f"{what} are locally observable: {count}"
+    shown = " or ".join(s.name for s in answer.repairs)
+    are = "is" if len(rank.unobservable) == 1 else "are"
+    unseen = "not observable" if verdict is Verdict.REFUTED else "not seen at a random point"
+    said = [f"of {what}, {few(rank.unobservable)} {are} {unseen}: {count}"]
+    said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
+    return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])

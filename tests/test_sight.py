@@ -1,0 +1,139 @@
+"""How much the outputs show: by hand for a linear chain, nothing where nothing is shown, what no unit changes."""
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+from plants import MODELS
+from scipy.linalg import expm, solve_continuous_lyapunov
+
+import hgogen as hg
+from hgogen.model import load
+from hgogen.sight import HOPELESS, NoSight, Sight, sight
+from hgogen.trial import BadTrial, Jump, Trial, t
+
+
+def integrator(rate: float = 2.0, low: float = -1.0) -> hg.System:
+    """x1' = x2, x2' = 0, y = x1, in the ranges [low, 1], +-rate; y has none."""
+    x1, x2 = hg.Signal("x1", low=low, high=1), hg.Signal("x2", low=-rate, high=rate)
+    return hg.System(
+        "integrator", states=(x1, x2), outputs=(hg.Signal("y", low=-1, high=1),), flow=[x2, 0], output=[x1]
+    )
+
+
+def car(still: bool) -> tuple[hg.System, Trial]:
+    """Heading psi' = k v u with an unknown gain k of the steering; the heading is measured."""
+    psi, k = hg.Signal("psi", low=-3, high=3), hg.Signal("k", low=0.5, high=1.5)
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-4, high=4)
+    plant = hg.System("car", states=(psi, k), inputs=(u,), outputs=(y,), flow=[10 * k * u, 0], output=[psi])
+    return plant, Trial("drive", 4, start={"psi": 0, "k": 1}, inputs={"u": 0 if still else sp.cos(t) / 10})
+
+
+def by_hand(d: float, rate: float, samples: int) -> float:
+    """The root of the smaller eigenvalue of the mean of (1, rate t)'(1, rate t) from 0 to d, t^2 by trapezoids."""
+    a, b, c = 1.0, rate * d / 2, (rate * d) ** 2 * (1 / 3 + 1 / (6 * samples**2))
+    return math.sqrt((a + c - math.sqrt((a - c) ** 2 + 4 * b * b)) / 2)
+
+
+@pytest.mark.parametrize("rate", [2.0, 0.01])
+def test_a_chain_by_hand(rate: float) -> None:
+    """x1 crosses its range of 2 in 2/rate at the highest speed, x2 never moves: the same at every point."""
+    found = sight(integrator(rate))
+    assert 2 / rate <= found.window <= 2.2 / rate
+    assert found.least == pytest.approx(by_hand(found.window, rate, 20), rel=1e-12)
+    assert found.median == pytest.approx(found.least, rel=1e-12)
+
+
+def test_along_a_trial_by_hand() -> None:
+    found = sight(integrator(), Trial("rest", 5.0, start={"x1": 0, "x2": 0}, inputs={}))
+    assert found.window == 0.5
+    assert found.least == pytest.approx(by_hand(0.5, 2.0, 20), rel=1e-12)
+    assert next(iter(found.direction)) == "x2"
+    assert sum(share**2 for share in found.direction.values()) == pytest.approx(1)
+
+
+def test_a_car_that_goes_straight_shows_exactly_nothing_of_its_steering() -> None:
+    found = sight(*car(still=True))
+    assert found.least == found.median == 0.0
+    assert found.hopeless
+    assert abs(found.direction["k"]) == 1.0
+    assert not sight(*car(still=False)).hopeless
+
+
+def test_where_it_is_least() -> None:
+    """Steering stops for good at 2: from there on nothing is shown, before something is."""
+    plant, trial = car(still=False)
+    stopped = Trial("stop", 4, start=trial.start, inputs={"u": sp.Piecewise((sp.cos(t), t < 2), (0, True))})
+    found = sight(plant, stopped)
+    assert found.least == 0.0 < found.median
+    assert found.where["t"] == pytest.approx(2, abs=4 / 100 + 1e-9)
+
+
+def test_a_singular_input_is_among_the_points() -> None:
+    """The middle of the box has u = 0; the lorenz system is blind on x = 0, the middle of its box."""
+    found = sight(load(MODELS / "lorenz.toml").plant)
+    assert found.least == 0.0
+    assert found.where["x"] == 0.0
+    assert found.median > HOPELESS
+
+
+def test_it_is_the_root_mean_square_of_the_integral() -> None:
+    """x' = A x, against SciPy's Lyapunov equation: its Gramian for ever, less what comes after the window."""
+    x = [hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 4)]
+    A = np.array([[0, 1, 0], [-9, -1, 1], [0, 0, -2]])
+    plant = hg.System(
+        "linear",
+        states=x,
+        outputs=(hg.Signal("y", low=-1, high=1),),
+        flow=list(sp.Matrix(A) * sp.Matrix(x)),
+        output=[x[0]],
+    )
+    found = sight(plant, Trial("free", 30, start={"x1": 1, "x2": 0, "x3": 0}, inputs={}))
+    forever = solve_continuous_lyapunov(A.T, -np.outer(*2 * [np.eye(3)[0]]))  # A'X + XA = -C'C
+    end = expm(A * found.window)
+    W = (forever - end.T @ forever @ end) / found.window
+    assert found.least == pytest.approx(math.sqrt(np.linalg.eigvalsh(W)[0]), rel=0.035)  # (2 |A| h)^2/24 at h = 0.15
+
+
+def test_units_change_nothing() -> None:
+    """Millimetres and milliseconds: ranges, rates and the time unit all scale."""
+    x1, x2 = hg.Signal("x1", low=-1000, high=1000), hg.Signal("x2", low=-2, high=2)
+    plant = hg.System(
+        "mm", states=(x1, x2), outputs=(hg.Signal("y", low=-1000, high=1000),), flow=[x2, 0], output=[x1], time="ms"
+    )
+    assert sight(plant).least == pytest.approx(sight(integrator()).least, rel=1e-12)
+    assert sight(plant).window == pytest.approx(1000 * sight(integrator()).window)
+
+
+def test_a_jump_and_a_stiff_mode_are_no_obstacle() -> None:
+    """A mode of 1e4/s that shows nothing for long; the trial jumps."""
+    x1, x2 = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1)
+    plant = hg.System(
+        "stiff", states=(x1, x2), outputs=(hg.Signal("y", low=-1, high=1),), flow=[x2 - x1, -1e4 * x2], output=[x1]
+    )
+    found = sight(plant, Trial("jump", 10, start={"x1": 0, "x2": 0}, inputs={}, jumps=(Jump(5, "x1", 0.5),)))
+    assert 0 < found.least < 1e-4
+    assert found.hopeless
+    assert math.isfinite(sight(plant).least)
+
+
+def test_what_cannot_be_measured_says_why() -> None:
+    free = hg.System("free", states=(hg.Signal("x"),), outputs=(hg.Signal("y"),), flow=[0], output=[hg.Signal("x")])
+    with pytest.raises(NoSight, match="no range is declared for x"):
+        sight(free)
+    x = hg.Signal("x", low=-2, high=-1)
+    nowhere = hg.System("nowhere", states=(x,), outputs=(hg.Signal("y"),), flow=[sp.log(x)], output=[x])
+    with pytest.raises(NoSight, match="no value at any of"):
+        sight(nowhere)
+    with pytest.raises(BadTrial):
+        sight(integrator(), Trial("late", 5.0, start={"x1": 0}, inputs={}))
+
+
+def test_a_system_without_an_end_is_finite() -> None:
+    """x' = x^2 leaves its box in finite time; what grows is cut."""
+    x = hg.Signal("x", low=-100, high=100)
+    plant = hg.System("escape", states=(x,), outputs=(hg.Signal("y"),), flow=[x**2], output=[x**3])
+    found: Sight = sight(plant)
+    assert 0 <= found.least <= found.median < math.inf
+    assert found.as_dict()["where"] == {"x": 0.0}
