@@ -144,9 +144,16 @@ class Model:
             raise MissingPart(self.path, "tuning", reason)
         return tables
 
-    def step(self, observer: str | None = None, dt: float | None = None, start: Start | None = None) -> CallableStep:
+    def step(
+        self,
+        observer: str | None = None,
+        dt: float | None = None,
+        start: Start | None = None,
+        period: Callable[[], float] | None = None,
+    ) -> CallableStep:
         """The step of a tuning by name, at its own period or at `dt` (s); by default what its `step()` returns, else
-        the step of the first tuning that has a period. `start` as in `Tuning.observer`, of a tuning by name.
+        the step of the first tuning that has a period. `start` as in `Tuning.observer`, of a tuning by name; `period`
+        gives that of a tuning that has none, by default the period of the model's own step, which is then built.
 
         Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
         """
@@ -155,7 +162,7 @@ class Model:
         tuning = self.tuning
         name = self._first if observer is None else observer
         self.demand_tuned(name)
-        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, self._period, dt, start))
+        step: CallableStep = _guarded(self.path, lambda: tuning.step(name, period or self._period, dt, start))
         return step
 
     def demand_tuned(self, name: str) -> None:

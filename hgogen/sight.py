@@ -100,12 +100,24 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
     Raises: `NoSight` where a state (without a trial also an input) has no range, or the model no value; `BadTrial` for
     a trial that cannot be integrated; `NoGraph`.
     """
-    signals = plant.states if trial else (*plant.states, *plant.inputs)
-    loose = [s.name for s in signals if not s.bounded]
-    if loose or not plant.states:
-        raise NoSight(f"no range is declared for {', '.join(loose)}" if loose else "the plant has no states")
+    _ranged((*plant.states, *(() if trial else plant.inputs)))
     with np.errstate(all="ignore"):
         return _along(plant, trial) if trial else _at_points(plant)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast a plant is on its box: the shortest and the longest time that a state takes to cross its range, at its
+    fastest among fixed points, and the fastest mode of its linearisation there (1/time); 0 where nothing moves."""
+
+    shortest: float
+    longest: float
+    fastest: float
+
+
+def pace(plant: System) -> Pace:
+    """Raises: as `sight` without a trial."""
+    return _on_box(plant)[-1]
 
 
 def _along(plant: System, trial: Trial) -> Sight:
@@ -125,19 +137,28 @@ def _along(plant: System, trial: Trial) -> Sight:
 
 def _at_points(plant: System) -> Sight:
     """With the linearisation frozen at points of the box."""
+    points, found, rates = _on_box(plant)
+    each = [_frozen(A, C, rates.longest or 1.0) for A, C in zip(found.A, found.C, strict=True)]
+    at = [{s.name: float(v) for s, v in zip((*plant.states, *plant.inputs), point, strict=True)} for point in points]
+    return replace(_least(plant, each, at), window=rates.longest or 1.0)
+
+
+def _on_box(plant: System) -> tuple[np.ndarray, _Linear, Pace]:
+    """Points of the box (N, n + m) where the model has a value, what it is linearised there, and its pace."""
     signals = (*plant.states, *plant.inputs)
+    _ranged(signals)
     points = _lattice(signals)
     x, u = points[:, : len(plant.states)], points[:, len(plant.states) :]
-    found = _linear(plant, x, u)
-    rates = np.abs(np.array(_functions(plant)[0](x.T, u.T)).T)
-    known = [k for k in range(len(x)) if all(np.isfinite(part[k]).all() for part in (rates, found.A, found.C))]
-    if not known:
-        raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
-    crossing = 2 * np.array([_half(s) for s in plant.states]) / np.nanmax(rates[known], axis=0)
-    window = max(crossing[np.isfinite(crossing)], default=1.0)
-    each = [_frozen(found.A[k], found.C[k], window) for k in known]
-    at = [{s.name: float(v) for s, v in zip(signals, points[k], strict=True)} for k in known]
-    return replace(_least(plant, each, at), window=float(window))
+    with np.errstate(all="ignore"):
+        found, rates = _linear(plant, x, u), np.array(_functions(plant)[0](x.T, u.T)).T
+        known = np.isfinite(rates).all(1) & np.isfinite(found.A).all((1, 2)) & np.isfinite(found.C).all((1, 2))
+        if not known.any():
+            raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
+        crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
+    moving = crossing[np.isfinite(crossing)]
+    kept = _Linear(found.A[known], found.C[known])
+    fastest = np.abs(np.linalg.eigvals(kept.A)).max()
+    return points[known], kept, Pace(float(min(moving, default=0)), float(max(moving, default=0)), float(fastest))
 
 
 def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndarray]:
@@ -196,6 +217,12 @@ def _functions(plant: System) -> tuple[Any, Any, Any]:
     f, h = (ca.densify(ca.vertcat(*to_casadi(part, symbols))) for part in (plant.flow, plant.output))
     slopes = [ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h)]
     return tuple(ca.Function(name, [x, u], parts) for name, parts in (("f", [f]), ("h", [h]), ("slopes", slopes)))  # type: ignore[return-value]
+
+
+def _ranged(signals: tuple[Signal, ...]) -> None:
+    loose = [s.name for s in signals if not s.bounded]
+    if loose or not signals:
+        raise NoSight(f"no range is declared for {', '.join(loose)}" if loose else "the plant has no states")
 
 
 def _half(signal: Signal) -> float:

@@ -12,6 +12,7 @@ from typer.core import TyperCommand
 import hgogen as hg
 from hgogen.check import demand
 from hgogen.commands import findings, jobs, library, tables
+from hgogen.commands.advice import advice
 from hgogen.commands.answers import FIELDS
 from hgogen.commands.command import Bar, Tuned, command, json_text, show
 from hgogen.commands.headline import headline
@@ -74,14 +75,16 @@ def check_(
     JSON keys: model, headline (the whole in one line), observability (known, joint: rank, dimension, order of
     derivatives, observable, unobservable, symmetries, repairs; joint is null where no parameter has a range; method,
     checks; least_seen: the direction of the state that the outputs show least, null where it is not measured: least,
-    median, window, unit, trial, hopeless, where, direction), forms (name, verdict: null where the form was not asked or does not take the plant, why, fix, order,
-    witness), bounds (expression, low, high: null where unbounded, defined, boxes, note), plant, form, coordinates,
-    flow, outputs (expressions by name: z, z', y), gains (by name, those of several coordinates or outputs by the name
-    of each), checks (id, claim, verdict, reason, witness, fix, accepted), refuted
-    (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
-    theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks, reference; null without
-    an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs: those of them
-    free of states; determinants and checks, one each for a zero set, which do not count for the exit status), notes.
+    median, window, unit, trial, hopeless, where, direction), forms (name, verdict: null where the form was not asked or
+    does not take the plant, why, fix, order, witness), bounds (expression, low, high: null where unbounded, defined,
+    boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y), gains (by name, those of
+    several coordinates or outputs by the name of each), checks (id, claim, verdict, reason, witness, fix, accepted),
+    refuted (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are
+    any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks, reference; null
+    without an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs: those
+    of them free of states; determinants and checks, one each for a zero set, which do not count for the exit status),
+    take (the observers admitted, best first: observer, name of the tuning, form, known of its convergence, where to
+    take it, line, proposed: whether the gains are a first proposal, operations, functions), advice (sentences), notes.
 
     With --library FILE, which holds {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries":
     [expression, ..] beside its tables, or lists of names and expressions,
@@ -164,13 +167,16 @@ def _one(
     if seen.rank == seen.n:
         say(tables.checks(singular.head, singular.checks, ()))
     say(tables.theorem(claims.theorem, claims.hypotheses))
+    take = None if latex else advice(loaded, seen, forms, claims, deep=deep)
+    if take:
+        say(findings.taking(take))
     if latex:
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex(), file=results())
     elif as_json:
         shown = {**seen.as_dict(), "least_seen": least and least.as_dict()}
         told = {"observability": shown, "forms": forms.as_dict(), "bounds": _ranges(ranges)}
         whole = {"model": loaded.path, "headline": first, **told, **claims.as_dict()}
-        whole["singular"] = singular.as_dict()
+        whole |= {"singular": singular.as_dict(), **(take.as_dict() if take else {})}
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)
     for sentence in claims.notes:

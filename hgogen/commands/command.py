@@ -136,7 +136,7 @@ def show(as_json: bool, value: dict[str, Any], *shown: Any) -> None:
         print(json_text(value), file=results())
         return
     for part in shown:
-        console().print(part)
+        console().print(part, crop=False)  # a line of code, or a path, stays whole
 
 
 def json_text(value: Any, indent: int = 2) -> str:

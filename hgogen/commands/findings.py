@@ -1,6 +1,5 @@
 """What `check` prints of a plant: what the outputs show, and which observers to take."""
 
-from collections.abc import Iterable
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -8,9 +7,16 @@ from rich.table import Table
 from rich.text import Text
 
 from hgogen.check import Verdict
+from hgogen.commands.advice import Advice
 from hgogen.commands.tables import COLOURS, few
 from hgogen.observability import Answer, Observability
 from hgogen.sight import Sight
+
+_PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
+_LINES = {
+    False: "with the gains of the model's tuning, after `from hgogen.model import load`:",
+    True: "with first gains, a proposal read off the ranges that no trial has tuned:",
+}
 
 
 def observed(found: Observability, least: Sight | None = None) -> RenderableType:
@@ -18,7 +24,7 @@ def observed(found: Observability, least: Sight | None = None) -> RenderableType
     title = f"{found.system.name}: observability, at almost every state, parameter value and input"
     loose = few(s for s in found.system.parameters if s.bounded)
     whose = ("the states", f"the states and {loose}") if loose else ("the states",)
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    table = Table(show_header=False, **_PLAIN)
     for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
         table.add_row(verdict, Text(_told(answer, what, check.verdict)) if answer else "")
@@ -39,3 +45,21 @@ def _told(answer: Answer, what: str, verdict: Verdict) -> str:
     said = [f"of {what}, {few(rank.unobservable)} {are} {unseen}: {count}"]
     said += [f"no output sees {symmetry}" for symmetry in answer.symmetries]
     return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
+
+
+def taking(found: Advice) -> RenderableType:
+    """The observers that the plant admits, best first, with a line for each, and what else to do."""
+    head = Text(f"{found.plant}: what to take, each built without accepting anything", style="bold")
+    parts: list[RenderableType] = [head]
+    if found.admitted:
+        table = Table(*("observer", "form", "convergence", "cost", "take it where"), **_PLAIN)
+        for one in found.admitted:
+            count = f"{one.cost.operations} + {one.cost.functions}"
+            table.add_row(*map(Text, (one.observer, one.form, one.known, count, one.where.replace("`", ""))))
+        parts.append(table)
+    for proposed, title in _LINES.items():
+        lines = [
+            Text(f"  {one.line}", no_wrap=True, overflow="ignore") for one in found.admitted if one.proposed is proposed
+        ]
+        parts += [Text(title), *lines] if lines else []
+    return Group(*parts, *map(Text, found.notes), "")

@@ -36,7 +36,8 @@ class Checked:
     """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
 
     `observer`: its name, or ""; `theorem`, `gains`: the observer's; `notes`: what is not claimed, and why; `demanded`:
-    whether there is an observer, which needs what is refuted.
+    whether there is an observer, which needs what is refuted; `step`: the step that was built, of the tuning `tuning`,
+    "" of the model's own.
     """
 
     plant: str
@@ -48,6 +49,8 @@ class Checked:
     notes: tuple[str, ...] = ()
     demanded: bool = True
     gains: tuple[Field, ...] = ()
+    step: CallableStep | None = None
+    tuning: str = ""
 
     @property
     def shown(self) -> bool:
@@ -123,14 +126,16 @@ def _checked(model: Model, otherwise: Form | None, name: str | None) -> Checked:
         notes = (*model.notes, _alone(model, form))
         return Checked(model.plant.name, form, form.checks, (), notes=notes, demanded=False)
     try:
-        observer = model.step(name).observer
+        step = model.step(name)
     except Refuted as error:
         if error.form is None:
             raise
         note = f"the observer of {model.path} refused this form: its own checks are missing"
         return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(*model.notes, note))
+    observer = step.observer
     told = (model.plant.name, observer.form, observer.checks, observer.accepted)
     return Checked(*told, observer.name, observer.theorem, model.notes, gains=observer.gains)
+    return Checked(*told, observer.name, observer.theorem, model.notes, step=step, tuning=name or "")
 
 
 def _alone(model: Model, form: Form) -> str:

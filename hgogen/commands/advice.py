@@ -1,0 +1,299 @@
+"""What to take: the observers that a plant's forms admit, and what else would make it observable, or put it in a form.
+
+An observer is admitted where it is built, and sampled, without any accepted refutation: with the gains of the model's
+tuning, else with those that `proposal` reads off the ranges. Each has a line of code that makes the same step. Those
+with a proof of convergence come first, before those with one for a larger theta, those without one, and those in the
+plant's own coordinates, which no theorem covers; of each the cheaper first, by the operations of a call.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
+
+from hgogen import forms, methods, observers
+from hgogen.call import CallableStep, sample
+from hgogen.check import Verdict, refuted
+from hgogen.commands.jobs import Checked
+from hgogen.commands.proposal import PROPOSALS, Proposal, scale
+from hgogen.emit.cost import Cost, cost
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.model import Model
+from hgogen.observability import Observability
+from hgogen.registry import summaries
+from hgogen.signal import Signal
+from hgogen.survey import Row, Survey
+from hgogen.system import System
+from hgogen.theorem import Convergence, convergence
+
+_MANY = 6  # states: of more it is not asked which of them to measure
+_AFFINE = "kalman_like"  # takes state_affine, which says nothing of observability and is for no other
+_ANYWHERE = ("riccati", "hamilton_jacobi")  # take a plant in its own coordinates
+_DEAR = "phase"
+_KNOWN = {
+    Convergence.PROVED: "proved",
+    Convergence.ABOVE: "proved for its theta",
+    Convergence.BELOW: "proved for a larger theta",
+    Convergence.UNKNOWN: "open",
+}
+_NOWHERE = "no theorem"
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """An observer that the plant admits.
+
+    `name`: its tuning's, "" of a first proposal; `form`; `known` of its convergence; `cost` of a call; `where` to take
+    it; `line`: of Python, or an entry of the model's plain text, that makes its step.
+    """
+
+    observer: str
+    name: str
+    form: str
+    known: str
+    cost: Cost
+    where: str
+    line: str
+
+    @property
+    def proposed(self) -> bool:
+        """Whether its gains are a first proposal, and not those of the model's tuning."""
+        return not self.name
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        names = ("observer", "name", "form", "known", "where", "line", "proposed")
+        told = {name: getattr(self, name) for name in names}
+        return {**told, "operations": self.cost.operations, "functions": self.cost.functions}
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The observers admitted, best first, and sentences on what else to do."""
+
+    plant: str
+    admitted: tuple[Admitted, ...]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"take": [one.as_dict() for one in self.admitted], "advice": list(self.notes)}
+
+
+def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *, deep: bool = False) -> Advice:
+    """What to take for a model; tunings in the phase form, which may take seconds, only if `deep`, but the model's own.
+
+    `claims`: those of the model's own observer, whose step is not built again.
+    """
+    tuned = _Tuned(model, claims, deep, found.plant)
+    rows = dict(tuned.rows())
+    rows |= dict(_proposed(model, found, rows))
+    order = sorted(rows.values(), key=lambda row: (_rank(row.known), row.cost.operations, row.cost.functions))
+    return Advice(found.plant.name, tuple(order), (*_notes(seen, found), *tuned.left(rows)))
+
+
+def _rank(known: str) -> int:
+    ranks = [_KNOWN[Convergence.BELOW], _KNOWN[Convergence.UNKNOWN], _NOWHERE]
+    return ranks.index(known) + 1 if known in ranks else 0
+
+
+def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "") -> Admitted:
+    observer = step.observer
+    known = _KNOWN[convergence(kind, observer.checks)]
+    if observer.form.kind == "original":
+        known = _NOWHERE
+    told = PROPOSALS.get(kind, Proposal(summaries("hgogen.observers", [kind])[kind])).where
+    return Admitted(kind, name, form or observer.form.kind, known, cost(step), told, line)
+
+
+# ---------------------------------------------------------------- with the model's gains
+
+
+@dataclass
+class _Tuned:
+    """The model's tunings, and why some of them are not admitted."""
+
+    model: Model
+    claims: Checked
+    deep: bool
+    plant: System
+
+    def rows(self) -> Iterator[tuple[str, Admitted]]:
+        """The first tuning of each observer that is built without an acceptance; the model's own step first."""
+        self.accepting: dict[str, tuple[str, ...]] = {}
+        self.dear: list[str] = []
+        self.refused: dict[str, str] = {}
+        path = json.dumps(self.model.path)
+        taken: set[str] = set()
+        own = self.claims.step
+        if own is not None and not own.observer.accepted:
+            taken.add(own.observer.name)
+            name, given = self._own()
+            yield own.observer.name, _admitted(own.observer.name, name, own, f"load({path}).step({given})")
+        for name, table in self.model.tuning.tables.items():
+            kind = str(table.get("kind", name)) if isinstance(table, Mapping) else name
+            step = None if kind in taken else self._step(name, kind, table)
+            if step is not None:
+                taken.add(kind)
+                yield kind, _admitted(kind, name, step, f"load({path}).step({json.dumps(name)})")
+
+    def _own(self) -> tuple[str, str]:
+        """The name of the tuning of the step that was checked, and what makes it."""
+        return (self.claims.tuning, json.dumps(self.claims.tuning)) if self.claims.tuning else ("step", "")
+
+    def _step(self, name: str, kind: str, table: Any) -> CallableStep | None:
+        if isinstance(table, Mapping) and table.get("accept"):
+            self.accepting[kind] = tuple(table["accept"])
+            return None
+        if not self.deep and self._in_phase(table):
+            self.dear.append(kind)
+            return None
+        own = self.claims.step if not self.claims.tuning else None
+        try:
+            step = self.model.step(name, period=None if own is None else lambda: own.dt)
+        except HgogenError as error:
+            self.refused[name] = str(error)
+            return None
+        if step.observer.accepted:
+            self.accepting[kind] = step.observer.accepted
+            return None
+        return step
+
+    def _in_phase(self, table: Any) -> bool:
+        seen: list[Any] = []
+        while isinstance(table, Mapping) and "member" in table and table not in seen:
+            seen.append(table)
+            table = self.model.tuning.tables.get(table["member"], {})
+        form = table.get("form") if isinstance(table, Mapping) else None
+        return (form.get("kind") if isinstance(form, Mapping) else form) == _DEAR
+
+    def left(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
+        """Why tunings of observers that have no row have none."""
+        dear = [kind for kind in dict.fromkeys(self.dear) if kind not in rows]
+        if dear:
+            yield f"Tuned in the phase form, which may take seconds, and built with --deep: {', '.join(dear)}."
+        for kind, ids in self.accepting.items():
+            if kind not in rows or rows[kind].proposed:
+                yield f"The tuning of {kind} is built only by accepting what is refuted: {', '.join(ids)}."
+        for name, error in self.refused.items():
+            yield f"The tuning {name} is refused: {error}"
+
+
+# ---------------------------------------------------------------- with first gains
+
+
+def _proposed(model: Model, found: Survey, taken: Mapping[str, Admitted]) -> Iterator[tuple[str, Admitted]]:
+    """Each other observer on the first form that admits it with gains read off the ranges."""
+    affine = tuple(row for row in found.rows if row.kind == "state_affine")
+    for kind, proposal in PROPOSALS.items():
+        if kind in taken:
+            continue
+        rows = affine if kind == _AFFINE else found.candidates
+        tried = (_on(kind, proposal, row, model) for row in chain(rows, _original(found) if kind in _ANYWHERE else ()))
+        admitted = next(filter(None, tried), None)
+        if admitted:
+            yield kind, admitted
+
+
+def _original(found: Survey) -> Iterator[Row]:
+    """The plant in its own coordinates, made when it comes to that."""
+    known = found["original"]
+    yield known if known.form else replace(known, form=forms.original(found.plant))
+
+
+def _on(kind: str, proposal: Proposal, row: Row, model: Model) -> Admitted | None:
+    """The observer on a form with its first gains; None where it is refused."""
+    form = row.form
+    if form is None or proposal.gains is None or refuted(form.checks):
+        return None
+    numbers = scale(form)
+    gains, dt = proposal.gains(numbers), numbers.dt
+    method = "continuous_discrete" if proposal.filtering else "rk4"
+    try:
+        observer = getattr(observers, kind)(form, **gains)
+        step = sample(observer, getattr(methods, method), dt)
+    except HgogenError:
+        return None
+    return _admitted(kind, "", step, _line(kind, row, gains, method, dt, model), row.name)
+
+
+def _line(kind: str, row: Row, gains: Mapping[str, Any], method: str, dt: float, model: Model) -> str:
+    """In the language of the model's file."""
+    if model.path.endswith(".py"):
+        options = "".join(f", {key}={value!r}" for key, value in row.options.items())
+        given = ", ".join(f"{key}={value!r}" for key, value in gains.items())
+        made = f"hg.observers.{kind}(hg.forms.{row.kind}(plant{options}), {given})"
+        return f"hg.sample({made}, hg.methods.{method}, dt={dt!r})"
+    form = {"kind": row.kind, **row.options} if row.options else row.kind
+    table = {"form": form, **gains, "method": method, "dt": dt}
+    if model.path.endswith(".json"):
+        return f'"tuning": {json.dumps({kind: table})}'
+    return f"tuning.{kind} = {_toml(table)}"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value)
+
+
+# ---------------------------------------------------------------- what else
+
+
+def _notes(seen: Observability, found: Survey) -> Iterator[str]:
+    """What to do about states that nothing shows, and about a plant that no form holds."""
+    hidden = seen.known.rank.unobservable
+    if hidden:
+        names = ", ".join(s.name for s in hidden)
+        shown = " or ".join(s.name for s in seen.known.repairs)
+        measure = f"measure {shown} as well" if shown else "measure more"
+        yield f"No observer tells {names} from these outputs: {measure}{_apart(found.plant, hidden)}."
+        return
+    if any(row.verdict is Verdict.PROVED for row in found.candidates):
+        return
+    best = list(_measurements(found.plant))
+    if best:
+        yield f"A measurement that puts the plant in a form, proved: {'; '.join(best)}."
+    if found.plant.origin is None:
+        yield "Other states may be in a form where these are not: see hg.recast, and models/cascaded_tanks.py."
+
+
+def _apart(plant: System, hidden: Iterable[Signal]) -> str:
+    """Whether the others are a plant of their own."""
+    hidden = set(hidden)
+    rows = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
+    if any(e.free_symbols & hidden for e in (*rows, *plant.output)) or not rows:
+        return ""
+    return ", or leave it out of the model, of which the other states are a plant of their own"
+
+
+def _measurements(plant: System) -> Iterator[str]:
+    """Each state that, measured as well, or in the place of the output, puts the plant in a form."""
+    known = {e for e in plant.output if e in plant.states}
+    for x in plant.states if len(plant.states) <= _MANY else ():
+        if x in known:
+            continue
+        new = Signal(f"measured_{x.name}", x.unit, low=x.low, high=x.high)
+        alone = replace(plant, outputs=(new,), output=(x,))
+        more = replace(plant, outputs=(*plant.outputs, new), output=(*plant.output, x))
+        if name := _form(alone) if len(plant.outputs) == 1 else "":
+            yield f"{x.name} in place of {plant.outputs[0].name} ({name})"
+        elif name := _form(more):
+            yield f"{x.name} as well ({name})"
+
+
+def _form(plant: System) -> str:
+    """The first form that is proved of a plant, "" without one."""
+    asked = ("triangular", "uniform") if len(plant.outputs) == 1 else ("block_triangular",)
+    for name in asked:
+        try:
+            form: Form = getattr(forms, name)(plant)
+        except HgogenError:
+            continue
+        if all(check.verdict is Verdict.PROVED for check in form.checks):
+            return name
+    return ""
