@@ -583,7 +583,8 @@ def test_the_json_of_a_check_is_documented(here: Path, name: str):
     """Every key, however deep; a number is finite or null, and an observer's refused hypothesis alone exits with 1."""
     found = as_json("check", str(MODELS / name), "--bound", "1/2")
     words = set(re.findall(r"\w+", documented("check")))
-    assert keys(found, ("witness", "coordinates", "flow", "outputs", "gains")) <= words
+    free = ("witness", "coordinates", "flow", "outputs", "gains", "direction", "where")  # holders of names of the model
+    assert keys(found, free) <= words
     assert {row["verdict"] for row in found["forms"]} <= {None, "proved", "refuted", "where", "generic", "unknown"}
 
 

@@ -7,8 +7,8 @@ plant's own coordinates, which no theorem covers; of each the cheaper first, by 
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -32,6 +32,7 @@ _MANY = 6  # states: of more it is not asked which of them to measure
 _AFFINE = "kalman_like"  # takes state_affine, which says nothing of observability and is for no other
 _ANYWHERE = ("riccati", "hamilton_jacobi")  # take a plant in its own coordinates
 _DEAR = "phase"
+_SLOW = tuple(kind for kind, proposal in PROPOSALS.items() if proposal.dear)
 _KNOWN = {
     Convergence.PROVED: "proved",
     Convergence.ABOVE: "proved for its theta",
@@ -83,13 +84,14 @@ class Advice:
 
 
 def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *, deep: bool = False) -> Advice:
-    """What to take for a model; tunings in the phase form, which may take seconds, only if `deep`, but the model's own.
+    """What to take for a model; what may take seconds, tunings in the phase form and observers whose proof asks a
+    solver, only if `deep`, but the model's own step in any case.
 
     `claims`: those of the model's own observer, whose step is not built again.
     """
-    tuned = _Tuned(model, claims, deep, found.plant)
+    tuned = _Tuned(model, claims, deep)
     rows = dict(tuned.rows())
-    rows |= dict(_proposed(model, found, rows))
+    rows |= dict(_proposed(model, found, [*rows, *(() if deep else _SLOW)]))
     order = sorted(rows.values(), key=lambda row: (_rank(row.known), row.cost.operations, row.cost.functions))
     return Advice(found.plant.name, tuple(order), (*_notes(seen, found), *tuned.left(rows)))
 
@@ -111,20 +113,19 @@ def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "
 # ---------------------------------------------------------------- with the model's gains
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Tuned:
     """The model's tunings, and why some of them are not admitted."""
 
     model: Model
     claims: Checked
     deep: bool
-    plant: System
+    accepting: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    dear: list[str] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
 
     def rows(self) -> Iterator[tuple[str, Admitted]]:
         """The first tuning of each observer that is built without an acceptance; the model's own step first."""
-        self.accepting: dict[str, tuple[str, ...]] = {}
-        self.dear: list[str] = []
-        self.refused: dict[str, str] = {}
         path = json.dumps(self.model.path)
         taken: set[str] = set()
         own = self.claims.step
@@ -147,7 +148,7 @@ class _Tuned:
         if isinstance(table, Mapping) and table.get("accept"):
             self.accepting[kind] = tuple(table["accept"])
             return None
-        if not self.deep and self._in_phase(table):
+        if not self.deep and (kind in _SLOW or self._in_phase(table)):
             self.dear.append(kind)
             return None
         own = self.claims.step if not self.claims.tuning else None
@@ -173,7 +174,7 @@ class _Tuned:
         """Why tunings of observers that have no row have none."""
         dear = [kind for kind in dict.fromkeys(self.dear) if kind not in rows]
         if dear:
-            yield f"Tuned in the phase form, which may take seconds, and built with --deep: {', '.join(dear)}."
+            yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(dear)}."
         for kind, ids in self.accepting.items():
             if kind not in rows or rows[kind].proposed:
                 yield f"The tuning of {kind} is built only by accepting what is refuted: {', '.join(ids)}."
@@ -184,7 +185,7 @@ class _Tuned:
 # ---------------------------------------------------------------- with first gains
 
 
-def _proposed(model: Model, found: Survey, taken: Mapping[str, Admitted]) -> Iterator[tuple[str, Admitted]]:
+def _proposed(model: Model, found: Survey, taken: Collection[str]) -> Iterator[tuple[str, Admitted]]:
     """Each other observer on the first form that admits it with gains read off the ranges."""
     affine = tuple(row for row in found.rows if row.kind == "state_affine")
     for kind, proposal in PROPOSALS.items():

@@ -59,11 +59,13 @@ class Scale:
 @dataclass(frozen=True)
 class Proposal:
     """Where to take an observer, and its first gains; None where they need a design of their own. `filtering`: whether
-    it is sampled with its covariance, by the default method, or as a differential equation, by Runge and Kutta."""
+    it is sampled with its covariance, by the default method, or as a differential equation, by Runge and Kutta; `dear`:
+    whether it asks a solver for its proof, which takes seconds."""
 
     where: str
     gains: Callable[[Scale], Gains] | None = None
     filtering: bool = False
+    dear: bool = False
 
 
 def scale(form: Form) -> Scale:
@@ -150,7 +152,9 @@ def _weights(scale: Scale) -> Gains:
 PROPOSALS: Mapping[str, Proposal] = {
     "high_gain": Proposal("you begin: the model is known, the noise small", _high),
     "low_power": Proposal("n is 4 or more: no power of theta above 2", lambda s: {"theta": s.theta}),
-    "peaking_free": Proposal("as `low_power`, and nothing may peak before it settles", lambda s: {"theta": s.theta}),
+    "peaking_free": Proposal(
+        "as `low_power`, and nothing may peak before it settles", lambda s: {"theta": s.theta}, dear=True
+    ),
     "filtered": Proposal(
         "the noise is at high frequency: it rolls off faster", lambda s: {**_high(s), "alpha": 3, "beta": 1}
     ),

@@ -1,0 +1,136 @@
+"""What `check` says to take: every line makes a step, what is admitted accepts nothing, and nothing else is offered."""
+
+import re
+from pathlib import Path
+
+import pytest
+from plants import MODELS
+
+import hgogen as hg
+from hgogen.call import CallableStep
+from hgogen.commands import jobs
+from hgogen.commands.advice import Admitted, Advice, advice
+from hgogen.commands.proposal import PROPOSALS
+from hgogen.emit.cost import cost
+from hgogen.model import Model, load
+
+FILES = sorted(path for path in MODELS.glob("*.*") if path.is_file())
+QUICK = ("battery", "sir")
+README = (MODELS.parent / "README.md").read_text()
+
+
+def asked(path: Path, *, deep: bool = False) -> tuple[Model, Advice]:
+    model = load(path)
+    found = hg.survey(model.plant, deep=deep)
+    claims = jobs.checked(model, found.best)
+    return model, advice(model, hg.observability(model.plant), found, claims, deep=deep)
+
+
+def made(model: Model, one: Admitted, folder: Path) -> CallableStep:
+    """The step that a line makes, in the place where it belongs."""
+    if one.line.startswith("tuning."):
+        entry = folder / f"tuned_{Path(model.path).name}"
+        entry.write_text(f"{one.line}\n{Path(model.path).read_text()}")
+        return load(entry).step(one.observer)
+    step: CallableStep = eval(one.line, {"hg": hg, "load": load, "plant": model.plant})
+    return step
+
+
+def write(folder: Path, flow: dict[str, str], output: str, name: str = "plant.toml", **more: str) -> Path:
+    """A plain-text model without an observer, states in [-1, 1]."""
+    rows = [f'states.{x} = {{low = -1, high = 1, flow = "{rate}"}}' for x, rate in flow.items()]
+    outputs = [f'outputs.{y} = {{low = -1, high = 1, equation = "{e}"}}' for y, e in {"y": output, **more}.items()]
+    path = folder / name
+    path.write_text("\n".join(['name = "plant"', *rows, *outputs, ""]))
+    return path
+
+
+@pytest.mark.parametrize(
+    "file",
+    [pytest.param(f, marks=() if f.stem in QUICK else (pytest.mark.slow,), id=f.stem) for f in FILES],
+)
+def test_every_line_of_a_shipped_model_makes_its_step(file: Path, tmp_path: Path) -> None:
+    model, found = asked(file)
+    assert found.admitted or found.notes
+    for one in found.admitted:
+        step = made(model, one, tmp_path)
+        assert (step.observer.name, step.observer.accepted) == (one.observer, ())
+        assert cost(step) == one.cost
+        assert (one.known == "no theorem") == (step.observer.form.kind == "original")
+    assert len({one.observer for one in found.admitted}) == len(found.admitted)
+
+
+def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
+    ranks = ("proved", "proved for its theta", "proved for a larger theta", "open", "no theorem")
+    _, found = asked(MODELS / "duffing.toml")
+    order = [(max(1, ranks.index(one.known)), one.cost.operations) for one in found.admitted]
+    assert order == sorted(order)
+    assert {"high_gain", "cascade", "riccati"} <= {one.observer for one in found.admitted}
+    assert not any(one.proposed for one in found.admitted)
+    assert any("--deep" in note and "peaking_free" in note for note in found.notes)
+
+
+def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -> None:
+    model, found = asked(write(tmp_path, {"x1": "x2", "x2": "-sin(x1) - x2"}, "x1"))
+    rules = {kind for kind, proposal in PROPOSALS.items() if proposal.gains and not proposal.dear}
+    assert {one.observer for one in found.admitted} == rules
+    assert all(one.proposed for one in found.admitted)
+    (one,) = (one for one in found.admitted if one.observer == "high_gain")
+    assert one.line.startswith('tuning.high_gain = {form = "triangular", theta = ')
+    assert made(model, one, tmp_path).observer.name == "high_gain"
+    x = made(model, one, tmp_path).run(y=[0.5] * 3000).x  # from 0, to where y is held
+    assert x[-1][0] == pytest.approx(0.5, abs=0.1)
+
+
+def test_several_outputs(tmp_path: Path) -> None:
+    path = write(tmp_path, {"x1": "x2", "x2": "-x1 + x3", "x3": "-x3"}, "x1", z="x3")
+    model, found = asked(path)
+    assert {"high_gain", "riccati", "hamilton_jacobi", "kalman_like"} <= {one.observer for one in found.admitted}
+    for one in found.admitted:
+        assert made(model, one, tmp_path).observer.name == one.observer
+
+
+def test_a_python_model_without_a_tuning(tmp_path: Path) -> None:
+    """A path with a space; the line names the plant of the file."""
+    path = tmp_path / "my model.py"
+    path.write_text(
+        "import hgogen as hg\nx1, x2 = (hg.Signal(f'x{i}', low=-1, high=1) for i in (1, 2))\n"
+        "plant = hg.System('p', states=(x1, x2), outputs=(hg.Signal('y'),), flow=[x2, -x1], output=[x1])\n"
+    )
+    model, found = asked(path)
+    (one,) = (one for one in found.admitted if one.observer == "riccati")
+    assert one.line.startswith("hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=")
+    assert made(model, one, tmp_path).observer.form.kind == "triangular"
+
+
+def test_no_form_at_all(tmp_path: Path) -> None:
+    """y shows x1 and x2 together: measured alone either begins a chain; the plant's own coordinates take it."""
+    _, found = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))
+    assert [one.observer for one in found.admitted] == ["riccati", "hamilton_jacobi"]
+    assert {one.known for one in found.admitted} == {"no theorem"}
+    assert "x1 in place of y (triangular)" in found.notes[0]
+    assert any("hg.recast" in note for note in found.notes)
+
+
+def test_what_is_hidden_is_named(tmp_path: Path) -> None:
+    _, found = asked(write(tmp_path, {"x1": "-x1", "x2": "x1 - x2"}, "x1"))
+    assert found.notes[0].startswith("No observer tells x2 from these outputs: measure x2 as well, or leave it out")
+    _, tied = asked(write(tmp_path, {"x1": "-x1 + x2 - x3", "x2": "0", "x3": "0"}, "x1"))
+    assert tied.notes[0] == "No observer tells x2, x3 from these outputs: measure x2 or x3 as well."
+
+
+def test_what_is_only_accepted_is_not_admitted(tmp_path: Path) -> None:
+    """A proposal in the plant's own coordinates stands in the place of a tuning that accepts a refutation."""
+    model, found = asked(MODELS / "fitzhugh_nagumo.py")
+    told = {one.observer: one for one in found.admitted}
+    assert told["riccati"].proposed
+    assert (told["riccati"].form, told["riccati"].known) == ("original", "no theorem")
+    assert made(model, told["riccati"], tmp_path).observer.accepted == ()
+    assert told["kalman_like"].name == "kalman_like"
+    assert any("riccati is built only by accepting what is refuted: triangular.a_2" in note for note in found.notes)
+
+
+def test_the_readme_says_where_to_take_each() -> None:
+    told = dict(re.findall(r"^\| `(\w+)` \| (.*?) \|", README, re.MULTILINE))
+    assert set(PROPOSALS) == set(hg.observers.__all__)
+    assert {kind: proposal.where for kind, proposal in PROPOSALS.items()} == {kind: told[kind] for kind in PROPOSALS}
