@@ -20,7 +20,7 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
-from hgogen.analysis.determinant import determinant, independent
+from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.check import Check, Verdict
 from hgogen.door import asks_a_plant
@@ -50,7 +50,8 @@ class Jet:
 
     `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, itself where nothing is
     known; None where no choice of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of
-    the outputs and the entries of the Jacobian, which must be smooth for the determinant to tell anything.
+    the outputs and the entries of the Jacobian, which must be smooth for the determinant to tell anything; `shown`: the
+    determinant with its factors to be read, where that is another text.
     """
 
     where: Where
@@ -59,6 +60,12 @@ class Jet:
     factors: tuple[sp.Expr, ...] | None
     order: int
     parts: tuple[sp.Expr, ...] = ()
+    shown: Determinant | None = None
+
+    @property
+    def text(self) -> sp.Expr:
+        """The determinant as it is read."""
+        return self.shown.value if self.shown else self.determinant
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,7 @@ class Singularity:
     def as_dict(self) -> dict[str, Any]:
         """For JSON, where nothing is abbreviated; `determinants`: one a check."""
         known = None if self.factors is None else [str(e) for e in self.factors]
-        inputs, whole = ([str(e) for e in row] for row in (self.inputs, (jet.determinant for jet in self.jets)))
+        inputs, whole = ([str(e) for e in row] for row in (self.inputs, (jet.text for jet in self.jets)))
         checks = [check.as_dict() for check in self.checks]
         return {"factors": known, "inputs": inputs, "determinants": whole, "checks": checks}
 
@@ -120,7 +127,7 @@ class Singularity:
                 f"{sp.latex(s, symbol_names=dots)} = {sp.latex(value, symbol_names=dots)}" for s, value in jet.where
             )
             left = rf"\det \frac{{\partial ({names})}}{{\partial x}}" if jet.rows else r"\operatorname{rank} O"
-            right = f"= {sp.latex(jet.determinant, symbol_names=dots)}" if jet.rows else f"< {len(self.plant.states)}"
+            right = f"= {sp.latex(jet.text, symbol_names=dots)}" if jet.rows else f"< {len(self.plant.states)}"
             rows.append(f"{left} &{right}" + (rf" && \text{{at }} {at}" if at else ""))
         return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
 
@@ -204,10 +211,11 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
         there = {row: [e.subs(where) for e in entries[:n]] for row, entries in gradients.items()}
         chosen = independent(there, n)
         if len(chosen) == n:
-            found = determinant([there[row] for row in chosen])
+            square = [there[row] for row in chosen]
+            found = determinant(square)
             parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
             factors = (found.value,) if found.factors is None else found.factors
-            return Jet(where, chosen, found.value, factors, order, parts)
+            return Jet(where, chosen, found.value, factors, order, parts, as_written(square, found))
     return Jet(where, (), sp.S.Zero, None, last)
 
 
@@ -307,11 +315,13 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     if jet.factors is None:
         reason = f"derivatives up to order {jet.order} leave the generic rank below {len(plant.states)}"
         return Check(id, claim, Verdict.UNKNOWN, reason)
-    reason = f"the determinant of their Jacobian is {_brief(jet.determinant)}"
+    reason = f"the determinant of their Jacobian is {_brief(jet.text)}"
     rough = sorted({str(node) for part in jet.parts for node in part.atoms(*ROUGH)})
     if rough:
         return Check(id, claim, Verdict.UNKNOWN, f"{rough[0]} may not be smooth; {reason}")
-    conditions = [f"{_brief(e)} != 0" for e in _open(plant, jet.factors)]
+    doubtful = _open(plant, jet.factors)
+    readable = _open(plant, (jet.shown and jet.shown.factors) or ()) if doubtful else ()
+    conditions = [f"{_brief(e)} != 0" for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
     conditions += sorted(set(singular(map(exact, jet.parts), box).values()))
     if not conditions:

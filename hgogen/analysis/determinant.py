@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import flint
 import sympy as sp
+from sympy.functions.elementary.hyperbolic import HyperbolicFunction
 
 from hgogen.algebra.angles import degrees, even, factored
 from hgogen.algebra.branches import branches
@@ -61,6 +62,36 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     if sum(len(one.polynomial) for one in parts) > _TERMS:
         raise TooLarge("the determinant")
     return Determinant(number * _value(made, parts), zero_set(made, split(made, parts)))
+
+
+def as_written(rows: Sequence[Sequence[sp.Expr]], found: Determinant) -> Determinant:
+    """The determinant of the same rows, to be read: in the hyperbolic functions that these are written with in place of
+    exponentials, and what tells its zeros. `found` itself without such a function, or where it is the shorter one.
+    """
+    nodes = sorted(set().union(*(e.atoms(HyperbolicFunction) for row in rows for e in row)), key=str)
+    names = {node: sp.Symbol(str(node), positive=isinstance(node, sp.cosh) or None, real=True) for node in nodes}
+    try:
+        other = determinant([[e.xreplace(names) for e in row] for row in rows]) if names else found
+    except TooLarge:
+        return found
+    if other is found or other.factors is None or other.value.count_ops() > found.value.count_ops():
+        return found
+    back = {symbol: node for node, symbol in names.items()}
+    slopes = {
+        e: symbol for node, symbol in names.items() if isinstance(node, sp.tanh) for e in (symbol - 1, symbol + 1)
+    }
+    factors = tuple(e.xreplace(back) for e in other.factors if e not in slopes)  # |tanh| < 1
+    return Determinant(_squares(other.value, set(slopes.values())).xreplace(back), factors)
+
+
+def _squares(value: sp.Expr, tangents: set[sp.Symbol]) -> sp.Expr:
+    """With (T - 1)^k (T + 1)^k as (1 - T^2)^k, as the slope of tanh is written."""
+    powers = value.as_powers_dict()
+    for T in tangents:
+        k = powers.get(T - 1)
+        if k and k == powers.get(T + 1):
+            value = value / ((T - 1) * (T + 1)) ** k * (-1) ** k * (1 - T**2) ** k
+    return value
 
 
 def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:

@@ -19,7 +19,7 @@ import sympy as sp
 from hgogen.algebra.kinks import at_kinks
 from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
-from hgogen.analysis.determinant import determinant
+from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
@@ -56,7 +56,8 @@ class NoPhase(HgogenError):
 
 @dataclass(frozen=True)
 class _Map:
-    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the given plant."""
+    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the given plant;
+    `shown`: the determinant as it is read."""
 
     plant: System
     before: System
@@ -64,6 +65,7 @@ class _Map:
     phi: sp.Expr
     jacobian: sp.ImmutableDenseMatrix
     determinant: sp.Expr
+    shown: sp.Expr
 
 
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
@@ -119,10 +121,10 @@ def _map(plant: System) -> _Map:
         rough = without_derivative((*plant.flow, *plant.output)) or "something"
         raise NoPhase(plant.name, f"has no derivatives to order {n} here: {rough}")
     try:
-        value = determinant(jacobian.tolist()).value
+        found = determinant(jacobian.tolist())
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
-    return _Map(extended, plant, chain[:n], chain[n], jacobian, value)
+    return _Map(extended, plant, chain[:n], chain[n], jacobian, found.value, as_written(jacobian.tolist(), found).value)
 
 
 def _changed(
@@ -193,7 +195,7 @@ def _inputs(whole: _Map) -> Check:
 
 def _rank(whole: _Map) -> tuple[Check, Sign]:
     """By rigorous bounds of the determinant; generic where it is not 0 identically, and its zeros are not excluded."""
-    id, claim = "phase.rank", f"det dPhi/dx = {whole.determinant} has no zero on the box"
+    id, claim = "phase.rank", f"det dPhi/dx = {whole.shown} has no zero on the box"
     jumps = any(row.has(*JUMPS) for row in (*whole.before.flow, *whole.before.output))
     det = whole.determinant if jumps else at_kinks(whole.determinant)
     sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
