@@ -134,3 +134,11 @@ def test_the_readme_says_where_to_take_each() -> None:
     told = dict(re.findall(r"^\| `(\w+)` \| (.*?) \|", README, re.MULTILINE))
     assert set(PROPOSALS) == set(hg.observers.__all__)
     assert {kind: proposal.where for kind, proposal in PROPOSALS.items()} == {kind: told[kind] for kind in PROPOSALS}
+
+
+def test_many_states_are_asked_for_little(tmp_path: Path) -> None:
+    """Eight states: what would search for a bound is left to --deep, and said."""
+    flow = {f"x{i}": f"x{i + 1}" for i in range(1, 8)} | {"x8": "-sin(x1)"}
+    _, found = asked(write(tmp_path, flow, "x1"))
+    assert [one.observer for one in found.admitted] == ["cascade", "riccati"]
+    assert found.notes == ("Of so many states, other observers are built with first gains by --deep.",)

@@ -28,7 +28,8 @@ from hgogen.survey import Row, Survey
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
 
-_MANY = 6  # states: of more it is not asked which of them to measure
+_MANY = 6  # states: of more it is not asked which of them to measure, and first gains are given of a few observers
+_FEW = ("cascade", "riccati")  # whose theorems have no number to search for, which of many states takes seconds
 _AFFINE = "kalman_like"  # takes state_affine, which says nothing of observability and is for no other
 _ANYWHERE = ("riccati", "hamilton_jacobi")  # take a plant in its own coordinates
 _DEAR = "phase"
@@ -91,9 +92,12 @@ def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *,
     """
     tuned = _Tuned(model, claims, deep)
     rows = dict(tuned.rows())
-    rows |= dict(_proposed(model, found, [*rows, *(() if deep else _SLOW)]))
+    many = len(found.plant.states) > _MANY
+    left = () if deep else [kind for kind in PROPOSALS if kind not in _FEW] if many else _SLOW
+    rows |= dict(_proposed(model, found, [*rows, *left]))
     order = sorted(rows.values(), key=lambda row: (_rank(row.known), row.cost.operations, row.cost.functions))
-    return Advice(found.plant.name, tuple(order), (*_notes(seen, found), *tuned.left(rows)))
+    brief = ["Of so many states, other observers are built with first gains by --deep."] if many and not deep else []
+    return Advice(found.plant.name, tuple(order), (*_notes(seen, found), *tuned.left(rows), *brief))
 
 
 def _rank(known: str) -> int:
