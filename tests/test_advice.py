@@ -31,7 +31,7 @@ def made(model: Model, one: Admitted, folder: Path) -> CallableStep:
     if one.line.startswith("tuning."):
         entry = folder / f"tuned_{Path(model.path).name}"
         entry.write_text(f"{one.line}\n{Path(model.path).read_text()}")
-        return load(entry).step(one.observer)
+        return load(entry).step(one.line.partition(" ")[0].removeprefix("tuning."))
     step: CallableStep = eval(one.line, {"hg": hg, "load": load, "plant": model.plant})
     return step
 

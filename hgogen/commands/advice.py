@@ -232,10 +232,12 @@ def _line(kind: str, row: Row, gains: Mapping[str, Any], method: str, dt: float,
         made = f"hg.observers.{kind}(hg.forms.{row.kind}(plant{options}), {given})"
         return f"hg.sample({made}, hg.methods.{method}, dt={dt!r})"
     form = {"kind": row.kind, **row.options} if row.options else row.kind
-    table = {"form": form, **gains, "method": method, "dt": dt}
+    known = kind in model.tuning.tables  # a tuning that accepts a refutation keeps its name
+    name = f"{kind}_first" if known else kind
+    table = {**({"kind": kind} if known else {}), "form": form, **gains, "method": method, "dt": dt}
     if model.path.endswith(".json"):
-        return f'"tuning": {json.dumps({kind: table})}'
-    return f"tuning.{kind} = {_toml(table)}"
+        return f'"tuning": {json.dumps({name: table})}'
+    return f"tuning.{name} = {_toml(table)}"
 
 
 def _toml(value: Any) -> str:
