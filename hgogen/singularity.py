@@ -7,7 +7,7 @@ jet, which reads higher derivatives of the input. That rank n at a point suffice
 R. Hermann, A. Krener, "Nonlinear controllability and observability", IEEE TAC 22 (1977).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -240,13 +240,20 @@ def _triangle(plant: System) -> Jet | None:
         row = plant.flow[plant.states.index(new[0])]
     if any(is_zero(slope) is not False for slope in slopes):
         return None
-    found = [determinant([[slope]]) for slope in slopes]
     sign = Permutation([plant.states.index(x) for x in order]).signature()
-    value = sign * sp.Mul(*(one.value ** (n - i) for i, one in enumerate(found)))
-    known = [one.factors for one in found if one.factors is not None]
+    each = [determinant([[slope]]) for slope in slopes]
+    found = _powers(each, sign)
+    shown = _powers([as_written([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
+    factors = (found.value,) if found.factors is None else found.factors
+    return Jet((), tuple((0, k) for k in range(n)), found.value, factors, n - 1, (*rows, *slopes), shown)
+
+
+def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
+    """sign prod_i s_i^(n-i) of slopes, i = 0, .., n - 1, and its factors."""
+    value = sign * sp.Mul(*(one.value ** (len(each) - i) for i, one in enumerate(each)))
+    known = [one.factors for one in each if one.factors is not None]
     every = tuple(sorted({e for part in known for e in part}, key=sp.default_sort_key))
-    factors = every if len(known) == n else (value,)
-    return Jet((), tuple((0, k) for k in range(n)), value, factors, n - 1, (*rows, *slopes))
+    return Determinant(value, every if len(known) == len(each) else None)
 
 
 def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:

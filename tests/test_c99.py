@@ -163,10 +163,11 @@ def test_the_end_of_a_comment_stands_with_its_words(name: str) -> None:
 def test_the_self_check_s_banner_is_not_wrapped(name: str) -> None:
     """Its lines are broken where they mean to be, and what is to be defined stands in a column."""
     banner = files(name)[f"{step(name).name}_check.c"].partition(" */")[0].splitlines()[1:]
-    assert len(banner) == 6
+    assert len(banner) == 7
     upper = step(name).name.upper()
     assert [line.find("to ") for line in banner if f"{upper}_" in line] == [len(f" *   {upper}_NO_MAIN  ")] * 2
-    assert banner[4].startswith(f" *   {' ' * len(upper)}          without it")
+    assert banner[4].startswith(f" *   {' ' * len(upper)}          of <float.h> 0")
+    assert banner[5].startswith(f" *   {' ' * len(upper)}          without it")
 
 
 def test_the_same_bytes_in_every_process(tmp_path: Path) -> None:

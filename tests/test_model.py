@@ -62,7 +62,7 @@ def test_what_a_model_prints_is_no_result(tmp_path: Path, capsys: pytest.Capture
         ("x = 1\n\ny = (\n", 3, "never closed"),
         ("def f():\n    return 1/0\nf()\n", 2, "ZeroDivisionError"),
         ("import sys\nsys.exit('no')\n", 2, "raises SystemExit (no), which ends Python"),
-        (FIRST + "x = hg.Signal('int')\n", 2, "reserved by C"),
+        (FIRST + "x = hg.Signal('a__b')\n", 2, "double underscore"),
         (FIRST + "x = hg.Signal('x', low=2, high=1)\n", 2, "low = 2 is not below high = 1"),
         (FIRST + "p = hg.Signal('p', '', '', float('nan'))\n", 2, "not finite"),
         (

@@ -140,7 +140,7 @@ REFUSED: list[tuple[str, Any, str, str]] = [
     ("states.x1.low", True, "states.x1.low", "is True; write a number"),
     ("states.x1.low", 4, "states.x1", "low = 4 is not below high = 3; swap or widen them"),
     ("states.x1.high", MISSING, "states.x1", "has only one end of a range"),
-    ("states.int", {"flow": "0"}, "states.int", "is reserved by C or C++"),
+    ("states.a__b", {"flow": "0"}, "states.a__b", "has a double underscore"),
     ("inputs.u.flow", "x1", "inputs.u.flow", "there is no key 'flow' here; did you mean low?"),
     ("inputs.x1", {}, "", "the name 'x1' is declared twice"),
     ("inputs.u.rates", [-1, 1], "inputs.u.rates", "is a list; write pairs of numbers, such as [[-1, 1], [-2, 2]]"),

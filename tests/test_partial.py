@@ -88,7 +88,7 @@ def test_a_parameter_with_such_a_value_proves_no_gain(gain: object) -> None:
 
 def test_a_row_that_cannot_be_written_at_zero_is_no_error() -> None:
     q, w = hg.Signal("q", low=-1, high=1), hg.Signal("w", low=3, high=4)
-    plant = _plant(q, w, sp.Max(sp.sqrt(w - 2), w) + w)
+    plant = _plant(q, w, sp.Max(sp.sqrt(w - 2), w - sp.Rational(11, 5)) + w)
     verdicts = {check.id: check.verdict for check in hg.forms.triangular(plant).checks}
     assert verdicts["triangular.structure"] is not Verdict.PROVED
 

@@ -5,20 +5,16 @@ or a witness. Source of the hypotheses: Boizot, Busvelle, Gauthier, Automatica 4
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from itertools import combinations
 
 from hgogen.recheck.algebra import Quotient
-from hgogen.recheck.arithmetic import evaluate
 from hgogen.recheck.box import Box, NotShown, covered, ranged, witnessed
 from hgogen.recheck.chain import place_of, wanted_gain
 from hgogen.recheck.context import (
     RANGE,
     Context,
     Shown,
-    cut,
     declared_box,
     enclosed,
     finite,
@@ -30,12 +26,11 @@ from hgogen.recheck.context import (
 )
 from hgogen.recheck.dissipation import inequality, is_positive, level
 from hgogen.recheck.file import OBSERVERS, Certificate, Claim, FormFile, part
-from hgogen.recheck.interval import intervals, point
 from hgogen.recheck.observers import OF_CHAINS, OF_NUMBERS, STEEP, Keys, Row, Rule
 from hgogen.recheck.observers import rests as of_observer
 from hgogen.recheck.persistence import persistent
 from hgogen.recheck.phase import phases, rank
-from hgogen.recheck.slope import at_kinks, regular, steep
+from hgogen.recheck.slope import at_kinks, differentiable, regular, steep
 from hgogen.recheck.text import Expression, expression, number
 
 
@@ -207,7 +202,7 @@ def _no_slope(context: Context, claim: Claim, place: Row) -> Shown:
     keys = [key for key in ("witness", "other") if key in claim.evidence]
     signs = [witnessed(at_kinks(text), _witness(claim, context.form.box, text.names, key)) for key in keys]
     if signs == ["zero"]:
-        _differentiable((rate, text), _witness(claim, context.form.box, text.names | rate.names))
+        differentiable((rate, text), _witness(claim, context.form.box, text.names | rate.names))
         return Shown(f"{text.text} is zero at its witness")
     if sorted(signs) != ["negative", "positive"]:
         raise NotShown(f"{text.text} is not shown to be zero, or to change its sign")
@@ -215,19 +210,6 @@ def _no_slope(context: Context, claim: Claim, place: Row) -> Shown:
         raise NotShown(f"{rate.text} is not shown to be continuous")
     boxes = finite(text, context.form.box) + finite(rate, context.form.box)
     return Shown(f"{text.text} changes its sign", boxes)
-
-
-def _differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
-    """That no modulus, sign, minimum or maximum turns at a point: the formula of a slope says nothing there."""
-    values = {name: point(value) for name, value in at.items()}
-    for text in texts:
-        for op, args, _ in text.instructions:
-            if op not in ("Abs", "sign", "Min", "Max"):
-                continue
-            found = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
-            apart = [x - y for x, y in combinations(found, 2)] if len(found) > 1 else found
-            if any(x.sign == 0 for x in apart):
-                raise NotShown(f"{cut(text.text)} may have no slope at its witness")
 
 
 def _uniform_lipschitz(context: Context, claim: Claim, place: Row) -> Shown:

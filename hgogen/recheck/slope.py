@@ -5,12 +5,14 @@ the mean value form of each entry, with second derivatives.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from itertools import combinations
 
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import Box, Slopes, Try, centre_of, sides
+from hgogen.recheck.box import Box, NotShown, Slopes, Try, centre_of, sides
+from hgogen.recheck.context import cut
 from hgogen.recheck.interval import Interval, intersection, intervals, point
 from hgogen.recheck.text import Expression
 
@@ -34,6 +36,22 @@ def at_kinks(slope: Expression) -> Expression:
     """A slope of what has no jumps, its `sign` read as the slope of |e|, which at e = 0 is a set and not 0."""
     steps = tuple(step._replace(op="side") if step.op == "sign" else step for step in slope.instructions)
     return replace(slope, instructions=steps)
+
+
+def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
+    """That no modulus, sign, minimum or maximum turns at a point: the formula of a slope says nothing there.
+
+    Raises: `NotShown`.
+    """
+    values = {name: point(value) for name, value in at.items()}
+    for text in texts:
+        for op, args, _ in text.instructions:
+            if op not in ("Abs", "sign", "Min", "Max"):
+                continue
+            found = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
+            apart = [x - y for x, y in combinations(found, 2)] if len(found) > 1 else found
+            if any(x.sign == 0 for x in apart):
+                raise NotShown(f"{cut(text.text)} may have no slope at its witness")
 
 
 def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:
