@@ -26,13 +26,13 @@ Gains = dict[str, Any]
 
 @dataclass(frozen=True)
 class Scale:
-    """What the rules read: theta, dt and D in the plant's time, S by state of the form, Y by output."""
+    """What the rules read: theta, dt and D in the plant's time, S by the names of the form's states, Y of outputs."""
 
     theta: float
     dt: float
     longest: float
-    states: tuple[float, ...]
-    outputs: tuple[float, ...]
+    states: Mapping[str, float]
+    outputs: Mapping[str, float]
     blocks: tuple[int, ...]
 
     @property
@@ -46,14 +46,19 @@ class Scale:
         each = tuple((-1,) * size for size in self.blocks)
         return each[0] if len(each) == 1 else each
 
-    def squares(self, factor: float) -> tuple[float, ...]:
-        """S_i^2 times a factor."""
-        return tuple(_two(s * s * factor) for s in self.states)
+    @property
+    def reading(self) -> float:
+        """Y of the first output."""
+        return next(iter(self.outputs.values()))
+
+    def squares(self, factor: float) -> Gains:
+        """S_i^2 times a factor, by name."""
+        return {name: _two(s * s * factor) for name, s in self.states.items()}
 
     def noise(self, exponent: int = 1) -> Any:
         """R, or its inverse, a number for one output."""
-        each = tuple(_two(((y / 100) ** 2 * self.dt) ** exponent) for y in self.outputs)
-        return each[0] if len(each) == 1 else each
+        each = {name: _two(((y / 100) ** 2 * self.dt) ** exponent) for name, y in self.outputs.items()}
+        return each if len(each) > 1 else next(iter(each.values()))
 
 
 @dataclass(frozen=True)
@@ -73,8 +78,9 @@ def scale(form: Form) -> Scale:
     rates = _pace(form.system)
     theta = max(2.0, _two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
     dt = min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf)
-    halves = [tuple(map(_half, signals)) for signals in (form.states, form.system.outputs)]
-    return Scale(theta, _two(dt), rates.longest or 1.0, halves[0], halves[1], form.blocks)
+    states = dict(zip(form.names, map(_half, form.states), strict=True))
+    outputs = {y.name: _half(y) for y in form.system.outputs}
+    return Scale(theta, _two(dt), rates.longest or 1.0, states, outputs, form.blocks)
 
 
 def _pace(plant: System) -> Pace:
@@ -112,14 +118,14 @@ def _switched(scale: Scale) -> Gains:
     return {
         "theta": max(scale.theta, 2 * low),
         "theta_low": low,
-        "threshold": _two(scale.outputs[0] / 20),
+        "threshold": _two(scale.reading / 20),
         "hold": _two(2 / low),
         "poles": scale.poles,
     }
 
 
 def _tracking(scale: Scale) -> Gains:
-    y = scale.outputs[0]
+    y = scale.reading
     return {
         "k_0": _two(scale.theta / 2),
         "k_max": _two(10 * scale.theta),
@@ -145,7 +151,8 @@ def _kalman(scale: Scale) -> Gains:
 def _weights(scale: Scale) -> Gains:
     """The inverses of a Kalman filter's."""
     told = {"Q": scale.squares(1 / scale.longest), "P0": scale.squares(1 / 4)}
-    return {name: tuple(_two(1 / v) for v in values) for name, values in told.items()} | {"R": scale.noise(-1)}
+    inverse = {gain: {name: _two(1 / v) for name, v in values.items()} for gain, values in told.items()}
+    return {**inverse, "R": scale.noise(-1)}
 
 
 # Where to take each is the column of that name in the README.
