@@ -60,13 +60,6 @@ def sampled(system: hg.System) -> hg.Step:
     return hg.sample(observer, hg.methods.euler, dt=0.01)
 
 
-def included(headers: str) -> str:
-    return "".join(
-        f"#include <{name}>\n" if name[:1] == "c" and name in CPP_HEADERS.split() else f"#include <{name}.h>\n"
-        for name in headers.split()
-    )
-
-
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_every_macro_of_the_standard_headers_is_known(compiler: str) -> None:
     headers, flags = COMPILERS[compiler]
