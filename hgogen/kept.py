@@ -6,7 +6,7 @@ the same bits, so they may take turns at any sample.
 
 import ctypes
 from collections.abc import Mapping
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -73,12 +73,13 @@ class Kept:
         for field in fields:
             self.places[f"{kind}.{field.name}"][:] = field.initial
 
+    @cached_property
     def _library(self) -> ctypes.CDLL:
         return native.library({**targets.c99(self._step, real="double", check=False), **targets.record(self._step)})
 
     def _compiled(self) -> dict[str, Entry]:
         """A call of one address each, which a thread finishes before another has its turn."""
-        step, library = self._step, self._library()
+        step, library = self._step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
         if size() != self.record.itemsize:
@@ -92,5 +93,5 @@ class Kept:
     def _record(self, *arrays: np.ndarray) -> None:
         step = self._step
         pointers = [ctypes.c_void_p(self.record[part].ctypes.data) for part in ("state", "params")]
-        call = getattr(self._library(), f"{step.name}_record")
+        call = getattr(self._library, f"{step.name}_record")
         call(*pointers, ctypes.c_size_t(len(arrays[1])), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))

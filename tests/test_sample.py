@@ -164,12 +164,13 @@ def cpu(call: Callable[[], Any], times: int) -> float:
 @pytest.mark.parametrize("engine", ["python", pytest.param("c", marks=needs_compiler)])
 @pytest.mark.parametrize("name", ["high_gain", "staggered", "two_outputs"])
 def test_a_sample_touches_neither_sympy_nor_casadi(name: str, engine: str) -> None:
-    """Nor does a section, a tuning, or what a sample says of itself."""
+    """Nor does a record, a section, a tuning, or what a sample says of itself."""
     step, touched = by(name, engine), list[str]()
     u, y = (0.1,) * len(step.inputs), (0.2,) * len(step.outputs)
 
     def use() -> None:
         str(step(u=u, y=y))
+        step.run(u=[u], y=[y])
         if step.apart:
             step.predict(u=u)
             step.update(**{step.outputs[0].name: 0.1})
