@@ -199,7 +199,7 @@ def test_a_sample_costs_at_most_four_bare_calls(name: str) -> None:
     """Of NAME_step by ctypes with kept pointers. Medians of batches that take turns, in CPU time."""
     step = by(name, "c")
     step(u=0.1, y=0.2)
-    plain = getattr(step._kept._library(), f"{step.name}_step")
+    plain = getattr(step._kept._library, f"{step.name}_step")
     structs = (step._kept.record[kind] for kind in ("state", "params", "input", "output"))
     s, p, one, two = (ctypes.c_void_p(array.ctypes.data) for array in structs)
 
