@@ -7,12 +7,14 @@ row the next), so that a term that breaks a row breaks every order, and the labe
 
 import random
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import sympy as sp
 
+from tests.oracle.text import read
 from tests.scramble_tables import (
     INPUT_NAMES,
     PARAMETER_NAMES,
@@ -122,9 +124,10 @@ def _link(made: Chain, gain: Gain | Bend, target: int) -> str:
     return f"({slope})*z{target}"
 
 
+@cache
 def number(end: End) -> sp.Expr:
     """An end of a box, exactly; a float is its shortest decimal."""
-    return sp.sympify(repr(end) if isinstance(end, float) else str(end), rational=True)
+    return read(repr(end) if isinstance(end, float) else end, rational=True)
 
 
 def touches(gain: Gain) -> bool:
@@ -208,21 +211,25 @@ def magnitude(gain: Gain) -> tuple[Number, Number]:
     return sp.Integer(0), sp.Max(-low, high)
 
 
-def _symbols(made: Chain) -> tuple[dict[str, sp.Symbol], list[sp.Symbol]]:
-    names = [f"z{k}" for k in range(made.n)] + [f"c{k}" for k in range(made.parameters)]
-    inputs = [sp.Symbol(f"w{k}") for k in range(made.inputs)]
-    return {name: sp.Symbol(name) for name in names} | {u.name: u for u in inputs}, inputs
+def _inputs(made: Chain) -> list[sp.Symbol]:
+    return [sp.Symbol(f"w{k}") for k in range(made.inputs)]
+
+
+@cache
+def _read(text: str) -> sp.Expr:
+    """A text in z, w and c, none of which has another meaning."""
+    return read(text)
 
 
 def uniform(made: Chain) -> bool | str | None:
     """`gb_uniform`: with gains free of the input a chain is uniformly observable; with an affine one it is not."""
-    local, inputs = _symbols(made)
-    everything = [sp.sympify(term, local) for row in [[made.head], *made.terms] for term in row]
+    inputs = _inputs(made)
+    everything = [_read(term) for row in [[made.head], *made.terms] for term in row]
     if not inputs or not everything[0].free_symbols.isdisjoint(inputs):
         return "na"
     if any(sp.diff(e, u, v) != 0 for e in everything for u in inputs for v in inputs):
         return "na"
-    slopes = [sp.sympify(gain.text, local) for gain in made.slopes]
+    slopes = [_read(gain.text) for gain in made.slopes]
     if any(slope.subs(dict.fromkeys(inputs, 0)) == 0 for slope in slopes):
         return None  # the drift alone does not show every state: false, or "na", as one reads it
     return all(slope.free_symbols.isdisjoint(inputs) for slope in slopes)
@@ -230,10 +237,10 @@ def uniform(made: Chain) -> bool | str | None:
 
 def singular(made: Chain) -> Any:
     """The determinant of a chain at u = 0 is the product of the powers of its slopes."""
-    local, inputs = _symbols(made)
+    inputs = _inputs(made)
     product = sp.Integer(1)
     for gain in made.slopes:
-        slope = sp.sympify(gain.text, local).subs(dict.fromkeys(inputs, 0))
+        slope = _read(gain.text).subs(dict.fromkeys(inputs, 0))
         if slope.has(sp.zoo, sp.nan, sp.oo, -sp.oo):
             return None
         product *= slope
@@ -273,28 +280,32 @@ def _bracketed(expression: sp.Expr) -> str:
     return str(expression) if expression.is_Symbol else f"({expression})"
 
 
-def queries(seed: int = 0) -> Iterator[Labelled]:
+@cache
+def queries(seed: int = 0) -> tuple[Labelled, ...]:
     """Ranges of expressions over the boxes of an integrator chain, each scaled and perhaps with a disguised zero."""
-    for k, (text, boxes, low, high) in enumerate(QUERIES):
-        rng = random.Random(f"{seed} query {k}")
-        names = rng.sample(rng.choice(STATE_NAMES), len(boxes))
-        scale = [sp.Rational(rng.choice(SCALES)) for _ in names]
-        values = [_bracketed(sp.Symbol(name) / s) for name, s in zip(names, scale, strict=True)]
-        hidden = rng.choice(ZEROS[:2]).text.format(p=values[0], q=values[-1]) if k % 7 == 3 else ""
-        query = text.format(*values) + (f" + {hidden}" if hidden else "")
-        x_box = {name: scaled(box, scale, f"z{i}") for i, (name, box) in enumerate(zip(names, boxes, strict=True))}
-        model = {
-            "name": f"query_{k}",
-            "kind": "query",
-            "states": names,
-            "unknown_params": [],
-            "known_params": [],
-            "inputs": [],
-            "outputs": ["y"],
-            "f": [*names[1:], "0"],
-            "h": [names[0]],
-            "x_box": x_box,
-            "bound_queries": [query],
-        }
-        truth = {"bounds": [(number(low), number(high))], "triangular": True, "order": names, "uof": True}
-        yield Labelled("query", model, truth)
+    return tuple(_query(k, seed, *query) for k, query in enumerate(QUERIES))
+
+
+def _query(k: int, seed: int, text: str, boxes: Sequence[tuple[End, End]], low: End, high: End) -> Labelled:
+    rng = random.Random(f"{seed} query {k}")
+    names = rng.sample(rng.choice(STATE_NAMES), len(boxes))
+    scale = [sp.Rational(rng.choice(SCALES)) for _ in names]
+    values = [_bracketed(sp.Symbol(name) / s) for name, s in zip(names, scale, strict=True)]
+    hidden = rng.choice(ZEROS[:2]).text.format(p=values[0], q=values[-1]) if k % 7 == 3 else ""
+    query = text.format(*values) + (f" + {hidden}" if hidden else "")
+    x_box = {name: scaled(box, scale, f"z{i}") for i, (name, box) in enumerate(zip(names, boxes, strict=True))}
+    model = {
+        "name": f"query_{k}",
+        "kind": "query",
+        "states": names,
+        "unknown_params": [],
+        "known_params": [],
+        "inputs": [],
+        "outputs": ["y"],
+        "f": [*names[1:], "0"],
+        "h": [names[0]],
+        "x_box": x_box,
+        "bound_queries": [query],
+    }
+    truth = {"bounds": [(number(low), number(high))], "triangular": True, "order": names, "uof": True}
+    return Labelled("query", model, truth)

@@ -1,7 +1,8 @@
 """The families of scrambled chains with one output: what is put into each, and which labels change with it."""
 
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 from tests.scramble import Chain, Labelled, chain, finish, touches
 from tests.scramble_tables import (
@@ -211,10 +212,13 @@ FAMILIES: tuple[tuple[Callable[[random.Random], Chain], int], ...] = (
 )
 
 
-def singles(seed: int = 0) -> Iterator[Labelled]:
+@cache
+def singles(seed: int = 0) -> tuple[Labelled, ...]:
     """Every family with one output; the last of each without boxes."""
-    for family, count in FAMILIES:
-        for k in range(count):
-            name = f"{family.__name__}_{k}"
-            rng = random.Random(f"{seed} {name}")
-            yield finish(family(rng), family.__name__, name, boxed=k < max(count - count // 8, 1))
+    return tuple(_single(family, count, k, seed) for family, count in FAMILIES for k in range(count))
+
+
+def _single(family: Callable[[random.Random], Chain], count: int, k: int, seed: int) -> Labelled:
+    name = f"{family.__name__}_{k}"
+    rng = random.Random(f"{seed} {name}")
+    return finish(family(rng), family.__name__, name, boxed=k < max(count - count // 8, 1))

@@ -5,7 +5,7 @@ its own next. Cascade: all states of earlier chains and its own up to j. Heads a
 """
 
 import random
-from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import sympy as sp
@@ -18,11 +18,11 @@ KINDS = ("levelwise", "cascade", "both", "neither", "bent", "levelwise", "cascad
 State = tuple[int, int]
 
 
-def several(seed: int = 0, count: int = 40) -> Iterator[Labelled]:
+@cache
+def several(seed: int = 0, count: int = 40) -> tuple[Labelled, ...]:
     """Systems of each kind in turn."""
-    for k in range(count):
-        kind = KINDS[k % len(KINDS)]
-        yield _system(random.Random(f"{seed} several {k}"), kind, f"several_{kind}_{k}")
+    kinds = [(k, KINDS[k % len(KINDS)]) for k in range(count)]
+    return tuple(_system(random.Random(f"{seed} several {k}"), kind, f"several_{kind}_{k}") for k, kind in kinds)
 
 
 def _couplings(rng: random.Random, kind: str, lengths: tuple[int, ...]) -> dict[State, list[str]]:

@@ -9,6 +9,7 @@ Each answer is proved, or generic as its definition says, or None, which means n
 Without boxes the forms speak of structure only.
 """
 
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -66,9 +67,10 @@ def _ordered(entry: Entry) -> list[tuple[str, Callable[["_Forms"], Iterator[Answ
 
 @dataclass(frozen=True)
 class _Forms:
-    """The chains of a model, found once."""
+    """The chains of a model and the signs of their slopes, found once: the forms share them."""
 
     entry: Entry
+    signs: dict[sp.Expr, bool | None] = dataclasses.field(default_factory=dict)
 
     @cached_property
     def rows(self) -> Rows:
@@ -92,7 +94,7 @@ class _Forms:
 
     @cached_property
     def bent(self) -> bool | None:
-        return _bent(self.chains, self.entry)
+        return _bent(self.chains, self)
 
     @cached_property
     def gains(self) -> tuple[sp.Expr, ...]:
@@ -129,7 +131,7 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
     if not forms.single:
         return
     refuted = [forms.chains.answer(shape)[0] is False for shape in (Shape.CONSTANT, Shape.MEASURED)]
-    kept = _kept(forms.gains, forms.entry) if forms.measured and _pure(forms.chains, forms) else None
+    kept = _kept(forms.gains, forms) if forms.measured and _pure(forms.chains, forms) else None
     constant = kept if forms.measured is Shape.CONSTANT else None
     yield "triangular", False if refuted[0] else constant
     yield "triangular_uy", False if refuted[1] else kept
@@ -139,17 +141,21 @@ def _pure(chains: Chains, forms: _Forms) -> bool:
     """Whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
-    return plain and _kept([head.gain for head in heads], forms.entry) is True
+    return plain and _kept([head.gain for head in heads], forms) is True
 
 
-def _kept(slopes: Iterable[sp.Expr], entry: Entry) -> bool | None:
+def _kept(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
     """Whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
-    return _signed(slopes, entry) if entry.boxed else True
+    return _signed(slopes, forms) if forms.entry.boxed else True
 
 
-def _signed(slopes: Iterable[sp.Expr], entry: Entry) -> bool | None:
+def _signed(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
     """Whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness only."""
-    found = [_sign(slope, entry) for slope in slopes]
+    found = []
+    for slope in slopes:
+        if slope not in forms.signs:
+            forms.signs[slope] = _sign(slope, forms.entry)
+        found.append(forms.signs[slope])
     return False if False in found else None if None in found else True
 
 
@@ -180,14 +186,14 @@ def _uniform(forms: _Forms) -> Iterator[Answer]:
         yield "uof", forms.bent
 
 
-def _bent(chains: Chains, entry: Entry) -> bool | None:
+def _bent(chains: Chains, forms: _Forms) -> bool | None:
     """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
     where a row may jump in that state, which its slope does not see."""
     links = [link for chain in chains.links for link in chain]
-    kept = _signed(map(_slope, links), entry)
+    kept = _signed(map(_slope, links), forms)
     if kept:
         return None if any(link.jumps for link in links) else True
-    return kept if entry.boxed else None
+    return kept if forms.entry.boxed else None
 
 
 def _slope(link: Link) -> sp.Expr:
@@ -222,7 +228,7 @@ def _several(forms: _Forms) -> Iterator[Answer]:
         answer, _ = chains.answer(Shape.CONSTANT)
         if answer:  # whether a gain may vanish is not said: None where one does
             gains = [link.gain for links in chains.links for link in links[1:]]
-            answer = True if _pure(chains, forms) and _kept(gains, forms.entry) else None
+            answer = True if _pure(chains, forms) and _kept(gains, forms) else None
         yield field, answer
     answer, _ = forms.chains.answer(Shape.UNIFORM)
     yield "mimo_uof", forms.bent if answer else answer

@@ -17,6 +17,8 @@ from operator import mul
 
 import sympy as sp
 
+from tests.oracle.text import read
+
 PRIME = 576460752303422159  # 7 mod 8; 2, 3, 5, 7, 11, 13 are squares; 3, 5, 7 do not divide PRIME - 1
 SQUARE = PRIME**2
 HALF = (PRIME - 1) // 2
@@ -328,6 +330,6 @@ def parse(model: dict) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Symbol], l
     """Flow, output, states, inputs and unknown parameters of a model of the shared file."""
     names = [*model["states"], *model["unknown_params"], *model["known_params"], *model["inputs"]]
     symbols = {name: sp.Symbol(name) for name in names}
-    flow, output = ([sp.sympify(text, locals=symbols) for text in model[key]] for key in ("f", "h"))
+    flow, output = ([read(text, symbols) for text in model[key]] for key in ("f", "h"))
     joint = model["unknown_params"] or model["known_params"]
     return flow, output, *([symbols[name] for name in part] for part in (model["states"], model["inputs"], joint))

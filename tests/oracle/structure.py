@@ -14,13 +14,15 @@ from typing import Any
 import mpmath
 import sympy as sp
 
+from tests.oracle.text import read as text_of
+
 DIGITS, SAME = 60, mpmath.mpf(10) ** -42
 Value = Any
 
 
 def read(text: Any, names: Sequence[str]) -> sp.Expr:
     """A text as an expression in which every listed name is a symbol and every number is exact."""
-    return sp.sympify(str(text), {name: sp.Symbol(name) for name in names}, rational=True)
+    return text_of(text, {name: sp.Symbol(name) for name in names}, rational=True)
 
 
 @dataclass(frozen=True)
