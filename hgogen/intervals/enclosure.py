@@ -26,13 +26,15 @@ class Enclosure:
     """What is known on each of k boxes.
 
     `value`: (low, high), k each, of the values where the expression and its parts are real; `defined`: finite and real
-    on the whole closed box; `continuous` there; `slope`: (low, high), m x k each, None where it was not asked for.
+    on the whole closed box; `continuous` there; `slope`: (low, high), m x k each, None where it was not asked for;
+    `fixed`: a constant, whose slope is 0.
     """
 
     value: Pair
     defined: Flags
     continuous: Flags
     slope: Pair | None = None
+    fixed: bool = False
 
 
 def enclose(program: Tape, low: Array, high: Array, *, slopes: bool = False) -> list[Enclosure]:
@@ -85,7 +87,7 @@ class _Walk:
         shape = self.low.shape[1:]
         yes = np.ones(shape, dtype=bool)
         slope = (np.zeros(self.low.shape), np.zeros(self.low.shape)) if self.slopes else None
-        return Enclosure((np.full(shape, ends[0]), np.full(shape, ends[1])), yes, yes, slope)
+        return Enclosure((np.full(shape, ends[0]), np.full(shape, ends[1])), yes, yes, slope, fixed=True)
 
 
 _CONSTANTS: dict[str, tuple[float, float]] = {
@@ -105,12 +107,17 @@ def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
 
 def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair | None:
     """The slope of f(a), f' as given."""
-    return None if a.slope is None else scale(slope(), a.slope)
+    return a.slope if a.fixed or a.slope is None else scale(slope(), a.slope)
 
 
 def _total(parts: list[Pair | None]) -> Pair | None:
     first, second = parts
     return None if first is None or second is None else add(first, second)
+
+
+def _joint(a: Enclosure, b: Enclosure, first: Pair | None, second: Pair | None) -> Pair | None:
+    """The sum of what the slopes of a and of b contribute."""
+    return second if a.fixed else first if b.fixed else _total([first, second])
 
 
 def _nowhere(slope: Pair | None, wild: Flags) -> Pair | None:
@@ -134,14 +141,14 @@ def _const(value: float, like: Pair) -> Pair:
 
 def _add(args: list[Enclosure]) -> Enclosure:
     a, b = args
-    return Enclosure(add(a.value, b.value), *_both(args), _total([a.slope, b.slope]))
+    return Enclosure(add(a.value, b.value), *_both(args), _joint(a, b, a.slope, b.slope))
 
 
 def _multiply(args: list[Enclosure]) -> Enclosure:
     a, b = args
     if a is b:
         return _power(a, 2)
-    slope = _total([_chain(a, lambda: b.value), _chain(b, lambda: a.value)])
+    slope = _joint(a, b, _chain(a, lambda: b.value), _chain(b, lambda: a.value))
     return Enclosure(multiply(a.value, b.value), *_both(args), slope)
 
 

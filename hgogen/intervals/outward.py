@@ -65,9 +65,10 @@ def negate(a: Pair) -> Pair:
 
 def multiply(a: Pair, b: Pair) -> Pair:
     """a b; not negative where the signs say so, also after underflow."""
-    shape = np.broadcast_shapes(a[0].shape, b[0].shape)
-    x = np.stack([np.broadcast_to(end, shape) for end in (a[0], a[0], a[1], a[1])])
-    y = np.stack([np.broadcast_to(end, shape) for end in (b[0], b[1], b[0], b[1])])
+    x, y = np.empty((2, 4, *np.broadcast(a[0], b[0]).shape))
+    x[0], x[2] = a
+    y[0], y[1] = b
+    x[1], x[3], y[2], y[3] = x[0], x[2], y[0], y[1]
     low, high = _product(x, y)
     least, most = low.min(axis=0), high.max(axis=0)
     return np.where(_same(a, b), np.maximum(least, 0.0), least), np.where(_other(a, b), np.minimum(most, 0.0), most)
@@ -75,12 +76,15 @@ def multiply(a: Pair, b: Pair) -> Pair:
 
 def scale(a: Pair, b: Pair) -> Pair:
     """a b without a look for exact products: cheaper, and one float wider; not negative where the signs say so."""
-    products = [_zero_wins(x, y) for x in a for y in b]
+    zeros, others = (a[0] == 0, a[1] == 0), (b[0] == 0, b[1] == 0)
+    products = [
+        np.where(p | q, 0.0, x * y) for x, p in zip(a, zeros, strict=True) for y, q in zip(b, others, strict=True)
+    ]
     low, high = products[0], products[0]
     for product in products[1:]:
         low, high = np.minimum(low, product), np.maximum(high, product)
     # a true 0 (both ends of one factor 0) stays
-    none = ((a[0] == 0) & (a[1] == 0)) | ((b[0] == 0) & (b[1] == 0))
+    none = (zeros[0] & zeros[1]) | (others[0] & others[1])
     least, most = np.where(none, 0.0, down(low)), np.where(none, 0.0, up(high))
     return np.where((low == 0) & _same(a, b), 0.0, least), np.where((high == 0) & _other(a, b), 0.0, most)
 
@@ -150,10 +154,6 @@ def _sum(x: Array, y: Array) -> Pair:
     return total, (x - (total - part)) + (y - part)
 
 
-def _zero_wins(x: Array, y: Array) -> Array:
-    return np.where((x == 0) | (y == 0), 0.0, x * y)
-
-
 def _residual(x: Array, y: Array, product: Array) -> Array:
     """x y - product, exact."""
     t = _SPLIT * x
@@ -166,11 +166,12 @@ def _residual(x: Array, y: Array, product: Array) -> Array:
 
 def _product(x: Array, y: Array) -> Pair:
     """Floats below and above x y, equal where it is exact."""
-    product = _zero_wins(x, y)
+    zero = (x == 0) | (y == 0)
+    product = np.where(zero, 0.0, x * y)
     size = np.abs(product)
     known = (size > _SMALL) & (size < _LARGE) & (np.abs(x) < _LARGE) & (np.abs(y) < _LARGE)
     error = np.where(known, _residual(x, y, product), np.nan)
-    error = np.where((x == 0) | (y == 0), 0.0, error)
+    error = np.where(zero, 0.0, error)
     return np.where(error >= 0, product, down(product)), np.where(error <= 0, product, up(product))
 
 
@@ -207,11 +208,11 @@ def _power_up(x: Array, n: int) -> Array:
 
 def _repeated(x: Array, n: int, side: int) -> Array:
     """x^n, x >= 0, by squaring, each product rounded to one side (0: down, 1: up)."""
-    result = np.ones_like(x)
+    result = None
     while n:
         if n & 1:
-            result = np.maximum(_product(result, x)[side], 0.0)
+            result = x if result is None else np.maximum(_product(result, x)[side], 0.0)
         n >>= 1
         if n:
             x = np.maximum(_product(x, x)[side], 0.0)
-    return result
+    return np.ones_like(x) if result is None else result

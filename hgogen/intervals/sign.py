@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from fractions import Fraction
+from functools import lru_cache
 
 import sympy as sp
 
@@ -73,7 +74,14 @@ def nonzero(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, refute: bool =
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
-    problem = problem_of(expression, box)
+    return _nonzero(expression, tuple(box.items()), boxes, refute)
+
+
+@lru_cache  # several forms, and several hypotheses of one, ask for the sign of the same gain
+def _nonzero(
+    expression: sp.Expr, ends: tuple[tuple[sp.Symbol, tuple[End, End]], ...], boxes: int, refute: bool
+) -> Sign:
+    problem = problem_of(expression, dict(ends))
     if problem is None:
         return Sign(Verdict.REFUTED, 0, 0.0, {}, "it is not a finite real number", NOWHERE, Cause.UNDEFINED)
     never = False
