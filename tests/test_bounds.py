@@ -6,7 +6,7 @@ from fractions import Fraction
 import mpmath
 import pytest
 import sympy as sp
-from hypothesis import given, reject, settings
+from hypothesis import reject
 from hypothesis import strategies as st
 
 from hgogen.algebra.variants import STEEP, largest_exponent
@@ -15,6 +15,7 @@ from hgogen.intervals.bounds import Range, bound
 from hgogen.intervals.box import EmptyBox, box
 from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
+from tests.sweep import sweep
 
 u, v, w, p, q = NAMES = sp.symbols("u v w p q")
 UNIT = {s: (Fraction(-1), Fraction(1)) for s in NAMES}
@@ -323,8 +324,7 @@ def _pair(function: type[sp.Expr], a: sp.Expr, b: sp.Expr) -> sp.Expr:
         reject()
 
 
-@settings(deadline=None, max_examples=300)
-@given(st.recursive(_LEAVES, _grow, max_leaves=6), st.fractions(0, 1, max_denominator=50), st.fractions(0, 1))
+@sweep(100, 300, st.recursive(_LEAVES, _grow, max_leaves=6), st.fractions(0, 1, max_denominator=50), st.fractions(0, 1))
 def test_every_value_on_the_box_lies_in_the_range(expression: sp.Expr, s: Fraction, t: Fraction) -> None:
     there = {u: (Fraction(-3, 2), Fraction(2)), v: (Fraction(1, 10), Fraction(3))}
     if expression.has(sp.nan, sp.zoo, sp.I):

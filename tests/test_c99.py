@@ -179,7 +179,6 @@ def test_the_same_bytes_in_every_process(tmp_path: Path) -> None:
 
     wanted = listing("0")
     assert wanted.count("\n") == 24
-    assert listing("1") == wanted
     assert listing("4294967295") == wanted
     digest = hashlib.sha256(files("fitzhugh_nagumo")["fitzhugh_nagumo.c"].encode()).hexdigest()
     assert f"fitzhugh_nagumo float fitzhugh_nagumo.c {digest}" in wanted

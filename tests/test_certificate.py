@@ -845,7 +845,8 @@ def test_costly_expressions_fail_in_time(bent: dict[str, Any], text: str) -> Non
     assert time.perf_counter() - begin < 10
 
 
-def test_every_part_may_be_missing_or_of_another_type(bent: dict[str, Any]) -> None:
+@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.slow) for part in (1, 2, 3))])
+def test_every_part_may_be_missing_or_of_another_type(bent: dict[str, Any], part: int) -> None:
     """Each gives the sentence of a bad file, or a claim that fails; no other error."""
 
     def holders(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -855,7 +856,7 @@ def test_every_part_may_be_missing_or_of_another_type(bent: dict[str, Any]) -> N
             yield from holders(inner, (*path, key))
 
     count, passed = 0, set()
-    for path in holders({key: part for key, part in bent.items() if key not in ("model", "digest")}):
+    for path in list(holders({key: value for key, value in bent.items() if key not in ("model", "digest")}))[part::4]:
         for junk in (None, 7, {}):
             content = copy.deepcopy(bent)
             holder: Any = content
@@ -867,7 +868,7 @@ def test_every_part_may_be_missing_or_of_another_type(bent: dict[str, Any]) -> N
             count += 1
             if verified(sealed(content)):
                 passed.add(path[:2])
-    assert count > 200
+    assert count > 50
     assert passed <= {("hgogen",), ("plant", "outputs")}
 
 

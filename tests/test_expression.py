@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from hgogen.reading.expression import CHARACTERS, DEPTH, FUNCTIONS, LARGEST_EXP, TOKENS, BadExpression, parse
 from tests.oracle.text import read
+from tests.sweep import sweep
 
 DATA = Path(os.environ.get("HGOGEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 MODELS = DATA / "observability_models.json"
@@ -283,8 +284,7 @@ WRITTEN = st.recursive(
 )
 
 
-@settings(max_examples=600, deadline=None)
-@given(WRITTEN)
+@sweep(200, 600, WRITTEN)
 def test_any_formula_is_read_or_refused(text: str) -> None:
     tame(text)
 

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 import sympy as sp
 from form_answers import assert_same_plant, check, verdicts
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hgogen import forms, observers
@@ -21,6 +20,7 @@ from hgogen.forms.triangular import OneOutput
 from hgogen.registry import NoCase, load
 from hgogen.signal import Signal
 from hgogen.system import System
+from tests.sweep import sweep
 
 u, v, y = Signal("u", low=-1, high=1), Signal("v", low=1, high=2), Signal("y")
 p, k = Signal("p", nominal=0.8), Signal("k", nominal=2, low=1, high=4)
@@ -299,8 +299,7 @@ _JUMPY = st.sampled_from(
 )
 
 
-@settings(deadline=None, max_examples=30)
-@given(_ROWS, _JUMPY, _JUMPY, st.booleans())
+@sweep(10, 30, _ROWS, _JUMPY, _JUMPY, st.booleans())
 def test_a_proved_structure_is_the_plant_itself(row: sp.Expr, extra: sp.Expr, end: sp.Expr, swap: bool) -> None:
     """Whatever the verdict, the form is the plant; and where it is proved, the rows are linear indeed."""
     states = {X1: X2, X2: X1} if swap else {}
@@ -389,8 +388,7 @@ def test_gains_are_proved_refuted_or_honestly_unknown(
     assert_triangular(form)
 
 
-@settings(deadline=None, max_examples=30)
-@given(st.fractions(-1, 1, max_denominator=20), st.fractions(1, 2, max_denominator=20))
+@sweep(8, 30, st.fractions(-1, 1, max_denominator=20), st.fractions(1, 2, max_denominator=20))
 def test_a_gain_that_vanishes_somewhere_is_never_proved(at_u: sp.Rational, at_v: sp.Rational) -> None:
     gain = (u - sp.Rational(at_u)) ** 2 + (v - sp.Rational(at_v)) ** 2
     assert check(forms.triangular(plant([gain * X2, 0])), "a_2").verdict in (Verdict.REFUTED, Verdict.UNKNOWN)
@@ -486,8 +484,7 @@ def _scrambled(draw: st.DrawFn) -> tuple[System, tuple[sp.Expr, ...], tuple[sp.E
     return system, tuple(hidden[c] for c in z), tuple(gains)
 
 
-@settings(deadline=None, max_examples=60)
-@given(_scrambled())
+@sweep(15, 60, _scrambled())
 def test_a_scrambled_plant_is_recovered(
     scrambled: tuple[System, tuple[sp.Expr, ...], tuple[sp.Expr, ...]],
 ) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import sympy as sp
 from form_answers import assert_same_plant, check, verdicts
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
@@ -15,6 +14,7 @@ from hgogen.forms.uniform import OneOutputOnly
 from hgogen.observer import BadGain
 from hgogen.signal import Signal
 from hgogen.system import System
+from tests.sweep import sweep
 
 u, y1, y2 = Signal("u", low=-1, high=1), Signal("y1"), Signal("y2")
 p, k = Signal("p", nominal=0.8), Signal("k", nominal=2, low=1, high=4)
@@ -250,8 +250,7 @@ def test_the_filter_runs_on_blocks() -> None:
     assert [estimate["x3"], estimate["x4"]] == pytest.approx(last[2:], abs=2e-3)
 
 
-@settings(deadline=None, max_examples=10)
-@given(st.permutations(x[:5]), st.lists(st.sampled_from([1, -1]), min_size=5, max_size=5), st.integers(1, 4))
+@sweep(3, 10, st.permutations(x[:5]), st.lists(st.sampled_from([1, -1]), min_size=5, max_size=5), st.integers(1, 4))
 def test_scrambled_blocks_are_recovered(order: list[Signal], signs: list[int], n1: int) -> None:
     """Chains of n1 and 5 - n1 states, level by level, in shuffled states with random signs."""
     z = [s * o for s, o in zip(signs, order, strict=True)]

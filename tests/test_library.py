@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from hgogen import cli
 from hgogen.commands.answers import FIELDS, answers
 from hgogen.commands.library import BadLibrary, check, read
 from hgogen.commands.workers import End, Event, run
@@ -237,11 +239,18 @@ def test_the_command(tmp_path: Path) -> None:
     (tmp_path / "in.json").write_text(json.dumps({"models": [bad, GOOD]}))
     told = hgogen("check", "--library", "in.json", "--json=new/out.json", cwd=tmp_path).stderr
     assert told == "hgogen: wrote new/out.json, in a new folder\nhgogen: 1 of 2 models has an error\n"
+
+
+def test_what_the_command_refuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("in.json").write_text("no")
+
+    def refused(*arguments: str) -> str:
+        done = CliRunner().invoke(cli.app, ["check", *arguments])
+        assert done.exit_code == 2
+        return done.stderr
+
     for option in (("--deep",), ("--certificate", "c.json"), ("--bound", "x1"), ("--latex",)):
-        refused = hgogen("check", "--library", "in.json", *option, cwd=tmp_path)
-        assert (refused.returncode, "does nothing beside --library" in refused.stderr) == (2, True)
-    (tmp_path / "in.json").write_text("no")
-    refused = hgogen("check", "--library", "in.json", "--json", cwd=tmp_path)
-    assert refused.returncode == 2
-    assert "in.json: is no JSON" in refused.stderr
-    assert hgogen("check", cwd=tmp_path).returncode == 2
+        assert "does nothing beside --library" in refused("--library", "in.json", *option)
+    assert "in.json: is no JSON" in refused("--library", "in.json", "--json")
+    assert "MODEL" in refused()

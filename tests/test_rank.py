@@ -184,11 +184,13 @@ def library() -> list[tuple[str, tuple]]:
 
 
 @here
-def test_two_methods_agree_on_the_whole_library() -> None:
+@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.slow) for part in (1, 2, 3))])
+def test_two_methods_agree_on_the_whole_library(part: int) -> None:
     """Both questions, none missing: rank, order of derivatives, and which are observable one by one."""
-    models = library()
+    models = json.loads(LIBRARY.read_text())["models"]
     assert len(models) == 341
-    for name, (flow, output, states, inputs, parameters) in models:
+    for model in models[part::4]:
+        name, (flow, output, states, inputs, parameters) = model["name"], oracle.parse(model)
         ours = observability(flow, output, states, inputs, parameters)
         theirs = oracle.observability(flow, output, states, inputs, parameters)
         for rank, expected in zip((ours.known, ours.joint), theirs, strict=True):
