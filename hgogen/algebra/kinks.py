@@ -18,7 +18,22 @@ from hgogen.algebra.points import exact, put
 _LARGE = 400  # operations of a root's argument, of a piecewise expression, that are looked at
 
 
-class Norm(sp.Function):  # type: ignore[misc]
+class _Shown(sp.Function):  # type: ignore[misc]
+    """A function that is printed as SymPy has it."""
+
+    def _sympystr(self, printer: Any) -> str:
+        return str(printer.doprint(self.plain()))
+
+    def _latex(self, printer: Any, exp: str | None = None) -> str:
+        text = str(printer.doprint(self.plain()))
+        return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
+
+    def plain(self) -> sp.Expr:
+        """As SymPy has it."""
+        raise NotImplementedError
+
+
+class Norm(_Shown):
     """sqrt(e_1^2 + .. + e_k^2); of one argument |e|."""
 
     is_real = True
@@ -40,19 +55,12 @@ class Norm(sp.Function):  # type: ignore[misc]
         terms = (Direction(sp.Integer(i), *self.args) * e.diff(s) for i, e in enumerate(self.args) if e.has(s))
         return sp.Add(*terms)
 
-    def _sympystr(self, printer: Any) -> str:
-        return str(printer.doprint(self.plain()))
-
-    def _latex(self, printer: Any, exp: str | None = None) -> str:
-        text = str(printer.doprint(self.plain()))
-        return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
-
     def plain(self) -> sp.Expr:
         """As SymPy has it."""
         return sp.Abs(self.args[0]) if len(self.args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in self.args)))
 
 
-class Direction(sp.Function):  # type: ignore[misc]
+class Direction(_Shown):
     """Direction(i, e_0, .., e_(k-1)) = e_i/|e|, and at e = 0 every number of [-1, 1]; of one e it is the sign else."""
 
     is_real = True
@@ -76,13 +84,6 @@ class Direction(sp.Function):  # type: ignore[misc]
             return 2 * sp.DiracDelta(e) * e.diff(s)
         top, size = self.args[1 + int(self.args[0])], Norm(*self.args[1:])
         return top.diff(s) / size - top * size.diff(s) / size**2
-
-    def _sympystr(self, printer: Any) -> str:
-        return str(printer.doprint(self.plain()))
-
-    def _latex(self, printer: Any, exp: str | None = None) -> str:
-        text = str(printer.doprint(self.plain()))
-        return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
 
     def plain(self) -> sp.Expr:
         """As SymPy has it, sign(e) or e_i/|e|, without the set at 0; only to be read."""
