@@ -17,21 +17,14 @@ import sympy as sp
 
 from hgogen.algebra.points import exact
 from hgogen.door import asks_a_plant
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.intervals.box import Box, box
 from hgogen.named import in_order, names_of
 from hgogen.system import System
 
 
-@dataclass(eq=False)
-class BadErrorSystem(HgogenError):
+class BadErrorSystem(BadArgument):
     """Parts of an error system that do not fit together; the sentence names the part and the fix."""
-
-    what: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.reason}"
 
 
 @dataclass(frozen=True)

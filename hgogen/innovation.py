@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import casadi as ca
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
 from hgogen.named import Values, of_outputs
 from hgogen.observer import HUGE, Clock, Part, Pieces, real, reals
@@ -330,15 +330,8 @@ def window(d: float, method: Any = None, weights: float | Values | None = None) 
     return Window(float(d), _tableau(method), _weights(weights))
 
 
-@dataclass(eq=False)
-class BadWindowSize(HgogenError):
+class BadWindowSize(BadArgument):
     """A window, a number of predictors or a method that cannot be used."""
-
-    what: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.reason}"
 
 
 def _positive(d: float) -> None:

@@ -7,7 +7,6 @@ is: the order of a sequence is that of the coordinates.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from numbers import Real
 from types import MappingProxyType
@@ -16,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import sympy as sp
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.program import Field
@@ -28,15 +27,8 @@ _BLANK: Any = object()  # an entry of a matrix that its row leaves out
 _LENGTH = 120  # of a definition in a sentence
 
 
-@dataclass(eq=False)
-class BadNames(HgogenError):
+class BadNames(BadArgument):
     """Values by name of which one is missing, unknown or given twice."""
-
-    what: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.reason}"
 
 
 def in_order(

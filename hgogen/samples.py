@@ -6,22 +6,15 @@ from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.signal import Signal
 
 Engine = Literal["c", "python"]
 Take = Callable[[Any], None]
 
 
-@dataclass(eq=False)
-class BadShape(HgogenError):
+class BadShape(BadArgument):
     """An input or output array of the wrong shape or kind."""
-
-    what: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.reason}"
 
 
 def _position(name: str, names: tuple[str, ...]) -> int:

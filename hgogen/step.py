@@ -16,7 +16,7 @@ from typing import Any, Literal
 import casadi as ca
 
 from hgogen.chains.core import nominal
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 from hgogen.method import Method
 from hgogen.observer import HUGE, Clock, Observer, Pieces, tunable
 from hgogen.program import (
@@ -55,15 +55,8 @@ from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, us
 from hgogen.time_unit import of_time, plural
 
 
-@dataclass(eq=False)
-class BadStep(HgogenError):
+class BadStep(BadArgument):
     """A step length or option that cannot be used."""
-
-    what: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.reason}"
 
 
 @dataclass(eq=False)

@@ -9,12 +9,12 @@ is taken for its own period, a whole multiple of dt.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.program import Block, Call, Field, Program, Section, When, scalar, sym
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -25,15 +25,8 @@ OLDEST = ROUND // 2  # periods back that still count as late
 AT = "argument.at"  # the place of the number of the period in which a sample was taken
 
 
-@dataclass(eq=False)
-class BadRate(HgogenError):
+class BadRate(BadArgument):
     """A sensor's period that cannot be used."""
-
-    what: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.reason}"
 
 
 def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
