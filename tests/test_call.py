@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from plants import chain, fitzhugh_nagumo, kalman, pendulum, two_outputs, van_de
 import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
 from hgogen.emit import native
-from hgogen.emit.native import NoCompiler, NoCompilerWarning
+from hgogen.emit.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.step import BadStep
 
 NAN, INF = float("nan"), float("inf")
@@ -480,3 +481,15 @@ def test_c_without_a_compiler_is_refused() -> None:
         step.run(**record(step, 20), engine="c")
     assert step.save() == before
     assert step.run(**record(step, 20), engine="python").t[0] == 0
+
+
+def test_a_broken_compiler_leaves_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = tmp_path / "cc"
+    compiler.write_text("#!/bin/sh\necho no licence >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    step = BUILD["held"]()
+    with pytest.raises(CompilerFailed, match=r"no licence\nmend it, .* or say engine='python'"):
+        step.run(**record(step, 5))
+    assert step.run(**record(step, 5), engine="python").engine == "python"

@@ -45,7 +45,10 @@ class CompilerFailed(HgogenError):
     output: str
 
     def __str__(self) -> str:
-        return f"the compiler failed: {' '.join(self.command)}\n{self.output}"
+        return (
+            f"the compiler failed: {' '.join(self.command)}\n{self.output.rstrip()}\n"
+            "mend it, or name another by $CC, or say engine='python' for Python's reading of the step"
+        )
 
 
 def compiler() -> str | None:
