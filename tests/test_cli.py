@@ -588,10 +588,15 @@ def test_the_json_of_a_check_is_documented(here: Path, name: str):
     assert {row["verdict"] for row in found["forms"]} <= {None, "proved", "refuted", "where", "generic", "unknown"}
 
 
-@pytest.mark.parametrize("options", [(), ("--json",), ("--latex",)])
-def test_a_reader_that_stops_early_is_no_error(options: tuple[str, ...]):
+CHECK = ("check", str(NEURON))
+
+
+@pytest.mark.parametrize(
+    "arguments", [CHECK, (*CHECK, "--json"), (*CHECK, "--latex"), ("--help",), ("check", "--help")]
+)
+def test_a_reader_that_stops_early_is_no_error(arguments: tuple[str, ...]):
     """As `hgogen check MODEL | head -1`."""
-    command = [sys.executable, "-c", "from hgogen.cli import main; main()", "check", str(NEURON), *options]
+    command = [sys.executable, "-c", "from hgogen.cli import main; main()", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.close()  # type: ignore[union-attr]
     process.stdout = None

@@ -17,6 +17,18 @@ INTERRUPTED = 130  # the exit status after Ctrl-C, as a shell gives it: 128 + SI
 UNREAD = 141  # where the reader of the output is gone: 128 + SIGPIPE
 _RESULTS: ContextVar[TextIO | None] = ContextVar("results", default=None)
 _heard: list[int] = []
+_unread: list[int] = []
+
+
+class _Results(io.FileIO):
+    """A standard output that remembers that its reader is gone."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            _unread.append(len(data))
+            raise
 
 
 def note(sentence: str) -> None:
@@ -49,7 +61,7 @@ def set_apart() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY) if sys.stderr is None else 2, 1)
     except OSError:  # there is none, as under a service
         return
-    raw = io.BufferedWriter(io.FileIO(ours, "w"))
+    raw = io.BufferedWriter(_Results(ours, "w"))
     sys.stdout = io.TextIOWrapper(raw, sys.stdout.encoding, "backslashreplace", line_buffering=raw.isatty())
 
 
@@ -61,6 +73,8 @@ def dropped() -> int:
 
 def flushed(status: object) -> object:
     """The exit status after the last of the output."""
+    if _unread:  # as of the help, which is printed, and ended, by typer
+        return dropped()
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
