@@ -182,7 +182,7 @@ def simulate_(
     """
     loaded = load(model)
     step, trials = loaded.step(observer), loaded.trials()
-    chosen, engine = one_or_all(trials, trial), reader.value if reader else engine_here()
+    chosen, engine = one_or_all(trials, trial), engine_here(reader)
     done = _tried(step, chosen, engine, seeds)
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(summaries, done, strict=True)

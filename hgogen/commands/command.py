@@ -100,8 +100,10 @@ def _warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any)
     note(f"{kind}{' '.join(str(message).split())}")
 
 
-def engine_here() -> Engine:
-    """C where there is a compiler, else Python, and says so."""
+def engine_here(reader: Reader | None = None) -> Engine:
+    """The reader that is asked for, else C where there is a compiler, else Python, and says so."""
+    if reader:
+        return reader.value
     if native.compiler():
         return "c"
     note(str(native.NoCompilerWarning.__doc__))

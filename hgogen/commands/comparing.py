@@ -59,7 +59,7 @@ def compare_(
     loaded = load(model)
     folder = folder_of(out, loaded)
     names = _names(loaded, observers)
-    chosen, engine = one_or_all(loaded.trials(), trial), reader.value if reader else engine_here()
+    chosen, engine = one_or_all(loaded.trials(), trial), engine_here(reader)
     folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps = {one.name: _started(loaded, names, one) for one in chosen}
     first = steps[chosen[0].name]
