@@ -288,8 +288,9 @@ def state_field(form: Form, initial: Values | None, peak: float) -> Field:
 
     Its outer box is the declared one about its centre, half-width times peak^(i-1) (state i of a high-gain observer
     overshoots like that; of several chains, the power of theta in Delta^-1), and at least three times the declared
-    one's. By name `initial` may give inputs as well, at which the form's coordinates are read in place of the resting
-    ones: where they depend on inputs, the estimate is that state at those only.
+    one's. A state that `initial` does not name begins where it would without `initial`: at its nominal value, else at 0
+    or the end of its range nearest to it. By name `initial` may give inputs as well, at which the form's coordinates
+    are read in place of the resting ones: where they depend on inputs, the estimate is that state at those only.
 
     Raises: `BadNames`; `BadGain` for an initial state of the wrong length, not finite, or outside its range.
     """

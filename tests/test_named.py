@@ -217,6 +217,13 @@ def test_a_signal_stands_for_its_name_and_not_beside_it() -> None:
         filtered(Q={eta: 3, "x1": 1, "x2": 2, "eta": 3})
 
 
+def test_a_state_that_initial_leaves_out_starts_at_its_nominal_value() -> None:
+    x = [hg.Signal("a", nominal=0.5, low=-1, high=1), hg.Signal("b", low=0.25, high=1)]
+    plant = hg.System("two", states=x, outputs=(hg.Signal("y"),), flow=[x[1], -x[0]], output=[x[0]])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=2, poles=(-1, -1), initial={"b": 0.75})
+    assert observer.parts[0].fields[0].initial == (0.5, 0.75)
+
+
 @pytest.mark.parametrize("bad", ["a", None, float("nan"), -10.0, [1.0]])
 def test_a_value_that_is_no_gain_is_refused_by_name_too(bad: Any) -> None:
     with pytest.raises(BadGain, match=r"^Q"):
