@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
@@ -177,7 +178,11 @@ class Model:
         return self.default or next(timed, "")
 
     def _period(self) -> float:
-        """The sampling period (s) of tunings that have none."""
+        return self._own_period
+
+    @cached_property
+    def _own_period(self) -> float:
+        """The sampling period (s) of tunings that have none: one step is made for all of them."""
         if hasattr(self.module, "step"):
             return self._own_step().dt
         return self.tuning.period(self._first or next(iter(self.tuning.tables)))

@@ -90,12 +90,7 @@ class _Walk:
         return Enclosure((np.full(shape, ends[0]), np.full(shape, ends[1])), yes, yes, slope, fixed=True)
 
 
-_CONSTANTS: dict[str, tuple[float, float]] = {
-    "pi": endpoints.PI,
-    "e": endpoints.E,
-    "true": (1.0, 1.0),
-    "false": (0.0, 0.0),
-}
+_CONSTANTS = {"pi": endpoints.PI, "e": endpoints.E, "true": (1.0, 1.0), "false": (0.0, 0.0)}
 
 
 def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
@@ -133,10 +128,6 @@ def _jumpy(slope: Pair | None, wild: Flags, reads: list[Enclosure]) -> Pair | No
         return None
     varies = np.logical_or.reduce([(a.slope[0] != 0) | (a.slope[1] != 0) for a in reads if a.slope is not None])
     return _nowhere(slope, wild & varies)
-
-
-def _const(value: float, like: Pair) -> Pair:
-    return np.full(like[0].shape, value), np.full(like[0].shape, value)
 
 
 def _add(args: list[Enclosure]) -> Enclosure:
@@ -202,23 +193,23 @@ _DERIVATIVES: dict[str, Callable[[Pair, Pair], Pair]] = {  # of the argument a a
     "log": lambda a, f: reciprocal((np.maximum(a[0], 0.0), a[1])),
     "sin": lambda a, f: endpoints.apply("cos", a)[0],
     "cos": lambda a, f: negate(endpoints.apply("sin", a)[0]),
-    "tan": lambda a, f: add(_const(_ONE, a), power(f, 2)),
+    "tan": lambda a, f: add(_pair((_ONE, _ONE), a), power(f, 2)),
     "asin": lambda a, f: _inverse_root(a),
     "acos": lambda a, f: negate(_inverse_root(a)),
-    "atan": lambda a, f: reciprocal(add(_const(_ONE, a), power(a, 2))),
+    "atan": lambda a, f: reciprocal(add(_pair((_ONE, _ONE), a), power(a, 2))),
     "sinh": lambda a, f: endpoints.apply("cosh", a)[0],
     "cosh": lambda a, f: endpoints.apply("sinh", a)[0],
     "tanh": lambda a, f: reciprocal(power(endpoints.apply("cosh", a)[0], 2)),
-    "asinh": lambda a, f: reciprocal(outward.square_root(add(_const(_ONE, a), power(a, 2)))),
+    "asinh": lambda a, f: reciprocal(outward.square_root(add(_pair((_ONE, _ONE), a), power(a, 2)))),
     "acosh": lambda a, f: reciprocal(
-        outward.square_root(add(power((np.maximum(a[0], 1.0), a[1]), 2), _const(-_ONE, a)))
+        outward.square_root(add(power((np.maximum(a[0], 1.0), a[1]), 2), _pair((-_ONE, -_ONE), a)))
     ),
     "atanh": lambda a, f: reciprocal(_one_minus_square(a)),
 }
 
 
 def _one_minus_square(a: Pair) -> Pair:
-    low, high = add(_const(_ONE, a), negate(power(a, 2)))
+    low, high = add(_pair((_ONE, _ONE), a), negate(power(a, 2)))
     return np.maximum(low, 0.0), high
 
 
