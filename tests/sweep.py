@@ -1,6 +1,7 @@
-"""Random examples, few in the ordinary run and many in the slow one."""
+"""Sweeps, a part of them in the ordinary run and the whole, or the rest, in the slow one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import product
 from typing import Any
 
 import pytest
@@ -22,3 +23,11 @@ def sweep(few: int, many: int, *strategies: SearchStrategy[Any]) -> Callable[[Ch
         return test
 
     return decorated
+
+
+def by_turns(names: Iterable[str], variants: Iterable[str]) -> list[Any]:
+    """All pairs of a name and a variant; in the ordinary run each name with one variant, by turns."""
+    names, variants = list(names), list(variants)
+    pairs = product(enumerate(names), enumerate(variants))
+    ordinary = {(name, variant): j == k % len(variants) for (k, name), (j, variant) in pairs}
+    return [pytest.param(*pair, marks=() if now else pytest.mark.slow) for pair, now in ordinary.items()]

@@ -17,6 +17,7 @@ import hgogen as hg
 from hgogen.emit.cfold import COLUMNS
 from hgogen.emit.cprint import BeyondFloat
 from hgogen.step import BadStep
+from tests.sweep import by_turns
 
 NAMES = list(emitted.STEPS)
 REALS = ("float", "double")
@@ -39,8 +40,7 @@ def exact(name: str) -> str:
 # --- compilers ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("real", REALS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "real"), by_turns(NAMES, REALS))
 def test_gcc_has_no_warning_and_every_bit_is_as_recorded(name: str, real: str, tmp_path: Path) -> None:
     assert check("gcc", name, real, tmp_path, "-O2", exact(name)) == passed(name)
 

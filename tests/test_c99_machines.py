@@ -12,10 +12,12 @@ from emitted import M4F, M7, files, run, step, tool
 import hgogen as hg
 from hgogen.emit.cprint import literal
 from hgogen.emit.native import WARNINGS
+from tests.sweep import by_turns
 
 NAMES = list(emitted.STEPS)
 ARM = ("-std=c99", "-O2", "-ffp-contract=off")
 M0 = ("-mcpu=cortex-m0", "-mthumb")
+MACHINES = {"M4F": M4F, "M0": M0}
 
 
 def firmware(name: str, folder: Path) -> str:
@@ -28,16 +30,15 @@ def firmware(name: str, folder: Path) -> str:
 # --- what a float build needs -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("machine", [M4F, M0], ids=["M4F", "M0"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "machine"), by_turns(NAMES, MACHINES))
 def test_a_float_build_calls_nothing_in_double_and_holds_no_static_data(
-    name: str, machine: tuple[str, ...], tmp_path: Path
+    name: str, machine: str, tmp_path: Path
 ) -> None:
     compiler, nm, size = (tool(f"arm-none-eabi-{end}") for end in ("gcc", "nm", "size"))
-    run([compiler, *ARM, *machine, *WARNINGS, "-c", firmware(name, tmp_path), "-o", "step.o"], tmp_path)
+    run([compiler, *ARM, *MACHINES[machine], *WARNINGS, "-c", firmware(name, tmp_path), "-o", "step.o"], tmp_path)
     needed = set(re.findall(r"\bU (\w+)", run([nm, "step.o"], tmp_path)))
     compiler_s = {"memset", "memcpy"}  # for arrays
-    if machine is M0:  # float by helpers, none of them of double
+    if machine == "M0":  # float by helpers, none of them of double
         compiler_s |= {symbol for symbol in needed if re.fullmatch(r"__aeabi_(f\w+|[iu]i?2f|f2u?iz|u?idiv\w*)", symbol)}
     assert needed <= compiler_s
     data, bss = map(int, run([size, "step.o"], tmp_path).splitlines()[1].split()[1:3])

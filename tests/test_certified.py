@@ -15,6 +15,7 @@ import hgogen as hg
 from hgogen.chains.gains import coefficients
 from hgogen.check import Check, Verdict
 from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles, up
+from tests.sweep import sweep
 
 
 def bound(plant: hg.System, poles: tuple[complex, ...]) -> ThetaBound:
@@ -122,8 +123,7 @@ def test_the_search_finds_a_smaller_bound() -> None:
 # --- in simulation ------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=5)
-@given(st.integers(1, 4), st.integers(0, 2**32 - 1), st.booleans())
+@sweep(2, 10, st.integers(1, 4), st.integers(0, 2**32 - 1), st.booleans())
 def test_the_error_decays_as_proved(n: int, seed: int, driven: bool) -> None:
     """Random triangular systems of bounded slopes, from anywhere in the box: V(t) <= exp(-2 r t) V(0)."""
     rng = np.random.default_rng(seed)

@@ -17,6 +17,7 @@ from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.observer import BadGain
 from hgogen.step import StepTooLong
+from tests.sweep import by_turns
 
 NAN = float("nan")
 METHODS = ("rk4", "rk4_covariance", "continuous_discrete", "heun", "euler")
@@ -71,9 +72,8 @@ def swing(count: int, dt: float) -> np.ndarray:
 # --- an extended Kalman filter of inverse weights -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ["triangular", "several outputs"])
-def test_for_linear_outputs_it_is_the_kalman_filter_of_inverse_weights(name: str, method: str) -> None:
+@pytest.mark.parametrize(("method", "name"), by_turns(METHODS, ["triangular", "several outputs"]))
+def test_for_linear_outputs_it_is_the_kalman_filter_of_inverse_weights(method: str, name: str) -> None:
     """To the rounding of two inverses (condition below 10) and of some hundred contracting steps."""
     form, P0 = forms()[name], np.diag([1.0, 2.0, 4.0])
     R = np.array([3.0] if len(form.output) == 1 else [3.0, 5.0])

@@ -212,10 +212,10 @@ def test_m_is_no_threshold() -> None:
     ("thresholds", "size", "share"),
     [
         ((0.16, 0.32), 0.0, 0.0),
-        ((0.16, 0.32), 0.2, 0.0),
+        pytest.param((0.16, 0.32), 0.2, 0.0, marks=pytest.mark.slow),
         ((0.16, 0.32), 0.4, 0.78),
         ((0.12, 0.20), 0.0, 0.05),
-        ((0.12, 0.20), 0.2, 0.20),
+        pytest.param((0.12, 0.20), 0.2, 0.20, marks=pytest.mark.slow),
         ((0.12, 0.20), 0.4, 1.0),
     ],
 )
