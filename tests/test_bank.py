@@ -295,6 +295,18 @@ def test_the_predictors_of_a_member_restart_from_its_estimate() -> None:
     assert memory["score_predictor.sum"][0].any()  # its score goes on
 
 
+def test_a_member_beyond_the_last_is_the_first() -> None:
+    """Of a state that was worn: no index reaches beyond the array. Hardly a member is better by such a hysteresis."""
+    made, found = step(count=3, period=0.4, hysteresis=1e-3), []
+    made.run(**waves(made, 100))
+    kept = made.save()
+    for selected in (0, 1, 3):
+        made.restore(kept)
+        made._kept.places["state.selected"][0] = selected
+        found.append(made(0.1, 0.2).x.tolist())
+    assert found[0] == found[2] != found[1]
+
+
 # --- its C --------------------------------------------------------------------------------------------------
 
 

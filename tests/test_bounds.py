@@ -13,6 +13,7 @@ from hgogen.algebra.variants import STEEP, largest_exponent
 from hgogen.check import Verdict
 from hgogen.intervals.bounds import Range, bound
 from hgogen.intervals.box import EmptyBox, box
+from hgogen.intervals.rational import multiplied
 from hgogen.intervals.sign import nonzero
 from hgogen.signal import Signal
 from tests.sweep import sweep
@@ -46,6 +47,8 @@ KNOWN: list[tuple[sp.Expr, dict[sp.Symbol, tuple[object, object]], float, float]
     (sp.atan(u) - u, {}, pi / 4 - 1, 1 - pi / 4),
     (sp.Abs(u) - u**2, {}, 0, 0.25),
     (sp.Max(u, -u / 2), {}, 0, 1),
+    (sp.Min(u - 3, -R(29, 10) * u), {u: (0, 1)}, -3, -R(29, 13)),
+    (sp.Max(3 - u, R(29, 10) * u), {u: (0, 1)}, R(29, 13), 3),
     (u ** R(1, 3) - u, {u: (0, 1)}, 0, 2 / (3 * math.sqrt(3))),
     (u ** sp.Float(0.5) - u, {u: (0, 1)}, 0, 0.25),
     (u**w - 1, {u: (1, 2), w: (1, 3)}, 0, 7),
@@ -375,3 +378,22 @@ def _value(expression: sp.Expr, point: dict[sp.Symbol, Fraction]) -> mpmath.mpf 
     if not (value.is_Float or value.is_Rational) or (value.is_Float and value._prec == 1):
         reject()
     return mpmath.mpf(int(value.p)) / int(value.q) if value.is_Rational else mpmath.mpf(value._mpf_)
+
+
+@pytest.mark.parametrize(
+    ("expression", "low", "high"),
+    [(sp.log(u), 0, 1), (sp.atanh(u), -1, 0), (sp.atanh(u), 0, 1), (1 / sp.sqrt(u), 0, 1), (sp.log(1 - u), 0, 1)],
+    ids=str,
+)
+def test_what_has_no_value_at_a_closed_end_is_not_defined(expression: sp.Expr, low: int, high: int) -> None:
+    assert not bound(expression, {u: (low, high)}).defined
+    inside = R(1, 100)
+    assert bound(expression, {u: (low + inside, high - inside)}).defined
+
+
+def test_a_fraction_that_is_too_long_is_shortened_outward() -> None:
+    low, high = Fraction(10**200 + 1, 3**400), Fraction(7**300, 10**190 + 3)
+    found = multiplied((low, high), (low, high))
+    assert found[0] < low * low < high * high < found[1]
+    assert max(end.numerator.bit_length() for end in found) < (low * low).numerator.bit_length()
+    assert found == pytest.approx((low * low, high * high), rel=1e-100)

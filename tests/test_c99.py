@@ -1,21 +1,25 @@
 """Emitted C: no compiler warns, every compiler computes the recorded bits, and the text is the same everywhere."""
 
 import hashlib
+import operator
 import os
 import platform
 import socket
 import subprocess
 import sys
 from datetime import UTC, datetime
+from itertools import product
 from pathlib import Path
+from typing import Any
 
+import casadi as ca
 import emitted
 import pytest
 from emitted import compiled, files, run, step, tool
 
 import hgogen as hg
 from hgogen.emit.cfold import COLUMNS
-from hgogen.emit.cprint import BeyondFloat
+from hgogen.emit.cprint import BeyondFloat, Printer, Target, body
 from hgogen.step import BadStep
 from tests.sweep import by_turns
 
@@ -215,6 +219,17 @@ def test_a_number_beyond_float_is_refused_in_float_only(constant: float) -> None
     with pytest.raises(BeyondFloat, match="beyond the range of float"):
         hg.targets.c99(made)
     assert hg.targets.c99(made, real="double")
+
+
+@pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.eq, operator.ne])
+def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> None:
+    """Counters are never NaN, so that no ! is needed; such a comparison reads the same in Python."""
+    symbols = [ca.SX.sym(name) for name in "ab"]
+    graph = ca.Function("graph", symbols, [ca.logic_not(compare(*symbols))])
+    names = {"inputs": lambda argument, _: "ab"[argument], "local": lambda argument, _: "ab"[argument]}
+    (line,) = body(Printer("unsigned", "x", **names), graph, [Target(lambda text: [text], flag=True)], [], [])
+    for a, b in product(range(3), repeat=2):
+        assert eval(line, {"a": a, "b": b}) is not compare(a, b)
 
 
 # --- the self-check -----------------------------------------------------------------------------------------

@@ -385,6 +385,7 @@ def test_the_rank_of_a_phase_form(original: bool) -> None:
     assert "u_dot" in chain["chain"][2]
     for holder, key, value, failing in (
         (rank, "low", "1001/1000", ["phase.rank"]),
+        (rank, "low", "0", ["phase.rank"]),
         (rank, "high", "4999/1000", ["phase.rank"]),
         (rank, "expression", "3*x1**2/4 + 1", ["phase.rank"]),
         (rank, "box", {"x1": ["0", "2"]}, ["phase.rank"]),

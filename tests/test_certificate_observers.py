@@ -16,6 +16,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.certificate import certificate
 from hgogen.commands import jobs
+from hgogen.convergence.lmi import common
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
@@ -599,3 +600,38 @@ def test_a_form_whose_b_is_taken_at_the_recovered_state_says_so() -> None:
     assert claims.form.behind is not None
     assert content["form"]["kind"] == "phase.recovered"
     assert found(content)["phase.chain"] == "verified"
+
+
+@pytest.mark.parametrize(
+    "name", ["filtered", "filtered_injection", "low_power", "peaking_free", "stubborn", "dead_zone"]
+)
+def test_theta_counts_from_its_bound_on(name: str) -> None:
+    content = written(name)
+    bound = threshold(name, claim_of(content, f"{name}.convergence")["evidence"])
+    for share, verdict in ((1 - 1e-9, "fails"), (1 + 1e-9, "verified")):
+        content["observer"]["theta"] = str(Fraction(bound * share))
+        assert found(content)[f"{name}.theta"] == verdict
+
+
+def test_units_are_positive() -> None:
+    content = written("low_power")
+    evidence = claim_of(content, "low_power.convergence")["evidence"]
+    evidence["units"][0] = evidence["scale"][0] = "0"
+    (row,) = [row for row in recheck(sealed(content)).rows if row.id == "low_power.convergence"]
+    assert (row.found, row.sentence) == ("fails", "its units are not positive")
+
+
+def test_a_core_counts_with_its_saturations_as_well() -> None:
+    """p1' = q1 - 2 p1, q1' = -p1, p2' = 4 (s q1 - p2): P by Lyapunov's equation for s = 1 is none for s = 0."""
+    content = written("peaking_free")
+    evidence = claim_of(content, "peaking_free.convergence")["evidence"]
+    content["observer"]["last"] = "4"
+    t = [Fraction(unit) for unit in (evidence["units"][0], *[evidence["units"][1]] * 2)]
+    for shares, verdict in (((1,), "fails"), ((1, 0), "verified")):
+        cores = [((-2, 0, 1), (0, -4, 4 * share), (-1, 0, 0)) for share in shares]
+        scaled = [tuple(tuple(t[i] * N[i][j] / t[j] for j in range(3)) for i in range(3)) for N in cores]
+        proof = common(scaled)
+        assert proof is not None
+        evidence["P"] = [[str(value) for value in row] for row in proof.P]
+        evidence["push"] = str(3 * proof.peak)
+        assert found(content)["peaking_free.convergence"] == verdict

@@ -1,5 +1,6 @@
 """The certified bound on theta: by hand, against eigenvalues in floats, and in simulation."""
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -45,6 +46,42 @@ def test_one_state_by_hand() -> None:
     for p, expected in ((1.0, 2.0), (0.25, 8.0), (4.0, 1.0)):
         assert float(bound(chain(1), (-p,)).theta) == pytest.approx(expected, rel=1e-2)
         assert bound(chain(1), (-p,)).theta >= expected
+
+
+def test_a_theta_at_its_bound_is_not_above_it() -> None:
+    """A chain of integrators alone has L_b = 0 and the bound 1."""
+    x = states(2)
+    form = hg.forms.triangular(plant([x[1], 0], x))
+    for theta, verdict in ((1, Verdict.UNKNOWN), (1.001, Verdict.PROVED)):
+        assert theta_check(hg.observers.high_gain(form, theta=theta, poles=(-1, -1))).verdict is verdict
+
+
+def test_a_row_that_reads_too_much_has_no_bound() -> None:
+    x = states(2)
+    form = hg.forms.triangular(plant([x[1], -x[0]], x))
+    z1, z2 = form.states
+    assert isinstance(of_poles(form, (2, 1)), ThetaBound)
+    found = of_poles(replace(form, b=(sp.sin(z2), -z1)), (2, 1))
+    assert isinstance(found, Nothing)
+    assert found.reason == f"b_1 = sin({z2}) reads more than z_1..z_1"
+
+
+def test_the_rate_by_hand() -> None:
+    """e' = -p theta e + ..|e| L: the error of one state decays like exp(-(p theta - L) t), and of P nothing is left."""
+    for p, theta in ((1.0, 5.0), (0.25, 20.0)):
+        found = bound(chain(1), (-p,))
+        assert found.rate(theta) == pytest.approx(p * theta - 2, rel=1e-2)
+        assert found.rate(theta) <= p * theta - 2
+
+
+def test_the_core_of_several_outputs_has_the_gains_of_each() -> None:
+    """Chains of one and of two states: -5, and [[-2, 1], [-1, 0]]."""
+    x = states(3)
+    data = {"states": x, "outputs": (hg.Signal("y1"), hg.Signal("y2")), "output": [x[0], x[1]]}
+    form = hg.forms.block_triangular(hg.System("two", **data, flow=[-x[0], x[2], -x[1]]), "top")
+    found = of_gains(form, (5, 2, 1))
+    assert isinstance(found, ThetaBound), found
+    assert found.lyapunov.vertices == (((-5, 0, 0), (0, -2, 1), (0, -1, 0)),)
 
 
 def test_two_states_by_hand() -> None:

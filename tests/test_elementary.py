@@ -206,6 +206,22 @@ def test_error_of_two_arguments(name: str, real: Real) -> None:
 
 
 @pytest.mark.parametrize("real", REALS)
+def test_atan2_next_to_the_negative_axis_has_every_bit_of_pi(real: Real) -> None:
+    """pi less an angle of at most 1e-3, whose own error is 1e-3 of a unit of pi: one rounding remains."""
+    y = np.geomspace(1e-6, 1e-3, COUNT[real]).astype(TYPE[real])
+    assert ulps("atan2", real, y, np.full_like(y, -1)).max() <= 0.51
+
+
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", ["sinh", "cosh"])
+def test_hyperbolic_functions_reach_the_largest_numbers(name: str, real: Real) -> None:
+    """e^x/2 up to log(2 MAX), beyond the x where e^x itself overflows; a rounding of x - log 2 is some 700 eps."""
+    x = (np.log(2) + np.log(float(np.finfo(TYPE[real]).max)) - np.array([0.6, 0.3, 0.01])).astype(TYPE[real])
+    wanted = np.exp(x.astype(float) - np.log(2))
+    assert call(name, real, x) == pytest.approx(wanted, rel=1e3 * float(np.finfo(TYPE[real]).eps))
+
+
+@pytest.mark.parametrize("real", REALS)
 def test_error_of_pow(real: Real) -> None:
     """x^y multiplies the error of log x, below 1 ulp, and of the product, 1/2 ulp, by |y log x|."""
     rng, n = np.random.default_rng(7), COUNT[real]

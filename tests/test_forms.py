@@ -19,6 +19,7 @@ from hgogen.forms.original import BadOrder
 from hgogen.forms.triangular import OneOutput
 from hgogen.registry import NoCase, load
 from hgogen.signal import Signal
+from hgogen.structure.positive import positive
 from hgogen.system import System
 from tests.sweep import sweep
 
@@ -668,3 +669,10 @@ def test_a_slope_does_not_see_a_jump() -> None:
 
 def verdicts_of(form: Form) -> dict[str, Check]:
     return {check.id: check for check in form.checks}
+
+
+def test_a_slope_of_the_wrong_sign_is_refuted() -> None:
+    x = Signal("x", low=1, high=2)
+    system = System("one", states=(x,), outputs=(Signal("y"),), flow=[-x], output=[x])
+    verdicts = {text: positive("a", "a", a, system).verdict for text, a in {"x": x, "-x": -x, "x - 3": x - 3}.items()}
+    assert verdicts == {"x": Verdict.PROVED, "-x": Verdict.REFUTED, "x - 3": Verdict.REFUTED}

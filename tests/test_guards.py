@@ -1,10 +1,13 @@
 """Guards that a firmware engineer found wanting: each was seen to fail."""
 
+import casadi as ca
+import neuron
 import numpy as np
 import pytest
 import sympy as sp
 
 import hgogen as hg
+from hgogen.emit.exact import machine
 
 
 def pendulum(**output: float) -> hg.Step:
@@ -47,9 +50,75 @@ def test_a_lost_value_restarts_the_whole_state(field: str, lost: float) -> None:
 
 
 def test_outside_the_box_is_said_of_the_estimate_that_is_returned() -> None:
-    rng = np.random.default_rng(0)
-    step = pendulum(low=-4, high=4)
-    for k in range(2000):
-        sample = step(u=0, y=rng.uniform(-8, 8) if k % 200 > 100 else 0.0)
+    """A reading of 7 or -7 for .1 s leads the estimate out of the box on each side, and back."""
+    step, seen = pendulum(low=-4, high=4), set()
+    for k in range(800):
+        sample = step(u=0, y=7 * (-1) ** (k // 200) if k % 200 > 100 else 0)
         outside = abs(sample["q"]) > 4 or abs(sample["w"]) > 20
         assert ("OUTSIDE_BOX" in sample.flags) == outside
+        seen |= {(outside, sample["q"] > 4, sample["q"] < -4)}
+    assert seen >= {(True, True, False), (True, False, True), (False, False, False)}
+
+
+def test_beyond_the_box_the_model_is_evaluated_at_its_edge_but_for_its_linear_part() -> None:
+    """q' = w as it stands; w' = -19.6 sin q - .1 w + tau at q = 4, w = 20, and so its slopes."""
+    dynamics, z, tau = pendulum().observer.dynamics, ca.SX.sym("z", 2), ca.SX.sym("tau")
+    at = ca.Function("at", [z, tau], [dynamics.flow(z, tau), dynamics.jacobian(z, tau)])
+    flow, slopes = (np.array(values) for values in at([6, 25], 0.5))
+    assert flow.ravel() == pytest.approx([25, -19.6 * np.sin(4) - 0.1 * 20 + 0.5], rel=1e-12)
+    assert slopes == pytest.approx(np.array([[0, 1], [-19.6 * np.cos(4), -0.1]]), rel=1e-12)
+
+
+def still(**signal: float) -> hg.Step:
+    """x1' = x2' = u, y = x1 + x2."""
+    x, u = [hg.Signal(name, **signal) for name in ("x1", "x2")], hg.Signal("u", low=-1, high=1)
+    plant = hg.System("still", states=x, inputs=(u,), outputs=(hg.Signal("y"),), flow=[u, u], output=[x[0] + x[1]])
+    return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=(1, 1), R=1), dt=0.01)
+
+
+def test_a_sample_too_far_from_the_prediction_to_be_squared_is_rejected() -> None:
+    """Without ranges an estimate may be anywhere; in a float the square of 1e20 is infinite."""
+    step = still()
+    step._kept.places["state.z"][0] = 1e20
+    assert step(u=0, y=0).flags == ("REJECTED_y",)
+    step.reset()
+    step._kept.places["state.z"][0] = 1e15
+    assert step(u=0, y=0).flags == ()
+
+
+def test_a_restart_keeps_the_last_input() -> None:
+    """It is no estimate: an input that is lost after it is still replaced by the last valid one."""
+    reader = machine(still(low=-2, high=2), "double")
+    reader.memory["input.u"][0] = 0.5
+    reader.call()
+    reader.section("predict")
+    reader.memory["state.D"][0] = np.nan
+    assert "RESTARTED" in reader.step.flags(reader.section("update_y"))
+    assert reader.memory["state.z"].tolist() == [0, 0]
+    reader.memory["input.u"][0] = np.nan
+    assert "REUSED_u" in reader.step.flags(reader.section("predict"))
+    assert reader.memory["state.z"] == pytest.approx([0.5 * reader.step.dt] * 2, rel=1e-12)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_at_the_edge_of_its_outer_box_an_estimate_is_not_projected(end: int) -> None:
+    step = still(low=-2, high=2)
+    step(u=0, y=np.nan)
+    (z,) = (field for field in step.state if field.name == "z")
+    step._kept.places["state.z"][:] = [ends[end] for ends in z.box]
+    assert "STATE_LIMITED" not in step(u=0, y=np.nan).flags
+    step._kept.places["state.z"][0] *= 1.001
+    assert "STATE_LIMITED" in step(u=0, y=np.nan).flags
+
+
+def test_theta_stays_below_twice_theta_1_as_it_is_tuned() -> None:
+    """From 7.9, of theta_1 = 4: tuned to 1.5, theta is at most 3 at once, whatever the innovation."""
+    reader = machine(neuron.step(neuron.adaptive()), "double")
+    for _ in range(2):  # the first call advances no time
+        reader.call()
+    reader.memory["gain.theta_1"][0], reader.memory["state.theta"][0] = 1.5, 7.9
+    reader.tune()
+    for innovation in (10.0, 0.0):
+        reader.memory["state.innovation"][0] = innovation
+        reader.section("adapt")
+        assert 1 <= reader.memory["state.theta"][0] <= 3

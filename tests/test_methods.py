@@ -1,6 +1,7 @@
 """Methods: their orders against the continuous equations, the covariance's views, step lengths that are admitted."""
 
 import re
+import sys
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -315,6 +316,49 @@ def test_a_step_in_float_comes_back_after_2000_samples_without_measurement() -> 
     for _ in range(1500):
         reader.call()
     assert np.abs(reader.memory["state.z"]).max() < 0.1
+
+
+@pytest.mark.parametrize("loops", [False, True])
+def test_beyond_its_cap_the_covariance_is_scaled_by_rows_and_columns(
+    loops: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """S P S with S = diag(min(1, cap_i/P_ii)), a congruence; the states stand still and Q adds some 1e-12 of P."""
+    if loops:
+        monkeypatch.setattr(sys.modules["hgogen.methods.continuous_discrete"], "UNROLLED", 0)
+    x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2, 3)]
+    plant = hg.System("still", states=x, outputs=(hg.Signal("y"),), flow=[0, 0, 0], output=[x[0] + x[1] + x[2]])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-12,) * 3, R=1.0)
+    reader, (part,) = machine(hg.sample(observer, dt=0.01), "double"), observer.parts
+    memory, below = reader.memory, np.triu_indices(3, 1)
+    memory["output.y"][0] = np.nan
+    reader.call()  # the first call advances no time
+
+    columns, d = np.array([[1.0, 0.5, -0.25], [0, 1, 2], [0, 0, 1]]), part.cap * [0.5, 3.0, 0.1]
+    P = columns.T @ np.diag(d) @ columns
+    scale = np.minimum(1, part.cap / np.diag(P))
+    assert (scale < 1).tolist() == [False, True, True]
+    memory["state.D"][:] = d
+    memory["column.v" if loops else "state.L"][:] = columns if loops else columns[below]
+    assert "COVARIANCE_LIMITED" in reader.step.flags(reader.call())
+
+    columns[below] = memory["column.v"][below] if loops else memory["state.L"]
+    found = columns.T @ np.diag(memory["state.D"]) @ columns
+    assert found == pytest.approx(np.diag(scale) @ P @ np.diag(scale), rel=1e-9)
+
+
+def test_a_covariance_may_fall_far_below_its_first_value() -> None:
+    """Of two states that stand still, each seen alone, P_ii <- (P_ii + h q) r/(P_ii + h q + r), r = R/h."""
+    x, y = [hg.Signal(f"x{i}", low=-1e3, high=1e3) for i in (1, 2)], [hg.Signal(f"y{i}") for i in (1, 2)]
+    plant = hg.System("still", states=x, outputs=y, flow=[0, 0], output=x)
+    q, R, h = 1e-12, 1e-12, 0.01
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(q, q), R=(R, R), covariance=(1e6, 1e6))
+    reader, P = machine(hg.sample(observer, dt=h), "double"), 1e6
+    reader.memory["output.y1"][0] = reader.memory["output.y2"][0] = 0.0
+    for k in range(50):
+        reader.call()
+        predicted = P + h * q * (k > 0)  # the first call advances no time
+        P = predicted * (R / h) / (predicted + R / h)
+        assert reader.memory["state.D"] == pytest.approx([P, P], rel=1e-9)
 
 
 # --- step lengths -------------------------------------------------------------------------------------------

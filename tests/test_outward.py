@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from flint import arb, ctx
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -152,3 +153,23 @@ def test_turning_points_are_met() -> None:
             (least, most), defined = endpoints.apply(name, pair(low, high))
             assert (float(least[0]), float(most[0])) == pytest.approx(expected, rel=1e-15, abs=1e-15), name
             assert defined[0] == (abs(expected[0]) < math.inf and abs(expected[1]) < math.inf), name
+
+
+@pytest.mark.parametrize(("name", "phase"), [("sin", 1), ("cos", 0)])
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e13])
+def test_between_the_floats_next_to_where_a_wave_turns_is_its_extreme(name: str, phase: int, size: float) -> None:
+    """At (4 k + phase) pi/2 it is 1, pi further -1; at 1e13 the floats are 2e-3 apart."""
+    below = {}
+    with ctx.workprec(200):
+        for sign, turn in ((1, phase), (-1, phase + 2)):
+            first = round(size / 6)
+            exactly = [(4 * k + turn) * arb.pi() / 2 for k in range(first, first + 400)]
+            near = [float(ball) for ball in exactly]
+            below[sign] = [
+                x if arb(x) < ball else math.nextafter(x, -math.inf) for x, ball in zip(near, exactly, strict=True)
+            ]
+    for sign, ends in below.items():
+        low = np.array(ends)
+        (least, most), everywhere = endpoints.apply(name, (low, np.nextafter(low, np.inf)))
+        assert everywhere.all()
+        assert ((most if sign > 0 else least) == sign).all()

@@ -53,3 +53,22 @@ def test_what_exact_algebra_cannot_do_is_unknown(u: str, period: str | None) -> 
 
 def test_the_shortest_period_is_proved() -> None:
     assert persistent("p", turned(), {"u": "sin(24*t)"}, "pi/12").verdict is Verdict.PROVED
+
+
+def test_an_input_that_touches_its_range_from_outside_shows_nothing() -> None:
+    """u = -sin(t) is below 1 but at t = 3 pi/2, so that the observer takes 1 for good, and x2 shows in u - 1 alone."""
+    x, u = [hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2, 3)], hg.Signal("u", low=1, high=2)
+    data = {"states": x, "inputs": (u,), "outputs": (hg.Signal("y1"), hg.Signal("y2")), "flow": [0, 0, 0]}
+    form = hg.forms.state_affine(hg.System("touched", **data, output=[x[0] + (u - 1) * x[1], x[2]]))
+    assert persistent("p", form, {"u": "-sin(t)"}, "2*pi").verdict is Verdict.UNKNOWN
+    assert persistent("p", form, {"u": "1.5 - sin(t)/4"}, "2*pi").verdict is Verdict.PROVED
+
+
+def test_two_inputs_that_hide_a_state_together() -> None:
+    """y = x1 + sin(t) x2 is constant, for x1' = -cos(t) x2."""
+    x = [hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2)]
+    u, w = (hg.Signal(name, low=-2, high=2) for name in "uw")
+    data = {"states": x, "inputs": (u, w), "outputs": (hg.Signal("y"),), "flow": [w * x[1], 0]}
+    form = hg.forms.state_affine(hg.System("hidden", **data, output=[x[0] + u * x[1]]))
+    assert persistent("p", form, {"u": "sin(t)", "w": "-cos(t)"}, "2*pi").verdict is not Verdict.PROVED
+    assert persistent("p", form, {"u": "sin(t)", "w": "cos(t)"}, "2*pi").verdict is Verdict.PROVED

@@ -384,3 +384,41 @@ def test_the_header_says_where_a_derivative_comes_from() -> None:
     assert "derivative of u; you supply it, from what sets the signal or from a filter of it" in " ".join(text.split())
     assert "u_dot;" in text
     assert "NEURON_SINGULAR" in text
+
+
+def test_a_smooth_map_whose_inverse_is_steep_is_not_taken_for_one_of_full_rank() -> None:
+    """y = x^2, x' = 1: one to one on [0, 1], where phi = 2 x is Lipschitz in x but 2 sqrt(z) is not in z."""
+    x = hg.Signal("x", low=0, high=1)
+    checks = {check.id: check.verdict for check in hg.forms.phase(plant("square", (x,), [1], x**2)).checks}
+    assert checks["phase.inverse"] is Verdict.PROVED
+    assert checks["phase.rank"] is Verdict.REFUTED
+    assert checks["phase.lipschitz"] is Verdict.UNKNOWN
+
+
+def test_full_rank_everywhere_does_not_make_a_map_one_to_one() -> None:
+    """Phi = exp(x1) (cos x2, sin x2): the determinant is exp(2 x1), and x2 comes back after 2 pi."""
+    x = states((0, 1), (0, 7))
+    form = hg.forms.phase(plant("turning", x, [0, -1], sp.exp(x[0]) * sp.cos(x[1])))
+    checks = {check.id: check.verdict for check in form.checks}
+    assert checks["phase.rank"] is Verdict.PROVED
+    assert checks["phase.inverse"] is not Verdict.PROVED
+
+
+def test_a_map_that_is_undefined_on_the_box_has_no_rank_there() -> None:
+    """Phi = (x1, x2 + log x1) has the determinant 1, and no value at x1 = 0."""
+    ranks = []
+    for low in (0, 0.1):
+        x = states((low, 1), (-1, 1))
+        form = hg.forms.phase(plant("log", x, [x[1] + sp.log(x[0]), 0], x[0]), original=True)
+        ranks += [check.verdict for check in form.checks if check.id == "phase.rank"]
+    assert ranks == [Verdict.UNKNOWN, Verdict.PROVED]
+
+
+def test_a_derivative_of_an_input_wants_a_range() -> None:
+    """y' = x2 + u, so that y'' has u'."""
+    verdicts = []
+    for rates in ({}, {"rates": ((-1, 1),)}):
+        x, u = states((-1, 1), (-1, 1)), hg.Signal("u", low=-1, high=1, **rates)
+        form = hg.forms.phase(plant("driven", x, [x[1] + u, -x[0]], x[0], inputs=(u,)))
+        verdicts += [check.verdict for check in form.checks if check.id == "phase.inputs"]
+    assert verdicts == [Verdict.UNKNOWN, Verdict.PROVED]

@@ -351,6 +351,7 @@ def test_a_step_without_periods_is_as_before() -> None:
     [
         ({"y3": 0.1}, "periods names 'y3', which is no output; the outputs are y1, y2"),
         ({"y2": 0.025}, r"the period y2 = 0\.025 is no whole multiple of dt = 0\.01; take 0\.02, or another dt"),
+        ({"y2": 0.0201}, r"the period y2 = 0\.0201 is no whole multiple of dt = 0\.01; take 0\.02, or another dt"),
         ({"y2": 0.001}, r"the period y2 = 0\.001 is no whole multiple of dt = 0\.01; take 0\.01,"),
         ({"y2": 0}, "the period y2 = 0 must be a positive time"),
         ({"y2": NAN}, "the period y2 = nan must be a positive time"),

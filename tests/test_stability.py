@@ -381,5 +381,6 @@ def test_core_limit_goes_like_one_over_theta():
 def test_errors_name_the_thing():
     with pytest.raises(UnstableCore, match=r"eigenvalue 0\.5"):
         core_limit(np.diag([0.5, -1.0]), RK4.polynomial)
-    with pytest.raises(NotDefinite, match="not positive definite"):
-        pendulum().limit(-1.0, 2.0, RK4, "covariance")
+    for start in (-1.0, 0.0):
+        with pytest.raises(NotDefinite, match="not positive definite"):
+            pendulum().limit(start, 2.0, RK4, "covariance")

@@ -1,0 +1,114 @@
+"""The verifier's own arithmetic: intervals that hold every value, matrices and bisections by known answers."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import mpmath
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hgogen.recheck.arithmetic import Undefined
+from hgogen.recheck.box import NotShown, leaves
+from hgogen.recheck.interval import Interval, between, intervals, point
+from hgogen.recheck.matrix import decaying, demand_nonnegative, demand_positive
+from hgogen.recheck.slope import frobenius, positive, spectral
+
+F = Fraction
+ENTIRE: dict[str, Callable[[Any], Any]] = {
+    name: getattr(mpmath, name) for name in ("exp", "sin", "cos", "atan", "sinh", "cosh", "tanh", "asinh")
+}
+
+
+def number(end: Any) -> Fraction:
+    """The exact number of an end of an interval."""
+    sign, mantissa, exponent, _ = end
+    return (-1) ** sign * F(int(mantissa)) * F(2) ** exponent
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.sampled_from(sorted(ENTIRE)), st.fractions(-30, 30), st.fractions(0, 3), st.fractions(0, 1))
+def test_an_interval_holds_the_values(name: str, low: Fraction, width: Fraction, share: Fraction) -> None:
+    found = intervals.function(name, (between(low, low + width),))
+    x = low + share * width
+    with mpmath.workprec(300):
+        exact = number(ENTIRE[name](mpmath.mpf(x.numerator) / x.denominator)._mpf_)
+    slack = F(1, 2**200) * (1 + abs(exact))
+    assert number(found.ends[0]) <= exact + slack
+    assert exact - slack <= number(found.ends[1])
+    if width == 0:
+        assert number(found.ends[1]) - number(found.ends[0]) <= F(1, 2**60) * (1 + abs(exact))
+
+
+def test_a_number_that_is_no_float_is_within_itself_of_neither_side() -> None:
+    third, half = F(1, 3), F(1, 2)
+    assert not point(third).at_most(third)
+    assert not point(third).at_least(third)
+    assert point(half).at_most(half)
+    assert point(half).at_least(half)
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [("log", 0, 1), ("log", -1, 1), ("tan", 1, 2), ("tan", -2, -1), ("atanh", 0, 1), ("asin", 0, 2), ("acosh", 0, 2)],
+)
+def test_what_may_have_no_value_is_undefined(name: str, low: int, high: int) -> None:
+    with pytest.raises(Undefined):
+        intervals.function(name, (between(low, high),))
+
+
+@pytest.mark.parametrize("tree", ["x", "x .", "x . x .", "x . . .", "", "y . .", "z . ."])
+def test_a_bisection_covers_its_box(tree: str) -> None:
+    box = {"x": (F(0), F(1)), "z": (F(0), F(0))}
+    assert leaves("x . x . .", box) == [{**box, "x": ends} for ends in ((0, F(1, 2)), (F(1, 2), F(3, 4)), (F(3, 4), 1))]
+    with pytest.raises(NotShown):
+        leaves(tree, box)
+
+
+def rows(*given: tuple[int, ...]) -> list[list[Fraction]]:
+    return [list(map(F, row)) for row in given]
+
+
+@pytest.mark.parametrize(
+    ("M", "definite", "semidefinite"),
+    [
+        (rows((2, 1), (1, 1)), True, True),
+        (rows((1, 1), (1, 1)), False, True),
+        (rows((0, 0), (0, 1)), False, True),
+        (rows((0, 1), (1, 5)), False, False),
+        (rows((1, 2), (2, 1)), False, False),
+        (rows((1, 0, 0), (0, 0, 1), (0, 1, 0)), False, False),
+    ],
+)
+def test_signs_of_symmetric_matrices(M: list[list[Fraction]], definite: bool, semidefinite: bool) -> None:
+    for demand, holds in ((demand_positive, definite), (demand_nonnegative, semidefinite)):
+        if holds:
+            demand({"M": M})
+        else:
+            with pytest.raises(NotShown):
+                demand({"M": M})
+    inner = [[point(value) for value in row] for row in M]
+    assert positive(inner) is definite
+
+
+def test_an_interval_that_touches_zero_is_not_positive() -> None:
+    assert positive([[between(F(1, 10), 1)]])
+    assert not positive([[between(0, 1)]])
+    assert not positive([[between(-1, 1)]])
+
+
+def test_decay_is_by_more_than_one() -> None:
+    """-I - N'P - P N of N = -1 is 2 P - 1."""
+    assert decaying(rows((-1,)), rows((2,))) == rows((3,))
+    with pytest.raises(NotShown):
+        demand_positive({"decay": decaying(rows((-1,)), [[F(1, 2)]])})
+
+
+@pytest.mark.parametrize("within", [frobenius, spectral])
+def test_a_norm_is_at_most_its_bound(within: Callable[[list[list[Interval]], Fraction], bool]) -> None:
+    """diag(3, 4) has the norm 4, and 5 by Frobenius."""
+    norm = 4 if within is spectral else 5
+    J = [[point(F(3)), point(F(0))], [point(F(0)), point(F(4))]]
+    assert within(J, F(norm) + F(1, 100))
+    assert not within(J, F(norm) - F(1, 100))
