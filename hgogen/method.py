@@ -7,6 +7,7 @@ import numpy as np
 
 from hgogen.chains.core import core, numbers
 from hgogen.errors import HgogenError
+from hgogen.growth import polynomial
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import near_view
 from hgogen.kalman.riccati import Riccati
@@ -14,7 +15,7 @@ from hgogen.observer import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
 from hgogen.runge_kutta import Tableau, advance
 from hgogen.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
-from hgogen.transient import lengths, polynomial
+from hgogen.transient import lengths
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 FACTORED = "; the method continuous_discrete keeps it definite at any dt"

@@ -20,18 +20,17 @@ from typing import Any, Protocol
 import numpy as np
 
 from hgogen.chains.frozen import Frozen, frozen
+from hgogen.growth import FOUND, GROWTH, WIDER, continuous, growth, longest
 from hgogen.observer import Clock, Observer, Ode
 from hgogen.stability import AXIS, Limit, pace
 from hgogen.stepping.kernels import balance
 
 Array = np.ndarray
-GROWTH, SHARE = 1.5, 0.5
+SHARE = 0.5
 DEEPEST = 1 / 8  # of `refused`: where the search for `take` ends
-SHORT, WIDER, LONGEST = 0.05, 1.2, 1e4  # over the fastest eigenvalue: where a search begins, its ratio, where it ends
-HALVINGS, NARROWINGS = 12, 4  # of the interval in which `refused` lies, and of the logarithms of that of `take`
+SHORT, LONGEST = 0.05, 1e4  # over the fastest eigenvalue: where a search begins and ends
+HALVINGS = 12  # of the interval in which `refused` lies
 ROUNDING = 1e-7  # of an eigenvalue of T
-POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and these times powers of two
-FOUND = "found by trying errors at points of the declared box, no proof"
 
 
 class Way(Protocol):
@@ -102,14 +101,6 @@ def stable(M: Array) -> Array:
     return np.asarray((spectrum.real < -AXIS * np.abs(spectrum).max(axis=1)[:, None]).all(axis=1))
 
 
-def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
-    """sum of c_j X^j (k, N, N), constant first."""
-    total, power = np.zeros_like(X), np.broadcast_to(np.eye(X.shape[-1]), X.shape)
-    for c in coefficients:
-        total, power = total + c * power, power @ X
-    return total
-
-
 def first_unstable(core: Array, M: Array, way: Way) -> Array:
     """`Way.refused` by trying step lengths in turn, of which the first decides: inf for the other M."""
     limits, fastest = np.full(len(M), math.inf), _fastest(M)
@@ -133,40 +124,17 @@ def first_unstable(core: Array, M: Array, way: Way) -> Array:
 
 def advised(core: Array, M: Array, way: Way, refused: float) -> float:
     """`take` of stable, balanced M (k, N, N), or half an eighth of `refused`; inf where nothing limits it."""
-    fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)[:, None, None]
+    fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
     if not fastest.any():
         return math.inf
-    unit = SHORT / np.where(fastest > 0, fastest, 1.0)
-    most = GROWTH * growth(polynomial(M * unit, tuple(1 / math.factorial(j) for j in range(9))))
-    good = bad = _shortest(M, refused)
+    most = GROWTH * continuous(M, SHORT / np.where(fastest > 0, fastest, 1.0))
     end = min(refused, LONGEST / _fastest(M))
 
     def grows(h: float) -> bool:
         return bool((growth(way.transition(core, M, h)) > most).any())
 
-    while not grows(bad):
-        if bad == end:
-            return SHARE * end if end == refused else math.inf
-        good, bad = bad, min(WIDER * bad, end)
-    for _ in range(NARROWINGS):
-        middle = math.sqrt(good * bad)
-        good, bad = (good, middle) if grows(middle) else (middle, bad)
-    return SHARE * good
-
-
-def growth(T: Array) -> Array:
-    """max over k of |T^k| (k), T (k, N, N): at least 1."""
-    largest, power, bases = np.ones(len(T)), T, []
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
-        for k in range(1, POWERS + 1):
-            largest = np.maximum(largest, _size(power))
-            bases += [power] if k in BASES else []
-            power = power @ T
-        for base in bases:
-            for _ in range(DOUBLINGS):
-                base = base @ base
-                largest = np.maximum(largest, _size(base))
-    return largest
+    found = longest(grows, _shortest(M, refused), end)
+    return SHARE * (end if math.isinf(found) and end == refused else found)
 
 
 def _shortest(M: Array, refused: float) -> float:
@@ -177,9 +145,3 @@ def _shortest(M: Array, refused: float) -> float:
 
 def _fastest(M: Array) -> float:
     return float(np.abs(np.linalg.eigvals(M)).max(initial=0.0))
-
-
-def _size(T: Array) -> Array:
-    """The largest sum of a row, of each; inf for what is not finite."""
-    size = np.abs(T).sum(axis=-1).max(axis=-1)
-    return np.where(np.isfinite(size), size, math.inf)

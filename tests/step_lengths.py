@@ -3,8 +3,9 @@
     python tests/step_lengths.py [MODEL ..]        prints the table, of all models in some minutes
 
 A pair of a model's trial and a tuning counts where the trial, without noise and from the trial's estimate, settles at
-the tuning's own period. `longest`: the longest step that is admitted and settles, by bisection up from `take`; a hold
-of the trial's criterion shorter than two steps tells nothing, so no step is longer than half of it.
+the tuning's own period. `longest`: the longest step that is admitted and settles, as all tried between it and `take`,
+by bisection; a hold of the trial's criterion shorter than two steps tells nothing, so no step is longer than half of
+it.
 """
 
 import math
@@ -26,7 +27,8 @@ from hgogen.trial import Trial, try_out
 
 MODELS = sorted(path for path in (Path(__file__).resolve().parents[1] / "models").glob("*.[pt]*"))
 SAMPLES = 3000  # from that many on compiled
-BISECTIONS = 5
+MOST = 3_000_000  # samples of a trial
+WIDER, BISECTIONS = 1.5, 3
 LONG = 1e6  # of a tuning's own period
 
 
@@ -76,6 +78,10 @@ class Pair:
         return math.inf, min(told, default=math.inf)
 
 
+class TooMany(Exception):
+    """A row whose trial at `take` has more than `MOST` samples, in words."""
+
+
 @dataclass(frozen=True)
 class Row:
     """What is told of a pair, and what was seen."""
@@ -101,15 +107,17 @@ class Row:
 
 
 def row(pair: Pair) -> Row:
-    """Tried at `take`, and beyond."""
+    """Tried at `take`, and beyond. Raises: `TooMany`."""
     refused, take = pair.told()
     half = pair.trial.settled.hold / 2 if pair.trial.settled else math.inf
     top = min(refused, max(half, pair.own))
     at = pair.fitted(min(take, top))
-    good, bad = (at, top) if pair.settles(at) else (pair.own, at)
+    if pair.trial.duration / at > MOST:
+        raise TooMany(f"{pair!s:62} own {pair.own:8.3g}  refused {refused:8.3g}  take {take:8.3g} not tried: too short")
+    good, bad = (at, at) if pair.settles(at) else (pair.own, at)
     settles = good == at
-    if bad > good and settles and pair.settles(pair.fitted(top)):
-        good = bad
+    while good == bad < (longer := pair.fitted(min(WIDER * bad, top))):
+        good, bad = (longer if pair.settles(longer) else good), longer
     for _ in range(BISECTIONS):
         middle = pair.fitted(math.sqrt(good * bad))
         if not good < middle < bad:
@@ -157,7 +165,11 @@ def main(names: list[str]) -> None:
         except HgogenError:
             continue
         for pair in found:
-            told = row(pair)
+            try:
+                told = row(pair)
+            except TooMany as error:
+                print(error, flush=True)
+                continue
             failed += not told.holds
             print(told, flush=True)
     print(f"{failed} rows in which take fails, or is less than a quarter of the longest")

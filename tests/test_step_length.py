@@ -11,11 +11,12 @@ from step_lengths import pairs, row
 
 import hgogen as hg
 from hgogen.chains.frozen import frozen
+from hgogen.growth import growth, polynomial
 from hgogen.model import load
 from hgogen.runge_kutta import EULER, RK4
 from hgogen.stability import core_limit
 from hgogen.step import StepMayFail, StepTooLong
-from hgogen.transient import advised, first_unstable, growth, polynomial, stable
+from hgogen.transient import advised, first_unstable, stable
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 WAYS = ("euler", "heun", "rk4", "exponential", "bilinear")

@@ -18,13 +18,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.growth import FOUND
+from hgogen.kalman.closed_loop import advised
 from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.kalman.prior import near
 from hgogen.kalman.riccati import Riccati
 from hgogen.observer import HUGE, BadGain, Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
 from hgogen.runge_kutta import HEUN, RK4, Stages, advance
-from hgogen.stability import EVERYWHERE, decay_limits, pace
+from hgogen.stability import decay_limits
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
@@ -98,14 +100,15 @@ def entries(name: str, matrix: Any) -> dict[str, Any]:
 
 def common(part: Riccati, clock: Clock) -> dict[str, Any]:
     """What the pieces of every factored covariance have: the status bit, what a step forgets, and the step lengths. P
-    has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h lambda."""
+    has no limit on h, but Phi follows a decaying mode of the model only while |1 + x + x^2/2| <= 1, x = h lambda; what
+    is advised is of the closed loop."""
     limits = decay_limits(part.slopes(POINTS)[0], HEUN.polynomial)
     why = "nowhere in the declared box does Phi = I + hF + (hF)^2/2 follow the model's decay beyond it"
     return {
         "limit": float(limits.max()),
-        "take": min(float(limits.min()), pace(part.dynamics.linearised(POINTS)[0])),
+        "take": advised(part, clock.dt),
         "why": why,
-        "found": EVERYWHERE,
+        "found": FOUND,
         "bits": (part.limited,),
         "uses_output": part.known is not None,
         **({} if part.forgetting is None else _forgotten(part, clock)),

@@ -62,7 +62,8 @@ class Riccati:
     `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii, and where the
     past is forgotten the diagonal of S_0^-1; `limited`: the bit that tells of it; `nominal`: (Q, R) as numbers.
     `forgetting`: the gain rho. `known`: of (z, u, y, valid), z with what is measured in the place of its estimate,
-    where A(u, z) and b(z, u) are taken and F = A; without it F is the Jacobian.
+    where A(u, z) and b(z, u) are taken and F = A; without it F is the Jacobian. `period`: that of the inputs, where it
+    is declared.
     """
 
     dynamics: Dynamics
@@ -77,6 +78,7 @@ class Riccati:
     nominal: tuple[np.ndarray, np.ndarray]
     forgetting: Field | None = None
     known: Callable[[Any, Any, Any, Any], Any] | None = None
+    period: float | None = None
 
     def pieces(self, method: "Method", clock: Clock) -> Pieces:
         """By the method's rule for the covariance."""
@@ -100,9 +102,9 @@ class Riccati:
             return self.dynamics.jacobian(z, u)
         return self.dynamics.affine(self.known(z, u, y, valid), u)[0]
 
-    def slopes(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
-        """F (k, n, n) and dh/dz (k, p, n) at points of the box."""
-        return self.dynamics.linearised(samples, affine=self.known is not None)
+    def slopes(self, samples: int, edge: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """F (k, n, n) and dh/dz (k, p, n) at points of the box, its corners by `edge` of each range inside."""
+        return self.dynamics.linearised(samples, affine=self.known is not None, edge=edge)
 
     def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: of P, rho is a growth of the model."""

@@ -143,6 +143,7 @@ def kalman_like(
         nominal=(rate * np.diag(noise), np.array(variances)),
         forgetting=gains[0],
         known=known(dynamics),
+        period=None if period is None else float(period),
     )
     return Observer(
         form=form,

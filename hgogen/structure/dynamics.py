@@ -204,15 +204,17 @@ class Dynamics:
             raise NoDeterminant(self.form.system.name)
         return float(np.abs(finite).max())
 
-    def linearised(self, samples: int = 64, seed: int = 1, affine: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    def linearised(
+        self, samples: int = 64, seed: int = 1, affine: bool = False, edge: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """F (k, n, n) and dh/dz (k, p, n) in the middle, on corners and at random points of the box of states and
-        inputs; F = A(u, z) alone where that is `affine`.
+        inputs; F = A(u, z) alone where that is `affine`. `edge`: how far the corners lie inside, of each range.
 
         Parameters are nominal; where a signal has no range the sample is its nominal value, or 0.
 
         Raises: `Singular` where one of them is not finite.
         """
-        points = self._points(samples, seed)
+        points = self._points(samples, seed, edge)
         slope = ca.densify(self.affine(self._z, self._u)[0]) if affine else self.jacobian(self._z, self._u)
         F = self._numbers(slope, points)
         H = self._numbers(self.output_jacobian(self._z, self._u), points)
@@ -223,11 +225,11 @@ class Dynamics:
             raise Singular(self.form.system.name, dict(zip(names, point.tolist(), strict=True)))
         return F, H
 
-    def _points(self, samples: int, seed: int = 1) -> np.ndarray:
+    def _points(self, samples: int, seed: int = 1, edge: float = 0.0) -> np.ndarray:
         """Middle of the box, corners and random points, (1 + 2 samples, n + m)."""
         signals = [*self.form.states, *self.form.system.inputs]
         rng = np.random.default_rng(seed)
-        corners = rng.integers(0, 2, size=(samples, len(signals))).astype(float)
+        corners = edge + (1 - 2 * edge) * rng.integers(0, 2, size=(samples, len(signals)))
         points = np.vstack([np.full((1, len(signals)), 0.5), corners, rng.uniform(size=(samples, len(signals)))])
         lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
         return np.asarray(lows + points * (highs - lows))

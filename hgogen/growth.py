@@ -1,0 +1,60 @@
+"""How far a frozen error e <- T(h) e grows on its way, and the longest step length h up to which that is not much."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+Array = np.ndarray
+GROWTH = 1.5  # of the growth in continuous time: more is much
+FOUND = "found by trying errors at points of the declared box, no proof"
+WIDER, NARROWINGS = 1.2, 4  # of a search: the ratio of its steps, and the halvings of the logarithm of the last one
+POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and these times powers of two
+
+
+def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
+    """sum of c_j X^j (k, N, N), constant first."""
+    total, power = np.zeros_like(X), np.broadcast_to(np.eye(X.shape[-1]), X.shape)
+    for c in coefficients:
+        total, power = total + c * power, power @ X
+    return total
+
+
+def growth(T: Array) -> Array:
+    """max over k of |T^k| (k), T (k, N, N): at least 1."""
+    largest, power, bases = np.ones(len(T)), T, []
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
+        for k in range(1, POWERS + 1):
+            largest = np.maximum(largest, _size(power))
+            bases += [power] if k in BASES else []
+            power = power @ T
+        for base in bases:
+            for _ in range(DOUBLINGS):
+                base = base @ base
+                largest = np.maximum(largest, _size(base))
+    return largest
+
+
+def continuous(M: Array, units: Array) -> Array:
+    """max over t of |exp(M t)| (k), M (k, N, N), at multiples of `units` (k)."""
+    return growth(polynomial(M * units[:, None, None], tuple(1 / math.factorial(j) for j in range(9))))
+
+
+def longest(grows: Callable[[float], bool], start: float, end: float) -> float:
+    """The largest h up to which an error does not grow, from `start` up, which is returned where it grows there; inf
+    where it grows nowhere up to `end`."""
+    good = bad = start
+    while not grows(bad):
+        if bad >= end:
+            return math.inf
+        good, bad = bad, min(WIDER * bad, end)
+    for _ in range(NARROWINGS):
+        middle = math.sqrt(good * bad)
+        good, bad = (good, middle) if grows(middle) else (middle, bad)
+    return good
+
+
+def _size(T: Array) -> Array:
+    """The largest sum of a row, of each; inf for what is not finite."""
+    size = np.abs(T).sum(axis=-1).max(axis=-1)
+    return np.where(np.isfinite(size), size, math.inf)
