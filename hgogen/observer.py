@@ -356,7 +356,7 @@ def gain(name: str, value: Iterable[float] | float, low: float, high: float, mea
 
 
 def high_gain_parameter(theta: Any) -> Field:
-    """The gain `theta`, tunable from 1 to its declared value: the step length is admitted for its largest.
+    """The gain `theta`, tunable from 1 to its declared value, at which alone step lengths are judged.
 
     Raises: `BadGain` for theta < 1 or not finite.
     """

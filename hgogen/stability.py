@@ -52,7 +52,8 @@ GRAPH = 1e12  # condition of the Hamiltonian's stable subspace from which on it 
 STEPS = 60  # of a transient, once theta has risen; over random equations all losses came within 40
 PATIENCE = 3000  # steps of a transient in all
 COARSE, FINE = 1.2, 1.02  # ratios of the step lengths tried in turn; the limit is low by less than FINE
-EVERYWHERE = "admitted at every point of the declared box that was tried, no proof"  # of the least of several limits
+# of the least of several limits:
+EVERYWHERE = "admitted with the gains as declared at every point of the box that was tried, no proof"
 
 
 @dataclass(frozen=True)

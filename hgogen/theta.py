@@ -85,7 +85,7 @@ class Constant:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """theta, unless it is 1; the step length was admitted for its nominal value, which is its largest."""
+        """theta, unless it is 1; step lengths are judged at its nominal value, which is its largest, alone."""
         if self.theta == 1:
             return ()
         return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
@@ -260,7 +260,8 @@ class Adaptive:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """theta_1, rise_time, rate and mu's; the step length was admitted for the nominal theta_1, its largest."""
+        """theta_1, rise_time, rate and mu's; step lengths are judged where theta rests and at twice the nominal
+        theta_1, its largest."""
         return (
             gain("theta_1", self.theta_1, 1.0, self.theta_1, "half the largest theta"),
             gain("rise_time", self.rise_time, 1e-3 * self.rise_time, 1e3 * self.rise_time, "Delta T", "s"),

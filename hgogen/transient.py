@@ -8,8 +8,9 @@ Below `refused` T(h)^k can still grow far before it decays: of an n-fold eigenva
 classical Runge-Kutta at 90 % of `refused`. |.| is the largest sum of a row, in coordinates in which rows and columns of
 M are of about the same size (`balance`), so that the powers of a high gain do not count. `take` proves nothing: it is
 found at the points that are tried, between which an error moves on its way. For that is the half, which trials of the
-shipped models asked for. By a method that is exact for the core, `take` is also at most half of what follows the model
-where it oscillates or grows, 1/|lambda| of its own Jacobian.
+shipped models asked for. Gains and parameters stand at their declared values: at others, to which they may be tuned,
+both lengths may be shorter. By a method that is exact for the core, `take` is also at most half of what follows the
+model where it oscillates or grows, 1/|lambda| of its own Jacobian. A filter's `take` is of `kalman.closed_loop`.
 """
 
 import math

@@ -52,6 +52,11 @@ class Pair:
         """The longest dt up to this one that the windows and periods of the observer admit."""
         return self.grid / math.ceil(self.grid / dt * (1 - 1e-9)) if self.grid else dt
 
+    def longer(self, dt: float) -> float:
+        """The next length to try, which is admitted."""
+        count = round(self.grid / dt) if self.grid else 0
+        return max(self.fitted(WIDER * dt), self.grid / (count - 1) if count > 1 else 0)
+
     def step(self, dt: float) -> Any:
         """The step, without warnings."""
         with warnings.catch_warnings():
@@ -116,7 +121,7 @@ def row(pair: Pair) -> Row:
         raise TooMany(f"{pair!s:62} own {pair.own:8.3g}  refused {refused:8.3g}  take {take:8.3g} not tried: too short")
     good, bad = (at, at) if pair.settles(at) else (pair.own, at)
     settles = good == at
-    while good == bad < (longer := pair.fitted(min(WIDER * bad, top))):
+    while good == bad < (longer := min(pair.longer(bad), pair.fitted(top))):
         good, bad = (longer if pair.settles(longer) else good), longer
     for _ in range(BISECTIONS):
         middle = pair.fitted(math.sqrt(good * bad))
