@@ -202,7 +202,8 @@ class Observer:
     from places of the state, whose image under the form's `from_form` is the estimate; `traces`: scalar fields of the
     state worth recording; `notices`: blocks that raise bits of the status at the end of a call; `checks`: the form's
     and the theorem's; `accepted`: ids of refuted checks the user took on; `theorem`: what is claimed of it, under which
-    hypotheses; `equations`: lines for the banner; `reference`: the paper; `made`: the case of `hg.observers` and the
+    hypotheses; `equations`: lines for the banner; `reference`: the paper; `practical`: the error does not tend to 0, so
+    that an estimate may stay outside the ranges of a state at their edge; `made`: the case of `hg.observers` and the
     arguments that it was made by.
     """
 
@@ -217,6 +218,7 @@ class Observer:
     theorem: Theorem
     equations: tuple[str, ...]
     reference: str
+    practical: bool = False
     traces: tuple[str, ...] = ()
     notices: tuple[Block, ...] = ()
     made: "partial[Observer] | None" = None

@@ -54,6 +54,7 @@ class Field:
 
     `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
     step keeps it in; `outer`: whether that is the outer box of the estimate, whose touching suspends the theorem;
+    `lasting`: whether it outlives a restart from the sample, as what was learned of the plant, not of its state;
     `labels`: what its elements are called in reports and C.
     """
 
@@ -63,6 +64,7 @@ class Field:
     low: tuple[float, ...] = ()
     high: tuple[float, ...] = ()
     outer: bool = False
+    lasting: bool = False
     labels: tuple[str, ...] = ()
     unit: str = ""
     meaning: str = ""

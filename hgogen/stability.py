@@ -133,6 +133,15 @@ def steady_covariance(
     return _steady_covariance(_riccati(jacobians, C, Q, R, scaling), theta)
 
 
+def closed_loop_rates(
+    jacobians: Array, C: Array, Q: Array, R: Array, theta: float, scaling: Scaling | None = None
+) -> Array:
+    """The rates at which the error decays under the steady P, the slowest first (k, n), at each F (k, n, n) and
+    C (k, p, n); 0 where a mode is hidden. Other arguments as in `steady_covariance`."""
+    spectra = np.abs(np.linalg.eigvals(_riccati(jacobians, C, Q, R, scaling).hamiltonian(theta)).real)
+    return np.asarray(np.sort(spectra, axis=1)[:, ::2])  # each twice: they lie symmetric about the imaginary axis
+
+
 def covariance_limit(
     jacobians: Array,
     C: Array,

@@ -48,9 +48,11 @@ from hgogen.stepping.guards import (
     limit_parameters,
     measure,
     or_lower,
-    outside,
+    outside_bit,
     unrecovered,
 )
+from hgogen.stepping.members import joined
+from hgogen.stepping.recovery import Recovery
 from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
 from hgogen.time_unit import of_time, plural
 
@@ -218,26 +220,37 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
 def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
     system = observer.form.system
     plant, derived = tunable(system.parameters), _all(piece.derived for piece in pieces)
-    state = _memory(observer, clock, pieces)
-    sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, state))]
-    for j, output in enumerate(system.outputs):
-        program = _all(piece.update[j] for piece in pieces if piece.update)
-        if program:
-            valid = (*program, *kept(program, state), *((use(output),) if clock.every else ()))
-            guarded: Program = (measure(observer, clock, j), When("work.valid", valid))
-            guarded = once(output, guarded) if clock.every else guarded
-            sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
+    law = Recovery(observer, clock, joined(pieces))
+    state = _memory(observer, clock, pieces, law)
     adapt = _all(piece.adapt for piece in pieces)
+    still = not adapt or not _moves(adapt, observer)  # whether the estimate of this call stands before `adapt`
+    sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, state))]
+    correcting = [j for j in range(clock.outputs) if any(piece.update and piece.update[j] for piece in pieces)]
+    for j in correcting:
+        output = system.outputs[j]
+        program = _all(piece.update[j] for piece in pieces if piece.update)
+        valid = (*program, *kept(program, state), *((use(output),) if clock.every else ()))
+        sample = {j: (sym("work.sample"), sym("work.valid"), sym("work.innovation"))}
+        watch = law.watch(sample, says=still and not clock.every and j == correcting[-1])
+        guarded: Program = (measure(observer, clock, j), When("work.valid", valid), *watch)
+        guarded = once(output, guarded) if clock.every else guarded
+        sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
+    if not correcting:
+        measured, read = sym("work.y", clock.outputs), observer.dynamics.output(observer.z, clock.u_now)
+        samples = {j: (measured[j], clock.valid[j], measured[j] - read[j]) for j in range(clock.outputs)}
+        watch = law.watch(samples, says=still)
+        sections[0] = replace(sections[0], program=(*sections[0].program, *watch))
     if adapt:
         running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
         program = (running, When("work.running", (*adapt, *kept(adapt, state))))
         program = adapt_once(program) if clock.every else program
         sections.append(Section("adapt", "adapt the gain; once after the updates", program))
-    last = -2 if adapt and not _moves(adapt, observer) else -1  # after it the estimate of this call stands
-    told = (outside(observer), *unrecovered(observer), *observer.notices)
+    last = -2 if adapt and still else -1  # after it the estimate of this call stands
+    said = () if still and not clock.every else (outside_bit(observer),)
+    notices = (*said, *unrecovered(observer), *observer.notices)
     for k, section in enumerate(sections):
         if k == len(sections) + last or (clock.every and section.name.startswith("update_")):
-            sections[k] = replace(section, program=(*section.program, *told))
+            sections[k] = replace(section, program=(*section.program, *notices))
     sections = [replace(section, program=pruned(section.program)) for section in sections]
     updates = {section.name: section for section in sections}
     timed_ = (timed(updates[f"update_{y}"], y) for y in system.outputs if clock.every and f"update_{y}" in updates)
@@ -280,10 +293,11 @@ def _adapts(pieces: tuple[Pieces, ...]) -> bool:
     return any(piece.adapt for piece in pieces)
 
 
-def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...]) -> tuple[Field, ...]:
-    """The parts' fields, then the clock's: calls, the last input, and the last sample where predict reads it."""
+def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], law: Recovery) -> tuple[Field, ...]:
+    """The parts' fields, those of the law of recovery, then the clock's: calls, the last input, and the last sample
+    where predict reads it."""
     system = observer.form.system
-    fields = list(_all(piece.fields for piece in pieces))
+    fields = [*_all(piece.fields for piece in pieces), *law.fields]
     adapts = _adapts(pieces)
     most, later = (2, ", then 2") if adapts else (1, "")
     fields.append(scalar("calls", 0, kind="index", high=most, meaning=f"0 before the first call, 1 after it{later}"))

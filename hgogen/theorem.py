@@ -182,4 +182,9 @@ OPERATION = (
         "the estimate does not touch its outer box",
         reason="watch the status STATE_LIMITED, which suspends the theorem",
     ),
+    Hypothesis(
+        "no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as long "
+        "as the law of recovery waits (doubt stays below patience, in the state)",
+        reason="watch the status RESTARTED_FROM_SAMPLE; after one the theorem starts again",
+    ),
 )

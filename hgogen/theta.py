@@ -71,6 +71,11 @@ class Constant:
         return self.theta
 
     @property
+    def late(self) -> float:
+        """theta."""
+        return self.theta
+
+    @property
     def rest(self) -> None:
         """It never comes back to its peak."""
 
@@ -131,6 +136,11 @@ class Decaying:
     def peak(self) -> float:
         """theta_0."""
         return self.theta_0
+
+    @property
+    def late(self) -> float:
+        """1."""
+        return 1.0
 
     @property
     def rest(self) -> None:
@@ -243,6 +253,11 @@ class Adaptive:
     def peak(self) -> float:
         """2 theta_1."""
         return 2 * self.theta_1
+
+    @property
+    def late(self) -> float:
+        """The peak, to which a large innovation drives it."""
+        return self.peak
 
     @property
     def rest(self) -> float:

@@ -17,6 +17,8 @@ from native_step import NativeStep
 import hgogen as hg
 from hgogen.commands.metrics import metrics, settling, summary
 from hgogen.emit import native
+from hgogen.stepping import recovery
+from hgogen.stepping.patience import Patience
 from hgogen.trial import Jump, Trajectory, Trial, try_out
 
 ONE, SIX = neuron.MODEL.trials()
@@ -62,11 +64,24 @@ def lasting(trial: Trial, duration: float, **changes: Any) -> Trial:
 
 
 @needs_compiler
-def test_plain_filter_takes_690() -> None:
-    step = built(1.0)
+def test_plain_filter_takes_690(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By itself: what recovers it is patient for longer than the trial."""
+    with monkeypatch.context() as patch:
+        patch.setattr(recovery, "patience", lambda *_: Patience(1e5, 1e5))
+        step = neuron.step(1.0)
     result = summed(step, tried(step, lasting(ONE, 850.0)))
     assert 640 <= result.settled[1] <= 730
     assert result.clamped == 0
+
+
+@needs_compiler
+def test_plain_filter_is_recovered_from_the_jump() -> None:
+    """It leaves the box for longer than it needs to converge from anywhere in it, and restarts from the sample."""
+    step = built(1.0)
+    found = tried(step, lasting(ONE, 250.0))
+    bit = 1 << [bit.name for bit in step.bits].index("RESTARTED_FROM_SAMPLE")
+    assert summed(step, found).settled[1] < 690 / 4
+    assert all((each.status & bit).any() for each in found)
 
 
 @needs_compiler

@@ -14,6 +14,11 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+static float cascaded_tanks_abs(float v)
+{
+    return (v < 0.0f) ? -v : v;
+}
+
 static float cascaded_tanks_min(float a, float b)
 {
     return (a < b) ? a : b;
@@ -272,6 +277,8 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             s->D[1] = 0.25f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
+            s->doubt = 0.0f;
+            s->patience = 46.0f;
             status |= CASCADED_TANKS_RESTARTED;
         }
         /* keep z in its box */
@@ -306,8 +313,12 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
     const cascaded_tanks_output *out)
 {
     unsigned status = 0u;
+    bool doubtful = false;
     float e = 0.0f;
+    bool far = false;
+    float innovation = 0.0f;
     bool lost = false;
+    bool over = false;
     float sample = 0.0f;
     bool valid = false;
     /* guard the sample of y */
@@ -318,6 +329,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
         const bool t3 = t2 && y >= -10.0f && y <= 20.0f && cascaded_tanks_within(t1, 1e+16f);
         sample = y;
         e = t1;
+        innovation = t1;
         valid = t3;
         if (!t2) {
             status |= CASCADED_TANKS_MISSING_y;
@@ -370,6 +382,8 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
             s->D[1] = 0.25f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
+            s->doubt = 0.0f;
+            s->patience = 46.0f;
             status |= CASCADED_TANKS_RESTARTED;
         }
         /* keep z in its box */
@@ -390,12 +404,72 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
             s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
         }
     }
-    /* outside the declared box the model is evaluated at its edge */
+    /* is the estimate where it cannot be for long? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
-        if (z1 < 0.25f || z1 > 11.0f || z2 < 0.52f || z2 > 3.1623f) {
+        const bool t1 = z1 < 0.25f || z1 > 11.0f || z2 < 0.52f || z2 > 3.1623f;
+        if (t1) {
             status |= CASCADED_TANKS_OUTSIDE_BOX;
+        }
+        doubtful = valid && (t1 || (valid && cascaded_tanks_abs(innovation) > 1.0f) || s->doubt > 0.0f);
+    }
+    if (doubtful) {
+        /* is it far from where it can be? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            far = z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f
+                || (valid && cascaded_tanks_abs(innovation) > 1.0f);
+        }
+        if (far) {
+            /* more doubt */
+            {
+                const float doubt = s->doubt;
+                s->doubt = cascaded_tanks_clamp(doubt + 2.0f, 0.0f, 184.0f);
+            }
+            /* is patience at its end? */
+            over = cascaded_tanks_clamp(s->patience, 46.0f, 184.0f) <= s->doubt;
+            if (over) {
+                /* the next restart waits longer */
+                {
+                    const float patience = s->patience;
+                    s->doubt = cascaded_tanks_clamp(patience, 46.0f, 92.0f);
+                    s->patience = cascaded_tanks_clamp(2.0f*patience, 46.0f, 184.0f);
+                }
+                /* the estimate restarts from the sample */
+                s->z[0] = cascaded_tanks_clamp(cascaded_tanks_within(sample, 1e+15f) ? sample
+                    : 5.0f, -10.5f, 21.75f);
+                s->z[1] = 1.7525125f;
+                status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
+                /* as after a reset */
+                s->L = 0.0f;
+                s->D[0] = 0.25f;
+                s->D[1] = 0.25f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+        } else {
+            /* less doubt */
+            {
+                const float doubt = s->doubt;
+                const float patience = s->patience;
+                s->doubt = cascaded_tanks_clamp(doubt - 1.0f, 0.0f, 184.0f);
+                s->patience = (doubt <= 1.0f) ? 46.0f : cascaded_tanks_clamp(patience, 46.0f, 184.0f);
+            }
         }
     }
     return status;
@@ -470,12 +544,14 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
             s->D[1] = 0.25f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
+            s->doubt = 0.0f;
+            s->patience = 46.0f;
             status |= CASCADED_TANKS_RESTARTED;
         }
         /* keep innovation in its box */
         {
-            const float innovation = s->innovation;
-            s->innovation = cascaded_tanks_clamp(innovation, 0.0f, 1e+30f);
+            const float innovation_before = s->innovation;
+            s->innovation = cascaded_tanks_clamp(innovation_before, 0.0f, 1e+30f);
         }
         /* keep theta in its box */
         {
@@ -583,6 +659,8 @@ void cascaded_tanks_reset(cascaded_tanks_state *s)
     s->oldest = 0u;
     s->tick = 0u;
     s->theta = 1.0f;
+    s->doubt = 0.0f;
+    s->patience = 46.0f;
     s->calls = 0u;
     s->u = 3.0f;
     for (unsigned k = 0u; k < 5u; ++k) {

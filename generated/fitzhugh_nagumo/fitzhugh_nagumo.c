@@ -14,6 +14,11 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+static float fitzhugh_nagumo_abs(float v)
+{
+    return (v < 0.0f) ? -v : v;
+}
+
 static float fitzhugh_nagumo_min(float a, float b)
 {
     return (a < b) ? a : b;
@@ -338,6 +343,8 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             s->D[2] = 1.0f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
+            s->doubt = 0.0f;
+            s->patience = 5890.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
         /* keep z in its box */
@@ -380,8 +387,12 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     const fitzhugh_nagumo_output *out)
 {
     unsigned status = 0u;
+    bool doubtful = false;
     float e = 0.0f;
+    bool far = false;
+    float innovation = 0.0f;
     bool lost = false;
+    bool over = false;
     float sample = 0.0f;
     bool valid = false;
     /* guard the sample of y */
@@ -392,6 +403,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         const bool t3 = t2 && y >= -15.0f && y <= 15.0f && fitzhugh_nagumo_within(t1, 1e+16f);
         sample = y;
         e = t1;
+        innovation = t1;
         valid = t3;
         if (!t2) {
             status |= FITZHUGH_NAGUMO_MISSING_y;
@@ -454,6 +466,8 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             s->D[2] = 1.0f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
+            s->doubt = 0.0f;
+            s->patience = 5890.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
         /* keep z in its box */
@@ -478,13 +492,84 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
         }
     }
-    /* outside the declared box the model is evaluated at its edge */
+    /* is the estimate where it cannot be for long? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
         const float z3 = s->z[2];
-        if (z1 < -3.5f || z1 > 3.5f || z2 < -10.0f || z2 > 10.0f || z3 < -8.0f || z3 > 8.0f) {
+        const bool t1 = z1 < -3.5f || z1 > 3.5f || z2 < -10.0f || z2 > 10.0f || z3 < -8.0f || z3 > 8.0f;
+        if (t1) {
             status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
+        }
+        doubtful = valid && (t1 || (valid && fitzhugh_nagumo_abs(innovation) > 1.0f) || s->doubt > 0.0f);
+    }
+    if (doubtful) {
+        /* is it far from where it can be? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            const float z3 = s->z[2];
+            far = z1 < -3.85f || z1 > 3.85f || z2 < -11.0f || z2 > 11.0f || z3 < -8.8f || z3 > 8.8f
+                || (valid && fitzhugh_nagumo_abs(innovation) > 1.0f);
+        }
+        if (far) {
+            /* more doubt */
+            {
+                const float doubt = s->doubt;
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                const bool t1 = z1 < -5.25f || z1 > 5.25f || z2 < -15.0f || z2 > 15.0f || z3 < -12.0f
+                    || z3 > 12.0f || (valid && fitzhugh_nagumo_abs(innovation) > 1.0f);
+                s->doubt = fitzhugh_nagumo_clamp(doubt + (t1 ? 5.76f : 2.0f), 0.0f, 23560.0f);
+            }
+            /* is patience at its end? */
+            over = fitzhugh_nagumo_clamp(s->patience, 5890.0f, 23560.0f) <= s->doubt;
+            if (over) {
+                /* the next restart waits longer */
+                {
+                    const float patience = s->patience;
+                    s->doubt = fitzhugh_nagumo_clamp(patience, 5890.0f, 11780.0f);
+                    s->patience = fitzhugh_nagumo_clamp(2.0f*patience, 5890.0f, 23560.0f);
+                }
+                /* the estimate restarts from the sample */
+                s->z[0] = fitzhugh_nagumo_clamp(fitzhugh_nagumo_within(sample, 1e+15f) ? sample
+                    : 0.0f, -10.5f, 10.5f);
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
+                /* as after a reset */
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 1.0f;
+                s->D[1] = 1.0f;
+                s->D[2] = 1.0f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
+                /* counters as after a reset */
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    predictor->z[2] = s->z[2];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
+            }
+        } else {
+            /* less doubt */
+            {
+                const float doubt = s->doubt;
+                const float patience = s->patience;
+                s->doubt = fitzhugh_nagumo_clamp(doubt - 1.0f, 0.0f, 23560.0f);
+                s->patience = (doubt <= 1.0f) ? 5890.0f : fitzhugh_nagumo_clamp(patience, 5890.0f, 23560.0f);
+            }
         }
     }
     return status;
@@ -564,12 +649,14 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
             s->D[2] = 1.0f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
+            s->doubt = 0.0f;
+            s->patience = 5890.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
         /* keep innovation in its box */
         {
-            const float innovation = s->innovation;
-            s->innovation = fitzhugh_nagumo_clamp(innovation, 0.0f, 1e+30f);
+            const float innovation_before = s->innovation;
+            s->innovation = fitzhugh_nagumo_clamp(innovation_before, 0.0f, 1e+30f);
         }
         /* keep theta in its box */
         {
@@ -682,6 +769,8 @@ void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s)
     s->oldest = 0u;
     s->tick = 0u;
     s->theta = 1.0f;
+    s->doubt = 0.0f;
+    s->patience = 5890.0f;
     s->calls = 0u;
     s->u = 0.0f;
     for (unsigned k = 0u; k < 5u; ++k) {

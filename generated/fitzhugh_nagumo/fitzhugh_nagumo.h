@@ -58,6 +58,9 @@
  *   the gains have their declared values; each can be tuned within its range, and what is known here is known
  *     of the declared value
  *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
+ *   no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as
+ *     long as the law of recovery waits (doubt stays below patience, in the state); watch the status
+ *     RESTARTED_FROM_SAMPLE; after one the theorem starts again
  *   the covariance does not touch its cap; watch the status COVARIANCE_LIMITED: the cap is no part of the
  *     Riccati equation
  */
@@ -83,7 +86,10 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. The status is 0 for ok, else an or of the bits below.
+ * noticed. A valid sample at which the estimate is out of a range by 5% of it, or y is off by 10% of what it
+ * can span, adds to s.doubt, another takes half as much away. When doubt reaches s.patience, which takes 29.4
+ * s of such samples at most, all of the state restarts from the sample, and patience doubles, up to four
+ * times 5890, until doubt is 0 again. The status is 0 for ok, else an or of the bits below.
  *
  * fitzhugh_nagumo_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
  * and or their statuses, where a sample comes later than the input. Without a sample leave its update out.
@@ -101,31 +107,35 @@
 
 /* Status bits: what happened, and what it asks of you. */
 /* y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
-#define FITZHUGH_NAGUMO_MISSING_y          0x0001u
+#define FITZHUGH_NAGUMO_MISSING_y             0x0001u
 /* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
  * and the declared range. */
-#define FITZHUGH_NAGUMO_REJECTED_y         0x0002u
+#define FITZHUGH_NAGUMO_REJECTED_y            0x0002u
 /* u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define FITZHUGH_NAGUMO_REUSED_u           0x0004u
+#define FITZHUGH_NAGUMO_REUSED_u              0x0004u
 /* u was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define FITZHUGH_NAGUMO_CLAMPED_u          0x0008u
+#define FITZHUGH_NAGUMO_CLAMPED_u             0x0008u
 /* the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
  * it stays, the declared ranges are too narrow. */
-#define FITZHUGH_NAGUMO_OUTSIDE_BOX        0x0010u
+#define FITZHUGH_NAGUMO_OUTSIDE_BOX           0x0010u
 /* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges or lower theta_1. */
-#define FITZHUGH_NAGUMO_STATE_LIMITED      0x0020u
+#define FITZHUGH_NAGUMO_STATE_LIMITED         0x0020u
 /* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
  * parameters (tune was called?) and ranges. */
-#define FITZHUGH_NAGUMO_RESTARTED          0x0040u
+#define FITZHUGH_NAGUMO_RESTARTED             0x0040u
+/* good samples did not bring the estimate back, and the whole state restarted from the sample. To do: treat
+ * the estimate as new; if it comes again without a fault, widen the ranges or lower theta_1 or check the
+ * model. */
+#define FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE 0x0080u
 /* tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define FITZHUGH_NAGUMO_PARAMETER_LIMITED  0x0080u
+#define FITZHUGH_NAGUMO_PARAMETER_LIMITED     0x0100u
 /* the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared
  * ranges. To do: wait for measurements; if it stays while they come, scale Q and R down together. */
-#define FITZHUGH_NAGUMO_COVARIANCE_LIMITED 0x0100u
+#define FITZHUGH_NAGUMO_COVARIANCE_LIMITED    0x0200u
 
 /* the input now */
 typedef struct {
@@ -174,6 +184,9 @@ typedef struct {
     unsigned oldest;                        /* index of the oldest predictor */
     unsigned tick;                          /* samples since the last restart */
     float theta;                            /* high-gain parameter, 1: Kalman mode, 1 .. 8 */
+    /* evidence of valid samples that the estimate is lost, 0 .. 23560 */
+    float doubt;
+    float patience;                         /* doubt at which it restarts from the sample, 5890 .. 23560 */
     unsigned calls;                         /* 0 before the first call, 1 after it, then 2 */
     float u;                                /* last valid input: u, -1 .. 1 */
     fitzhugh_nagumo_predictor predictor[5]; /* copies of the model that run without correction */

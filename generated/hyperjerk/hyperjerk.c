@@ -7,6 +7,11 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+static float hyperjerk_abs(float v)
+{
+    return (v < 0.0f) ? -v : v;
+}
+
 static float hyperjerk_clamp(float v, float low, float high)
 {
     const float raised = (v > low) ? v : low;
@@ -28,7 +33,10 @@ static float hyperjerk_keep(float v, float low, float high, float otherwise, flo
 unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyperjerk_output *out)
 {
     unsigned status = 0u;
+    bool doubtful = false;
+    bool far = false;
     bool lost = false;
+    bool over = false;
     bool running = false;
     float valid = 0.0f;
     float y = 0.0f;
@@ -164,6 +172,8 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
             s->eta[1] = 0.0f;
             s->eta[2] = 0.0f;
             s->eta[3] = 0.0f;
+            s->doubt = 0.0f;
+            s->patience = 15045.0f;
             status |= HYPERJERK_RESTARTED;
         }
         /* keep w in its box */
@@ -196,15 +206,66 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
     /* remember the sample */
     s->y = y;
     s->y_valid = valid;
-    /* outside the declared box the model is evaluated at its edge */
+    /* is the estimate where it cannot be for long? */
     {
         const float w1 = s->w[0];
         const float w2 = s->w[1];
         const float w3 = s->w[2];
         const float w4 = s->w[3];
-        if (w1 < -3.0f || w1 > 3.0f || w2 < -4.0f || w2 > 4.0f || w3 < -6.0f || w3 > 6.0f || w4 < -12.0f
-            || w4 > 12.0f) {
+        const bool t1 = w1 < -3.0f || w1 > 3.0f || w2 < -4.0f || w2 > 4.0f || w3 < -6.0f || w3 > 6.0f
+            || w4 < -12.0f || w4 > 12.0f;
+        if (t1) {
             status |= HYPERJERK_OUTSIDE_BOX;
+        }
+        doubtful = (valid != 0.0f) && (t1 || ((valid != 0.0f) && hyperjerk_abs(y - w1) > 0.6f)
+            || s->doubt > 0.0f);
+    }
+    if (doubtful) {
+        /* is it far from where it can be? */
+        {
+            const float w1 = s->w[0];
+            const float w2 = s->w[1];
+            const float w3 = s->w[2];
+            const float w4 = s->w[3];
+            const bool t1 = w1 < -3.3f || w1 > 3.3f || w2 < -4.4f || w2 > 4.4f || w3 < -6.6f || w3 > 6.6f
+                || w4 < -13.2f || w4 > 13.2f;
+            far = t1 || ((valid != 0.0f) && hyperjerk_abs(y - w1) > 0.6f);
+        }
+        if (far) {
+            /* more doubt */
+            {
+                const float doubt = s->doubt;
+                s->doubt = hyperjerk_clamp(doubt + 2.0f, 0.0f, 60180.0f);
+            }
+            /* is patience at its end? */
+            over = hyperjerk_clamp(s->patience, 15045.0f, 60180.0f) <= s->doubt;
+            if (over) {
+                /* the next restart waits longer */
+                {
+                    const float patience = s->patience;
+                    s->doubt = hyperjerk_clamp(patience, 15045.0f, 30090.0f);
+                    s->patience = hyperjerk_clamp(2.0f*patience, 15045.0f, 60180.0f);
+                }
+                /* the estimate restarts from the sample */
+                s->w[0] = hyperjerk_clamp(hyperjerk_within(y, 1e+15f) ? y : 0.0f, -9.0f, 9.0f);
+                s->w[1] = 0.0f;
+                s->w[2] = 0.0f;
+                s->w[3] = 0.0f;
+                status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
+                /* as after a reset */
+                s->eta[0] = 0.0f;
+                s->eta[1] = 0.0f;
+                s->eta[2] = 0.0f;
+                s->eta[3] = 0.0f;
+            }
+        } else {
+            /* less doubt */
+            {
+                const float doubt = s->doubt;
+                const float patience = s->patience;
+                s->doubt = hyperjerk_clamp(doubt - 1.0f, 0.0f, 60180.0f);
+                s->patience = (doubt <= 1.0f) ? 15045.0f : hyperjerk_clamp(patience, 15045.0f, 60180.0f);
+            }
         }
     }
     return status;
@@ -244,6 +305,8 @@ void hyperjerk_reset(hyperjerk_state *s)
     s->eta[1] = 0.0f;
     s->eta[2] = 0.0f;
     s->eta[3] = 0.0f;
+    s->doubt = 0.0f;
+    s->patience = 15045.0f;
     s->calls = 0u;
     s->y = 0.0f;
     s->y_valid = 0.0f;

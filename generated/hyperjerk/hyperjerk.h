@@ -43,6 +43,9 @@
  *   the gains have their declared values; each can be tuned within its range, and what is known here is known
  *     of the declared value
  *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
+ *   no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as
+ *     long as the law of recovery waits (doubt stays below patience, in the state); watch the status
+ *     RESTARTED_FROM_SAMPLE; after one the theorem starts again
  * Hypotheses of the theorem, unknown
  *   y and the input are known at all times; a step takes samples of them: the theorem is of continuous time,
  *     and trials measure the difference
@@ -68,7 +71,10 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. The status is 0 for ok, else an or of the bits below.
+ * noticed. A valid sample at which the estimate is out of a range by 5% of it, or y is off by 10% of what it
+ * can span, adds to s.doubt, another takes half as much away. When doubt reaches s.patience, which takes 7.52
+ * s of such samples at most, all of the state restarts from the sample, and patience doubles, up to four
+ * times 15045, until doubt is 0 again. The status is 0 for ok, else an or of the bits below.
  *
  * Change gains in p.gain, then call hyperjerk_tune, or the change is neither limited nor complete. Ranges are
  * those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can only go
@@ -83,23 +89,27 @@
 
 /* Status bits: what happened, and what it asks of you. */
 /* y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
-#define HYPERJERK_MISSING_y         0x0001u
+#define HYPERJERK_MISSING_y             0x0001u
 /* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
  * and the declared range. */
-#define HYPERJERK_REJECTED_y        0x0002u
+#define HYPERJERK_REJECTED_y            0x0002u
 /* the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
  * it stays, the declared ranges are too narrow. */
-#define HYPERJERK_OUTSIDE_BOX       0x0004u
+#define HYPERJERK_OUTSIDE_BOX           0x0004u
 /* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges or lower theta. */
-#define HYPERJERK_STATE_LIMITED     0x0008u
+#define HYPERJERK_STATE_LIMITED         0x0008u
 /* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
  * parameters (tune was called?) and ranges. */
-#define HYPERJERK_RESTARTED         0x0010u
+#define HYPERJERK_RESTARTED             0x0010u
+/* good samples did not bring the estimate back, and the whole state restarted from the sample. To do: treat
+ * the estimate as new; if it comes again without a fault, widen the ranges or lower theta or check the
+ * model. */
+#define HYPERJERK_RESTARTED_FROM_SAMPLE 0x0020u
 /* tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define HYPERJERK_PARAMETER_LIMITED 0x0020u
+#define HYPERJERK_PARAMETER_LIMITED     0x0040u
 
 /* the measurement now */
 typedef struct {
@@ -125,6 +135,8 @@ typedef struct {
 typedef struct {
     float w[4];     /* estimate, in chains of integrators: x1, x2, x3, x4 */
     float eta[4];   /* filtered output injection */
+    float doubt;    /* evidence of valid samples that the estimate is lost, 0 .. 60180 */
+    float patience; /* doubt at which it restarts from the sample, 15045 .. 60180 */
     unsigned calls; /* 0 before the first call, 1 after it */
     float y;        /* sample of the last call, or its estimate where there was none: y */
     float y_valid;  /* 1 where the last call had a valid sample: y */

@@ -14,6 +14,11 @@
 #error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"
 #endif
 
+static float pendulum_abs(float v)
+{
+    return (v < 0.0f) ? -v : v;
+}
+
 static float pendulum_clamp(float v, float low, float high)
 {
     const float raised = (v > low) ? v : low;
@@ -74,7 +79,10 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     const pendulum_output *out)
 {
     unsigned status = 0u;
+    bool doubtful = false;
+    bool far = false;
     bool lost = false;
+    bool over = false;
     bool running = false;
     float u = 0.0f;
     float valid = 0.0f;
@@ -161,6 +169,8 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             /* a value is lost: all restart */
             s->z[0] = 0.0f;
             s->z[1] = 0.0f;
+            s->doubt = 0.0f;
+            s->patience = 1521.0f;
             status |= PENDULUM_RESTARTED;
         }
         /* keep z in its box */
@@ -179,12 +189,53 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     /* remember the sample */
     s->y = y;
     s->y_valid = valid;
-    /* outside the declared box the model is evaluated at its edge */
+    /* is the estimate where it cannot be for long? */
     {
         const float z1 = s->z[0];
         const float z2 = s->z[1];
-        if (z1 < -4.0f || z1 > 4.0f || z2 < -20.0f || z2 > 20.0f) {
+        const bool t1 = z1 < -4.0f || z1 > 4.0f || z2 < -20.0f || z2 > 20.0f;
+        if (t1) {
             status |= PENDULUM_OUTSIDE_BOX;
+        }
+        doubtful = (valid != 0.0f) && (t1 || ((valid != 0.0f) && pendulum_abs(y - z1) > 0.8f)
+            || s->doubt > 0.0f);
+    }
+    if (doubtful) {
+        /* is it far from where it can be? */
+        {
+            const float z1 = s->z[0];
+            const float z2 = s->z[1];
+            far = z1 < -4.4f || z1 > 4.4f || z2 < -22.0f || z2 > 22.0f
+                || ((valid != 0.0f) && pendulum_abs(y - z1) > 0.8f);
+        }
+        if (far) {
+            /* more doubt */
+            {
+                const float doubt = s->doubt;
+                s->doubt = pendulum_clamp(doubt + 2.0f, 0.0f, 6084.0f);
+            }
+            /* is patience at its end? */
+            over = pendulum_clamp(s->patience, 1521.0f, 6084.0f) <= s->doubt;
+            if (over) {
+                /* the next restart waits longer */
+                {
+                    const float patience = s->patience;
+                    s->doubt = pendulum_clamp(patience, 1521.0f, 3042.0f);
+                    s->patience = pendulum_clamp(2.0f*patience, 1521.0f, 6084.0f);
+                }
+                /* the estimate restarts from the sample */
+                s->z[0] = pendulum_clamp(pendulum_within(y, 1e+15f) ? y : 0.0f, -12.0f, 12.0f);
+                s->z[1] = 0.0f;
+                status |= PENDULUM_RESTARTED_FROM_SAMPLE;
+            }
+        } else {
+            /* less doubt */
+            {
+                const float doubt = s->doubt;
+                const float patience = s->patience;
+                s->doubt = pendulum_clamp(doubt - 1.0f, 0.0f, 6084.0f);
+                s->patience = (doubt <= 1.0f) ? 1521.0f : pendulum_clamp(patience, 1521.0f, 6084.0f);
+            }
         }
     }
     return status;
@@ -222,6 +273,8 @@ void pendulum_reset(pendulum_state *s)
 {
     s->z[0] = 0.0f;
     s->z[1] = 0.0f;
+    s->doubt = 0.0f;
+    s->patience = 1521.0f;
     s->calls = 0u;
     s->u = 0.0f;
     s->y = 0.0f;

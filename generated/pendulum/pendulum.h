@@ -37,6 +37,9 @@
  *   the gains have their declared values; each can be tuned within its range, and what is known here is known
  *     of the declared value
  *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
+ *   no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as
+ *     long as the law of recovery waits (doubt stays below patience, in the state); watch the status
+ *     RESTARTED_FROM_SAMPLE; after one the theorem starts again
  * Hypotheses of the theorem, unknown
  *   y and the input are known at all times; a step takes samples of them: the theorem is of continuous time,
  *     and trials measure the difference
@@ -63,7 +66,10 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. The status is 0 for ok, else an or of the bits below.
+ * noticed. A valid sample at which the estimate is out of a range by 5% of it, or y is off by 10% of what it
+ * can span, adds to s.doubt, another takes half as much away. When doubt reaches s.patience, which takes
+ * 0.761 s of such samples at most, all of the state restarts from the sample, and patience doubles, up to
+ * four times 1521, until doubt is 0 again. The status is 0 for ok, else an or of the bits below.
  *
  * Change gains in p.gain, then call pendulum_tune, or the change is neither limited nor complete. Ranges are
  * those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can only go
@@ -78,28 +84,32 @@
 
 /* Status bits: what happened, and what it asks of you. */
 /* y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
-#define PENDULUM_MISSING_y         0x0001u
+#define PENDULUM_MISSING_y             0x0001u
 /* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
  * and the declared range. */
-#define PENDULUM_REJECTED_y        0x0002u
+#define PENDULUM_REJECTED_y            0x0002u
 /* tau is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
-#define PENDULUM_REUSED_tau        0x0004u
+#define PENDULUM_REUSED_tau            0x0004u
 /* tau was clamped to its range. To do: the proofs hold on the range only; widen it or limit the input. */
-#define PENDULUM_CLAMPED_tau       0x0008u
+#define PENDULUM_CLAMPED_tau           0x0008u
 /* the estimate, or a state of the plant before it is clamped to its range, is outside the declared ranges,
  * where the model is evaluated at the edge. To do: normal while the estimate peaks, do not act on it then; if
  * it stays, the declared ranges are too narrow. */
-#define PENDULUM_OUTSIDE_BOX       0x0010u
+#define PENDULUM_OUTSIDE_BOX           0x0010u
 /* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges or lower theta. */
-#define PENDULUM_STATE_LIMITED     0x0020u
+#define PENDULUM_STATE_LIMITED         0x0020u
 /* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
  * parameters (tune was called?) and ranges. */
-#define PENDULUM_RESTARTED         0x0040u
+#define PENDULUM_RESTARTED             0x0040u
+/* good samples did not bring the estimate back, and the whole state restarted from the sample. To do: treat
+ * the estimate as new; if it comes again without a fault, widen the ranges or lower theta or check the
+ * model. */
+#define PENDULUM_RESTARTED_FROM_SAMPLE 0x0080u
 /* tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
  * do: correct the parameter and tune again. */
-#define PENDULUM_PARAMETER_LIMITED 0x0080u
+#define PENDULUM_PARAMETER_LIMITED     0x0100u
 
 /* the input now */
 typedef struct {
@@ -130,6 +140,8 @@ typedef struct {
 /* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
 typedef struct {
     float z[2];     /* estimate in the form's coordinates: q, w */
+    float doubt;    /* evidence of valid samples that the estimate is lost, 0 .. 6084 */
+    float patience; /* doubt at which it restarts from the sample, 1521 .. 6084 */
     unsigned calls; /* 0 before the first call, 1 after it */
     float u;        /* last valid input: tau, -1 .. 1 */
     float y;        /* sample of the last call, or its estimate where there was none: y */

@@ -125,6 +125,7 @@ def observer_on(
     checks: tuple[Check, ...] = (),
     accepted: tuple[str, ...] = (),
     traces: tuple[str, ...] = (),
+    practical: bool = False,
 ) -> Observer:
     """The observer whose estimate is `w` (n), an SX of places of its state; `checks` beside the form's."""
     form = chain.form
@@ -140,6 +141,7 @@ def observer_on(
         theorem=theorem,
         equations=(*equations, PLANT),
         reference=reference,
+        practical=practical,
         traces=traces,
     )
 

@@ -18,6 +18,7 @@ from hgogen.program import Field, Group, Section, lines_of
 from hgogen.recheck.file import SHOWN
 from hgogen.signal import Signal
 from hgogen.step import Step
+from hgogen.stepping.recovery import far
 from hgogen.stepping.sensors import OLDEST, ROUND
 from hgogen.theorem import rows
 from hgogen.time_unit import pace
@@ -123,7 +124,10 @@ The call at t_k uses the samples of t_k and leaves the estimate at t_k; the firs
 $missing
 An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
 valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
-plausible value is not noticed. The status is 0 for ok, else an or of the bits below.
+plausible value is not noticed. A valid sample at which $far adds to s.doubt,
+another takes half as much away. When doubt reaches s.patience, which takes $wait of such samples at most,
+all of the state restarts from the sample, and patience doubles, up to four times $patience, until doubt is 0
+again. The status is 0 for ok, else an or of the bits below.
 $parts$timed
 Change gains in p.gain, then call ${name}_tune,
 or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
@@ -212,6 +216,7 @@ def _body(step: Step) -> list[str]:
 
 
 def _manual(step: Step) -> list[str]:
+    patience = next(field.initial[0] for field in step.state if field.name == "patience")
     kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
         name=step.name,
@@ -219,6 +224,9 @@ def _manual(step: Step) -> list[str]:
         own=" and ".join(_own(step)) or "the estimates in s",
         what="predict, and update where a sample came," if step.timed else "one step",
         body="\n".join(f"        {line}" for line in _body(step)),
+        far=far(step.observer),
+        wait=pace(float(f"{step.dt * patience / (2 * len(step.outputs)):.3g}"), step.time),
+        patience=same(patience),
         missing=_MISSING[bool(step.timed)],
         structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),
         parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",

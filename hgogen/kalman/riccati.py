@@ -38,6 +38,11 @@ class HighGain(Protocol):
         ...
 
     @property
+    def late(self) -> float:
+        """Its value while a large error lasts."""
+        ...
+
+    @property
     def rest(self) -> float | None:
         """Where it rests, if it comes back to its peak from there."""
         ...

@@ -106,6 +106,7 @@ def cascade(
         equations=(*EQUATIONS, f"alpha = {listed(alpha)}"),
         reference=REFERENCE,
         accepted=accept,
+        practical=True,
     )
 
 

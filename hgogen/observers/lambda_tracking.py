@@ -3,32 +3,54 @@
     xhat_i' = xhat_(i+1) + p_i k^i e           i = 1, .., n - 1,   e = y - xhat_1
     xhat_n' = p_n k^n e                        (with `model`: + c_n(xhat, u), and c_i in the rows above)
     k' = gamma d(e)^2,  k(0) = k_0,  d(e) = |e| - lambda, limited to [0, lambda_hat - lambda]
+    k <- max(k/2, k_0)  once |e| <= lambda over a time in which the integral of k is 2 ln(100 r)/mu,
+                        at most N = ceil(log2(k_max/k_0)) times after an |e| that was far, once settled
 
 on the phase form x_i' = x_(i+1), x_n' = phi(x, u, u', ..), y = x_1; the estimate in the plant's states goes through the
 inverse of the form, and rests where that is no number. Without phi the error is of order 1/k and never 0:
 
     limsup |x_i - xhat_i| <= 2 mu |P| sqrt(cond P)/k(0)^(n+1-i),   |phi| <= mu,   A'P + P A = -I,  A = [shift - p C]
 
+The gain of the paper never falls, so that what one fault has raised amplifies the noise for ever. Here it falls by
+halves when the error has stayed in the strip for twice the time in which the core at k, whose slowest rate is k mu,
+brings an error as wide as the outer box, r times the declared one, down to a hundredth. It does so only after a fault:
+an error that is far, beyond lambda_hat or a tenth of what y can span, once it has been in the strip while the integral
+of k grew by 1/mu; and no more often for each than it takes from k_max to k_0. Without a fault the law is the paper's,
+and after one the theorem holds from the last fall on.
+
 Source: Bullinger, Ilchmann, Allgoewer, "A simple adaptive observer for nonlinear systems", NOLCOS 1998, (2), (4), (5);
-the paper's (14) lacks the factor sqrt(cond P), which its own (11) brings in. The variant with phi, and the cap k_max
-on the gain, which the length of a step asks for, are extensions.
+the paper's (14) lacks the factor sqrt(cond P), which its own (11) brings in. The variant with phi, the cap k_max on the
+gain, which the length of a step asks for, and its fall are extensions.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from math import ceil, log, log2
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import sympy as sp
 
-from hgogen.chains.injection import GAIN_LIMITED, capped, injection_gains, listed, moving_gain, unmodelled
+from hgogen.chains.injection import (
+    GAIN_LIMITED,
+    capped,
+    companion,
+    injection_gains,
+    last_error,
+    listed,
+    moving_gain,
+    unmodelled,
+)
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, Observer, founded, gain, positive, reals
-from hgogen.program import Field, scalar, sym
+from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive, reals
+from hgogen.program import INF, Block, Field, When, scalar, sym
+from hgogen.stepping.guards import readings
+from hgogen.stepping.patience import FINE
+from hgogen.stepping.recovery import SHARE
 from hgogen.structure.bounded import bounded
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -80,8 +102,8 @@ MODELLED = Theorem(
 
 GROWN = replace(
     GAIN_LIMITED,
-    action="the gain never falls, so it stays set: call reset if outliers drove it there; if it comes back, "
-    "raise strip, or declare a higher cap, and a shorter dt for it",
+    action="after outliers the gain falls by halves; if it stays, raise strip, or declare a higher cap, and a "
+    "shorter dt for it",
 )
 
 
@@ -130,7 +152,7 @@ def lambda_tracking(
     widest = (width + end) / 2  # so that strip stays below reach however they are tuned
     rate = positive("gamma", gamma)
     w = _started(chain.field(initial, most), chain, start)
-    k = scalar("k", least, low=least, high=most, unit="1/s", meaning="gain, which only grows")
+    k = scalar("k", least, low=least, high=most, unit="1/s", meaning="gain, which grows outside the strip")
 
     def law(e: Any) -> Any:
         room = ca.fmax(sym("gain.reach") - sym("gain.strip"), 0)
@@ -140,7 +162,12 @@ def lambda_tracking(
     return observer_on(
         chain,
         "lambda_tracking",
-        parts=(moving_gain(chain, w, p, k, law), capped(k, GROWN), *(() if model else (unmodelled(form),))),
+        parts=(
+            moving_gain(chain, w, p, k, law),
+            Jump(lambda clock: _falls(clock, chain, w, p, k)),
+            capped(k, GROWN),
+            *(() if model else (unmodelled(form),)),
+        ),
         gains=(
             gain("gamma", rate, 1e-3 * rate, 1e3 * rate, "how fast the gain grows", "1/(y^2 s^2)"),
             gain("strip", width, 1e-3 * width, widest, "output error up to which the gain rests", "y"),
@@ -156,6 +183,53 @@ def lambda_tracking(
         checks=checks,
         accepted=accept,
         traces=("k",),
+        practical=not model,
+    )
+
+
+def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) -> Pieces:
+    """The fall of the gain."""
+    ((least, most),) = k.box
+    slowest = float(-np.linalg.eigvals(companion(p)).real.max())
+    needed, times = 2 * log(FINE * max(3.0, most ** (chain.n - 1))) / slowest, float(ceil(log2(most / least)))
+    e, quiet, falls = ca.fabs(last_error(chain, w, clock)), sym("state.quiet"), sym("state.falls")
+    level, seen = sym("state.k"), sym("state.y_valid")
+    low, high = readings(chain.form)[0]
+    far = ca.fmin(sym("gain.reach"), SHARE * (high - low)) if high - low < INF else sym("gain.reach")
+    counted = ca.if_else(e <= sym("gain.strip"), ca.fmin(quiet + level * clock.dt, needed), 0)
+    known = ca.fmax(sym("state.settled"), quiet >= 1 / slowest)
+    may = ca.if_else(ca.logic_and(e > far, sym("state.settled") > 0), times, falls)
+    test = ca.logic_and(quiet >= needed, ca.logic_and(falls >= 1, level > least))
+    fall = {
+        "state.quiet": ca.SX(0),
+        "state.falls": ca.fmax(falls - 1, 0),
+        "state.k": ca.fmax(level / 2, least),
+    }
+    return Pieces(
+        fields=(
+            scalar("quiet", 0.0, low=0.0, high=needed, meaning="integral of k since the error is inside the strip"),
+            scalar(
+                "settled",
+                0.0,
+                low=0.0,
+                high=1.0,
+                lasting=True,
+                meaning="1 once it was inside for a while: what is far then is a fault",
+            ),
+            scalar("falls", 0.0, low=0.0, high=times, lasting=True, meaning="how often the gain may still fall"),
+        ),
+        adapt=(
+            Block(
+                "has the output error stayed inside the strip?",
+                {
+                    "state.quiet": ca.if_else(seen, counted, quiet),
+                    "state.falls": ca.if_else(seen, may, falls),
+                    "state.settled": known,
+                },
+            ),
+            Block("may the gain fall?", {"work.falling": test}),
+            When("work.falling", (Block("it falls by half", fall),)),
+        ),
     )
 
 

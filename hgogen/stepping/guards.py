@@ -12,11 +12,13 @@ from typing import Any
 import casadi as ca
 
 from hgogen.check import Verdict
+from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import HUGE, Clock, Observer
 from hgogen.program import INF, Block, Field, Program, When, address, column, scope, sym, walk
 from hgogen.signal import Signal
+from hgogen.structure.dynamics import widened
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
@@ -65,6 +67,10 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "a value was lost (not finite), and the whole state restarted",
         "treat the estimate as new; check parameters (tune was called?) and ranges",
     ),
+    "RESTARTED_FROM_SAMPLE": (
+        "good samples did not bring the estimate back, and the whole state restarted from the sample",
+        "treat the estimate as new; if it comes again without a fault, widen the ranges{or_lower} or check the model",
+    ),
     "ADAPTED": ("adapt was called again in one period: nothing done", "call it once, after the updates"),
     "PARAMETER_LIMITED": (
         "tune only: a parameter was out of its range and was limited, or not finite and took its nominal value",
@@ -81,13 +87,19 @@ def or_lower(observer: Observer) -> str:
     return "".join(f" or lower {name}" for name in high)
 
 
-def outside(observer: Observer) -> Block:
-    """Say so where the estimate, or the plant's state that it stands for, is outside its declared range, so that the
-    model is evaluated at the edge."""
+def outside(observer: Observer, margin: float = 0.0) -> Any:
+    """Whether the estimate, or the plant's state that it stands for, is outside its declared range by more than
+    `margin` of its width, so that the model is evaluated at the edge; SX."""
     z, dynamics = observer.z, observer.dynamics
-    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(dynamics.box) if low > -INF]
-    tests += dynamics.beyond(z, sym("state.u", len(observer.form.system.inputs)))
-    return Block("outside the declared box the model is evaluated at its edge", {"status.OUTSIDE_BOX": _any(tests)})
+    ends = [widened(*end, margin) for end in dynamics.box]
+    tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(ends) if low > -INF]
+    return any_of(tests + dynamics.beyond(z, sym("state.u", len(observer.form.system.inputs)), margin))
+
+
+def outside_bit(observer: Observer) -> Block:
+    """Raise the bit where it is."""
+    bit = {"status.OUTSIDE_BOX": outside(observer)}
+    return Block("outside the declared box the model is evaluated at its edge", bit)
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
@@ -104,7 +116,7 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
     )
 
 
-def _any(tests: Iterable[Any]) -> Any:
+def any_of(tests: Iterable[Any]) -> Any:
     """Whether one of the truth values holds; 0 for none."""
     tests = list(tests)
     return reduce(ca.logic_or, tests) if tests else ca.SX(0)
@@ -150,9 +162,8 @@ def _judged(signal: Signal, readings: tuple[float, float], raw: Any, error: Any)
     }
 
 
-def _readings(observer: Observer) -> list[tuple[float, float]]:
+def readings(form: Form) -> list[tuple[float, float]]:
     """What each output can read: its declared range, else what the ranges of states, inputs and parameters give."""
-    form = observer.form
     signals = box((*form.states, *form.system.inputs, *form.system.parameters))
     signals |= {p: (Fraction(str(p.nominal)),) * 2 for p in form.system.parameters if not p.bounded}
     given = [enclose(expression, signals) for expression in form.output]
@@ -167,8 +178,9 @@ def measure(observer: Observer, clock: Clock, j: int) -> Block:
     signal = observer.form.system.outputs[j]
     raw = sym(f"output.{signal.name}")
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
-    valid, status = _judged(signal, _readings(observer)[j], raw, error)
-    return Block(f"guard the sample of {signal}", {"work.sample": raw, "work.e": error, "work.valid": valid, **status})
+    valid, status = _judged(signal, readings(observer.form)[j], raw, error)
+    values = {"work.sample": raw, "work.e": error, "work.innovation": error, "work.valid": valid}
+    return Block(f"guard the sample of {signal}", {**values, **status})
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
@@ -178,7 +190,7 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
         raw = sym(f"output.{signal.name}")
-        usable, bits = _judged(signal, _readings(observer)[j], raw, raw - predicted[j])
+        usable, bits = _judged(signal, readings(observer.form)[j], raw, raw - predicted[j])
         now.append(ca.if_else(usable, raw, predicted[j]))
         before.append(ca.if_else(ca.logic_and(usable, had[j]), last[j], now[-1]))
         valid.append(usable)
@@ -224,7 +236,7 @@ def _kept(field: Field) -> Block:
     clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
     writes = {f"state.{field.name}": column(clamped)}
     if field.outer:
-        writes["status.STATE_LIMITED"] = _any(
+        writes["status.STATE_LIMITED"] = any_of(
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(box)
         )
     return Block(f"keep {field.name} in its box", writes)
@@ -241,6 +253,6 @@ def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived
                 clamped = ca.fmin(ca.fmax(value[i], low), high)
                 kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
                 changed.append(ca.logic_not(ca.logic_and(value[i] >= low, value[i] <= high)))
-            writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": _any(changed)}
+            writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": any_of(changed)}
             blocks.append(Block(f"{field.name} in its range", writes))
     return (*blocks, *derived)

@@ -144,15 +144,19 @@ def fresh(group: str, fields: Iterable[Field]) -> Program:
     return tuple(programs)
 
 
-def fresh_groups(above: str, groups: Iterable[Group]) -> Program:
-    """The groups in a member of `above` as after a reset, but for their estimates, which become the member's own."""
-    return tuple(Loop(group.name, group.count, _fresh(above, group)) for group in groups)
+def fresh_groups(above: str, groups: Iterable[Group], z: Any) -> Program:
+    """The groups in `above`, a member or the state, as after a reset, but for what lasts, and but for their estimates,
+    which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
+    return tuple(Loop(group.name, group.count, _fresh(above, group, z)) for group in groups)
 
 
-def _fresh(above: str, group: Group) -> Program:
-    estimates = {f"{group.name}.{f.name}": sym(f"{above}.{f.name}", f.size) for f in group.fields if f.outer}
+def _fresh(above: str, group: Group, z: Any) -> Program:
+    own = Moved({f"state.{name}": f"{above}.{name}" for name in read_fields([z])}, {})
+    of = {f.name: own.values(z)[0] if f.name == "z" else sym(f"{above}.{f.name}", f.size) for f in group.fields}
+    estimates = {f"{group.name}.{f.name}": of[f.name] for f in group.fields if f.outer}
     start = Block("from the estimate", estimates)
-    return (*((start,) if estimates else ()), *fresh(group.name, [f for f in group.fields if not f.outer]))
+    rest = fresh(group.name, [f for f in group.fields if not (f.outer or f.lasting)])
+    return (*((start,) if estimates else ()), *rest, *fresh_groups(group.name, group.groups, z))
 
 
 def read_fields(graphs: Iterable[Any]) -> set[str]:

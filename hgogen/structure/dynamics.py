@@ -50,6 +50,12 @@ def clamp(value: Any, low: float, high: float) -> Any:
     return value if high == INF else ca.fmin(value, high)
 
 
+def widened(low: float, high: float, share: float) -> tuple[float, float]:
+    """The range, longer by a share of its width at each end."""
+    more = share * (high - low) if high - low < INF else 0.0
+    return low - more, high + more
+
+
 @dataclass(eq=False)
 class NoDeterminant(HgogenError):
     """A form whose det dPhi/dx is undefined wherever it was asked."""
@@ -150,11 +156,13 @@ class Dynamics:
         """
         return self._ranged(self._unranged(z, u))
 
-    def beyond(self, z: Any, u: Any) -> list[Any]:
-        """For each state of the form's system that is more than a z with a sign: whether it leaves its range."""
+    def beyond(self, z: Any, u: Any, margin: float = 0.0) -> list[Any]:
+        """For each state of the form's system that is more than a z with a sign: whether it leaves its range by more
+        than `margin` of its width."""
         raw = self._unranged(z, u)
+        ends = [widened(*s.interval, margin) for s in self.form.system.states]
         return [
-            ca.logic_or(raw[i] < s.interval[0], raw[i] > s.interval[1])
+            ca.logic_or(raw[i] < ends[i][0], raw[i] > ends[i][1])
             for i, (s, e) in enumerate(zip(self.form.system.states, self.form.from_form, strict=True))
             if s.bounded and not (e.is_Symbol or (-e).is_Symbol)
         ]

@@ -1,0 +1,271 @@
+"""The law of recovery: what it counts, when it restarts, from where; and that an estimate is found again."""
+
+import itertools
+from functools import cache
+from typing import Any
+
+import numpy as np
+import plants
+import pytest
+import recovery
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import hgogen as hg
+from hgogen.call import CallableStep
+from hgogen.emit import native
+from hgogen.model import load
+from hgogen.observer import Observer
+from hgogen.stepping.patience import FINE
+from hgogen.stepping.recovery import MARGIN, SHARE
+
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+NAN = float("nan")
+BIT = "RESTARTED_FROM_SAMPLE"
+
+
+def memory(step: CallableStep, name: str) -> Any:
+    return step._kept.places[f"state.{name}"]
+
+
+def first(step: hg.Step, name: str) -> float:
+    return next(field.initial[0] for field in step.state if field.name == name)
+
+
+# --- what it counts -----------------------------------------------------------------------------------------
+
+
+@cache
+def quick() -> CallableStep:
+    """The pendulum's high-gain observer with few samples to a second, so that its patience is short."""
+    return hg.sample(plants.pendulum(theta=4), hg.methods.rk4, dt=0.05)
+
+
+def test_the_patience_is_twice_the_time_in_which_the_core_converges() -> None:
+    """theta = 4, poles -1, -1: the slowest rate is 4 a second."""
+    outer = next(field for field in quick().state if field.name == "z").high
+    seconds = 2 * np.log(FINE * max(outer[0] / 4, outer[1] / 20)) / 4
+    assert first(quick(), "patience") == np.ceil(2 * seconds / 0.05)
+    assert [field.box[0] for field in quick().state if field.name in ("doubt", "patience")] == [
+        (0, 4 * first(quick(), "patience")),
+        (first(quick(), "patience"), 4 * first(quick(), "patience")),
+    ]
+
+
+KINDS = st.sampled_from(["far", "near", "wild", "none", "reject"])
+SEGMENTS = st.lists(st.tuples(KINDS, st.integers(1, 90)), max_size=9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEGMENTS, st.integers(0, 2**32 - 1))
+def test_doubt_and_patience_follow_the_law(segments: list[tuple[str, int]], seed: int) -> None:
+    """c and w from what a step shows: the estimate and the error after each sample, and whether it restarted."""
+    step, rng = quick(), np.random.default_rng(seed)
+    step.reset()
+    wait = first(step, "patience")
+    c, w = 0.0, wait
+    for kind, count in segments:
+        for k in range(count):
+            estimate = float(memory(step, "z")[0])
+            y = {
+                "far": -5.0 if estimate > 0 else 5.0,
+                "near": 0.9 * estimate,
+                "wild": rng.uniform(-7, 7),
+                "none": NAN,
+                "reject": 1e9,
+            }[kind]
+            sample = step(5.0 * (k % 2), y)
+            if BIT in sample.flags:
+                assert c + 2 >= w
+                c, w = min(w, 2 * wait), min(2 * w, 4 * wait)
+            elif not {"MISSING_y", "REJECTED_y"} & set(sample.flags):
+                z = memory(step, "z")
+                off = abs(y - z[0]) > SHARE * 8
+                if off or (abs(z) > (1 + 2 * MARGIN) * np.array([4.0, 20.0])).any():
+                    c = c + 2
+                    assert c < w
+                else:
+                    w = wait if c <= 1 else w
+                    c = max(c - 1, 0.0)
+            assert (memory(step, "doubt")[0], memory(step, "patience")[0]) == (c, w)
+
+
+def test_an_estimate_that_stays_far_restarts_ever_more_slowly() -> None:
+    """A sensor that jumps to and fro as fast as the observer follows: after T, 2 T, and then every 2 T."""
+    step = quick()
+    step.reset()
+    wait, restarts = int(first(step, "patience")), []
+    for k in range(6 * wait):
+        restarts += [k + 1] if BIT in step(0.0, 6.0 if k % 2 else -6.0).flags else []
+    waits = [restarts[0], *np.diff(restarts)]
+    assert waits == [-(-wait // 2), -(-wait // 2), *[wait] * (len(waits) - 2)]
+    assert len(waits) >= 5
+
+
+@needs_compiler
+def test_each_output_counts_its_share() -> None:
+    """2 p in each period, though one of the p = 2 sensors comes every second period only."""
+    a, b, y, v = (hg.Signal(name, low=-10, high=10) for name in "abyv")
+    plant = hg.System("two", states=(a, b), outputs=(y, v), flow=[b, -sp.sin(a) - b / 5], output=[a, b])
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=[1e-6, 1e-6], R=[10.0, 10.0])
+    together = hg.sample(observer, dt=0.01)
+    apart = hg.sample(observer, dt=0.01, periods={"v": 0.02})
+    rises = []
+    for step in (together, apart):
+        for k in range(8):
+            step.predict()
+            memory(step, "z")[:] = 12.0
+            step.update(y=12.0)
+            if step is together or k % 2 == 0:
+                memory(step, "z")[:] = 12.0
+                step.update(v=12.0)
+        rises.append(float(memory(step, "doubt")[0]))
+    assert rises == [8 * 2 * 2] * 2
+
+
+# --- from where it restarts ---------------------------------------------------------------------------------
+
+
+def doubting(observer: Observer, **options: Any) -> CallableStep:
+    """A step one far sample before its restart, with memory that is not that of a reset."""
+    step = hg.sample(observer, **{"dt": 0.01, **options})
+    for _ in range(3):
+        step([0.3] * len(step.inputs), [0.2] * len(step.outputs))
+    memory(step, "doubt")[0] = first(step, "patience") - 1
+    return step
+
+
+def test_the_measured_state_is_the_sample_and_the_others_rest() -> None:
+    step = doubting(plants.pendulum(theta=4), method=hg.methods.rk4)
+    memory(step, "z")[:] = -12.0, 55.0
+    sample = step(0.0, 2.5)
+    assert BIT in sample.flags
+    assert (sample["q"], sample["w"]) == (2.5, 0.0)
+
+
+def test_the_start_is_the_nearest_to_rest_that_shows_the_sample() -> None:
+    """y = a + 2 b: x_0 + V g e/(g' V g) with V of equal widths is (e, 2 e)/5, and the covariance restarts as well."""
+    a, b = (hg.Signal(name, low=-10, high=10) for name in "ab")
+    y = hg.Signal("y", low=-30, high=30)
+    plant = hg.System("mixed", states=(a, b), outputs=(y,), flow=[b, -sp.sin(a) - b / 5], output=[a + 2 * b])
+    step = doubting(hg.observers.riccati(hg.forms.original(plant), Q=[0.1, 0.1], R=0.1, covariance=[2.0, 3.0]))
+    memory(step, "z")[:] = 29.0, 29.0
+    sample = step(y=-20.0)
+    assert BIT in sample.flags
+    assert np.allclose([sample["a"], sample["b"]], [-4.0, -8.0], rtol=1e-14)
+    assert memory(step, "D").tolist() == [2.0, 3.0]
+    assert memory(step, "L").tolist() == [0.0]
+
+
+def test_of_several_outputs_only_valid_ones_are_fitted() -> None:
+    step = doubting(
+        hg.observers.riccati(hg.forms.original(plants.two_outputs()), Q=[0.1] * 3, R=[0.1, 0.2]),
+        method=hg.methods.rk4_covariance,
+    )
+    memory(step, "z")[:] = 29.0
+    sample = step(0.0, [NAN, 7.0])
+    assert BIT in sample.flags
+    assert [sample[name] for name in ("x1", "x2", "x3")] == [0.0, 0.0, 7.0]
+
+
+def test_a_bank_restarts_each_member_at_the_sample() -> None:
+    step = doubting(hg.observers.bank(plants.kalman(plants.van_der_pol()), count=3, period=0.1))
+    for name, place in step._kept.places.items():
+        if name.endswith(".z"):
+            place[...] = 11.0
+    sample = step(y=1.5)
+    assert BIT in sample.flags
+    assert sample["x1"] == 1.5
+    estimates = [place for name, place in step._kept.places.items() if name.endswith(".z")]
+    assert estimates
+    assert all((place.reshape(-1, 2) == [1.5, 0.0]).all() for place in estimates)
+
+
+# --- where nothing is wrong ---------------------------------------------------------------------------------
+
+
+def test_a_plant_at_rest_at_the_edge_of_its_range_is_not_restarted() -> None:
+    """The sensor reads 2 % of the range too much: the estimate stays beyond it, and is right."""
+    observer = hg.observers.high_gain(hg.forms.triangular(plants.chain(2)), theta=4, poles=(-1, -1))
+    step = hg.sample(observer, hg.methods.rk4, dt=0.05)
+    flags = [step(np.sin(4.0), 4.0 + 0.16).flags for _ in range(3000)]
+    assert "OUTSIDE_BOX" in flags[-1]
+    assert not any(BIT in each for each in flags[100:])
+
+
+PAIRS = tuple(recovery.pairs())
+
+
+def calm(name: str, tuning: str, seeds: int) -> None:
+    step = recovery.model(name).step(tuning)
+    share, restarts = recovery.doubt(name, step, seeds)
+    assert (restarts, share < 1) == (0, True), f"doubt reaches {share:.2f} of the patience"
+
+
+@needs_compiler
+@pytest.mark.parametrize(("name", "tuning"), [("pendulum", "high_gain"), ("cascaded_tanks", "riccati")])
+def test_no_shipped_trial_restarts(name: str, tuning: str) -> None:
+    calm(name, tuning, 3)
+
+
+# --- faults -------------------------------------------------------------------------------------------------
+
+
+def fault(name: str) -> recovery.Fault:
+    return next(each for each in recovery.FAULTS if each.name == name)
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("name", "tuning", "faults"),
+    [
+        ("hindmarsh_rose", "high_gain", ("random 1", "random long", "spikes 2")),  # a corner of the outer box
+        ("haldane", "high_gain", ("jump 1", "stuck above")),  # a false equilibrium beyond the ranges
+    ],
+)
+def test_an_estimate_that_was_lost_for_ever_comes_back(name: str, tuning: str, faults: tuple[str, ...]) -> None:
+    pair, outcomes = recovery.survey(name, tuning, [fault(each) for each in faults])
+    assert pair.settles
+    assert [(o.fault.name, o.enough and not o.lost) for o in outcomes] == [(each, True) for each in faults]
+    assert any(o.recoveries for o in outcomes)
+
+
+def surveyed(name: str, tuning: str) -> None:
+    calm(name, tuning, 100)
+    pair, outcomes = recovery.survey(name, tuning)
+    assert all(o.finite for o in outcomes)
+    lost = [o.fault.name for o in outcomes if o.lost and o.enough]
+    assert not (pair.settles and lost), recovery.line(pair, outcomes)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "tuning"), PAIRS[3::10])
+def test_a_tenth_of_the_survey(name: str, tuning: str) -> None:
+    surveyed(name, tuning)
+
+
+def test_the_survey_holds_faults_of_every_kind_in_both_halves() -> None:
+    for half in (recovery.DESIGN, recovery.HELD_OUT):
+        assert {each.kind for each in half} == set(recovery.KINDS)
+    names = [each.name for each in recovery.FAULTS]
+    assert len(names) == len(set(names)) >= 40
+    assert len(recovery.DESIGN) == len(recovery.HELD_OUT)
+
+
+def test_a_gain_that_a_fault_has_raised_falls_again() -> None:
+    """lambda_tracking: k rises while samples are wild, and is at k_0 again long after, as before the fault."""
+    step = load(plants.MODELS / "pendulum.py").step("lambda_tracking")
+    step.reset()
+    quiet = [step(0.0, 0.0)["q"] for _ in range(20000)]
+    before = float(memory(step, "k")[0])
+    for sign in itertools.islice(itertools.cycle((-1, 1)), 400):
+        step(0.0, 3.0 * sign)
+    raised = float(memory(step, "k")[0])
+    for _ in range(60000):
+        last = step(0.0, 0.0)
+    assert raised > 2 * before
+    assert float(memory(step, "k")[0]) == first(step, "k")
+    assert abs(last["q"]) <= max(abs(quiet[-1]), 0.05)
