@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,9 @@ def test_ctrl_c_ends_it_by_the_signal_and_without_a_word_of_pythons(moment: str,
     importing += "        if name == 'hgogen.commands.app': os.kill(os.getpid(), s.SIGINT)\n"
     importing += "sys.meta_path.insert(0, Late()); c.main()"
     command = [sys.executable, "-c", importing] if moment == "importing" else [*COMMAND, "check", "slow.py"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # which a shell's background job inherits as ignored
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, preexec_fn=heard, **pipes) as run:
         said = ""
         if moment == "running":
             said = run.stderr.readline()  # type: ignore[union-attr]

@@ -113,6 +113,15 @@ def _judged(answer: Callable[..., Check], form: Form, given: Mapping[str, sp.Exp
     return answer(Verdict.UNKNOWN, reason)
 
 
+def seconds(period: Any) -> float | None:
+    """A declared period as a number of the model's time unit; None where none is given, or it is not positive.
+
+    Raises: `BadGain` for an expression of something else than the time.
+    """
+    length = None if period is None else _expression("period", period)
+    return float(length) if length is not None and length.is_positive and length.is_finite else None
+
+
 def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
     names = [u.name for u in form.system.inputs]
     for name in inputs:

@@ -45,7 +45,7 @@ from hgogen.check import Verdict, demand
 from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.kalman.kalman import limited, positive, spd, wide
-from hgogen.kalman.persistence import persistent
+from hgogen.kalman.persistence import persistent, seconds
 from hgogen.kalman.riccati import Riccati
 from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs
 from hgogen.observer import HUGE, BadGain, Observer, founded, gain, state_field
@@ -143,7 +143,7 @@ def kalman_like(
         nominal=(rate * np.diag(noise), np.array(variances)),
         forgetting=gains[0],
         known=known(dynamics),
-        period=None if period is None else float(period),
+        period=seconds(period),
     )
     return Observer(
         form=form,
