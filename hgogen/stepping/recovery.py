@@ -144,7 +144,7 @@ class Recovery:
             Block("the next restart waits longer", slow),
             Block("the estimate restarts from the sample", {**start, **fit, "status.RESTARTED_FROM_SAMPLE": ca.SX(1)}),
             *rest,
-            *fresh_groups("state", self.pieces.groups, self.observer.z),
+            *fresh_groups("state", self.pieces.fields, self.pieces.groups, self.observer.z),
         )
 
     def _fitted(self, shown: tuple[Field, ...], samples: Samples) -> dict[str, Any]:
