@@ -54,6 +54,14 @@ def test_the_patience_is_twice_the_time_in_which_the_core_converges() -> None:
     ]
 
 
+def test_the_patience_is_no_shorter_than_the_plant_is_slow() -> None:
+    """x' = -x/100: 2/lambda is 200 s, of a filter that converges within seconds."""
+    a, y = hg.Signal("a", low=-10, high=10), hg.Signal("y")
+    plant = hg.System("slow", states=(a,), outputs=(y,), flow=[-a / 100], output=[a])
+    step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[100.0], R=1.0), dt=0.1)
+    assert first(step, "patience") == 2 * 200 / 0.1
+
+
 KINDS = st.sampled_from(["far", "near", "wild", "none", "reject"])
 SEGMENTS = st.lists(st.tuples(KINDS, st.integers(1, 90)), max_size=9)
 

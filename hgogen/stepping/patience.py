@@ -6,7 +6,8 @@ An observer that converges at the rate mu takes half of T to bring an error as w
 declared one, down to a hundredth of the declared one; the other half is for poles that coincide, and for a model that
 works against the gain. mu is the slowest rate of the linear error core, at the geometric mean of the ends between which
 a gain moves; of a Riccati observer that of its closed loop at rest, the median over points of the box. There clear
-signs are given a shorter time: nu is the geometric mean of all the rates, for slow modes are those that y shows least.
+signs are given a shorter time: nu is the geometric mean of all the rates, as if y showed slow modes least, which need
+not be so.
 A plant may do for a time what its model does not know, as a tank that overflows, and that takes as long as it is slow:
 lambda is the geometric mean of |eigenvalues| of its Jacobian, the median over points of the box.
 """
@@ -63,9 +64,9 @@ def plant_rate(observer: Observer) -> float | None:
     return _typical(np.abs(np.linalg.eigvals(slopes)))
 
 
-def _typical(rates: np.ndarray) -> float | None:
-    """The median over points (k, n) of the geometric mean of what is not of rounding."""
-    means = [np.exp(np.log(row[row > HIDDEN * row.max()]).mean()) for row in rates if row.max() > 0]
+def _typical(decays: np.ndarray) -> float | None:
+    """The median over points (k, n) of the geometric mean of what is not of rounding; None for no point."""
+    means = [np.exp(np.log(row[row > HIDDEN * row.max()]).mean()) for row in decays if row.max() > 0]
     return float(np.median(means)) if means else None
 
 
@@ -88,9 +89,8 @@ def _rates(part: Any, clock: Clock) -> Rates | None:
         case Riccati():
             decays = closed_loop_rates(*part.linearised(POINTS), *part.nominal, part.theta.late, part.scaling)
             decays = decays[decays[:, 0] > HIDDEN * decays[:, -1]]
-            if not len(decays):
-                return None
-            return Rates(float(np.median(decays[:, 0])), float(np.median(np.exp(np.log(decays).mean(axis=1)))))
+            typical = _typical(decays)
+            return None if typical is None else Rates(float(np.median(decays[:, 0])), typical)
         case Curved():
             return _rates(part.plain, clock)
         case Parallel():

@@ -5,12 +5,14 @@
     c <- c + 2 p_j  where far,   c <- max(c - p_j, 0)  elsewhere           at each valid sample, p_j its period in dt
     c >= w:  the estimate restarts from the sample; c <- min(w, 2 W), w <- min(2 w, 4 W)
     c = 0:   w <- W
-    W = 2 p T/dt                                                           T of stepping/patience.py
+    W = 2 p T/dt, at most LONGEST                                          T of stepping/patience.py
 
-Far for longer than T an estimate does not converge: it sits in a corner of its outer box, or at a false equilibrium
-beyond the ranges, where the model is evaluated at the edge. An innovation that is far, or an estimate that is out of a
-range by CLEARLY of its width, is a clear sign: it counts T/T_c times as much, so that T_c of it is enough. An observer
-without a model of its last row, whose error never tends to 0, is far by its innovation only.
+Far for longer than T an estimate is taken not to converge, but to sit in a corner of its outer box, or at a false
+equilibrium beyond the ranges, where the model is evaluated at the edge. That is a judgement by rates at rest and no
+theorem: an estimate that converges more slowly is cut short, again and again where it needs more than 2 T. An
+innovation that is far, or an estimate that is out of a range by CLEARLY of its width, is a clear sign: it counts T/T_c
+times as much, so that T_c of it is enough. An observer without a model of its last row, whose error never tends to 0,
+is far by its innovation only.
 
 Restart from the sample: all memory is as after a reset but for what lasts, and the fields x that the estimate z(x) is
 read from,
@@ -70,13 +72,20 @@ class Recovery:
     @property
     def fields(self) -> tuple[Field, ...]:
         """What the law remembers."""
-        most = 4 * self.wait
+        evidence = "evidence of valid samples that the estimate is lost"
+        limit = "doubt at which it restarts from the sample"
         return (
-            scalar("doubt", 0.0, low=0.0, high=most, meaning="evidence of valid samples that the estimate is lost"),
-            scalar(
-                "patience", self.wait, low=self.wait, high=most, meaning="doubt at which it restarts from the sample"
-            ),
+            scalar("doubt", 0.0, low=0.0, high=4 * self.wait, meaning=evidence),
+            scalar("patience", self.wait, low=self.wait, high=4 * self.wait, meaning=limit),
         )
+
+    def _doubt(self, value: Any) -> Any:
+        """c, where it can be; SX."""
+        return clamp(value, 0.0, 4.0 * self.wait)
+
+    def _limit(self, value: Any) -> Any:
+        """w, where it can be; SX."""
+        return clamp(value, self.wait, 4.0 * self.wait)
 
     def watch(self, samples: Samples, says: bool) -> Program:
         """The law at the end of a section that has corrected the estimate.
@@ -109,19 +118,19 @@ class Recovery:
         ]
 
     def _rise(self, weight: int, clearly: Any, samples: Samples) -> Program:
-        doubt, limit, most = sym("state.doubt"), sym("state.patience"), 4.0 * self.wait
+        doubt, limit = sym("state.doubt"), sym("state.patience")
         quick = float(f"{self._patience.far / self._patience.clear:.3g}")
         step = 2 * weight if quick == 1 else ca.if_else(clearly, 2 * weight * quick, 2 * weight)
         return (
-            Block("more doubt", {"state.doubt": clamp(doubt + step, 0.0, most)}),
-            Block("is patience at its end?", {"work.over": doubt >= clamp(limit, self.wait, most)}),
+            Block("more doubt", {"state.doubt": self._doubt(doubt + step)}),
+            Block("is patience at its end?", {"work.over": doubt >= self._limit(limit)}),
             When("work.over", self._restart(samples)),
         )
 
     def _fall(self, weight: int) -> Program:
-        doubt, limit, most = sym("state.doubt"), sym("state.patience"), 4.0 * self.wait
-        again = ca.if_else(doubt <= weight, self.wait, clamp(limit, self.wait, most))
-        return (Block("less doubt", {"state.doubt": clamp(doubt - weight, 0.0, most), "state.patience": again}),)
+        doubt, limit = sym("state.doubt"), sym("state.patience")
+        again = ca.if_else(doubt <= weight, self.wait, self._limit(limit))
+        return (Block("less doubt", {"state.doubt": self._doubt(doubt - weight), "state.patience": again}),)
 
     def _weight(self, judged: tuple[int, ...]) -> int:
         """p_j: what a judgement by these outputs counts, so that all of them add up to p in a time dt."""
@@ -132,17 +141,13 @@ class Recovery:
     def _restart(self, samples: Samples) -> Program:
         """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
         shown = self._shown()
-        start = {f"state.{field.name}": column(field.initial) for field in shown}
-        limit, most = sym("state.patience"), 4.0 * self.wait
-        slow = {
-            "state.doubt": clamp(limit, self.wait, most / 2),
-            "state.patience": clamp(2 * limit, self.wait, most),
-        }
+        limit = sym("state.patience")
+        slow = {"state.doubt": clamp(limit, self.wait, 2.0 * self.wait), "state.patience": self._limit(2 * limit)}
         rest = fresh("state", [field for field in self.pieces.fields if field not in shown and not field.lasting])
         fit = self._fitted(shown, samples)
         return (
             Block("the next restart waits longer", slow),
-            Block("the estimate restarts from the sample", {**start, **fit, "status.RESTARTED_FROM_SAMPLE": ca.SX(1)}),
+            Block("the estimate restarts from the sample", {**fit, "status.RESTARTED_FROM_SAMPLE": ca.SX(1)}),
             *rest,
             *fresh_groups("state", self.pieces.fields, self.pieces.groups, self.observer.z),
         )
