@@ -52,7 +52,7 @@ from hgogen.stepping.guards import (
     unrecovered,
 )
 from hgogen.stepping.members import joined
-from hgogen.stepping.recovery import Recovery
+from hgogen.stepping.recovery import Recovery, Sign
 from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
 from hgogen.time_unit import of_time, plural
 
@@ -109,7 +109,7 @@ class Step:
     `tuning`, `sections`, `estimate`: programs. `limit`: the dt above which it is refused. `timed`: the updates of
     `sections` for samples that say when they were taken, of a step for sensors of different rates; `periods`: the time
     between two samples of each output; `rule`: by what the observer's equations go, which a method may leave to
-    another.
+    another; `signs`: what the law of recovery counts, by which an estimate that is lost restarts.
     """
 
     name: str
@@ -130,6 +130,7 @@ class Step:
     timed: tuple[Section, ...] = ()
     periods: tuple[float, ...] = ()
     rule: str = ""
+    signs: tuple[Sign, ...] = ()
 
     def __repr__(self) -> str:
         return f"<step of {self.name}: {self.observer.name} by {self.rule}, dt = {self.dt:g}>"
@@ -273,6 +274,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         timed=tuple(timed_),
         periods=tuple(map(clock.period, range(clock.outputs))),
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
+        signs=law.signs,
     )
     object.__setattr__(step, "bits", _bits(step, _all(piece.bits for piece in pieces)))
     return step

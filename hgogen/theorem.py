@@ -184,7 +184,7 @@ OPERATION = (
     ),
     Hypothesis(
         "no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as long "
-        "as the law of recovery waits (doubt stays below patience, in the state)",
+        "as the law of recovery waits (each doubt stays below its patience, in the state)",
         reason="watch the status RESTARTED_FROM_SAMPLE; after one the theorem starts again",
     ),
 )

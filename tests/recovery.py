@@ -460,13 +460,13 @@ def _tune(step: CallableStep, share: float | None) -> None:
 
 
 def doubt(name: str, step: CallableStep, seeds: int = 1, jumps: bool = False) -> tuple[float, int]:
-    """Of a model's trials, with or without their jumps: the largest share of its patience that the doubt reaches, at
+    """Of a model's trials, with or without their jumps: the largest share of its patience that a doubt reaches, at
     every few samples, and how many restarts from a sample there are."""
     most, restarts = 0.0, 0
     system = step.observer.form.system
     plant = system if system.origin is None else system.origin.plant
     bits = {b.name: 1 << k for k, b in enumerate(step.bits)}
-    kind, fields = layout.state_type(step), {field.name: field for field in step.state}
+    kind = layout.state_type(step)
     for trial in model(name).trials():
         trial = trial if jumps else calm(trial)
         truth = simulate(plant, trial, step.dt)
@@ -479,7 +479,7 @@ def doubt(name: str, step: CallableStep, seeds: int = 1, jumps: bool = False) ->
                 status = step.run(u=u[k : k + chunk], y=y[k : k + chunk], engine="c").status
                 restarts += int((status & bits.get("RESTARTED_FROM_SAMPLE", 0) != 0).sum())
                 memory = np.frombuffer(step.save(), kind)
-                most = max(most, float(memory["doubt"][0]) / fields["patience"].initial[0])
+                most = max([most, *(float(memory[sign.doubt][0]) / sign.wait for sign in step.signs)])
     return most, restarts
 
 
@@ -530,7 +530,7 @@ def main() -> None:
         except HgogenError as error:
             print(f"{name} {tuning}: {error}", flush=True)
             continue
-        if any(field.name == "doubt" for field in pair.step.state):
+        if pair.step.signs:
             share, restarts = doubt(name, pair.step)
             _, after = doubt(name, pair.step, jumps=True)
             quiet = f"undisturbed: doubt up to {share:.2f} of the patience, {restarts} restarts"

@@ -183,7 +183,7 @@ def test_an_8_bit_machine_computes_every_bit(name: str, tmp_path: Path) -> None:
 
 # Bytes and instructions on a Cortex-M4F at -O2, with a fifth more than was measured: a change that costs is seen.
 # One step of three Riccati states by RK4 alone takes 900; this one has five predictors, guards and theta as well.
-BUDGET = {"text": 10200, "stack": 128, "instructions": 3450, "state": 168, "params": 36}
+BUDGET = {"text": 10400, "stack": 128, "instructions": 3450, "state": 184, "params": 36}
 
 
 @pytest.mark.slow

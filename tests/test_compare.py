@@ -77,11 +77,11 @@ def test_operations_are_counted(program: tuple[Statement, ...], found: tuple[int
 
 
 def test_bytes_are_those_of_the_structs() -> None:
-    """z (4), doubt and patience, calls, then y and whether it was valid: nine words of four bytes; in double calls is
-    padded."""
+    """z (4), doubt and patience of two signs and their sum, calls, then y and whether it was valid: twelve words of
+    four bytes; in double calls is padded."""
     found = cost(step("high_gain"))
-    assert found.state == 4 * (4 + 2 + 1 + 2)
-    assert cost(step("high_gain"), "double").state == 8 * (4 + 2 + 1 + 2)
+    assert found.state == 4 * (4 + 5 + 1 + 2)
+    assert cost(step("high_gain"), "double").state == 8 * (4 + 5 + 1 + 2)
     assert cost(step("low_power")).state == found.state + 4 * 2  # 2n - 2 states in place of n
 
 

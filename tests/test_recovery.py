@@ -18,7 +18,7 @@ from hgogen.emit import native
 from hgogen.model import load
 from hgogen.observer import Observer
 from hgogen.stepping.patience import FINE
-from hgogen.stepping.recovery import MARGIN, SHARE
+from hgogen.stepping.recovery import LONGEST, MARGIN, SHARE
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -47,11 +47,11 @@ def test_the_patience_is_twice_the_time_in_which_the_core_converges() -> None:
     """theta = 4, poles -1, -1: the slowest rate is 4 a second."""
     outer = next(field for field in quick().state if field.name == "z").high
     seconds = 2 * np.log(FINE * max(outer[0] / 4, outer[1] / 20)) / 4
-    assert first(quick(), "patience") == np.ceil(2 * seconds / 0.05)
-    assert [field.box[0] for field in quick().state if field.name in ("doubt", "patience")] == [
-        (0, 4 * first(quick(), "patience")),
-        (first(quick(), "patience"), 4 * first(quick(), "patience")),
-    ]
+    wait = np.ceil(seconds / 0.05)
+    assert (first(quick(), "patience_y"), first(quick(), "patience_range")) == (wait, wait)
+    ends = {field.name: field.box[0] for field in quick().state}
+    assert (ends["patience_y"], ends["patience_range"]) == ((wait, 64 * wait), (wait, LONGEST))
+    assert (ends["doubt_y"], ends["doubt_range"]) == ((0, 64 * wait), (0, LONGEST))
 
 
 def test_the_patience_is_no_shorter_than_the_plant_is_slow() -> None:
@@ -59,21 +59,54 @@ def test_the_patience_is_no_shorter_than_the_plant_is_slow() -> None:
     a, y = hg.Signal("a", low=-10, high=10), hg.Signal("y")
     plant = hg.System("slow", states=(a,), outputs=(y,), flow=[-a / 100], output=[a])
     step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[100.0], R=1.0), dt=0.1)
-    assert first(step, "patience") == 2 * 200 / 0.1
+    assert first(step, "patience_y") == first(step, "patience_range") == 200 / 0.1
+
+
+def without_ranges(**ranges: hg.Signal) -> CallableStep:
+    """A pendulum none of whose signals has a range, but for those that are given."""
+    a, b, y = (ranges.get(name, hg.Signal(name)) for name in "aby")
+    plant = hg.System("free", states=(a, b), outputs=(y,), flow=[b, -sp.sin(a) - b / 5], output=[a])
+    return hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[0.1, 0.1], R=0.1), dt=0.05)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "signs"),
+    [
+        ({}, ()),
+        ({"y": hg.Signal("y", low=-1, high=1)}, ("y",)),
+        ({"b": hg.Signal("b", low=-1, high=1)}, ("range",)),
+        ({"a": hg.Signal("a", low=-1, high=1)}, ("y", "range")),  # y = a
+    ],
+)
+def test_a_step_has_the_signs_that_its_ranges_give_and_its_header_says_no_more(
+    ranges: dict[str, hg.Signal], signs: tuple[str, ...]
+) -> None:
+    step = without_ranges(**ranges)
+    assert tuple(sign.name for sign in step.signs) == signs
+    fields = {field.name for field in step.state}
+    assert {name for name in fields if name.startswith("doubt")} == {f"doubt_{s}" for s in signs} | (
+        {"doubt_sum"} if signs else set()
+    )
+    assert (BIT in {bit.name for bit in step.bits}) == bool(signs)
+    header = " ".join(hg.targets.c99(step)[f"{step.name}.h"].replace("*", " ").split())
+    assert ("nothing restarts an estimate that is lost" in header) == (not signs)
+    assert [f"s.doubt_{name}" in header for name in ("y", "range")] == [name in signs for name in ("y", "range")]
 
 
 KINDS = st.sampled_from(["far", "near", "wild", "none", "reject"])
-SEGMENTS = st.lists(st.tuples(KINDS, st.integers(1, 90)), max_size=9)
+SEGMENTS = st.lists(st.tuples(KINDS, st.integers(1, 160)), max_size=9)
 
 
 @settings(max_examples=30, deadline=None)
 @given(SEGMENTS, st.integers(0, 2**32 - 1))
 def test_doubt_and_patience_follow_the_law(segments: list[tuple[str, int]], seed: int) -> None:
-    """c and w from what a step shows: the estimate and the error after each sample, and whether it restarted."""
+    """c and w of both signs from what a step shows: the estimate and the error after each sample, and whether it
+    restarted."""
     step, rng = quick(), np.random.default_rng(seed)
     step.reset()
-    wait = first(step, "patience")
-    c, w = 0.0, wait
+    wait = first(step, "patience_y")
+    most = {"y": 64 * wait, "range": LONGEST}
+    c, w = dict.fromkeys(most, 0.0), dict.fromkeys(most, wait)
     for kind, count in segments:
         for k in range(count):
             estimate = float(memory(step, "z")[0])
@@ -85,36 +118,71 @@ def test_doubt_and_patience_follow_the_law(segments: list[tuple[str, int]], seed
                 "reject": 1e9,
             }[kind]
             sample = step(5.0 * (k % 2), y)
-            if BIT in sample.flags:
-                assert c + 2 >= w
-                c, w = min(w, 2 * wait), min(2 * w, 4 * wait)
-            elif not {"MISSING_y", "REJECTED_y"} & set(sample.flags):
+            before = dict(c)
+            if not {"MISSING_y", "REJECTED_y"} & set(sample.flags) and BIT not in sample.flags:
                 z = memory(step, "z")
                 off = abs(y - z[0]) > SHARE * 8
-                if off or (abs(z) > (1 + 2 * MARGIN) * np.array([4.0, 20.0])).any():
-                    c = c + 2
-                    assert c < w
-                else:
-                    w = wait if c <= 1 else w
-                    c = max(c - 1, 0.0)
-            assert (memory(step, "doubt")[0], memory(step, "patience")[0]) == (c, w)
+                out = (abs(z) > (1 + 2 * MARGIN) * np.array([4.0, 20.0])).any()
+                for name, shows in (("y", off), ("range", out)):
+                    w[name] = wait if not shows and c[name] <= 1 else w[name]
+                    c[name] = c[name] + 1 if shows else max(c[name] - 1, 0.0)
+                    assert c[name] < w[name]
+            elif BIT in sample.flags:
+                now = {name: float(memory(step, f"doubt_{name}")[0]) for name in c}
+                fired = [name for name in c if before[name] + 1 >= w[name]]
+                assert fired
+                for name in fired:
+                    c[name], w[name] = min(w[name], most[name] / 2), min(2 * w[name], most[name])
+                for name in set(c) - set(fired):  # what it showed before the restart is not seen any more
+                    assert abs(now[name] - c[name]) <= 1
+                    c[name] = now[name]
+                    w[name] = float(memory(step, f"patience_{name}")[0])
+            for name in c:
+                assert (memory(step, f"doubt_{name}")[0], memory(step, f"patience_{name}")[0]) == (c[name], w[name])
 
 
-def test_an_estimate_that_stays_far_restarts_ever_more_slowly() -> None:
-    """A sensor that jumps to and fro as fast as the observer follows: after T, 2 T, and then every 2 T."""
+def test_an_estimate_that_stays_off_y_restarts_ever_more_slowly() -> None:
+    """A sensor that jumps to and fro as fast as the observer follows: after T, T, 2 T, 4 T .. and then every 32 T."""
     step = quick()
     step.reset()
-    wait, restarts = int(first(step, "patience")), []
-    for k in range(6 * wait):
+    wait, restarts = int(first(step, "patience_y")), []
+    for k in range(129 * wait):
         restarts += [k + 1] if BIT in step(0.0, 6.0 if k % 2 else -6.0).flags else []
-    waits = [restarts[0], *np.diff(restarts)]
-    assert waits == [-(-wait // 2), -(-wait // 2), *[wait] * (len(waits) - 2)]
-    assert len(waits) >= 5
+    waits = np.diff([0, *restarts])
+    assert waits.tolist() == [wait, wait, 2 * wait, 4 * wait, 8 * wait, 16 * wait, 32 * wait, 32 * wait, 32 * wait]
+
+
+def test_an_estimate_that_is_right_beyond_its_range_restarts_ever_more_seldom() -> None:
+    """A plant that rests 10 % of the width beyond its declared range, and an estimate that is exact: after T, T, 2 T,
+    4 T .. without end, of 2^11 T it takes 12."""
+    step = hg.sample(
+        hg.observers.high_gain(hg.forms.triangular(plants.chain(2)), theta=4, poles=(-1, -1)), hg.methods.rk4, dt=0.05
+    )
+    step.reset()
+    count = 2048 * int(first(step, "patience_range"))
+    run = step.run(u=np.full((count, 1), np.sin(4.0)), y=np.full((count, 1), 4.8))
+    restarts = int((run.status & (1 << [bit.name for bit in step.bits].index(BIT)) != 0).sum())
+    assert abs(run.x[-1, 0] - 4.8) < 1e-3
+    assert 11 <= restarts <= 12
+
+
+def test_spoiled_counts_begin_anew() -> None:
+    """A patience that memory was spoiled to would keep a lost estimate lost for as long."""
+    step = quick()
+    step.reset()
+    for _ in range(50):
+        step(0.0, 0.0)
+    memory(step, "patience_y")[0] = 60 * first(step, "patience_y")
+    memory(step, "patience_range")[0] = LONGEST
+    step(0.0, 3.0)
+    assert memory(step, "patience_y")[0] == first(step, "patience_y")
+    assert memory(step, "patience_range")[0] == first(step, "patience_range")
+    assert memory(step, "doubt_y")[0] == 1
 
 
 @needs_compiler
 def test_each_output_counts_its_share() -> None:
-    """2 p in each period, though one of the p = 2 sensors comes every second period only."""
+    """p in each period, though one of the p = 2 sensors comes every second period only."""
     a, b, y, v = (hg.Signal(name, low=-10, high=10) for name in "abyv")
     plant = hg.System("two", states=(a, b), outputs=(y, v), flow=[b, -sp.sin(a) - b / 5], output=[a, b])
     observer = hg.observers.riccati(hg.forms.original(plant), Q=[1e-6, 1e-6], R=[10.0, 10.0])
@@ -129,8 +197,23 @@ def test_each_output_counts_its_share() -> None:
             if step is together or k % 2 == 0:
                 memory(step, "z")[:] = 12.0
                 step.update(v=12.0)
-        rises.append(float(memory(step, "doubt")[0]))
-    assert rises == [8 * 2 * 2] * 2
+        rises.append((float(memory(step, "doubt_y")[0]), float(memory(step, "doubt_range")[0])))
+    assert rises == [(0, 8 * 2)] * 2
+
+
+def test_a_sensor_that_R_declares_worthless_judges_nothing() -> None:
+    """Of three sensors the second is 3 of 20 off for ever, and R says so: no doubt. The same R for all: doubt."""
+    a, b = (hg.Signal(name, low=-10, high=10) for name in "ab")
+    outputs = tuple(hg.Signal(name, low=-10, high=10) for name in ("y1", "y2", "y3"))
+    plant = hg.System("red", states=(a, b), outputs=outputs, flow=[b, -sp.sin(a) - b / 5], output=[a, a, b])
+    doubts = []
+    for R in ([0.01, 100.0, 0.01], [0.01, 0.01, 0.01]):
+        step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[0.01, 0.01], R=R), dt=0.01)
+        for _ in range(100):
+            step(y=[0.0, 6.0, 0.0])
+        doubts.append(float(memory(step, "doubt_y")[0]))
+    assert doubts[0] == 0
+    assert doubts[1] > 50
 
 
 # --- from where it restarts ---------------------------------------------------------------------------------
@@ -141,8 +224,18 @@ def doubting(observer: Observer, **options: Any) -> CallableStep:
     step = hg.sample(observer, **{"dt": 0.01, **options})
     for _ in range(3):
         step([0.3] * len(step.inputs), [0.2] * len(step.outputs))
-    memory(step, "doubt")[0] = first(step, "patience") - 1
+    doubted(step)
     return step
+
+
+def doubted(step: CallableStep) -> None:
+    """One sample that is off y, or out of a range, is enough for a restart."""
+    total = 0.0
+    for sign in step.signs:
+        memory(step, sign.doubt)[0] = sign.wait - 1
+        memory(step, sign.patience)[0] = sign.wait
+        total += sign.wait - 1
+    memory(step, "doubt_sum")[0] = total
 
 
 def test_the_measured_state_is_the_sample_and_the_others_rest() -> None:
@@ -176,6 +269,31 @@ def test_of_several_outputs_only_valid_ones_are_fitted() -> None:
     sample = step(0.0, [NAN, 7.0])
     assert BIT in sample.flags
     assert [sample[name] for name in ("x1", "x2", "x3")] == [0.0, 0.0, 7.0]
+
+
+@pytest.mark.parametrize(
+    ("h", "there", "span"),
+    [
+        (sp.exp, 5.0, np.exp(6.0)),  # one step along the slope at 0 would end at the corner, 6
+        (lambda x: x**3 + x, 5.0, 2 * (6**3 + 6)),
+        (lambda x: x**2, 5.0, 36.0),  # flat where the estimate rests
+        (sp.atan, 3.0, 2 * np.arctan(6.0)),
+    ],
+)
+def test_the_start_fits_a_sensor_that_is_not_linear(h: Any, there: float, span: float) -> None:
+    x, v = (hg.Signal(name, low=-6, high=6) for name in "xv")
+    plant = hg.System(
+        "ntc", states=(x, v), outputs=(hg.Signal("y"),), flow=[v - x, -sp.sin(x) / 5 - v / 5], output=[h(x)]
+    )
+    step = hg.sample(hg.observers.riccati(hg.forms.original(plant), Q=[1, 1], R=1.0), dt=0.01)
+    reading = float(h(sp.Float(there)))
+    step(y=reading)
+    memory(step, "z")[:] = -17.0
+    doubted(step)
+    sample = step(y=reading)
+    assert BIT in sample.flags
+    assert abs(float(h(sp.Float(sample["x"]))) - reading) <= SHARE / 2 * span
+    assert abs(sample["v"]) <= 6
 
 
 def test_a_bank_restarts_each_member_at_the_sample() -> None:

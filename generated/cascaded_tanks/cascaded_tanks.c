@@ -277,8 +277,11 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             s->D[1] = 0.25f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
-            s->doubt = 0.0f;
-            s->patience = 46.0f;
+            s->doubt_y = 0.0f;
+            s->patience_y = 23.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 23.0f;
+            s->doubt_sum = 0.0f;
             status |= CASCADED_TANKS_RESTARTED;
         }
         /* keep z in its box */
@@ -315,11 +318,14 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
     unsigned status = 0u;
     bool doubtful = false;
     float e = 0.0f;
-    bool far = false;
     float innovation = 0.0f;
     bool lost = false;
-    bool over = false;
+    bool over_range = false;
+    bool over_y = false;
     float sample = 0.0f;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
     bool valid = false;
     /* guard the sample of y */
     {
@@ -382,8 +388,11 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
             s->D[1] = 0.25f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
-            s->doubt = 0.0f;
-            s->patience = 46.0f;
+            s->doubt_y = 0.0f;
+            s->patience_y = 23.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 23.0f;
+            s->doubt_sum = 0.0f;
             status |= CASCADED_TANKS_RESTARTED;
         }
         /* keep z in its box */
@@ -412,65 +421,121 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
         if (t1) {
             status |= CASCADED_TANKS_OUTSIDE_BOX;
         }
-        doubtful = valid && (t1 || (valid && cascaded_tanks_abs(innovation) > 1.0f) || s->doubt > 0.0f);
+        doubtful = valid && ((valid && cascaded_tanks_abs(innovation) > 1.0f) || t1 || s->doubt_sum > 0.0f);
     }
     if (doubtful) {
-        /* is it far from where it can be? */
+        /* was doubt or patience spoiled? */
+        {
+            const float t1 = s->patience_y - 23.0f + s->doubt_y
+                + (s->patience_range - 23.0f + s->doubt_range) - s->doubt_sum;
+            spoiled = !(cascaded_tanks_abs(t1) < 0.5f);
+        }
+        if (spoiled) {
+            /* as after a reset */
+            s->doubt_y = 0.0f;
+            s->patience_y = 23.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 23.0f;
+            s->doubt_sum = 0.0f;
+        }
+        /* which signs show? */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
-            far = z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f
-                || (valid && cascaded_tanks_abs(innovation) > 1.0f);
+            shows_y = valid && cascaded_tanks_abs(innovation) > 1.0f;
+            shows_range = z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f;
         }
-        if (far) {
+        if (shows_y) {
             /* more doubt */
             {
-                const float doubt = s->doubt;
-                s->doubt = cascaded_tanks_clamp(doubt + 2.0f, 0.0f, 184.0f);
+                const float doubt_y = s->doubt_y;
+                s->doubt_y = cascaded_tanks_clamp(doubt_y + 1.0f, 0.0f, 1472.0f);
             }
             /* is patience at its end? */
-            over = cascaded_tanks_clamp(s->patience, 46.0f, 184.0f) <= s->doubt;
-            if (over) {
-                /* the next restart waits longer */
-                {
-                    const float patience = s->patience;
-                    s->doubt = cascaded_tanks_clamp(patience, 46.0f, 92.0f);
-                    s->patience = cascaded_tanks_clamp(2.0f*patience, 46.0f, 184.0f);
-                }
-                /* the estimate restarts from the sample */
-                s->z[0] = cascaded_tanks_clamp(cascaded_tanks_within(sample, 1e+15f) ? sample
-                    : 5.0f, -10.5f, 21.75f);
-                s->z[1] = 1.7525125f;
-                status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
-                /* as after a reset */
-                s->L = 0.0f;
-                s->D[0] = 0.25f;
-                s->D[1] = 0.25f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    /* as after a reset */
-                    predictor->sum = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples = 0u;
-                }
-            }
+            over_y = cascaded_tanks_clamp(s->patience_y, 23.0f, 1472.0f) <= s->doubt_y;
         } else {
             /* less doubt */
             {
-                const float doubt = s->doubt;
-                const float patience = s->patience;
-                s->doubt = cascaded_tanks_clamp(doubt - 1.0f, 0.0f, 184.0f);
-                s->patience = (doubt <= 1.0f) ? 46.0f : cascaded_tanks_clamp(patience, 46.0f, 184.0f);
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                s->doubt_y = cascaded_tanks_clamp(doubt_y - 1.0f, 0.0f, 1472.0f);
+                s->patience_y = (doubt_y <= 1.0f) ? 23.0f : cascaded_tanks_clamp(patience_y, 23.0f, 1472.0f);
+                over_y = false;
             }
         }
+        if (shows_range) {
+            /* more doubt */
+            {
+                const float doubt_range = s->doubt_range;
+                s->doubt_range = cascaded_tanks_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
+            }
+            /* is patience at its end? */
+            over_range = cascaded_tanks_clamp(s->patience_range, 23.0f, 4194304.0f) <= s->doubt_range;
+        } else {
+            /* less doubt */
+            {
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                s->doubt_range = cascaded_tanks_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
+                s->patience_range = (doubt_range <= 1.0f) ? 23.0f
+                    : cascaded_tanks_clamp(patience_range, 23.0f, 4194304.0f);
+                over_range = false;
+            }
+        }
+        /* is it lost? */
+        lost = over_y || over_range;
+        if (lost) {
+            if (over_y) {
+                /* the next restart waits longer */
+                {
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = cascaded_tanks_clamp(patience_y, 23.0f, 736.0f);
+                    s->patience_y = cascaded_tanks_clamp(2.0f*patience_y, 23.0f, 1472.0f);
+                }
+            }
+            if (over_range) {
+                /* the next restart waits longer */
+                {
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = cascaded_tanks_clamp(patience_range, 23.0f, 2097152.0f);
+                    s->patience_range = cascaded_tanks_clamp(2.0f*patience_range, 23.0f, 4194304.0f);
+                }
+            }
+            /* the estimate restarts */
+            s->z[0] = 5.0f;
+            s->z[1] = 1.7525125f;
+            /* from the sample of y */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                s->z[0] = cascaded_tanks_clamp(cascaded_tanks_within(sample, 1e+15f) ? sample
+                    : z1, 0.25f, 11.0f);
+                s->z[1] = cascaded_tanks_clamp(z2, 0.52f, 3.1623f);
+            }
+            /* the estimate has restarted from the sample */
+            status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
+            /* as after a reset */
+            s->L = 0.0f;
+            s->D[0] = 0.25f;
+            s->D[1] = 0.25f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
+        }
+        /* remember what doubt and patience add up to */
+        s->doubt_sum = s->patience_y - 23.0f + s->doubt_y + (s->patience_range - 23.0f + s->doubt_range);
     }
     return status;
 }
@@ -544,8 +609,11 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
             s->D[1] = 0.25f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
-            s->doubt = 0.0f;
-            s->patience = 46.0f;
+            s->doubt_y = 0.0f;
+            s->patience_y = 23.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 23.0f;
+            s->doubt_sum = 0.0f;
             status |= CASCADED_TANKS_RESTARTED;
         }
         /* keep innovation in its box */
@@ -659,8 +727,11 @@ void cascaded_tanks_reset(cascaded_tanks_state *s)
     s->oldest = 0u;
     s->tick = 0u;
     s->theta = 1.0f;
-    s->doubt = 0.0f;
-    s->patience = 46.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 23.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 23.0f;
+    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 3.0f;
     for (unsigned k = 0u; k < 5u; ++k) {

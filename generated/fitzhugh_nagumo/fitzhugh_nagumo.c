@@ -343,8 +343,11 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             s->D[2] = 1.0f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
-            s->doubt = 0.0f;
-            s->patience = 5890.0f;
+            s->doubt_y = 0.0f;
+            s->patience_y = 1023.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 2945.0f;
+            s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
         /* keep z in its box */
@@ -389,11 +392,14 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     unsigned status = 0u;
     bool doubtful = false;
     float e = 0.0f;
-    bool far = false;
     float innovation = 0.0f;
     bool lost = false;
-    bool over = false;
+    bool over_range = false;
+    bool over_y = false;
     float sample = 0.0f;
+    bool shows_range = false;
+    bool shows_y = false;
+    bool spoiled = false;
     bool valid = false;
     /* guard the sample of y */
     {
@@ -466,8 +472,11 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             s->D[2] = 1.0f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
-            s->doubt = 0.0f;
-            s->patience = 5890.0f;
+            s->doubt_y = 0.0f;
+            s->patience_y = 1023.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 2945.0f;
+            s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
         /* keep z in its box */
@@ -501,76 +510,130 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         if (t1) {
             status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
         }
-        doubtful = valid && (t1 || (valid && fitzhugh_nagumo_abs(innovation) > 1.0f) || s->doubt > 0.0f);
+        doubtful = valid && ((valid && fitzhugh_nagumo_abs(innovation) > 1.0f) || t1 || s->doubt_sum > 0.0f);
     }
     if (doubtful) {
-        /* is it far from where it can be? */
+        /* was doubt or patience spoiled? */
+        {
+            const float t1 = s->patience_y - 1023.0f + s->doubt_y
+                + (s->patience_range - 2945.0f + s->doubt_range) - s->doubt_sum;
+            spoiled = !(fitzhugh_nagumo_abs(t1) < 0.5f);
+        }
+        if (spoiled) {
+            /* as after a reset */
+            s->doubt_y = 0.0f;
+            s->patience_y = 1023.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 2945.0f;
+            s->doubt_sum = 0.0f;
+        }
+        /* which signs show? */
         {
             const float z1 = s->z[0];
             const float z2 = s->z[1];
             const float z3 = s->z[2];
-            far = z1 < -3.85f || z1 > 3.85f || z2 < -11.0f || z2 > 11.0f || z3 < -8.8f || z3 > 8.8f
-                || (valid && fitzhugh_nagumo_abs(innovation) > 1.0f);
+            shows_y = valid && fitzhugh_nagumo_abs(innovation) > 1.0f;
+            shows_range = z1 < -3.85f || z1 > 3.85f || z2 < -11.0f || z2 > 11.0f || z3 < -8.8f || z3 > 8.8f;
         }
-        if (far) {
+        if (shows_y) {
             /* more doubt */
             {
-                const float doubt = s->doubt;
-                const float z1 = s->z[0];
-                const float z2 = s->z[1];
-                const float z3 = s->z[2];
-                const bool t1 = z1 < -5.25f || z1 > 5.25f || z2 < -15.0f || z2 > 15.0f || z3 < -12.0f
-                    || z3 > 12.0f || (valid && fitzhugh_nagumo_abs(innovation) > 1.0f);
-                s->doubt = fitzhugh_nagumo_clamp(doubt + (t1 ? 5.76f : 2.0f), 0.0f, 23560.0f);
+                const float doubt_y = s->doubt_y;
+                s->doubt_y = fitzhugh_nagumo_clamp(doubt_y + 1.0f, 0.0f, 65472.0f);
             }
             /* is patience at its end? */
-            over = fitzhugh_nagumo_clamp(s->patience, 5890.0f, 23560.0f) <= s->doubt;
-            if (over) {
-                /* the next restart waits longer */
-                {
-                    const float patience = s->patience;
-                    s->doubt = fitzhugh_nagumo_clamp(patience, 5890.0f, 11780.0f);
-                    s->patience = fitzhugh_nagumo_clamp(2.0f*patience, 5890.0f, 23560.0f);
-                }
-                /* the estimate restarts from the sample */
-                s->z[0] = fitzhugh_nagumo_clamp(fitzhugh_nagumo_within(sample, 1e+15f) ? sample
-                    : 0.0f, -10.5f, 10.5f);
-                s->z[1] = 0.0f;
-                s->z[2] = 0.0f;
-                status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
-                /* as after a reset */
-                s->L[0] = 0.0f;
-                s->L[1] = 0.0f;
-                s->L[2] = 0.0f;
-                s->D[0] = 1.0f;
-                s->D[1] = 1.0f;
-                s->D[2] = 1.0f;
-                s->innovation = 0.0f;
-                s->theta = 1.0f;
-                /* counters as after a reset */
-                s->oldest = 0u;
-                s->tick = 0u;
-                for (unsigned k = 0u; k < 5u; ++k) {
-                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                    /* from the estimate */
-                    predictor->z[0] = s->z[0];
-                    predictor->z[1] = s->z[1];
-                    predictor->z[2] = s->z[2];
-                    /* as after a reset */
-                    predictor->sum = 0.0f;
-                    /* counters as after a reset */
-                    predictor->samples = 0u;
-                }
-            }
+            over_y = fitzhugh_nagumo_clamp(s->patience_y, 1023.0f, 65472.0f) <= s->doubt_y;
         } else {
             /* less doubt */
             {
-                const float doubt = s->doubt;
-                const float patience = s->patience;
-                s->doubt = fitzhugh_nagumo_clamp(doubt - 1.0f, 0.0f, 23560.0f);
-                s->patience = (doubt <= 1.0f) ? 5890.0f : fitzhugh_nagumo_clamp(patience, 5890.0f, 23560.0f);
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                s->doubt_y = fitzhugh_nagumo_clamp(doubt_y - 1.0f, 0.0f, 65472.0f);
+                s->patience_y = (doubt_y <= 1.0f) ? 1023.0f : fitzhugh_nagumo_clamp(patience_y, 1023.0f,
+                    65472.0f);
+                over_y = false;
             }
         }
+        if (shows_range) {
+            /* more doubt */
+            {
+                const float doubt_range = s->doubt_range;
+                s->doubt_range = fitzhugh_nagumo_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
+            }
+            /* is patience at its end? */
+            over_range = fitzhugh_nagumo_clamp(s->patience_range, 2945.0f, 4194304.0f) <= s->doubt_range;
+        } else {
+            /* less doubt */
+            {
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                s->doubt_range = fitzhugh_nagumo_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
+                s->patience_range = (doubt_range <= 1.0f) ? 2945.0f
+                    : fitzhugh_nagumo_clamp(patience_range, 2945.0f, 4194304.0f);
+                over_range = false;
+            }
+        }
+        /* is it lost? */
+        lost = over_y || over_range;
+        if (lost) {
+            if (over_y) {
+                /* the next restart waits longer */
+                {
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = fitzhugh_nagumo_clamp(patience_y, 1023.0f, 32736.0f);
+                    s->patience_y = fitzhugh_nagumo_clamp(2.0f*patience_y, 1023.0f, 65472.0f);
+                }
+            }
+            if (over_range) {
+                /* the next restart waits longer */
+                {
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = fitzhugh_nagumo_clamp(patience_range, 2945.0f, 2097152.0f);
+                    s->patience_range = fitzhugh_nagumo_clamp(2.0f*patience_range, 2945.0f, 4194304.0f);
+                }
+            }
+            /* the estimate restarts */
+            s->z[0] = 0.0f;
+            s->z[1] = 0.0f;
+            s->z[2] = 0.0f;
+            /* from the sample of y */
+            {
+                const float z1 = s->z[0];
+                const float z2 = s->z[1];
+                const float z3 = s->z[2];
+                s->z[0] = fitzhugh_nagumo_clamp(fitzhugh_nagumo_within(sample, 1e+15f) ? sample
+                    : z1, -3.5f, 3.5f);
+                s->z[1] = fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f);
+                s->z[2] = fitzhugh_nagumo_clamp(z3, -8.0f, 8.0f);
+            }
+            /* the estimate has restarted from the sample */
+            status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
+            /* as after a reset */
+            s->L[0] = 0.0f;
+            s->L[1] = 0.0f;
+            s->L[2] = 0.0f;
+            s->D[0] = 1.0f;
+            s->D[1] = 1.0f;
+            s->D[2] = 1.0f;
+            s->innovation = 0.0f;
+            s->theta = 1.0f;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                predictor->z[2] = s->z[2];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
+        }
+        /* remember what doubt and patience add up to */
+        s->doubt_sum = s->patience_y - 1023.0f + s->doubt_y + (s->patience_range - 2945.0f + s->doubt_range);
     }
     return status;
 }
@@ -649,8 +712,11 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
             s->D[2] = 1.0f;
             s->innovation = 0.0f;
             s->theta = 1.0f;
-            s->doubt = 0.0f;
-            s->patience = 5890.0f;
+            s->doubt_y = 0.0f;
+            s->patience_y = 1023.0f;
+            s->doubt_range = 0.0f;
+            s->patience_range = 2945.0f;
+            s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
         /* keep innovation in its box */
@@ -769,8 +835,11 @@ void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s)
     s->oldest = 0u;
     s->tick = 0u;
     s->theta = 1.0f;
-    s->doubt = 0.0f;
-    s->patience = 5890.0f;
+    s->doubt_y = 0.0f;
+    s->patience_y = 1023.0f;
+    s->doubt_range = 0.0f;
+    s->patience_range = 2945.0f;
+    s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;
     for (unsigned k = 0u; k < 5u; ++k) {

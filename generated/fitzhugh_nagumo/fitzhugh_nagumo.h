@@ -59,7 +59,7 @@
  *     of the declared value
  *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
  *   no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as
- *     long as the law of recovery waits (doubt stays below patience, in the state); watch the status
+ *     long as the law of recovery waits (each doubt stays below its patience, in the state); watch the status
  *     RESTARTED_FROM_SAMPLE; after one the theorem starts again
  *   the covariance does not touch its cap; watch the status COVARIANCE_LIMITED: the cap is no part of the
  *     Riccati equation
@@ -86,10 +86,11 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. A valid sample at which the estimate is out of a range by 5% of it, or y is off by 10% of what it
- * can span, adds to s.doubt, another takes half as much away. When doubt reaches s.patience, which takes 29.4
- * s of such samples at most, all of the state restarts from the sample, and patience doubles, up to four
- * times 5890, until doubt is 0 again. The status is 0 for ok, else an or of the bits below.
+ * noticed. A valid sample adds to a doubt: one at which y is off by 10% of what it can span to s.doubt_y, and
+ * one at which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When
+ * a doubt reaches its patience, after 10.2 s for s.doubt_y or 29.4 s for s.doubt_range of such samples at the
+ * least, all of the state restarts from the sample, and that patience doubles, until its doubt is 0 again.
+ * The status is 0 for ok, else an or of the bits below.
  *
  * fitzhugh_nagumo_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
  * and or their statuses, where a sample comes later than the input. Without a sample leave its update out.
@@ -184,9 +185,14 @@ typedef struct {
     unsigned oldest;                        /* index of the oldest predictor */
     unsigned tick;                          /* samples since the last restart */
     float theta;                            /* high-gain parameter, 1: Kalman mode, 1 .. 8 */
-    /* evidence of valid samples that the estimate is lost, 0 .. 23560 */
-    float doubt;
-    float patience;                         /* doubt at which it restarts from the sample, 5890 .. 23560 */
+    /* evidence of valid samples that the estimate is lost, 0 .. 65472 */
+    float doubt_y;
+    float patience_y;                       /* doubt at which it restarts, 1023 .. 65472 */
+    /* evidence of valid samples that the estimate is lost, 0 .. 4.1943e+06 */
+    float doubt_range;
+    float patience_range;                   /* doubt at which it restarts, 2945 .. 4.1943e+06 */
+    /* all doubt, and patience beyond the first: checks them, 0 .. 8.51558e+06 */
+    float doubt_sum;
     unsigned calls;                         /* 0 before the first call, 1 after it, then 2 */
     float u;                                /* last valid input: u, -1 .. 1 */
     fitzhugh_nagumo_predictor predictor[5]; /* copies of the model that run without correction */

@@ -38,7 +38,7 @@
  *     of the declared value
  *   the estimate does not touch its outer box; watch the status STATE_LIMITED, which suspends the theorem
  *   no restart from a sample: the estimate is not far out of its ranges, nor its output far from y, for as
- *     long as the law of recovery waits (doubt stays below patience, in the state); watch the status
+ *     long as the law of recovery waits (each doubt stays below its patience, in the state); watch the status
  *     RESTARTED_FROM_SAMPLE; after one the theorem starts again
  * Hypotheses of the theorem, unknown
  *   y and the input are known at all times; a step takes samples of them: the theorem is of continuous time,
@@ -66,10 +66,11 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. A valid sample at which the estimate is out of a range by 5% of it, or y is off by 10% of what it
- * can span, adds to s.doubt, another takes half as much away. When doubt reaches s.patience, which takes
- * 0.761 s of such samples at most, all of the state restarts from the sample, and patience doubles, up to
- * four times 1521, until doubt is 0 again. The status is 0 for ok, else an or of the bits below.
+ * noticed. A valid sample adds to a doubt: one at which y is off by 10% of what it can span to s.doubt_y, and
+ * one at which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When
+ * a doubt reaches its patience, after 0.761 s for s.doubt_y or 0.761 s for s.doubt_range of such samples at
+ * the least, all of the state restarts from the sample, and that patience doubles, until its doubt is 0
+ * again. The status is 0 for ok, else an or of the bits below.
  *
  * Change gains in p.gain, then call pendulum_tune, or the change is neither limited nor complete. Ranges are
  * those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can only go
@@ -139,13 +140,16 @@ typedef struct {
 
 /* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
 typedef struct {
-    float z[2];     /* estimate in the form's coordinates: q, w */
-    float doubt;    /* evidence of valid samples that the estimate is lost, 0 .. 6084 */
-    float patience; /* doubt at which it restarts from the sample, 1521 .. 6084 */
-    unsigned calls; /* 0 before the first call, 1 after it */
-    float u;        /* last valid input: tau, -1 .. 1 */
-    float y;        /* sample of the last call, or its estimate where there was none: y */
-    float y_valid;  /* 1 where the last call had a valid sample: y */
+    float z[2];           /* estimate in the form's coordinates: q, w */
+    float doubt_y;        /* evidence of valid samples that the estimate is lost, 0 .. 48704 */
+    float patience_y;     /* doubt at which it restarts, 761 .. 48704 */
+    float doubt_range;    /* evidence of valid samples that the estimate is lost, 0 .. 4.1943e+06 */
+    float patience_range; /* doubt at which it restarts, 761 .. 4.1943e+06 */
+    float doubt_sum;      /* all doubt, and patience beyond the first: checks them, 0 .. 8.48449e+06 */
+    unsigned calls;       /* 0 before the first call, 1 after it */
+    float u;              /* last valid input: tau, -1 .. 1 */
+    float y;              /* sample of the last call, or its estimate where there was none: y */
+    float y_valid;        /* 1 where the last call had a valid sample: y */
 } pendulum_state;
 
 #ifdef __cplusplus

@@ -18,7 +18,6 @@ from hgogen.program import Field, Group, Section, lines_of
 from hgogen.recheck.file import SHOWN
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.stepping.recovery import far
 from hgogen.stepping.sensors import OLDEST, ROUND
 from hgogen.theorem import rows
 from hgogen.time_unit import pace
@@ -124,10 +123,8 @@ The call at t_k uses the samples of t_k and leaves the estimate at t_k; the firs
 $missing
 An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
 valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
-plausible value is not noticed. A valid sample at which $far adds to s.doubt,
-another takes half as much away. When doubt reaches s.patience, which takes $wait of such samples at most,
-all of the state restarts from the sample, and patience doubles, up to four times $patience, until doubt is 0
-again. The status is 0 for ok, else an or of the bits below.
+plausible value is not noticed. $recovery
+The status is 0 for ok, else an or of the bits below.
 $parts$timed
 Change gains in p.gain, then call ${name}_tune,
 or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
@@ -165,6 +162,19 @@ round: differences are taken modulo $round. A sample up to $oldest periods older
 late, any other that is not of now is early; neither is used. A sample older by a multiple of $round
 periods cannot be told from one of now. Before the first predict every sample is early.
 """)
+
+
+def _recovery(step: Step) -> str:
+    """When an estimate that is lost restarts."""
+    if not step.signs:
+        return "No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."
+    counts = ", and ".join(f"one at which {sign.meaning} to s.{sign.doubt}" for sign in step.signs)
+    times = " or ".join(f"{pace(float(f'{sign.time:.3g}'), step.time)} for s.{sign.doubt}" for sign in step.signs)
+    return (
+        f"A valid sample adds to a doubt: {counts}; another takes as much away. When a doubt reaches its patience, "
+        f"after {times} of such samples at the least, all of the state restarts from the sample, and that patience "
+        "doubles, until its doubt is 0 again."
+    )
 
 
 def _timed(step: Step) -> str:
@@ -216,7 +226,6 @@ def _body(step: Step) -> list[str]:
 
 
 def _manual(step: Step) -> list[str]:
-    patience = next(field.initial[0] for field in step.state if field.name == "patience")
     kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
         name=step.name,
@@ -224,9 +233,7 @@ def _manual(step: Step) -> list[str]:
         own=" and ".join(_own(step)) or "the estimates in s",
         what="predict, and update where a sample came," if step.timed else "one step",
         body="\n".join(f"        {line}" for line in _body(step)),
-        far=far(step.observer),
-        wait=pace(float(f"{step.dt * patience / (2 * len(step.outputs)):.3g}"), step.time),
-        patience=same(patience),
+        recovery=_recovery(step),
         missing=_MISSING[bool(step.timed)],
         structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),
         parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",

@@ -152,7 +152,9 @@ def lambda_tracking(
     widest = (width + end) / 2  # so that strip stays below reach however they are tuned
     rate = positive("gamma", gamma)
     w = _started(chain.field(initial, most), chain, start)
-    k = scalar("k", least, low=least, high=most, unit="1/s", meaning="gain, which grows outside the strip")
+    k = scalar(
+        "k", least, low=least, high=most, lasting=True, unit="1/s", meaning="gain, which grows outside the strip"
+    )
 
     def law(e: Any) -> Any:
         room = ca.fmax(sym("gain.reach") - sym("gain.strip"), 0)

@@ -1,28 +1,28 @@
 """Recovery: an estimate that good samples do not bring back restarts from the sample.
 
-    far      a sample is valid, and the estimate is outside a declared range by more than MARGIN of its width, or
-             |y_j - yhat_j| > SHARE times what y_j can span
-    c <- c + 2 p_j  where far,   c <- max(c - p_j, 0)  elsewhere           at each valid sample, p_j its period in dt
-    c >= w:  the estimate restarts from the sample; c <- min(w, 2 W), w <- min(2 w, 4 W)
+Two signs that it is lost are counted at each valid sample of an output that is judged, each by itself:
+
+    y       |y_j - yhat_j| > SHARE times what y_j can span
+    range   the estimate is outside a declared range by more than MARGIN of its width
+
+    c <- c + p_j  where the sign shows,   c <- max(c - p_j, 0)  elsewhere              p_j its period in dt
+    c >= w:  the estimate restarts from the sample; c <- min(w, M/2), w <- min(2 w, M)
     c = 0:   w <- W
-    W = 2 p T/dt, at most LONGEST                                          T of stepping/patience.py
+    W = p T/dt, p outputs judged, T of stepping/patience.py for each sign
 
-Far for longer than T an estimate is taken not to converge, but to sit in a corner of its outer box, or at a false
-equilibrium beyond the ranges, where the model is evaluated at the edge. That is a judgement by rates at rest and no
-theorem: an estimate that converges more slowly is cut short, again and again where it needs more than 2 T. An
-innovation that is far, or an estimate that is out of a range by CLEARLY of its width, is a clear sign: it counts T/T_c
-times as much, so that T_c of it is enough. An observer without a model of its last row, whose error never tends to 0,
-is far by its innovation only.
+An estimate that shows a sign at more than half of the samples for as long as T is taken not to converge, but to sit in
+a corner of its outer box, or at a false equilibrium beyond the ranges, where the model is evaluated at the edge. That
+is a judgement by rates at rest and no theorem. It can be wrong: an observer may need longer to converge, a plant may
+rest beyond its declared ranges and the estimate be right. So each restart doubles what the next one waits for: of the
+sign y up to M = 64 W, as no estimate that is right is off y; of the sign range up to M = LONGEST. After a fault that
+has lasted for longer than T, the next restart comes no later than once more that time. w is W again when the samples
+have been good for as long as w. A theorem of convergence holds from the last restart on.
 
-Restart from the sample: all memory is as after a reset but for what lasts, and the fields x that the estimate z(x) is
-read from,
+Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
+from, which fit the sample (stepping/nearest.py). A cold restart would fall into the same attractor.
 
-    x = x_0 + V g (y_j - h_j(z(x_0), u)) / (g' V g),   g = dh_j/dx at x_0,   V = diag(width of the outer box)^2
-
-with x_0 their first values: the nearest point to rest, in units of the outer box, at which the linearised output is
-what was measured. A cold restart would fall into the same attractor. While an estimate stays far, it restarts after T,
-2 T, and then every 2 T; w is W again once the samples have been good for 2 T to 4 T. A theorem of convergence holds
-from the last restart on.
+An observer without a model of its last row, whose error never tends to 0, has the sign y only; where no output has a
+range there is none, where no state has one there is no sign range, and an observer without a sign has no such law.
 """
 
 from collections.abc import Mapping
@@ -35,21 +35,83 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import numbers
-from hgogen.observer import HUGE, Clock, Observer, Pieces
-from hgogen.program import INF, Block, Field, Program, When, column, scalar, sym
+from hgogen.observer import Clock, Observer, Pieces
+from hgogen.program import INF, Block, Field, Program, When, scalar, sym
 from hgogen.stepping.guards import any_of, outside, readings
 from hgogen.stepping.members import fresh, fresh_groups, read_fields
-from hgogen.stepping.patience import Patience, patience
+from hgogen.stepping.nearest import nearest
+from hgogen.stepping.patience import patience
+from hgogen.stepping.trust import trusted
 from hgogen.structure.dynamics import clamp
 
-SHARE = 0.1  # of what an output can span: an innovation beyond it is far
-CLEARLY = 0.25  # of a range: an estimate so far beyond it is as clear a sign as an innovation
+SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
 MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
-LONGEST = 1 << 21  # a wait whose fourfold a float counts to
+FEWEST = 5  # samples that show a sign before a restart
+DOUBLED = 64  # times the first wait: the longest for an estimate that is off y
+LONGEST = 1 << 22  # a float adds four such counts exactly
 
 
 # by output: what was measured, whether it is valid, and its error before the correction; SX scalars
 Samples = Mapping[int, tuple[Any, Any, Any]]
+
+
+@dataclass(frozen=True)
+class Sign:
+    """A sign that an estimate is lost: `meaning` says of what, after "at which"; `time` (the model's unit) for which it
+    shows at least before the first restart, `wait` (W) and `most` (M) as counts."""
+
+    name: str
+    meaning: str
+    time: float
+    wait: int
+    most: int
+
+    @property
+    def doubt(self) -> str:
+        """The field of the state that counts it, c."""
+        return f"doubt_{self.name}"
+
+    @property
+    def patience(self) -> str:
+        """The field of the count at which the estimate restarts, w."""
+        return f"patience_{self.name}"
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """What is remembered of it."""
+        evidence, limit = "evidence of valid samples that the estimate is lost", "doubt at which it restarts"
+        return (
+            scalar(self.doubt, 0.0, low=0.0, high=self.most, meaning=evidence),
+            scalar(self.patience, self.wait, low=self.wait, high=self.most, meaning=limit),
+        )
+
+    def doubts(self, value: Any) -> dict[str, Any]:
+        """c set to a value, where it can be."""
+        return {f"state.{self.doubt}": clamp(value, 0.0, float(self.most))}
+
+    def limit(self, value: Any) -> Any:
+        """A value of w, where it can be; SX."""
+        return clamp(value, float(self.wait), float(self.most))
+
+    def counted(self, weight: int) -> Program:
+        """One sample more that shows it, where `work.shows_NAME` says so, or that does not; `work.over_NAME` says
+        whether the count is at its end."""
+        doubt, limit, over = sym(f"state.{self.doubt}"), sym(f"state.{self.patience}"), f"work.over_{self.name}"
+        more = Block("more doubt", self.doubts(doubt + weight))
+        ended = Block("is patience at its end?", {over: doubt >= self.limit(limit)})
+        again = ca.if_else(doubt <= weight, self.wait, self.limit(limit))
+        writes = {**self.doubts(doubt - weight), f"state.{self.patience}": again, over: ca.SX(0)}
+        return (When(f"work.shows_{self.name}", (more, ended), (Block("less doubt", writes),)),)
+
+    @property
+    def later(self) -> Block:
+        """The next restart by this sign waits for longer."""
+        limit = sym(f"state.{self.patience}")
+        begun = clamp(limit, float(self.wait), self.most / 2)
+        return Block(
+            "the next restart waits longer",
+            {f"state.{self.doubt}": begun, f"state.{self.patience}": self.limit(2 * limit)},
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,118 +123,115 @@ class Recovery:
     pieces: Pieces
 
     @cached_property
-    def _patience(self) -> Patience:
-        return patience(self.observer, self.clock, self._widest())
+    def judged(self) -> tuple[int, ...]:
+        """The outputs by which the estimate is judged."""
+        return trusted(self.observer)
 
     @cached_property
-    def wait(self) -> int:
-        """W, the count of doubt at which the estimate first restarts."""
-        return max(2, min(ceil(2 * self.clock.outputs * self._patience.far / self.clock.dt), LONGEST))
+    def signs(self) -> tuple[Sign, ...]:
+        """What is counted of this observer."""
+        spans = any(span < INF for span in self._spans)
+        ranges = not self.observer.practical and not outside(self.observer).is_constant()
+        if not spans and not ranges:
+            return ()
+        times = patience(self.observer, self.clock, self._widest())
+        off, out = (
+            f"y is off by {SHARE:.0%} of what it can span",
+            f"the estimate is out of a range by {MARGIN:.0%} of it",
+        )
+        found = []
+        if spans:
+            wait = self._wait(times.clear, LONGEST // DOUBLED)
+            found.append(self._sign("y", off, wait, DOUBLED * wait))
+        if ranges:
+            found.append(self._sign("range", out, self._wait(times.far, LONGEST // 2), LONGEST))
+        return tuple(found)
+
+    def _sign(self, name: str, meaning: str, wait: int, most: int) -> Sign:
+        return Sign(name, meaning, wait * self.clock.dt / len(self.judged), wait, most)
+
+    def _wait(self, time: float, most: int) -> int:
+        """W for a time T."""
+        p = len(self.judged)
+        return min(max(FEWEST * p, ceil(p * time / self.clock.dt)), most)
+
+    @cached_property
+    def _spans(self) -> list[float]:
+        """What each output can span."""
+        return [high - low for low, high in readings(self.observer.form)]
 
     @property
     def fields(self) -> tuple[Field, ...]:
         """What the law remembers."""
-        evidence = "evidence of valid samples that the estimate is lost"
-        limit = "doubt at which it restarts from the sample"
-        return (
-            scalar("doubt", 0.0, low=0.0, high=4 * self.wait, meaning=evidence),
-            scalar("patience", self.wait, low=self.wait, high=4 * self.wait, meaning=limit),
-        )
+        fields = tuple(field for sign in self.signs for field in sign.fields)
+        if not fields:
+            return ()
+        most = sum(field.high[0] - field.low[0] for field in fields)
+        meaning = "all doubt, and patience beyond the first: checks them"
+        return (*fields, scalar("doubt_sum", 0.0, low=0.0, high=most, meaning=meaning))
 
-    def _doubt(self, value: Any) -> Any:
-        """c, where it can be; SX."""
-        return clamp(value, 0.0, 4.0 * self.wait)
-
-    def _limit(self, value: Any) -> Any:
-        """w, where it can be; SX."""
-        return clamp(value, self.wait, 4.0 * self.wait)
+    @property
+    def _sum(self) -> Any:
+        """Of all doubt, and of what patience is beyond the first; SX."""
+        return sum(sym(f"state.{sign.doubt}") + (sym(f"state.{sign.patience}") - sign.wait) for sign in self.signs)
 
     def watch(self, samples: Samples, says: bool) -> Program:
         """The law at the end of a section that has corrected the estimate.
 
         `says`: whether this section also raises OUTSIDE_BOX.
         """
-        large = self._large(samples)
-        near, far = (
-            any_of(large if self.observer.practical else [outside(self.observer, margin), *large])
-            for margin in (0.0, MARGIN)
-        )
-        sampled = any_of(valid for _, valid, _ in samples.values())
-        doubtful = ca.logic_and(sampled, ca.logic_or(near, sym("state.doubt") > 0))
         bit = {"status.OUTSIDE_BOX": outside(self.observer)} if says else {}
-        weight = self._weight(tuple(samples))
-        clearly = any_of(large if self.observer.practical else [outside(self.observer, CLEARLY), *large])
-        judged = When("work.far", self._rise(weight, clearly, samples), self._fall(weight))
+        samples = {j: samples[j] for j in self.judged if j in samples}
+        if not self.signs or not samples:
+            return (Block("is the estimate outside the declared box?", bit),) if bit else ()
+        sampled = any_of(valid for _, valid, _ in samples.values())
+        shows = {"y": any_of(self._off(samples)), "range": outside(self.observer, MARGIN)}
+        near = {**shows, "range": outside(self.observer)}
+        before = sym("state.doubt_sum") > 0
+        doubtful = ca.logic_and(sampled, ca.logic_or(any_of(near[sign.name] for sign in self.signs), before))
+        judgement = Block("which signs show?", {f"work.shows_{sign.name}": shows[sign.name] for sign in self.signs})
+        counts = (statement for sign in self.signs for statement in sign.counted(self._weight(tuple(samples))))
+        over = Block("is it lost?", {"work.lost": any_of(sym(f"work.over_{sign.name}") for sign in self.signs)})
+        judged = (*self._checked, judgement, *counts, over, When("work.lost", self._restart(samples)))
+        remember = Block("remember what doubt and patience add up to", {"state.doubt_sum": self._sum})
         return (
             Block("is the estimate where it cannot be for long?", {**bit, "work.doubtful": doubtful}),
-            When("work.doubtful", (Block("is it far from where it can be?", {"work.far": far}), judged)),
+            When("work.doubtful", (*judged, remember)),
         )
 
-    def _large(self, samples: Samples) -> list[Any]:
+    @property
+    def _checked(self) -> Program:
+        """Doubt and patience as after a reset, where they are not what they were left at."""
+        same = ca.fabs(self._sum - sym("state.doubt_sum")) < 0.5
+        spoiled = Block("was doubt or patience spoiled?", {"work.spoiled": ca.logic_not(same)})
+        return (spoiled, When("work.spoiled", fresh("state", self.fields)))
+
+    def _off(self, samples: Samples) -> list[Any]:
         """Whether each output that has a range is valid and off by more than a share of it."""
-        spans = [high - low for low, high in readings(self.observer.form)]
         return [
-            ca.logic_and(valid, ca.fabs(error) > SHARE * spans[j])
+            ca.logic_and(valid, ca.fabs(error) > SHARE * self._spans[j])
             for j, (_, valid, error) in samples.items()
-            if spans[j] < INF
+            if self._spans[j] < INF
         ]
-
-    def _rise(self, weight: int, clearly: Any, samples: Samples) -> Program:
-        doubt, limit = sym("state.doubt"), sym("state.patience")
-        quick = float(f"{self._patience.far / self._patience.clear:.3g}")
-        step = 2 * weight if quick == 1 else ca.if_else(clearly, 2 * weight * quick, 2 * weight)
-        return (
-            Block("more doubt", {"state.doubt": self._doubt(doubt + step)}),
-            Block("is patience at its end?", {"work.over": doubt >= self._limit(limit)}),
-            When("work.over", self._restart(samples)),
-        )
-
-    def _fall(self, weight: int) -> Program:
-        doubt, limit = sym("state.doubt"), sym("state.patience")
-        again = ca.if_else(doubt <= weight, self.wait, self._limit(limit))
-        return (Block("less doubt", {"state.doubt": self._doubt(doubt - weight), "state.patience": again}),)
 
     def _weight(self, judged: tuple[int, ...]) -> int:
         """p_j: what a judgement by these outputs counts, so that all of them add up to p in a time dt."""
-        if len(judged) == self.clock.outputs:
-            return self.clock.outputs
+        if len(judged) == len(self.judged):
+            return len(self.judged)
         return self.clock.every[judged[0]] if self.clock.every else 1
 
     def _restart(self, samples: Samples) -> Program:
         """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
         shown = self._shown()
-        limit = sym("state.patience")
-        slow = {"state.doubt": clamp(limit, self.wait, 2.0 * self.wait), "state.patience": self._limit(2 * limit)}
         rest = fresh("state", [field for field in self.pieces.fields if field not in shown and not field.lasting])
-        fit = self._fitted(shown, samples)
+        later = (When(f"work.over_{sign.name}", (sign.later,)) for sign in self.signs)
         return (
-            Block("the next restart waits longer", slow),
-            Block("the estimate restarts from the sample", {**fit, "status.RESTARTED_FROM_SAMPLE": ca.SX(1)}),
+            *later,
+            *nearest(self.observer, self.clock, shown, samples),
+            Block("the estimate has restarted from the sample", {"status.RESTARTED_FROM_SAMPLE": ca.SX(1)}),
             *rest,
             *fresh_groups("state", self.pieces.fields, self.pieces.groups, self.observer.z),
         )
-
-    def _fitted(self, shown: tuple[Field, ...], samples: Samples) -> dict[str, Any]:
-        """x of the module by place, one valid sample after the other."""
-        u = sym("state.u", len(self.observer.form.system.inputs))
-        x = ca.vertcat(*(sym(f"state.{field.name}", field.size) for field in shown))
-        h = self.observer.dynamics.output(self.observer.z, u)
-        ends = [end for field in shown for end in field.box]
-        widths = np.array([high - low for low, high in ends])
-        widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
-        V, value = ca.DM(widths**2), ca.SX(ca.DM([v for field in shown for v in field.initial]))
-        spans = [high - low for low, high in readings(self.observer.form)]
-        for j, (y, valid, _) in samples.items():
-            expected, slope = ca.substitute([h[j], ca.jacobian(h[j], x).T], [x], [value])
-            across = ca.dot(slope, V * slope)
-            least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
-            known = ca.if_else(ca.fabs(y) <= HUGE, y, expected)  # as `valid` says, once more where an analyser sees it
-            moved = value + V * slope * ((known - expected) / ca.fmax(across, least))
-            value = ca.if_else(valid, moved, value) if len(samples) > 1 else moved
-        value = column(clamp(value[i], *end) for i, end in enumerate(ends))
-        places = np.cumsum([0, *(field.size for field in shown)]).tolist()
-        parts = ca.vertsplit(value, places)
-        return {f"state.{field.name}": part for field, part in zip(shown, parts, strict=True)}
 
     def _shown(self) -> tuple[Field, ...]:
         """The fields that the estimate is read from."""
@@ -191,9 +250,3 @@ class Recovery:
         reach = slope @ np.where(np.isfinite(outer), outer, 0.0)
         known = np.isfinite(inner) & np.isfinite(reach) & (inner > 0)
         return float(np.clip(np.max(reach[known] / inner[known], initial=1.0), 1.0, 1e9))
-
-
-def far(observer: Observer) -> str:
-    """What the law takes for far, in words."""
-    off = f"y is off by {SHARE:.0%} of what it can span"
-    return off if observer.practical else f"the estimate is out of a range by {MARGIN:.0%} of it, or {off},"

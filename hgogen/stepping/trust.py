@@ -1,0 +1,42 @@
+"""Trust: by which outputs an estimate is judged, and fitted where it restarts.
+
+A Riccati observer is told by R how far each sensor is trusted. In units of what they can span, a sensor is trusted
+span_j^2/R_j; one that is trusted less than LEAST times as much as another says nothing of the estimate: it may be off
+for ever, as one with a bias that R declares worthless.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from hgogen.kalman.curvature import Curved
+from hgogen.kalman.riccati import Riccati
+from hgogen.observer import Observer
+from hgogen.stepping.guards import readings
+from hgogen.stepping.parallel import Parallel
+
+LEAST = 0.01  # of the trust in the best sensor
+
+
+def trusted(observer: Observer) -> tuple[int, ...]:
+    """The outputs by which the estimate is judged, the least trusted one first; all, in their order, where nothing
+    says how far to trust them."""
+    R = next((R for part in observer.parts if (R := _noise(part)) is not None), None)
+    spans = np.array([high - low for low, high in readings(observer.form)])
+    if R is None or len(spans) == 1 or not np.isfinite(spans).any():
+        return tuple(range(len(spans)))
+    trust = spans**2 / R
+    order = np.argsort(trust, kind="stable")
+    return tuple(int(j) for j in order if trust[j] >= LEAST * trust[np.isfinite(trust)].max())
+
+
+def _noise(part: Any) -> np.ndarray | None:
+    """R (p) as declared; None of an observer without one."""
+    match part:
+        case Riccati():
+            return part.nominal[1]
+        case Curved():
+            return _noise(part.plain)
+        case Parallel():
+            return next((R for each in part.member.parts if (R := _noise(each)) is not None), None)
+    return None
