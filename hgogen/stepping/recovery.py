@@ -1,28 +1,30 @@
 """Recovery: an estimate that good samples do not bring back restarts from the sample.
 
-Two signs that it is lost are counted at each valid sample of an output that is judged, each by itself:
+Signs that it is lost are counted at each valid sample of an output that is judged, each by itself:
 
-    y       |y_j - yhat_j| > SHARE times what y_j can span
-    range   the estimate is outside a declared range by more than MARGIN of its width
+    y_j     |y_j - yhat_j| > SHARE times what y_j can span, at the samples of y_j
+    range   the estimate is outside a declared range by more than MARGIN of its width, at the samples of any
 
-    c <- c + p_j  where the sign shows,   c <- max(c - p_j, 0)  elsewhere              p_j its period in dt
+    c <- c + p_j  where the sign shows,   c <- max(c - p_j, 0)  elsewhere         p_j = 1, of range its period in dt
     c >= w:  the estimate restarts from the sample; c <- min(w, M/2), w <- min(2 w, M)
     c = 0:   w <- W
-    W = p T/dt, p outputs judged, T of stepping/patience.py for each sign
+    W = T/(period of y_j), of range p T/dt of p outputs judged                    T of stepping/patience.py
 
 An estimate that shows a sign at more than half of the samples for as long as T is taken not to converge, but to sit in
 a corner of its outer box, or at a false equilibrium beyond the ranges, where the model is evaluated at the edge. That
 is a judgement by rates at rest and no theorem. It can be wrong: an observer may need longer to converge, a plant may
-rest beyond its declared ranges and the estimate be right. So each restart doubles what the next one waits for: of the
-sign y up to M = 64 W, as no estimate that is right is off y; of the sign range up to M = LONGEST. After a fault that
-has lasted for longer than T, the next restart comes no later than once more that time. w is W again when the samples
-have been good for as long as w. A theorem of convergence holds from the last restart on.
+rest beyond its declared ranges and the estimate be right. So each restart doubles what the next one waits for: of a
+sign y_j up to M = 64 W, as an estimate that is right is off y for a sensor's bias only; of the sign range up to what
+can be counted. After a fault that has lasted for longer than T, the next restart comes no later than once more that
+time. w is W again when the samples have been good for as long as w. Counts that are not what they were left at, of
+memory that was spoiled, begin anew: a patience that is too long would not show. A theorem of convergence holds from
+the last restart on.
 
 Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
 from, which fit the sample (stepping/nearest.py). A cold restart would fall into the same attractor.
 
-An observer without a model of its last row, whose error never tends to 0, has the sign y only; where no output has a
-range there is none, where no state has one there is no sign range, and an observer without a sign has no such law.
+An observer without a model of its last row, whose error never tends to 0, has no sign range; nor has one without a
+range of a state, nor an output without a range a sign y_j. An observer without a sign has no such law.
 """
 
 from collections.abc import Mapping
@@ -48,7 +50,7 @@ SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
 MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
 FEWEST = 5  # samples that show a sign before a restart
 DOUBLED = 64  # times the first wait: the longest for an estimate that is off y
-LONGEST = 1 << 22  # a float adds four such counts exactly
+LONGEST = 1 << 23  # a float adds two such counts exactly
 
 
 # by output: what was measured, whether it is valid, and its error before the correction; SX scalars
@@ -57,10 +59,12 @@ Samples = Mapping[int, tuple[Any, Any, Any]]
 
 @dataclass(frozen=True)
 class Sign:
-    """A sign that an estimate is lost: `meaning` says of what, after "at which"; `time` (the model's unit) for which it
-    shows at least before the first restart, `wait` (W) and `most` (M) as counts."""
+    """A sign that an estimate is lost: of `output`, or of the range of a state for None. `meaning` says of what, after
+    "at which"; `time` (the model's unit) for which it shows at least before the first restart, `wait` (W) and `most`
+    (M) as counts."""
 
     name: str
+    output: int | None
     meaning: str
     time: float
     wait: int
@@ -130,30 +134,24 @@ class Recovery:
     @cached_property
     def signs(self) -> tuple[Sign, ...]:
         """What is counted of this observer."""
-        spans = any(span < INF for span in self._spans)
+        outputs = [j for j in self.judged if self._spans[j] < INF]
         ranges = not self.observer.practical and not outside(self.observer).is_constant()
-        if not spans and not ranges:
+        longest = LONGEST // max(1, len(outputs) + ranges)
+        if not outputs and not ranges:
             return ()
         times = patience(self.observer, self.clock, self._widest())
-        off, out = (
-            f"y is off by {SHARE:.0%} of what it can span",
-            f"the estimate is out of a range by {MARGIN:.0%} of it",
-        )
+        p, dt = len(self.judged), self.clock.dt
         found = []
-        if spans:
-            wait = self._wait(times.clear, LONGEST // DOUBLED)
-            found.append(self._sign("y", off, wait, DOUBLED * wait))
+        for j in outputs:
+            period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
+            wait = min(max(FEWEST, ceil(times.clear / period)), longest // DOUBLED)
+            name, meaning = "y" if p == 1 else f"y_{y}", f"{y} is off by {SHARE:.0%} of its span"
+            found.append(Sign(name, j, meaning, wait * period, wait, DOUBLED * wait))
         if ranges:
-            found.append(self._sign("range", out, self._wait(times.far, LONGEST // 2), LONGEST))
+            wait = min(max(FEWEST * p, ceil(p * times.far / dt)), longest // 2)
+            meaning = f"the estimate is out of a range by {MARGIN:.0%} of it"
+            found.append(Sign("range", None, meaning, wait * dt / p, wait, longest))
         return tuple(found)
-
-    def _sign(self, name: str, meaning: str, wait: int, most: int) -> Sign:
-        return Sign(name, meaning, wait * self.clock.dt / len(self.judged), wait, most)
-
-    def _wait(self, time: float, most: int) -> int:
-        """W for a time T."""
-        p = len(self.judged)
-        return min(max(FEWEST * p, ceil(p * time / self.clock.dt)), most)
 
     @cached_property
     def _spans(self) -> list[float]:
@@ -184,15 +182,14 @@ class Recovery:
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
             return (Block("is the estimate outside the declared box?", bit),) if bit else ()
+        signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
         sampled = any_of(valid for _, valid, _ in samples.values())
-        shows = {"y": any_of(self._off(samples)), "range": outside(self.observer, MARGIN)}
-        near = {**shows, "range": outside(self.observer)}
-        before = sym("state.doubt_sum") > 0
-        doubtful = ca.logic_and(sampled, ca.logic_or(any_of(near[sign.name] for sign in self.signs), before))
-        judgement = Block("which signs show?", {f"work.shows_{sign.name}": shows[sign.name] for sign in self.signs})
-        counts = (statement for sign in self.signs for statement in sign.counted(self._weight(tuple(samples))))
-        over = Block("is it lost?", {"work.lost": any_of(sym(f"work.over_{sign.name}") for sign in self.signs)})
-        judged = (*self._checked, judgement, *counts, over, When("work.lost", self._restart(samples)))
+        near, shows = ({sign: self._shows(sign, samples, margin) for sign in signs} for margin in (0.0, MARGIN))
+        doubtful = ca.logic_and(sampled, ca.logic_or(any_of(near.values()), sym("state.doubt_sum") > 0))
+        judgement = Block("which signs show?", {f"work.shows_{sign.name}": value for sign, value in shows.items()})
+        counts = (statement for sign in signs for statement in self._counted(sign, samples))
+        over = Block("is it lost?", {"work.lost": any_of(sym(f"work.over_{sign.name}") for sign in signs)})
+        judged = (*self._checked, judgement, *counts, over, When("work.lost", self._restart(signs, samples)))
         remember = Block("remember what doubt and patience add up to", {"state.doubt_sum": self._sum})
         return (
             Block("is the estimate where it cannot be for long?", {**bit, "work.doubtful": doubtful}),
@@ -206,13 +203,25 @@ class Recovery:
         spoiled = Block("was doubt or patience spoiled?", {"work.spoiled": ca.logic_not(same)})
         return (spoiled, When("work.spoiled", fresh("state", self.fields)))
 
-    def _off(self, samples: Samples) -> list[Any]:
-        """Whether each output that has a range is valid and off by more than a share of it."""
-        return [
-            ca.logic_and(valid, ca.fabs(error) > SHARE * self._spans[j])
-            for j, (_, valid, error) in samples.items()
-            if self._spans[j] < INF
-        ]
+    def _shows(self, sign: Sign, samples: Samples, margin: float) -> Any:
+        """Whether a sign shows; where the estimate is out of a range by more than `margin` of it."""
+        if sign.output is None:
+            return outside(self.observer, margin)
+        _, valid, error = samples[sign.output]
+        return ca.logic_and(valid, ca.fabs(error) > SHARE * self._spans[sign.output])
+
+    def _counted(self, sign: Sign, samples: Samples) -> Program:
+        """A sign's count moved by these samples."""
+        if sign.output is None:
+            return sign.counted(self._weight(tuple(samples)))
+        if len(samples) == 1:
+            return sign.counted(1)
+        _, valid, _ = samples[sign.output]
+        taken = f"work.counts_{sign.name}"
+        return (
+            Block("is there a sample to judge by?", {taken: valid, f"work.over_{sign.name}": ca.SX(0)}),
+            When(taken, sign.counted(1)),
+        )
 
     def _weight(self, judged: tuple[int, ...]) -> int:
         """p_j: what a judgement by these outputs counts, so that all of them add up to p in a time dt."""
@@ -220,11 +229,11 @@ class Recovery:
             return len(self.judged)
         return self.clock.every[judged[0]] if self.clock.every else 1
 
-    def _restart(self, samples: Samples) -> Program:
+    def _restart(self, signs: list[Sign], samples: Samples) -> Program:
         """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
         shown = self._shown()
         rest = fresh("state", [field for field in self.pieces.fields if field not in shown and not field.lasting])
-        later = (When(f"work.over_{sign.name}", (sign.later,)) for sign in self.signs)
+        later = (When(f"work.over_{sign.name}", (sign.later,)) for sign in signs)
         return (
             *later,
             *nearest(self.observer, self.clock, shown, samples),
