@@ -18,7 +18,6 @@ import hgogen as hg
 from hgogen.commands.metrics import metrics, settling, summary
 from hgogen.emit import native
 from hgogen.stepping import recovery
-from hgogen.stepping.patience import Patience
 from hgogen.trial import Jump, Trajectory, Trial, try_out
 
 ONE, SIX = neuron.MODEL.trials()
@@ -67,7 +66,7 @@ def lasting(trial: Trial, duration: float, **changes: Any) -> Trial:
 def test_plain_filter_takes_690(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself: what recovers it is patient for longer than the trial."""
     with monkeypatch.context() as patch:
-        patch.setattr(recovery, "patience", lambda *_: Patience(1e5, 1e5))
+        patch.setattr(recovery, "patience", lambda *_: 1e5)
         step = neuron.step(1.0)
     result = summed(step, tried(step, lasting(ONE, 850.0)))
     assert 640 <= result.settled[1] <= 730

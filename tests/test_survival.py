@@ -20,7 +20,6 @@ from hgogen.emit import layout, native
 from hgogen.stability import Limit
 from hgogen.step import StepMayFail, StepTooLong
 from hgogen.stepping import recovery
-from hgogen.stepping.patience import Patience
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -49,7 +48,7 @@ def rows(*quick: tuple[Any, float]) -> Any:
 def forced(monkeypatch: pytest.MonkeyPatch, theta: float, how: Any, dt: float, **options: Any) -> Any:
     """The step, even where it would be refused, and by itself: nothing restarts it from a sample."""
     with monkeypatch.context() as patch:
-        patch.setattr(recovery, "patience", lambda *_: Patience(1e5, 1e5))
+        patch.setattr(recovery, "patience", lambda *_: 1e5)
         patch.setattr(method, "covariance_limits", lambda *_: [Limit(np.inf, "")])
         return neuron.step(float(theta), how, dt, **options)
 

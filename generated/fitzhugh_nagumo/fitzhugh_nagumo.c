@@ -346,7 +346,7 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             s->doubt_y = 0.0f;
             s->patience_y = 1023.0f;
             s->doubt_range = 0.0f;
-            s->patience_range = 2945.0f;
+            s->patience_range = 1023.0f;
             s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
@@ -475,7 +475,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             s->doubt_y = 0.0f;
             s->patience_y = 1023.0f;
             s->doubt_range = 0.0f;
-            s->patience_range = 2945.0f;
+            s->patience_range = 1023.0f;
             s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
@@ -516,7 +516,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         /* was doubt or patience spoiled? */
         {
             const float t1 = s->patience_y - 1023.0f + s->doubt_y
-                + (s->patience_range - 2945.0f + s->doubt_range) - s->doubt_sum;
+                + (s->patience_range - 1023.0f + s->doubt_range) - s->doubt_sum;
             spoiled = !(fitzhugh_nagumo_abs(t1) < 0.5f);
         }
         if (spoiled) {
@@ -524,7 +524,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             s->doubt_y = 0.0f;
             s->patience_y = 1023.0f;
             s->doubt_range = 0.0f;
-            s->patience_range = 2945.0f;
+            s->patience_range = 1023.0f;
             s->doubt_sum = 0.0f;
         }
         /* which signs show? */
@@ -561,15 +561,15 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 s->doubt_range = fitzhugh_nagumo_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
             }
             /* is patience at its end? */
-            over_range = fitzhugh_nagumo_clamp(s->patience_range, 2945.0f, 4194304.0f) <= s->doubt_range;
+            over_range = fitzhugh_nagumo_clamp(s->patience_range, 1023.0f, 4194304.0f) <= s->doubt_range;
         } else {
             /* less doubt */
             {
                 const float doubt_range = s->doubt_range;
                 const float patience_range = s->patience_range;
                 s->doubt_range = fitzhugh_nagumo_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
-                s->patience_range = (doubt_range <= 1.0f) ? 2945.0f
-                    : fitzhugh_nagumo_clamp(patience_range, 2945.0f, 4194304.0f);
+                s->patience_range = (doubt_range <= 1.0f) ? 1023.0f
+                    : fitzhugh_nagumo_clamp(patience_range, 1023.0f, 4194304.0f);
                 over_range = false;
             }
         }
@@ -588,8 +588,8 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                 /* the next restart waits longer */
                 {
                     const float patience_range = s->patience_range;
-                    s->doubt_range = fitzhugh_nagumo_clamp(patience_range, 2945.0f, 2097152.0f);
-                    s->patience_range = fitzhugh_nagumo_clamp(2.0f*patience_range, 2945.0f, 4194304.0f);
+                    s->doubt_range = fitzhugh_nagumo_clamp(patience_range, 1023.0f, 2097152.0f);
+                    s->patience_range = fitzhugh_nagumo_clamp(2.0f*patience_range, 1023.0f, 4194304.0f);
                 }
             }
             /* the estimate restarts */
@@ -633,7 +633,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             }
         }
         /* remember what doubt and patience add up to */
-        s->doubt_sum = s->patience_y - 1023.0f + s->doubt_y + (s->patience_range - 2945.0f + s->doubt_range);
+        s->doubt_sum = s->patience_y - 1023.0f + s->doubt_y + (s->patience_range - 1023.0f + s->doubt_range);
     }
     return status;
 }
@@ -715,7 +715,7 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
             s->doubt_y = 0.0f;
             s->patience_y = 1023.0f;
             s->doubt_range = 0.0f;
-            s->patience_range = 2945.0f;
+            s->patience_range = 1023.0f;
             s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
         }
@@ -838,7 +838,7 @@ void fitzhugh_nagumo_reset(fitzhugh_nagumo_state *s)
     s->doubt_y = 0.0f;
     s->patience_y = 1023.0f;
     s->doubt_range = 0.0f;
-    s->patience_range = 2945.0f;
+    s->patience_range = 1023.0f;
     s->doubt_sum = 0.0f;
     s->calls = 0u;
     s->u = 0.0f;

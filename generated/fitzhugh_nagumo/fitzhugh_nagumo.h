@@ -88,9 +88,9 @@
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
  * noticed. A valid sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one at
  * which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a doubt
- * reaches its patience, after 10.2 s for s.doubt_y or 29.4 s for s.doubt_range of such samples at the least,
- * all of the state restarts from the sample, and that patience doubles, until its doubt is 0 again. The
- * status is 0 for ok, else an or of the bits below.
+ * reaches its patience, after 10.2 s of such samples at the least, all of the state restarts from the sample,
+ * and that patience doubles, until its doubt is 0 again. The status is 0 for ok, else an or of the bits
+ * below.
  *
  * fitzhugh_nagumo_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
  * and or their statuses, where a sample comes later than the input. Without a sample leave its update out.
@@ -190,8 +190,8 @@ typedef struct {
     float patience_y;                       /* doubt at which it restarts, 1023 .. 65472 */
     /* evidence of valid samples that the estimate is lost, 0 .. 4.1943e+06 */
     float doubt_range;
-    float patience_range;                   /* doubt at which it restarts, 2945 .. 4.1943e+06 */
-    /* all doubt, and patience beyond the first: checks them, 0 .. 8.51558e+06 */
+    float patience_range;                   /* doubt at which it restarts, 1023 .. 4.1943e+06 */
+    /* all doubt, and patience beyond the first: checks them, 0 .. 8.51751e+06 */
     float doubt_sum;
     unsigned calls;                         /* 0 before the first call, 1 after it, then 2 */
     float u;                                /* last valid input: u, -1 .. 1 */

@@ -73,9 +73,9 @@
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
  * noticed. A valid sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one at
  * which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a doubt
- * reaches its patience, after 7.52 s for s.doubt_y or 7.52 s for s.doubt_range of such samples at the least,
- * all of the state restarts from the sample, and that patience doubles, until its doubt is 0 again. The
- * status is 0 for ok, else an or of the bits below.
+ * reaches its patience, after 7.52 s of such samples at the least, all of the state restarts from the sample,
+ * and that patience doubles, until its doubt is 0 again. The status is 0 for ok, else an or of the bits
+ * below.
  *
  * Change gains in p.gain, then call hyperjerk_tune, or the change is neither limited nor complete. Ranges are
  * those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can only go

@@ -169,7 +169,7 @@ def _recovery(step: Step) -> str:
     if not step.signs:
         return "No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."
     counts = ", and ".join(f"one at which {sign.meaning} to s.{sign.doubt}" for sign in step.signs)
-    times = " or ".join(f"{pace(float(f'{sign.time:.3g}'), step.time)} for s.{sign.doubt}" for sign in step.signs)
+    times = " or ".join(dict.fromkeys(pace(float(f"{sign.time:.3g}"), step.time) for sign in step.signs))
     return (
         f"A valid sample adds to a doubt: {counts}; another takes as much away. When a doubt reaches its patience, "
         f"after {times} of such samples at the least, all of the state restarts from the sample, and that patience "

@@ -1,18 +1,18 @@
-"""Patience: for how long an estimate may be far from where it can be (stepping/recovery.py) before it is lost.
+"""Patience: for how long an estimate may show that it is lost (stepping/recovery.py) before it restarts.
 
-    T = max(2 ln(100 r)/mu, 2/lambda),   T_c = max(2 ln(100 r)/nu, 2/lambda)
+    T = max(2 ln(100 r)/mu, 2/lambda)
 
 An observer that converges at the rate mu takes half of T to bring an error as wide as the outer box, r times the
 declared one, down to a hundredth of the declared one; the other half is for poles that coincide, and for a model that
 works against the gain. mu is the slowest rate of the linear error core, at the geometric mean of the ends between which
-a gain moves; of a Riccati observer that of its closed loop at rest, the median over points of the box. There clear
-signs are given a shorter time: nu is the geometric mean of all the rates, as if y showed slow modes least, which need
-not be so.
+a gain moves; of a Riccati observer the geometric mean of those of its closed loop at rest, the median over points of
+the box, as if y showed slow modes least. That need not be so: a filter that is slower restarts, and then waits for
+longer.
 A plant may do for a time what its model does not know, as a tank that overflows, and that takes as long as it is slow:
 lambda is the geometric mean of |eigenvalues| of its Jacobian, the median over points of the box.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import log
 from typing import Any
 
@@ -32,27 +32,10 @@ POINTS = 6  # corners of the box, and as many points inside, at which a linearis
 SAMPLES = 10  # the inverse of a rate, where none is known
 
 
-@dataclass(frozen=True)
-class Patience:
-    """Times for which an estimate may be far, and show clear signs of it; in the model's unit."""
-
-    far: float
-    clear: float
-
-
-@dataclass(frozen=True)
-class Rates:
-    """At which a linearised error decays, per unit of time: the slowest, and what is typical of all."""
-
-    slow: float
-    typical: float
-
-
-def patience(observer: Observer, clock: Clock, r: float) -> Patience:
-    """T and T_c of the module; r is by how much the outer box is wider than the declared one."""
-    known, plant = rates(observer, clock), plant_rate(observer)
-    least = 0.0 if plant is None else 2 / plant
-    return Patience(*(max(2 * log(FINE * r) / rate, least) for rate in (known.slow, known.typical)))
+def patience(observer: Observer, clock: Clock, r: float) -> float:
+    """T of the module, in the model's unit; r is by how much the outer box is wider than the declared one."""
+    plant = plant_rate(observer)
+    return max(2 * log(FINE * r) / rate(observer, clock), 0.0 if plant is None else 2 / plant)
 
 
 def plant_rate(observer: Observer) -> float | None:
@@ -70,13 +53,13 @@ def _typical(decays: np.ndarray) -> float | None:
     return float(np.median(means)) if means else None
 
 
-def rates(observer: Observer, clock: Clock) -> Rates:
-    """Of the observer's slowest part; that of ten samples where none is known."""
-    known = [rate for part in observer.parts if (rate := _rates(part, clock))]
-    return min(known, key=lambda rate: rate.slow, default=Rates(*2 * (1 / (SAMPLES * clock.dt),)))
+def rate(observer: Observer, clock: Clock) -> float:
+    """mu of the observer's slowest part; that of ten samples where none is known."""
+    known = [found for part in observer.parts if (found := _rate(part, clock)) is not None]
+    return min(known, default=1 / (SAMPLES * clock.dt))
 
 
-def _rates(part: Any, clock: Clock) -> Rates | None:
+def _rate(part: Any, clock: Clock) -> float | None:
     match part:
         case Ode():
             firsts = {field.name: np.array(field.initial) for field in part.fields}
@@ -84,15 +67,12 @@ def _rates(part: Any, clock: Clock) -> Rates | None:
             line = core(replace(part, frozen=middle), clock.outputs)
             matrix = part.core if line is None else numbers(line.M, clock.nominal)
             decays = np.zeros(0) if matrix is None else -np.linalg.eigvals(matrix).real.ravel()
-            decays = decays[decays > 0]
-            return Rates(float(decays.min()), float(decays.min())) if len(decays) else None
+            return min(decays[decays > 0].tolist(), default=None)
         case Riccati():
             decays = closed_loop_rates(*part.linearised(POINTS), *part.nominal, part.theta.late, part.scaling)
-            decays = decays[decays[:, 0] > HIDDEN * decays[:, -1]]
-            typical = _typical(decays)
-            return None if typical is None else Rates(float(np.median(decays[:, 0])), typical)
+            return _typical(decays[decays[:, 0] > HIDDEN * decays[:, -1]])
         case Curved():
-            return _rates(part.plain, clock)
+            return _rate(part.plain, clock)
         case Parallel():
-            return rates(part.member, replace(clock, nominal=nominal(part.member)))
+            return rate(part.member, replace(clock, nominal=nominal(part.member)))
     return None

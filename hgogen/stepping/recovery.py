@@ -139,19 +139,18 @@ class Recovery:
         longest = LONGEST // max(1, len(outputs) + ranges)
         if not outputs and not ranges:
             return ()
-        times = patience(self.observer, self.clock, self._widest())
-        p, dt = len(self.judged), self.clock.dt
-        found = []
+        time, p, dt = patience(self.observer, self.clock, self._widest()), len(self.judged), self.clock.dt
+        signs = []
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
-            wait = min(max(FEWEST, ceil(times.clear / period)), longest // DOUBLED)
+            wait = min(max(FEWEST, ceil(time / period)), longest // DOUBLED)
             name, meaning = "y" if p == 1 else f"y_{y}", f"{y} is off by {SHARE:.0%} of its span"
-            found.append(Sign(name, j, meaning, wait * period, wait, DOUBLED * wait))
+            signs.append(Sign(name, j, meaning, wait * period, wait, DOUBLED * wait))
         if ranges:
-            wait = min(max(FEWEST * p, ceil(p * times.far / dt)), longest // 2)
+            wait = min(max(FEWEST * p, ceil(p * time / dt)), longest // 2)
             meaning = f"the estimate is out of a range by {MARGIN:.0%} of it"
-            found.append(Sign("range", None, meaning, wait * dt / p, wait, longest))
-        return tuple(found)
+            signs.append(Sign("range", None, meaning, wait * dt / p, wait, longest))
+        return tuple(signs)
 
     @cached_property
     def _spans(self) -> list[float]:
