@@ -194,7 +194,7 @@ def test_the_closed_loop_is_that_of_the_step(theta: float, h: float) -> None:
     k = round(2 / h)
     T = np.linalg.solve(moved[:, k], moved[:, k + 1]).T
     (part, *_) = observer.parts
-    found = loops(part, *part.slopes(1), theta).transition(h)
+    found = loops(part, *part.slopes(1), theta, theta).transition(h)
     assert np.sort_complex(np.linalg.eigvals(T)) == pytest.approx(
         np.sort_complex(np.linalg.eigvals(found[0])), rel=2e-3, abs=1e-4
     )
@@ -230,6 +230,83 @@ def test_at_what_is_named_a_filter_follows(method: str, A: list[list[float]], ou
     x = x[np.abs(x).max(axis=1) <= 10]  # its ranges
     error = np.abs(step.run(y=x[:, outputs]).x - x).max(axis=1)
     assert error[-1] < 0.02 * np.abs(x).max(axis=1)[-1] + 0.02
+
+
+def resonant() -> tuple[np.ndarray, hg.Observer]:
+    """Q lets the variance of a grow by far more in a long step than its cap admits."""
+    A = np.array([[0, 1, 0], [0, 0, 1], [-382.8, -89.5, -10.15]])
+    x = [hg.Signal(name, low=-high, high=high) for name, high in (("a", 1.5), ("b", 36), ("c", 870))]
+    flow = [sum(float(c) * state for c, state in zip(row, x, strict=True)) for row in A]
+    plant = hg.System("resonant", states=x, outputs=(hg.Signal("y", low=-1.7, high=1.7),), flow=flow, output=[x[0]])
+    form = hg.forms.original(plant)
+    return A, hg.observers.riccati(form, Q={"a": 0.39, "b": 8420.0, "c": 8.19e6}, R=1.53e-3)
+
+
+def followed(observer: hg.Observer, A: np.ndarray, dt: float, start: np.ndarray) -> float:
+    """The largest error in units of the ranges, late in 400 samples of a plant x' = A x."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepMayFail)
+        step = hg.sample(observer, dt=dt)
+    x, over = np.empty((400, len(A))), expm(A * dt)
+    x[0] = start
+    for k in range(1, len(x)):
+        x[k] = over @ x[k - 1]
+    high = np.array([state.interval[1] for state in observer.form.states])
+    return float((np.abs(step.run(y=x[:, :1]).x - x) / high)[100:].max())
+
+
+def test_no_step_is_advised_at_which_the_covariance_meets_its_cap() -> None:
+    """dt = 0.131 was advised, at which the error was .3 of the ranges for good, after 2.4 on the way."""
+    A, observer = resonant()
+    start = np.array([-0.036, 2.84, 20.0])
+    with pytest.raises(StepTooLong, match="no error settles") as caught:
+        hg.sample(observer, dt=0.131)
+    refused, take = named(str(caught.value))
+    assert followed(observer, A, take, start) < 1e-9
+    assert followed(observer, A, 0.97 * refused, start) < 1e-6
+    (part, *_) = observer.parts
+    loop = loops(part, *part.slopes(1), 1.0, 1.0)
+    assert loop.way(0.98 * take).max() <= 1 < loop.way(1.03 * take).max()
+    assert loop.settles(0.97 * refused).all()
+    assert not loop.settles(1.05 * refused).any()
+
+
+def test_the_way_of_the_covariance_is_that_of_the_recursion() -> None:
+    """From P(0), sample by sample, in the plant's coordinates."""
+    A, observer = resonant()
+    (part, *_) = observer.parts
+    F, C = part.slopes(1)
+    (Q, R), h, n = part.nominal, 0.05, 3
+    loop = loops(part, F, C, 1.0, 1.0)
+    Phi, P, largest = np.eye(n) + h * A + h * h / 2 * A @ A, np.eye(n), 0.0
+    for _ in range(512):
+        P = Phi @ (P - np.outer(P @ C[0][0], C[0][0] @ P) / (R[0] / h + P[0, 0])) @ Phi.T + h * Q
+        largest = max(largest, float((np.diag(P) / part.cap).max()))
+    assert loop.way(h)[0] == pytest.approx(largest, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_random_plant_is_followed_at_what_is_named() -> None:
+    """Stable plants of three states with large Q, each from a start in its ranges."""
+    rng = np.random.default_rng(11)
+    failed = []
+    for trial in range(40):
+        poles = -rng.uniform(0.5, 8, 3) + 0j
+        if trial % 2:
+            poles[1:] = -rng.uniform(0.2, 3) + 1j * rng.uniform(2, 10) * np.array([1, -1])
+        A = np.diag(np.ones(2), 1)
+        A[-1] = -np.real(np.poly(poles))[:0:-1]
+        fastest = np.abs(poles).max()
+        high = np.array([1.0, fastest, fastest**2])
+        x = [hg.Signal(f"x{i + 1}", low=-top, high=top) for i, top in enumerate(high)]
+        flow = [sum(float(c) * state for c, state in zip(row, x, strict=True)) for row in A]
+        plant = hg.System("plant", states=x, outputs=(hg.Signal("y"),), flow=flow, output=[x[0]])
+        Q = 10.0 ** rng.uniform(-1, 2) * high**2
+        observer = hg.observers.riccati(hg.forms.original(plant), Q=Q.tolist(), R=10.0 ** rng.uniform(-4, -1))
+        take = _taken(observer, hg.methods.continuous_discrete)
+        if (error := followed(observer, A, take, 0.3 * high * rng.uniform(-1, 1, 3))) > 0.02:
+            failed.append((trial, take, error))
+    assert not failed
 
 
 def _taken(observer: hg.Observer, way: Method) -> float:

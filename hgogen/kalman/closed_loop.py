@@ -14,20 +14,25 @@ Fan, Lin, Wang, International Journal of Control 77 (2004).
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hgogen.growth import GROWTH, continuous, growth, longest, polynomial
+from hgogen.growth import GROWTH, WIDER, continuous, growth, longest, polynomial
 from hgogen.kalman.riccati import Riccati
 from hgogen.runge_kutta import HEUN, RK4
 from hgogen.scaling import Scaling
 from hgogen.stability import pace, steady_covariance
 
 Array = np.ndarray
+Flags = NDArray[np.bool_]
 POINTS, EDGE = 12, 0.005  # corners of the box, and as many points inside; how far of each range the corners are
 FOLLOWED = 1.2  # |h lambda| of a mode that turns: |exp(ix) - R_4(ix)| = x^5/120 is .02 there
 SHORT = 0.05  # over the fastest eigenvalue: a step that follows every F and every closed loop
+LONGEST = 100  # over the fastest eigenvalue of every F: where the search for what is refused ends
+ROUNDING = 1e-7  # of an eigenvalue of T
 DOUBLED, SETTLED = 50, 1e-12  # doublings of a covariance's steps, at most, and a change that is none
 SHARE = 0.5  # of what no error grows at, where F is read at samples
 SAMPLES = 16  # of an input with a declared period, in one: on the line between them it errs by 2 %
@@ -35,13 +40,18 @@ SAMPLES = 16  # of an input with a declared period, in one: on the line between 
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """F, N = C'R^-1 C, Q and rho S_0 (k, n, n) in coordinates in which the steady P of h -> 0 is 1, and rho."""
+    """F, N = C'R^-1 C, Q, rho S_0 (k, n, n) in coordinates in which the steady P of h -> 0 is 1, and rho; `starts`
+    (s, k, n, n): values from which P starts; `back` L (k, n, n): L P L' is the covariance, and `cap` (n) its cap, which
+    may be inf."""
 
     F: Array
     N: Array
     Q: Array
     prior: Array
     rho: float
+    starts: Array
+    back: Array
+    cap: Array
 
     @property
     def continuous(self) -> Array:
@@ -50,79 +60,161 @@ class Loops:
 
     def transition(self, h: float) -> Array:
         """T(h) (k, n, n)."""
-        one = np.eye(self.F.shape[-1])
-        grown = math.exp(min(self.rho * h, 100.0))  # beyond which all is forgotten
-        forgotten = -math.expm1(-self.rho * h) / self.rho * self.prior if self.rho else 0.0
-        Phi = polynomial(h * self.F, HEUN.polynomial)
-        P, seen = _steady(math.sqrt(grown) * Phi, h * self.N + forgotten, h * self.Q), h * self.N
-        corrected = one - _solved(one + P @ (seen + forgotten), P @ seen)
-        return np.asarray(corrected @ polynomial(h * self.F, RK4.polynomial))
+        *_, (_, _, P) = _doubled(*self._step(h))
+        return self._transition(h, P)
+
+    def way(self, h: float) -> Array:
+        """The largest P_ii/cap_i (k) from every start to where P settles, after 1, 2, 3, 4, 6, 8, 12, .. steps."""
+        half = now = self.starts
+        largest = np.zeros(len(self.F))
+        for doubled in _doubled(*self._step(h)):
+            half, now, between = now, _moved(now, doubled), _moved(half, doubled)
+            largest = np.maximum(largest, self._shares(np.concatenate((now, between))).max(axis=(0, 2)))
+        return largest
+
+    def settles(self, h: float) -> Array:
+        """Where (k) no error grows for ever, neither by the steady P nor by what its cap leaves of it."""
+        *_, (_, _, P) = _doubled(*self._step(h))
+        return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
-        """The largest h up to `end` at which no error grows much; inf where none does up to there."""
+        """The largest h up to `end` at which no error grows much, and no P reaches its cap that does not for h -> 0;
+        inf where none does up to there."""
         fastest = np.abs(np.linalg.eigvals(np.concatenate((self.F, self.continuous)))).max(initial=0.0)
         if not fastest or SHORT / fastest > end:
             return math.inf
-        most = GROWTH * continuous(self.continuous, np.full(len(self.F), SHORT / fastest))
+        start = SHORT / fastest
+        most = GROWTH * continuous(self.continuous, np.full(len(self.F), start))
+        free = self.way(start) <= 1
 
         def grows(h: float) -> bool:
-            return bool((growth(self.transition(h)) > most).any())
+            return bool(((growth(self.transition(h)) > most) | (free & ~(self.way(h) <= 1))).any())
 
-        return longest(grows, SHORT / fastest, end) if grows(end) else math.inf
+        return longest(grows, start, end) if grows(end) else math.inf
+
+    def refused(self, start: float) -> float:
+        """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
+        fastest = np.abs(np.linalg.eigvals(self.F)).max(initial=0.0)
+
+        def lost(h: float) -> bool:
+            return not self.settles(h).any()
+
+        start = WIDER ** math.floor(math.log(start, WIDER))  # the same steps are tried wherever the search begins
+        return longest(lost, start, LONGEST / fastest) if fastest and not lost(start) else math.inf
+
+    def _step(self, h: float) -> tuple[Array, Array, Array]:
+        """A, G, H (k, n, n) of P <- H + A' P (1 + G P)^-1 A, of P before a sample."""
+        grown = math.exp(min(self.rho * h, 100.0))  # beyond which all is forgotten
+        Phi = polynomial(h * self.F, HEUN.polynomial)
+        return np.swapaxes(math.sqrt(grown) * Phi, 1, 2), h * self.N + self._forgotten(h), h * self.Q
+
+    def _transition(self, h: float, P: Array) -> Array:
+        """T(h) by P before a sample."""
+        one, seen, forgotten = np.eye(self.F.shape[-1]), h * self.N, self._forgotten(h)
+        corrected = one - _solved(one + P @ (seen + forgotten), P @ seen)
+        return np.asarray(corrected @ polynomial(h * self.F, RK4.polynomial))
+
+    def _forgotten(self, h: float) -> Array | float:
+        return -math.expm1(-self.rho * h) / self.rho * self.prior if self.rho else 0.0
+
+    def _capped(self, P: Array) -> Array:
+        """P (k, n, n), the covariance's rows and columns scaled by min(1, cap_i/P_ii)."""
+        scale = 1 / np.maximum(self._shares(P), 1.0)
+        moved = np.linalg.solve(self.back, scale[..., None] * self.back)
+        return np.asarray(moved @ P @ np.swapaxes(moved, 1, 2))
+
+    def _shares(self, P: Array) -> Array:
+        """P_ii/cap_i (.., k, n) of P (.., k, n, n)."""
+        return np.asarray(np.einsum("kij,...kjl,kil->...ki", self.back, P, self.back) / self.cap)
 
 
-def advised(part: Riccati, dt: float) -> float:
-    """A step length up to which no error grows much at a point of the box, and the motion of the model is followed; inf
-    where nothing up to `dt` is too long for that."""
+def advised(part: Riccati, dt: float) -> tuple[float, float]:
+    """The step length beyond which errors settle at no point of the box, inf where dt is no longer than is advised; and
+    the one that is: up to it no error grows much at a point of the box, and the motion of the model is
+    followed, inf where nothing up to `dt` is too long for that."""
     F, C = part.slopes(POINTS, EDGE)
     whole = part.dynamics.linearised(POINTS, edge=EDGE)[0]
-    rest, peak = part.theta.rest, part.theta.peak
+    low, peak = min(part.theta.late, part.theta.rest or part.theta.peak), part.theta.peak
+    every = [loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})]
     inputs = math.inf if part.period is None else part.period / SAMPLES
-    grown = (loops(part, F, C, theta).longest(dt) for theta in {peak, peak if rest is None else rest})
     share = 1.0 if part.known is None else SHARE
-    return min(inputs, FOLLOWED * pace(whole), share * min(grown))
+    good = [loop.longest(dt) for loop in every]
+    take = min(inputs, FOLLOWED * pace(whole), share * min(good))
+    if dt <= take:
+        return math.inf, take
+    return max(loop.refused(min(start, dt)) for loop, start in zip(every, good, strict=True)), take
 
 
-def loops(part: Riccati, F: Array, C: Array, theta: float) -> Loops:
-    """Those at F (k, n, n), C (k, p, n) that have a steady covariance at a theta."""
-    Q, R = part.nominal
+def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops:
+    """Those at F (k, n, n), C (k, p, n) that have a steady covariance at a theta; P starts at P(0), and where it is
+    steady at the theta `rest`."""
+    Q, _ = part.nominal
     rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
     n, scaling = len(Q), part.scaling
     prior = rho * np.diag(1 / part.cap) if rho else np.zeros((n, n))
     noise = scaling.process(theta) * Q * np.outer(scaling.spread(theta), scaling.spread(theta))
-    N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(R), theta)[:, None])
-    seen, variances = (C, R) if not rho else (_and(C, np.eye(n)), np.concatenate((R, part.cap / rho)))
-    every = Scaling(scaling.states, (*scaling.outputs, *(0,) * (len(variances) - len(R))), scaling.gauge)
-    P = steady_covariance(F + rho / 2 * np.eye(n), seen, Q, variances, theta, every)
-    there = np.array([bool(np.isfinite(X).all() and np.linalg.eigvalsh(X).min() > 0) for X in P])
-    L = np.linalg.cholesky(P[there])
+    P, rested = _steady(part, F, C, theta, rho), _steady(part, F, C, rest, rho)
+    there, kept = _definite(P), _definite(rested)
+    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(kept[:, None, None], rested, P)])
+    F, C, P, starts = F[there], C[there], P[there], starts[:, there]
+    N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(part.nominal[1]), theta)[:, None])
+    L = np.linalg.cholesky(P)
     inverse = np.linalg.inv(L)
-    turned = np.swapaxes(L, 1, 2)
+    turned, back = np.swapaxes(L, 1, 2), np.swapaxes(inverse, 1, 2)
     return Loops(
-        inverse @ F[there] @ L,
-        turned @ N[there] @ L,
-        inverse @ noise @ np.swapaxes(inverse, 1, 2),
+        inverse @ F @ L,
+        turned @ N @ L,
+        inverse @ noise @ back,
         turned @ prior @ L,
         rho,
+        inverse @ starts @ back,
+        L,
+        np.full(n, np.inf) if rho else part.cap,
     )
 
 
-def _and(C: Array, rows: Array) -> Array:
-    return np.concatenate((C, np.broadcast_to(rows, (len(C), *rows.shape))), axis=1)
+def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
+    """The steady P (k, n, n) of h -> 0."""
+    (Q, R), n, scaling = part.nominal, len(part.cap), part.scaling
+    if rho:
+        C, R = np.concatenate((C, np.broadcast_to(np.eye(n), F.shape)), axis=1), np.concatenate((R, part.cap / rho))
+    every = Scaling(scaling.states, (*scaling.outputs, *(0,) * (len(R) - len(scaling.outputs))), scaling.gauge)
+    return steady_covariance(F + rho / 2 * np.eye(n), C, Q, R, theta, every)
 
 
-def _steady(A: Array, G: Array, H: Array) -> Array:
-    """P (k, n, n) of P = A (P^-1 + G)^-1 A' + H by doubling; what has none is not finite, or large."""
-    A, one = np.swapaxes(A, 1, 2), np.eye(A.shape[-1])
-    with np.errstate(all="ignore"):
-        for _ in range(DOUBLED):
+def _decays(T: Array) -> Flags:
+    """Where T (k, n, n) is finite and has no eigenvalue beyond 1."""
+    finite = np.isfinite(T).all(axis=(1, 2))
+    radius = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], T, 0.0))).max(axis=1)
+    return np.asarray(finite & (radius <= 1 + ROUNDING))
+
+
+def _definite(P: Array) -> Flags:
+    return np.array([bool(np.isfinite(X).all() and np.linalg.eigvalsh(X).min() > 0) for X in P], dtype=bool)
+
+
+def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """Those of 1, 2, 4, .. steps (k, n, n) in one, until H is the steady P; where there is none it is not finite, or
+    large."""
+    one = np.eye(A.shape[-1])
+    for _ in range(DOUBLED):
+        yield A, G, H
+        with np.errstate(all="ignore"):
             W = one + G @ H
             left, right = _solved(W, A), _solved(W, G)
             more = np.swapaxes(A, 1, 2) @ H @ left
             G, H, A = G + A @ right @ np.swapaxes(A, 1, 2), H + (more + np.swapaxes(more, 1, 2)) / 2, A @ left
             if not (np.abs(more) > SETTLED * np.abs(H).max(axis=(1, 2), keepdims=True)).any():
                 break
-    return H
+    yield A, G, H
+
+
+def _moved(P: Array, steps: tuple[Array, Array, Array]) -> Array:
+    """P (s, k, n, n) after them."""
+    A, G, H = steps
+    with np.errstate(all="ignore"):
+        moved = [H + np.swapaxes(A, 1, 2) @ X @ _solved(np.eye(A.shape[-1]) + G @ X, A) for X in P]
+    return np.asarray(moved)
 
 
 def _solved(W: Array, B: Array) -> Array:
