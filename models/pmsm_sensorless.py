@@ -59,7 +59,14 @@ tuning = {
         "R": {"y_a": 4e-8, "y_b": 4e-8},
         "covariance": {"i_a": 1, "i_b": 1, "f_a": 0.01, "f_b": 0.01, "w": 1e4},
     },
-    "bank": {"dt": 1e-4, "member": "riccati", "count": 3, "period": 0.2},  # a member that restarts has P(0) again
+    "bank": {
+        "dt": 1e-4,
+        "member": "riccati",  # one that restarts has P(0) again
+        "count": 3,
+        "period": 0.2,
+        # Heun's rule lets the turning currents grow from a dt of .66 ms on
+        "innovation": hg.innovation.staggered(0.08, predictors=4, method=hg.methods.rk4),
+    },
     "hamilton_jacobi": {
         "form": "original",
         "dt": 1e-4,

@@ -152,9 +152,9 @@ def _grid(model: Model, name: str, options: Mapping[str, Any]) -> float:
     gains = model.tuning.gains(name)
     if "periods" in options:
         return float(min(options["periods"].values()))
-    if "period" in gains and "count" in gains:
+    window = gains.get("innovation") or getattr(gains.get("theta"), "innovation", None)
+    if "period" in gains and "count" in gains and window is None:
         return float(gains["period"])
-    window = getattr(gains.get("theta"), "innovation", None)
     return float(window.d) / getattr(window, "predictors", 1) if window else 0.0
 
 
