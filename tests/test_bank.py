@@ -379,7 +379,8 @@ def test_every_place_of_a_member_is_in_its_struct() -> None:
         ({"selection": "oldest"}, r"selection = 'oldest' must be \"window\" or \"newest\""),
         ({"selection": "newest", "innovation": WINDOW}, 'innovation = .* for selection="window"'),
         ({"innovation": 3.0}, r"innovation = 3\.0 must be innovation\.staggered"),
-        ({"hysteresis": 0}, "hysteresis = 0 must be a positive"),
+        ({"hysteresis": 0}, r"hysteresis = 0 must be a finite number in \[0\.001, 1\]"),
+        ({"hysteresis": 9e-4}, r"hysteresis = 0\.0009 must be a finite number in \[0\.001, 1\]"),
         ({"hysteresis": 1.5}, r"hysteresis = 1\.5 must be a finite number in \[0\.001, 1\]"),
     ],
 )

@@ -50,7 +50,7 @@ def bank(
     """`count` copies of `member`, of which the one with the smallest innovation is the estimate.
 
     Args: `count` at least 2; `period` T (s), a whole number of samples; `innovation` of the selection "window", a value
-    of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in (0, 1], a tunable gain: how much
+    of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in [.001, 1], a tunable gain: how much
     smaller another innovation must be, by default .6 for "window", 1 for "newest".
 
     Raises: `BadGain`; `BadPeriod` from `sample` for a period shorter than dt or no whole number of samples.
@@ -68,7 +68,7 @@ def bank(
     if innovation is not None and (selection == "newest" or not isinstance(innovation, Innovation)):
         reason = 'must be innovation.staggered(..) or innovation.window(..), for selection="window"'
         raise BadGain(f"innovation = {innovation!r}", reason)
-    share = positive("hysteresis", HYSTERESIS[selection] if hysteresis is None else hysteresis)
+    share = real("hysteresis", HYSTERESIS[selection] if hysteresis is None else hysteresis)
     part = Parallel(member, int(count), positive("period", period), selection == "newest", innovation)
     every = f"{same(period)} {member.form.system.time}"
     told = f"{count} members; every {every} the oldest restarts from the selected estimate, which has the "
