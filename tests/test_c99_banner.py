@@ -11,6 +11,7 @@ from plants import fitzhugh_nagumo, kalman, pendulum, van_der_pol
 
 import hgogen as hg
 from hgogen.check import Verdict
+from hgogen.step import StepMayFail
 from hgogen.theorem import rows
 
 
@@ -52,6 +53,14 @@ def test_what_was_accepted_without_another_consequence_leaves_no_theorem() -> No
 def test_theta_below_the_bound_contradicts_nothing() -> None:
     told = words(pendulum(theta=20))
     assert "unknown: high_gain.theta: theta = 20 is above that bound; not shown: 20 is below the certified 44.3" in told
+
+
+def test_a_step_length_is_not_said_to_be_good() -> None:
+    """Between the two lengths that are named it may fail, and at other gains so."""
+    with pytest.warns(StepMayFail):
+        told = words(pendulum(theta=20), 0.08)
+    assert "admitted" not in told
+    assert "judged with gains and parameters at their nominal values, which proves nothing" in told
 
 
 # --- the theorem --------------------------------------------------------------------------------------------

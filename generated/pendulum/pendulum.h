@@ -73,9 +73,10 @@
  * bits below.
  *
  * Change gains in p.gain, then call pendulum_tune, or the change is neither limited nor complete. Ranges are
- * those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can only go
- * down, because dt was admitted for it. The state may be copied, saved and restored, by the same version of
- * this file; write s.z after init or reset to start from an estimate of yours.
+ * those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
+ * parameters at their nominal values, which proves nothing: others may ask for a shorter one. A gain whose
+ * largest value is its nominal one can only go down. The state may be copied, saved and restored, by the same
+ * version of this file; write s.z after init or reset to start from an estimate of yours.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,

@@ -128,7 +128,8 @@ The status is 0 for ok, else an or of the bits below.
 $parts$timed
 Change gains in p.gain, then call ${name}_tune,
 or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
-A gain whose largest value is its nominal one can only go down, because dt was admitted for it.
+Whether dt is short enough was judged with gains and parameters at their nominal values, which proves
+nothing: others may ask for a shorter one. A gain whose largest value is its nominal one can only go down.
 The state may be copied, saved and restored, by the same version of this file; write $own after init or
 reset to start from an estimate of yours.
 
