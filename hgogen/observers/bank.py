@@ -50,8 +50,8 @@ def bank(
     """`count` copies of `member`, of which the one with the smallest innovation is the estimate.
 
     Args: `count` at least 2; `period` T (s), a whole number of samples; `innovation` of the selection "window", a value
-    of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in [.001, 1], a tunable gain: how much
-    smaller another innovation must be, by default .6 for "window", 1 for "newest".
+    of `hgogen.innovation`, by default staggered predictors over .3 T; `hysteresis` in [.001, 1], a tunable gain: how
+    much smaller another innovation must be, by default .6 for "window", 1 for "newest".
 
     Raises: `BadGain`; `BadPeriod` from `sample` for a period shorter than dt or no whole number of samples.
     """

@@ -47,10 +47,8 @@ def triangularise(columns: Array, d: Array) -> None:
     rows, weights = columns.T.copy(), d.copy()
     columns[:] = np.eye(n)
     for j in range(n):
-        weighted = weights * rows[j]
-        sums = np.zeros(n - j, rows.dtype)
-        for k in range(n):
-            sums = sums + rows[j:, k] * weighted[k]
+        terms = rows[j:] * (weights * rows[j])
+        sums = np.add.accumulate(terms, axis=1)[:, -1] + 0  # in C's order, from 0 on, so that no sum is -0
         d[j] = sums[0]
         factors = sums[1:] / d[j]
         columns[j, j + 1 :] = factors
@@ -64,13 +62,13 @@ def add(columns: Array, d: Array, w: Array) -> None:
         vector, weight = np.zeros(n, d.dtype), w[k]
         vector[k] = 1
         for j in range(k, n):
-            pivot = vector[j]
-            grown = d[j] + weight * pivot * pivot
+            pivot, before, rest, below = vector[j], d[j], vector[j + 1 :], columns[j, j + 1 :]
+            grown = before + weight * pivot * pivot
             factor = weight * pivot / grown
-            weight = weight * d[j] / grown
+            weight = weight * before / grown
             d[j] = grown
-            vector[j + 1 :] = vector[j + 1 :] - pivot * columns[j, j + 1 :]
-            columns[j, j + 1 :] = columns[j, j + 1 :] + factor * vector[j + 1 :]
+            rest -= pivot * below
+            below += factor * rest
 
 
 def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array) -> None:
