@@ -275,8 +275,9 @@ class Adaptive:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """theta_1, rise_time, rate and mu's; step lengths are judged where theta rests and at twice the nominal
-        theta_1, its largest."""
+        """theta_1, rise_time, rate and mu's; by the default method, step lengths are judged where theta rests, at
+        twice the nominal theta_1, its largest, and at their geometric mean; by an explicit one at both ends and on the
+        way of its fastest rise."""
         return (
             gain("theta_1", self.theta_1, 1.0, self.theta_1, "half the largest theta"),
             gain("rise_time", self.rise_time, 1e-3 * self.rise_time, 1e3 * self.rise_time, "Delta T", "s"),

@@ -323,6 +323,17 @@ def _taken(observer: hg.Observer, way: Method) -> float:
     return float(take)
 
 
+def test_every_theta_on_its_way_is_judged() -> None:
+    """One that decays from 2 to 1 asks for a shorter step at 1: .42, which was not looked at, in place of .46."""
+    form = hg.forms.triangular(linear("chain", CHAIN))
+    decaying, rested, peaking = (
+        _taken(hg.observers.riccati(form, Q=[1, 1, 1], R=0.01, theta=theta), hg.methods.continuous_discrete)
+        for theta in (hg.theta.decaying(2.0, 0.1), 1.0, 2.0)
+    )
+    assert decaying == pytest.approx(rested, rel=0.02)
+    assert decaying < 0.95 * peaking
+
+
 def test_gains_are_those_declared_and_it_is_said() -> None:
     with pytest.raises(StepTooLong, match=r"with the gains as declared, no proof"):
         hg.sample(stiff(), hg.methods.rk4, dt=1.0)
