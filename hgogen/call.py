@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -186,26 +187,42 @@ class CallableStep(Step):
 
         Raises: `BadGain`.
         """
-        periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if self.timed else None
-        observer = self.observer.started(initial)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StepMayFail)  # which was said of this step
-            return sample(observer, self.method, self.dt, between=self.between, periods=periods, engine=self.engine)
+        return _quietly(self.observer.started(initial), self.method, self.dt, self._options)
 
     def flags(self, status: int) -> tuple[str, ...]:
         """The names of the bits that a status holds."""
         return self._legend.flags(status)
 
-    def __getstate__(self) -> tuple[dict[str, Any], bytes, int]:
-        """The program and what is in the memory: a copy goes on from here, by itself."""
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.init}, bytes(self._kept.whole), self._clock[0]
+    def __copy__(self) -> "CallableStep":
+        """The same program with a memory of its own, which goes on from here."""
+        other = CallableStep(**{f.name: getattr(self, f.name) for f in fields(self) if f.init})
+        return other._resumed(*self._memory)
 
-    def __setstate__(self, state: tuple[dict[str, Any], bytes, int]) -> None:
-        values, memory, clock = state
-        vars(self).update(values)
-        self.__post_init__()
+    def __deepcopy__(self, memo: Any) -> "CallableStep":
+        return copy(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What makes the program again, and what is in the memory: a pickle holds no graphs.
+
+        Raises: `BadGain` for an observer that was not made by `hg.observers`.
+        """
+        return _unpickled, (self.observer, self.method, self.dt, self._options, self._memory)
+
+    @property
+    def _options(self) -> dict[str, Any]:
+        """What `sample` takes beside observer, method and dt."""
+        periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if self.timed else None
+        return {"between": self.between, "periods": periods, "engine": self.engine}
+
+    @property
+    def _memory(self) -> tuple[bytes, int]:
+        return bytes(self._kept.whole), self._clock[0]
+
+    def _resumed(self, memory: bytes, clock: int) -> "CallableStep":
+        """Itself, with what `_memory` gave of a step of the same program."""
         self._kept.whole[:] = memory
         self._clock[0] = clock
+        return self
 
     @property
     def _engine(self) -> Engine:
@@ -262,3 +279,16 @@ def sample(
             missing = ", ".join(sorted(dangling(section.program)))
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine)
+
+
+def _quietly(observer: Observer, method: Method, dt: float, options: Mapping[str, Any]) -> CallableStep:
+    """A step like one that there is, of which was said already that it may fail."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepMayFail)
+        return sample(observer, method, dt, **options)
+
+
+def _unpickled(
+    observer: Observer, method: Method, dt: float, options: Mapping[str, Any], memory: tuple[bytes, int]
+) -> CallableStep:
+    return _quietly(observer, method, dt, options)._resumed(*memory)

@@ -240,6 +240,26 @@ class Observer:
     def __repr__(self) -> str:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What made it, which makes it again: a pickle holds no graphs.
+
+        Raises: `BadGain` where it was not made by `hg.observers`.
+        """
+        if self.made is None:
+            raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
+        return _again, (self.made.func, self.made.args, self.made.keywords)
+
+    def __copy__(self) -> "Observer":
+        """Itself, as nothing of it changes."""
+        return self
+
+    def __deepcopy__(self, memo: Any) -> "Observer":
+        return self
+
+
+def _again(make: Callable[..., Observer], args: tuple[Any, ...], keywords: Mapping[str, Any]) -> Observer:
+    return remembered(make)(*args, **keywords)
+
 
 def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
     """A case of `hg.observers` whose observers remember how they were made."""

@@ -240,7 +240,9 @@ def test_each_sample_is_a_value_of_its_own() -> None:
 
 
 @pytest.mark.parametrize(
-    "copied", [copy.copy, copy.deepcopy, lambda step: pickled(step)], ids=["copy", "deep", "pickle"]
+    "copied",
+    [copy.copy, copy.deepcopy, lambda step: pickle.loads(pickle.dumps(step))],
+    ids=["copy", "deep", "pickle"],
 )
 def test_a_copy_goes_on_by_itself(copied: Callable[[CallableStep], CallableStep]) -> None:
     """From the state and the gains of the first one."""
@@ -258,13 +260,6 @@ def test_a_copy_goes_on_by_itself(copied: Callable[[CallableStep], CallableStep]
     assert step.save() != other.save()
     assert bits(step(u=0.1, y=0.1)) != bits(other(u=0.1, y=0.1))
     assert step.run(u=[0.0], y=[0.0], engine="python").t[0] == pytest.approx(7 * 0.01)
-
-
-def pickled(step: CallableStep) -> CallableStep:
-    with ca.global_pickle_context():
-        data = pickle.dumps(step)
-    with ca.global_unpickle_context():
-        return pickle.loads(data)
 
 
 def test_steps_of_one_model_do_not_share() -> None:
