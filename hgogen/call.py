@@ -61,11 +61,12 @@ class CallableStep(Step):
         )
 
     def __call__(self, u: Any = (), y: Any = ()) -> Sample:
-        """One sample: `u` (m) the input now, `y` (p) the measurement now (NaN: missing), scalars where there is one.
+        """One sample: `u` (m) the input now, `y` (p) the measurement now (NaN or masked: missing), scalars where there
+        is one, or a mapping by the signals' names.
 
         The first one compiles the C, unless it was compiled before.
 
-        Raises: `BadShape`; `CompilerFailed`; `NoCompiler` for the engine "c" without a compiler.
+        Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for the engine "c" without a compiler.
         """
         self._take_u(u)
         self._take_y(y)
@@ -119,12 +120,13 @@ class CallableStep(Step):
         return Sample(self._legend, self._shown(), status)
 
     def run(self, u: Any = (), y: Any = (), engine: Engine | None = None) -> Run:
-        """A whole record from the present state on: `u` (N) or (N, m), `y` (N) or (N, p), NaN for a missing sample.
+        """A whole record from the present state on: `u` (N) or (N, m), `y` (N) or (N, p), or a column (N) for each by
+        name; NaN, or a masked entry, for a missing sample.
 
         `engine`: "c" the compiled step in one call, "python" sample by sample; by default the step's own, else C where
         there is a compiler, else Python with a `NoCompilerWarning`.
 
-        Raises: `BadShape`; `CompilerFailed`; `NoCompiler` for "c" without a compiler.
+        Raises: `BadShape`, `BadNames`; `CompilerFailed`; `NoCompiler` for "c" without a compiler.
         """
         y = table("y", y, self.outputs, None)
         u = table("u", u, self.inputs, len(y))

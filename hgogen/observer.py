@@ -15,8 +15,11 @@ import numpy as np
 import sympy as sp
 
 from hgogen.check import Check, Refuted, demand
-from hgogen.errors import HgogenError
 from hgogen.form import Form
+from hgogen.given import BadGain as BadGain
+from hgogen.given import positive as positive
+from hgogen.given import real as real
+from hgogen.given import reals as reals
 from hgogen.named import Values, in_order, names_of
 from hgogen.program import INF, Bit, Block, Field, Group, Program, sym
 from hgogen.scaling import exponents
@@ -30,44 +33,6 @@ if TYPE_CHECKING:
 
 
 STARTS = ("initial", "start")  # the arguments of an observer that say where its estimate starts
-
-
-@dataclass(eq=False)
-class BadGain(HgogenError):
-    """A gain of the wrong length, sign or kind; the sentence names it and the fix."""
-
-    gain: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.gain} {self.reason}"
-
-
-def reals(name: str, value: Any) -> np.ndarray:
-    """A number or an array of numbers as floats. Raises: `BadGain` for anything else."""
-    try:
-        array = np.asarray(value)
-        if value is None or array.dtype.kind in "US":  # which numpy would turn into NaN, or into numbers
-            raise TypeError
-        return np.asarray(array, dtype=float)
-    except (TypeError, ValueError):
-        raise BadGain(f"{name} = {value!r}", "must be a number or an array of numbers") from None
-
-
-def real(name: str, value: Any) -> float:
-    """A number as a float. Raises: `BadGain` for anything else."""
-    array = reals(name, value)
-    if array.ndim:
-        raise BadGain(f"{name} of shape {array.shape}", "must be a single number")
-    return float(array)
-
-
-def positive(name: str, value: Any) -> float:
-    """A number above 0 as a float. Raises: `BadGain` for anything else."""
-    number = real(name, value)
-    if not 0 < number < np.inf:
-        raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
-    return number
 
 
 def on_line(c: float, last: Any, now: Any) -> Any:

@@ -7,6 +7,8 @@ from typing import Any, Literal, NamedTuple, cast
 import numpy as np
 
 from hgogen.errors import BadArgument
+from hgogen.given import unmasked
+from hgogen.named import in_order, names_of
 from hgogen.signal import Signal
 
 Engine = Literal["c", "python"]
@@ -110,13 +112,13 @@ class Run:
 
 def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Take:
     """Takes a sample of signals, called `name` where it is refused, to their place in an array of doubles, from `at`
-    on. Floats go there as they are, anything else by numpy. What it takes may raise
-    `BadShape`, and then nothing is written."""
+    on. Floats go there as they are, a mapping by the signals' names, anything else by numpy. What it takes may raise
+    `BadShape` or `BadNames`, and then nothing is written."""
     size, values = len(signals), cast(Any, array.data)  # an item of which is set in a third of the time
 
     def convert(value: Any) -> None:
         demand_given(name, value, signals)
-        array[at : at + size] = numbers(name, value, size, listed(signals))
+        array[at : at + size] = numbers(name, in_order(name, value, names_of(signals)), size, listed(signals))
 
     def none(value: Any) -> None:
         if type(value) is not tuple or value:
@@ -139,9 +141,9 @@ def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Ta
 
 
 def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
-    """An array (size) of what was given. Raises: `BadShape`."""
+    """An array (size) of what was given, NaN where an entry is masked. Raises: `BadShape`."""
     try:
-        array = np.asarray(value, dtype=float).reshape(-1)
+        array = np.asarray(unmasked(value), dtype=float).reshape(-1)
     except OverflowError:
         raise BadShape(name, "has a number beyond the range of a double") from None
     except (TypeError, ValueError):
@@ -152,12 +154,25 @@ def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
 
 
 def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> np.ndarray:
-    """An array (N, number of signals) of what was given for a record. Raises: `BadShape`."""
+    """An array (N, number of signals) of what was given for a record, or of a column (N) for each by name; NaN where an
+    entry is masked.
+
+    Raises: `BadShape`, `BadNames`.
+    """
     width = len(signals)
     if rows != 0:
         demand_given(name, value, signals)
+    if isinstance(value, Mapping):
+        columns = in_order(name, value, names_of(signals))
+        lengths = dict(zip(names_of(signals), map(np.size, columns), strict=True))
+        if len(set(lengths.values())) > 1:
+            told = ", ".join(f"{signal} {length}" for signal, length in lengths.items())
+            raise BadShape(f"{name} with columns of different lengths ({told})", "must have one length for all")
+        value = np.stack(
+            [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)], 1
+        )
     try:
-        array = np.asarray(value, dtype=float)
+        array = np.asarray(unmasked(value), dtype=float)
     except OverflowError:
         raise BadShape(name, "has a number beyond the range of a double") from None
     except (TypeError, ValueError):

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import MODELS, pendulum, two_outputs, van_der_pol
 
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.model import Model, load
 from hgogen.observer import BadGain
 from hgogen.step import StepMayFail, StepTooLong
-from plants import MODELS, pendulum, two_outputs, van_der_pol
 
 FORMS: dict[str, Callable[[], hg.Form]] = {
     "triangular": lambda: hg.forms.triangular(van_der_pol()),
@@ -115,7 +115,7 @@ def test_a_step_that_was_warned_of_is_not_warned_of_again():
 
 
 def test_an_observer_that_nobody_can_make_again_is_refused():
-    with pytest.raises(BadGain, match="riccati was not made by hg.observers"):
+    with pytest.raises(BadGain, match=r"riccati was not made by hg\.observers"):
         pickle.dumps(replace(kalman(FORMS["triangular"]()), made=None))
 
 

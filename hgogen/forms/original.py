@@ -10,7 +10,7 @@ observable systems", ESAIM: COCV 9 (2003): in the order x_1..x_n from the output
 y = h(x_1, u), x_i' of x_1..x_{i+1} and u, with a slope in x_{i+1}. A high gain overshoots in x_i like theta^(i-1).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from hgogen.algebra.identity import reads
@@ -26,17 +26,16 @@ from hgogen.system import System
 
 @dataclass(eq=False)
 class BadOrder(HgogenError):
-    """An order that is not the plant's states, each once."""
+    """An order that is not the plant's states, each once in a sequence; `kind`: the type of what is none."""
 
     system: str
     order: tuple[str, ...]
     states: tuple[str, ...]
+    kind: str = ""
 
     def __str__(self) -> str:
-        return (
-            f"system {self.system!r}: the order ({', '.join(self.order)}) must hold each of the states "
-            f"{', '.join(self.states)} once"
-        )
+        of = f"is a {self.kind}, which has no order; it" if self.kind else f"({', '.join(self.order)})"
+        return f"system {self.system!r}: the order {of} must hold each of the states {', '.join(self.states)} once"
 
 
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
@@ -72,7 +71,10 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
 
 def _ordered(plant: System, order: Sequence[Signal | str]) -> tuple[Signal, ...]:
     """The plant's states by name. Raises: `BadOrder`."""
-    states, names = {x.name: x for x in plant.states}, tuple(map(str, order))
+    states = {x.name: x for x in plant.states}
+    if isinstance(order, Mapping | Set):
+        raise BadOrder(plant.name, (), tuple(states), type(order).__name__)
+    names = tuple(map(str, order))
     if sorted(names) != sorted(states):
         raise BadOrder(plant.name, names, tuple(states))
     return tuple(states[name] for name in names)

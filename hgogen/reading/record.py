@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hgogen.given import unmasked
 from hgogen.reading.log import BadRecord, Column, Table, table
 from hgogen.signal import Signal
 from hgogen.time_unit import plural
@@ -94,13 +95,17 @@ class Report:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing; the
-    report."""
+    """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing, as a masked entry
+    is; the report."""
 
     t: np.ndarray
     names: tuple[str, ...]
     values: np.ndarray
     report: Report
+
+    def __post_init__(self) -> None:
+        """Without a mask, which a selection of columns would lose."""
+        object.__setattr__(self, "values", unmasked(self.values))
 
     def of(self, signals: Sequence[Signal]) -> np.ndarray:
         """The columns (N, k) of some signals, in their order."""

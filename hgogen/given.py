@@ -1,0 +1,58 @@
+"""Numbers as a user gives them; a masked entry of a NumPy array is missing, NaN, wherever numbers are taken."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.errors import HgogenError
+
+
+@dataclass(eq=False)
+class BadGain(HgogenError):
+    """A gain of the wrong length, sign or kind; the sentence names it and the fix."""
+
+    gain: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.gain} {self.reason}"
+
+
+def reals(name: str, value: Any) -> np.ndarray:
+    """A number or an array of numbers as floats, NaN where it is masked. Raises: `BadGain` for anything else."""
+    try:
+        array = np.asarray(unmasked(value))
+        if value is None or array.dtype.kind in "US":  # which numpy would turn into NaN, or into numbers
+            raise TypeError
+        return np.asarray(array, dtype=float)
+    except (TypeError, ValueError):
+        raise BadGain(f"{name} = {value!r}", "must be a number or an array of numbers") from None
+
+
+def real(name: str, value: Any) -> float:
+    """A number as a float. Raises: `BadGain` for anything else."""
+    array = reals(name, value)
+    if array.ndim:
+        raise BadGain(f"{name} of shape {array.shape}", "must be a single number")
+    return float(array)
+
+
+def positive(name: str, value: Any) -> float:
+    """A number above 0 as a float. Raises: `BadGain` for anything else."""
+    number = real(name, value)
+    if not 0 < number < np.inf:
+        raise BadGain(f"{name} = {value!r}", "must be a positive finite number")
+    return number
+
+
+def unmasked(given: Any) -> Any:
+    """What was given, with NaN for each entry that is masked, in arrays inside of sequences as well.
+
+    Raises: `TypeError`, `ValueError` where an array with a mask holds no numbers.
+    """
+    if isinstance(given, np.ma.MaskedArray):
+        return np.ma.filled(given.astype(float), np.nan)
+    if isinstance(given, list | tuple) and any(isinstance(each, list | tuple | np.ma.MaskedArray) for each in given):
+        return [unmasked(each) for each in given]
+    return given
