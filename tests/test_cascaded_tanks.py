@@ -25,7 +25,7 @@ def errors(**changes: object) -> dict[int | None, Prediction]:
     u, y = rows["uVal"][:, None], rows["yVal"][:, None]
     step = MODEL.step(**changes)
     run = step.run(u=u, y=y, engine="python")
-    return {p.ahead: p for p in predictions(step, run.x, u, y, (1, 5, 25))}
+    return {p.ahead: p for p in predictions(step, run, u, y, (1, 5, 25))}
 
 
 @needs_record

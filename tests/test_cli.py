@@ -273,6 +273,19 @@ def test_run(here: Path):
     assert float(rows[-1]["y"]) == pytest.approx(np.cos(9.99))
 
 
+def test_run_compares_with_what_the_observer_took(here: Path):
+    """A spike that it rejected is in no prediction error, and is counted."""
+    lines = (here / "log.csv").read_text().splitlines()
+    time, _, rest = lines[500].split(",", 2)
+    lines[500] = f"{time},1e9,{rest}"
+    (here / "log.csv").write_text("\n".join(lines))
+    found = as_json("run", "neuron", *LOG, "--time", "time")
+    assert found["status"]["REJECTED_y"] == 1
+    assert [one["rejected"] for one in found["predictions"]] == [1] * 4
+    assert max(one["model"] for one in found["predictions"]) < 10
+    assert "y: 1 that the observer rejected, not compared" in hgogen("run", "neuron", *LOG, "--time", "time")[0]
+
+
 def test_run_says_what_is_wrong_with_a_record(here: Path):
     lines = (here / "log.csv").read_text().splitlines()
     lines[5:8] = ["0.04,,0.1", "0.05,err,0.1", "0.05,1,0.1"]

@@ -2,6 +2,7 @@
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hgogen as hg
+from hgogen.call import CallableStep
 from hgogen.commands import noise
 from hgogen.commands.prediction import predictions
 from hgogen.reading.log import BadRecord, table
 from hgogen.reading.record import mapping, read
+from hgogen.samples import Run
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
 
 U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")
@@ -262,7 +265,7 @@ def test_every_number_on_the_grid_was_measured_nearby(tmp_path_factory: pytest.T
 # --- predictions ----------------------------------------------------------------------------------------------
 
 
-def decaying(low: float | None = None, high: float | None = None) -> hg.Step:
+def decaying(low: float | None = None, high: float | None = None) -> CallableStep:
     """x' = -x + u, an extended Kalman filter at dt = .1; y has the range [low, high]."""
     x, u = hg.Signal("x", low=-10, high=10), hg.Signal("u", low=-1, high=1)
     plant = hg.System(
@@ -271,28 +274,52 @@ def decaying(low: float | None = None, high: float | None = None) -> hg.Step:
     return hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=(1.0,), R=1.0), dt=0.1)
 
 
+def went(x: np.ndarray, status: int | list[int] = 0) -> Run:
+    """A run with these estimates."""
+    told = np.broadcast_to(np.asarray(status, np.uint32), len(x))
+    return Run(0.1 * np.arange(len(x)), x, ("x",), {}, told, "python")
+
+
 def test_predictions_of_the_exact_model():
     t = 0.1 * np.arange(60)
     u = np.sin(t)[:, None]
     y = 1.5 * np.exp(-t) + (np.sin(t) - np.cos(t)) / 2
-    found = predictions(decaying(), y[:, None], u, y[:, None], (1, 5))
+    found = predictions(decaying(), went(y[:, None]), u, y[:, None], (1, 5))
     one, five, free = found
     # The input on a line between samples is off by dt^2/8 |u''| at most; through x' = -x + u that much reaches x.
     assert max(one.model, five.model, free.model) < 0.1**2 / 8
     assert five.copying == pytest.approx(np.sqrt(np.mean((y[5:] - y[:-5]) ** 2)))
     assert [p.ahead for p in found] == [1, 5, None]
     assert [p.count for p in found] == [59, 55, 59]
-    wrong = predictions(decaying(), y[:, None] + 1, u, y[:, None], (5,))[0]
+    wrong = predictions(decaying(), went(y[:, None] + 1), u, y[:, None], (5,))[0]
     assert wrong.model == pytest.approx(math.exp(-0.5), abs=0.1**2 / 8)
 
 
 def test_predictions_with_holes_and_limits():
     y = np.array([1.0, np.nan, 1.0, 1.0])[:, None]
     u = np.array([5.0, np.nan, np.nan, np.nan])[:, None]  # clamped to 1, then reused: x stays at 1
-    one = predictions(decaying(), np.ones((4, 1)), u, y, (1, 9))[0]
+    one = predictions(decaying(), went(np.ones((4, 1))), u, y, (1, 9))[0]
     assert (one.count, one.model, one.copying) == (2, pytest.approx(0.0, abs=1e-12), 0.0)
-    limited = predictions(decaying(0.0, 0.5), np.ones((4, 1)), u, y, (1,))[0]
+    limited = predictions(decaying(0.0, 0.5), went(np.ones((4, 1))), u, y, (1,))[0]
     assert limited.model == pytest.approx(0.5)
+
+
+def test_predictions_are_compared_with_what_the_step_took():
+    """A sample that it rejected is a missing one, and an input that it did not take is the one before."""
+    step, t = decaying(-10, 10), 0.1 * np.arange(60)
+    u, y = np.sin(t)[:, None], (1.5 * np.exp(-t) + (np.sin(t) - np.cos(t)) / 2)[:, None]
+    u[30:32] = u[29]
+    bad, holes, other = y.copy(), y.copy(), u.copy()
+    bad[[10, 20, 21]], holes[[10, 20, 21]], other[30:32] = [[1e9], [31.0], [-1e300]], np.nan, [[1e16], [-np.inf]]
+    run = step.run(u=other, y=bad)
+    raised = [step.flags(run.status[k]) for k in (10, 20, 21, 30)]
+    assert raised == [("REJECTED_y",), ("REJECTED_y",), ("MISSING_y",), ("REUSED_u",)]
+    step.reset()
+    without = predictions(step, step.run(u=u, y=holes), u, holes, (1, 5))
+    found = predictions(step, run, other, bad, (1, 5))
+    assert [one.rejected for one in found] == [3] * 3
+    assert [replace(one, rejected=0) for one in found] == list(without)
+    assert max(one.model for one in found) < 2
 
 
 # --- noise ----------------------------------------------------------------------------------------------------

@@ -5,11 +5,12 @@ correction.
 
 beside copying the last measured y, and beside the model alone from its first estimate (open loop). The
 model is the form's, its nonlinear part evaluated in the declared box, by one classical Runge-Kutta step a
-sample; a predicted reading is limited to the output's declared range, as the sensor's is.
+sample; a predicted reading is limited to the output's declared range, as the sensor's is. A sample that the step
+rejected is as good as missing: nothing is compared with it, and nothing copied from it.
 """
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -19,6 +20,7 @@ from hgogen.graph import to_casadi
 from hgogen.observer import on_line
 from hgogen.program import column, sym
 from hgogen.runge_kutta import RK4, advance
+from hgogen.samples import Run
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.structure.dynamics import Dynamics
@@ -29,7 +31,8 @@ class Prediction:
     """RMS prediction errors of the output `output`, `ahead` samples ahead (None: open loop over the whole
     record).
 
-    `model`: from the estimate; `copying`: the last measured value instead; `count`: samples compared.
+    `model`: from the estimate; `copying`: the last measured value instead; `count`: samples compared; `rejected`:
+    samples of the output that the step rejected, in the whole record.
     """
 
     output: str
@@ -37,19 +40,21 @@ class Prediction:
     model: float
     copying: float | None
     count: int
+    rejected: int
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return asdict(self)
 
 
-def predictions(
-    step: Step, x: np.ndarray, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]
-) -> tuple[Prediction, ...]:
-    """Errors of the estimates x (N, n) with inputs u (N, m) on y (N, p), for each number of samples ahead,
-    then open loop."""
+def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> tuple[Prediction, ...]:
+    """Errors of the estimates of a run with inputs u (N, m) on y (N, p), for each number of samples ahead, then open
+    loop."""
+    x, unused = run.x, _raised(step, ("MISSING", "REJECTED"), step.outputs, run.status)
+    rejected = np.isfinite(y) & unused
+    y = np.where(rejected, np.nan, y)
     move, read, enter = _functions(step)
-    u = _as_the_step_takes_it(u, step.inputs)
+    u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
     z = np.array(enter(x.T))
     last = _held(y)
     wanted, found = sorted(set(ahead)), []
@@ -61,7 +66,16 @@ def predictions(
             found += _errors(step, h, predicted, y[h:], last[:-h])
     alone = np.array(move.mapaccum(len(y) - 1)(enter(x[0]), u[:-1].T, u[1:].T)) if len(y) > 1 else z[:, :0]
     free = _limited(np.array(read(alone, u[1:].T)).T, step.outputs)
-    return (*found, *_errors(step, None, free, y[1:], None))
+    found += _errors(step, None, free, y[1:], None)
+    lost = dict(zip((s.name for s in step.outputs), rejected.sum(axis=0).tolist(), strict=True))
+    return tuple(replace(one, rejected=lost[one.output]) for one in found)
+
+
+def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: np.ndarray) -> np.ndarray:
+    """Whether one of the bits of each signal is raised in each sample (N, k)."""
+    names = [each.name for each in step.bits]
+    masks = [sum(1 << names.index(f"{bit}_{s.name}") for bit in bits) for s in signals]
+    return np.asarray(status[:, None] & np.array(masks, np.uint32) != 0)
 
 
 def _errors(
@@ -73,7 +87,7 @@ def _errors(
         model = _rms(predicted[there, j] - y[there, j])
         copying = None if copied is None else _rms(copied[there, j] - y[there, j])
         if there.any():
-            result.append(Prediction(signal.name, ahead, model or 0.0, copying, int(there.sum())))
+            result.append(Prediction(signal.name, ahead, model or 0.0, copying, int(there.sum()), 0))
     return result
 
 

@@ -51,7 +51,7 @@ def run_(
     JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers,
     covered, absent, malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift,
     unit of time, notes), status (samples by status bit), predictions (output, ahead: samples or null for open
-    loop, model, copying, count), files.
+    loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), files.
     """
     ahead = _horizons(horizon)
     loaded = load(model)
@@ -62,7 +62,7 @@ def run_(
     u, y = record.of(step.inputs), record.of(step.outputs)
     engine = engine_here()
     done = step.run(u=u, y=y, engine=engine)
-    errors = predictions(step, done.x, u, y, ahead)
+    errors = predictions(step, done, u, y, ahead)
     status = jobs.flagged(step, done.status)
     files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
     files |= rendered(jobs.record_figures(step, name, record, done))

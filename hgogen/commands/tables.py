@@ -280,7 +280,9 @@ def predictions(each: Sequence[Prediction], dt: float, unit: str) -> RenderableT
     for one in each:
         ahead = ("all, open loop", "") if one.ahead is None else (str(one.ahead), f"{one.ahead * dt:g}")
         table.add_row(one.output, *ahead, f"{one.model:.4g}", "" if one.copying is None else f"{one.copying:.4g}")
-    return Group(table, "")
+    lost = {one.output: one.rejected for one in each if one.rejected}
+    said = [f"{name}: {count} that the observer rejected, not compared" for name, count in lost.items()]
+    return Group(table, *map(Text, said), "")
 
 
 def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:
