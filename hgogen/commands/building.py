@@ -80,8 +80,8 @@ def build_(
 
     JSON keys: model, plant, form, coordinates, flow, outputs, gains, checks, refuted, theorem, notes (as in `check`),
     c_names (by signal, where C has another name), compiler, self_check (what it printed), trials (trial, criterion,
-    seeds, engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped), comparison
-    (trial, seed, until, before, after, settled, dt, agreed), files.
+    seeds, engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped, left),
+    comparison (trial, seed, until, before, after, settled, dt, agreed), files.
     """
     loaded = load(model)
     folder = folder_of(out, loaded, observer)
@@ -108,7 +108,7 @@ def build_(
         "c_names": renamed(step),
         "compiler": native.compiler(),
         "self_check": self_check,
-        "trials": [one.as_dict() for one in summaries],
+        "trials": jobs.told(summaries, done),
         "comparison": [one.as_dict() for one in comparison],
         "files": list(map(str, paths)),
     }
@@ -155,7 +155,10 @@ def generate_(
         files: dict[str, str | bytes] = {**c99(step, real=real.value, command=_made_by(one.name, observer, real))}
         _note_names(step)
         if one.has("trial"):
-            files |= rendered(jobs.figures(step, _tried(step, one.trials(), "c", 1)))
+            done = _tried(step, one.trials(), "c", 1)
+            for sentence in jobs.departures(done, step.time):
+                note(sentence)
+            files |= rendered(jobs.figures(step, done))
         else:
             note(f"{one.path} defines no trial(), so there are no figures of it")
         paths = folder.write(files)
@@ -178,15 +181,17 @@ def simulate_(
     events, settled and worst time to settle after each, peak of theta as [smallest, largest], calm: time until
     theta < 1.05, triggered: share of seeds, loud: share of the last fifth before the next event with theta > 1.5,
     latched: seeds in which theta does not come back, alarm_ratio: innovation at the largest theta over its threshold,
-    rms by state, clamped: samples outside the box after the first 5%, each: the same by seed).
+    rms by state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that
+    leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, each: the same by
+    seed, without left).
     """
     loaded = load(model)
     step, trials = loaded.step(observer), loaded.trials()
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     done = _tried(step, chosen, engine, seeds)
     summaries = jobs.summaries(step, done, engine, note)
-    pairs = zip(summaries, done, strict=True)
-    listed_ = [{**told.as_dict(), "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
+    pairs = zip(jobs.told(summaries, done), done, strict=True)
+    listed_ = [{**told, "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
     report = {"model": loaded.path, "gains": {gain.name: by_name(gain) for gain in step.gains}, "trials": listed_}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
     show(as_json, report, head, tables.trials(summaries, step.time))

@@ -22,6 +22,7 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.compare import Measured, measured
+from hgogen.commands.leaving import Left, left, notes
 from hgogen.commands.metrics import criterion
 from hgogen.commands.process import note
 from hgogen.model import MissingPart, Model, load
@@ -52,7 +53,8 @@ def compare_(
     range. Functions: sine, exponential, root and such, of one call.
 
     JSON keys: model, dt, engine, trials (trial, seeds, criterion: what settled means, times of the events, estimate and
-    start: the states that all observers and that the plant begin with, observers: a list of name, observer, method,
+    start: the states that all observers and that the plant begin with, left: as in `simulate`,
+    observers: a list of name, observer, method,
     settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
     in float), files.
     """
@@ -76,6 +78,8 @@ def compare_(
             each = steps[one.name].items()
             found.append((one, [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in each]))
             _note_no_error(loaded.plant, one)
+            for sentence in notes(one.name, _left(loaded.plant, found[-1][1]), unit):
+                note(sentence)
     paths = folder.write(rendered({f"{one.name}_errors": jobs.errors(each, unit) for one, each in found}))
     shown = [
         tables.compared(
@@ -110,9 +114,15 @@ def _note_no_error(plant: System, trial: Trial) -> None:
         )
 
 
+def _left(plant: System, each: list[Measured]) -> tuple[Left, ...]:
+    """Where the plant leaves its ranges, whose truth all observers share."""
+    return left(plant, each[0].first)
+
+
 def _told(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
     told = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
     told |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
+    told |= {"left": [one.as_dict() for one in _left(plant, each)]}
     return {**told, "observers": [one.as_dict() for one in each]}
 
 

@@ -2,8 +2,9 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from hgogen.check import Check, Refuted, refuted
 from hgogen.commands import alarm
 from hgogen.commands.agreement import Agreement, agreement
 from hgogen.commands.compare import Measured
+from hgogen.commands.leaving import Left, left, notes
 from hgogen.commands.metrics import Metrics, Summary, metrics, summary
 from hgogen.form import Form
 from hgogen.model import MissingPart, Model
@@ -147,11 +149,13 @@ def _alone(model: Model, form: Form) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A trial over its seeds: the first seed's trajectory, and every seed's metrics."""
+    """A trial over its seeds: the first seed's trajectory, every seed's metrics, and where the plant itself leaves its
+    ranges."""
 
     trial: Trial
     first: Trajectory
     each: tuple[Metrics, ...]
+    left: tuple[Left, ...]
 
 
 def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Tick) -> Tried:
@@ -163,16 +167,27 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
         each.append(metrics(step, trajectory))
         tick()
     assert first is not None  # a trial without seeds has been refused
-    return Tried(trial, first, tuple(each))
+    return Tried(trial, first, tuple(each), left(step.observer.form.system, first))
 
 
-def summaries(step: CallableStep, done: Iterable[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
+def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
     """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
     ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
     told = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
-    for sentence in alarm.complaints(told):
+    for sentence in (*departures(done, step.time), *alarm.complaints(told)):
         say(sentence)
     return told
+
+
+def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
+    """A sentence for each trial whose plant leaves its ranges."""
+    return chain.from_iterable(notes(one.trial.name, one.left, unit) for one in done)
+
+
+def told(summaries: Iterable[Summary], done: Iterable[Tried]) -> list[dict[str, Any]]:
+    """The trials for JSON: the summary of each, and where the plant leaves its ranges."""
+    pairs = zip(summaries, done, strict=True)
+    return [{**one.as_dict(), "left": [each.as_dict() for each in tried.left]} for one, tried in pairs]
 
 
 def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[Agreement, ...]:
