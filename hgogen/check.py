@@ -13,8 +13,6 @@ from typing import Any
 
 from hgogen.errors import HgogenError
 
-_OFFERED = ", or build with accept="  # where a fix begins to offer that
-
 
 class Verdict(StrEnum):
     """What is known of a claim."""
@@ -46,6 +44,13 @@ class Check:
     proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
     @property
+    def advice(self) -> str:
+        """What a user can do about it, to accept it among that, in no model's language; "" where nothing is known."""
+        if not self.consequence:
+            return self.fix
+        return f"{self.fix.rstrip('.')}, or accept {self.id}, knowing that {self.consequence}."
+
+    @property
     def sentence(self) -> str:
         """The claim and the reason, without the verdict."""
         at = ", ".join(f"{name} = {value:g}" for name, value in self.witness.items())
@@ -57,7 +62,7 @@ class Check:
     def as_dict(self) -> dict[str, Any]:
         """For JSON; the proofs go into a certificate."""
         said = {"id": self.id, "claim": self.claim, "verdict": str(self.verdict), "reason": self.reason}
-        return {**said, "witness": dict(self.witness), "fix": self.fix}
+        return {**said, "witness": dict(self.witness), "fix": self.advice}
 
 
 @dataclass(eq=False)
@@ -79,23 +84,18 @@ class Refuted(HgogenError):
 
     def __str__(self) -> str:
         head = f"{self.where}: refuted" if self.where else "refuted"
-        said = [f"{head}: {'; '.join(check.sentence for check in self.checks)}.", *filter(None, self._fixes)]
-        offer = self._offer(*(check.id for check in self.checks))
-        if self.never:
-            said.append(self.never)
-        elif offer not in " ".join(said):
-            said.append(f"To build all the same, say {offer}")
-        return " ".join([*said, self.other] if self.other else said)
+        said = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
+        said += [check.fix for check in self.checks]
+        said += [self.never or self._offer, self.other]
+        return " ".join(filter(None, said))
 
     @property
-    def _fixes(self) -> list[str]:
-        """With the offers in the language of the file; without them where to accept is no way."""
-        if self.never:
-            return [f"{check.fix.partition(_OFFERED)[0].rstrip('.')}." for check in self.checks if check.fix]
-        return [check.fix.replace(f"accept=({check.id!r},)", self._offer(check.id)) for check in self.checks]
-
-    def _offer(self, *ids: str) -> str:
-        return f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
+    def _offer(self) -> str:
+        """In the language of the model's file."""
+        ids = tuple(check.id for check in self.checks)
+        said = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
+        known = "; ".join(dict.fromkeys(check.consequence for check in self.checks if check.consequence))
+        return f"To build all the same, say {said}{f', knowing that {known}.' if known else ''}"
 
 
 @dataclass(eq=False)

@@ -105,6 +105,11 @@ class Model:
     folds: tuple[Fold, ...] = ()
 
     @property
+    def plain(self) -> bool:
+        """Whether it is plain text, and not Python."""
+        return Path(self.path).suffix in READERS
+
+    @property
     def plant(self) -> System:
         """Its `plant`. Raises: `MissingPart`."""
         plant = self._part("plant")

@@ -119,7 +119,7 @@ def _found(observer: Observer) -> tuple[Ode, Core]:
             return part, line
     reason = "it has no linear error core with constant coefficients; try it on a trial whose noise is a Sine"
     if observer.form.jacobian is not None and any(part.core is not None for part in odes):
-        reason = "its error core is linear in other coordinates only; build it on forms.phase without original"
+        reason = "its error core is linear in other coordinates only; build it on the form phase without original"
     raise NoResponse(observer.name, reason)
 
 

@@ -182,7 +182,7 @@ class CannotUpdate(HgogenError):
     def __str__(self) -> str:
         return (
             f"{self.observer} by {self.rule} integrates with the measurement, so it cannot predict and update apart; "
-            "call the step, or use riccati with methods.continuous_discrete"
+            "call the step, or use riccati with the method continuous_discrete"
         )
 
 

@@ -155,7 +155,7 @@ def _row(title: str, name: str, options: Mapping[str, Any], plant: System) -> Ro
     order = _order(form) if form.structured else ()
     if found.verdict is Verdict.PROVED:
         return Row(title, found.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
-    return Row(title, found.verdict, order, f"{_short(found)}", found.witness, found.fix, form, options)
+    return Row(title, found.verdict, order, f"{_short(found)}", found.witness, found.advice, form, options)
 
 
 def _short(check: Check) -> str:

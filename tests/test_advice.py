@@ -1,6 +1,7 @@
 """What `check` says to take: every line makes a step, what is admitted accepts nothing, and nothing else is offered."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ README = (MODELS.parent / "README.md").read_text()
 def asked(path: Path, *, deep: bool = False) -> tuple[Model, Advice]:
     model = load(path)
     found = hg.survey(model.plant, deep=deep)
-    claims = jobs.checked(model, found.best)
+    claims = jobs.checked(model, found)
     return model, advice(model, hg.observability(model.plant), found, claims, deep=deep)
 
 
@@ -32,6 +33,9 @@ def made(model: Model, one: Admitted, folder: Path) -> CallableStep:
         entry = folder / f"tuned_{Path(model.path).name}"
         entry.write_text(f"{one.line}\n{Path(model.path).read_text()}")
         return load(entry).step(one.line.partition(" ")[0].removeprefix("tuning."))
+    if one.line.startswith("hgogen generate "):
+        _, _, path, *named = shlex.split(one.line)
+        return load(path).step(*named[1:])
     step: CallableStep = eval(one.line, {"hg": hg, "load": load, "plant": model.plant})
     return step
 
@@ -109,7 +113,7 @@ def test_no_form_at_all(tmp_path: Path) -> None:
     assert [one.observer for one in found.admitted] == ["riccati", "hamilton_jacobi"]
     assert {one.known for one in found.admitted} == {"no theorem"}
     assert "x1 in place of y (triangular)" in found.notes[0]
-    assert any("hg.recast" in note for note in found.notes)
+    assert any("write the model in those" in note for note in found.notes)
 
 
 def test_what_is_hidden_is_named(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def agrees(line: str, found: Survey) -> None:
 def test_of_every_shipped_model(file: Path) -> None:
     model = load(file)
     found = hg.survey(model.plant)
-    claims = jobs.checked(model, found.best)
+    claims = jobs.checked(model, found)
     line = headline(hg.observability(model.plant), found, claims)
     agrees(line, found)
     if claims.demanded:

@@ -443,7 +443,7 @@ def test_bad_input_is_a_sentence(changes: dict[str, Any], said: str) -> None:
 
 
 def test_a_form_or_an_input_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(BadGain, match=r"takes forms.state_affine\(plant\), not a form of kind triangular"):
+    with pytest.raises(BadGain, match="takes the form state_affine, not one of kind triangular"):
         hg.observers.kalman_like(hg.forms.triangular(model("pendulum")), rho=1, R=1)
     with pytest.raises(BadGain, match="takes a form"):
         hg.observers.kalman_like(None, rho=1, R=1)

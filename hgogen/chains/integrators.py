@@ -173,7 +173,8 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
         raise BadGain(observer, f"takes one output, {form.system.name} has {len(form.output)}; use riccati")
     if form.kind == "uniform":
         raise BadGain(
-            observer, "wants constant slopes, those of a uniform form vary with the state; use riccati or forms.phase"
+            observer,
+            "wants constant slopes, those of a uniform form vary with the state; use riccati or the form phase",
         )
     if form.jacobian is not None:
         reason = "works in chains of integrators, this form keeps the plant's coordinates; use high_gain or riccati"
@@ -185,7 +186,7 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
     for names, each in zip(form.gain_names, gains, strict=True):
         for name, a in zip(names, each, strict=True):
             if a == 0:
-                raise BadGain(observer, f"takes a triangular form, here {name} = 0; use forms.triangular or riccati")
+                raise BadGain(observer, f"takes a triangular form, here {name} = 0; use the form triangular or riccati")
             if a.free_symbols - {*form.system.parameters}:
                 what = "input" if a.free_symbols & {*form.system.inputs} else "state"
                 raise BadGain(f"{name} = {a}", f"depends on the {what}, {observer} wants it constant; use riccati")
@@ -204,6 +205,6 @@ def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
 def no_chain(form: Form) -> str:
     """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
     if form.structured:
-        return f"takes a triangular form, this one is {form.kind}; use forms.triangular or riccati"
+        return f"takes a triangular form, this one is {form.kind}; use the form triangular or riccati"
     why = next((f": {c.reason}" for c in form.checks if c.id.endswith(".structure")), "")
     return f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form{why}; use riccati"

@@ -7,6 +7,7 @@ plant's own coordinates, which no theorem covers; of each the cheaper first, by 
 """
 
 import json
+import shlex
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -48,7 +49,7 @@ class Admitted:
     """An observer that the plant admits.
 
     `name`: its tuning's, "" of a first proposal; `form`; `known` of its convergence; `cost` of a call; `where` to take
-    it; `line`: of Python, or an entry of the model's plain text, that makes its step.
+    it; `line`: of Python, or for plain text the command or the entry of the model, that makes its step.
     """
 
     observer: str
@@ -97,7 +98,7 @@ def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *,
     rows |= dict(_proposed(model, found, [*rows, *left]))
     order = sorted(rows.values(), key=lambda row: (_rank(row.known), row.cost.operations, row.cost.functions))
     brief = ["Of so many states, other observers are built with first gains by --deep."] if many and not deep else []
-    return Advice(found.plant.name, tuple(order), (*_notes(seen, found), *tuned.left(rows), *brief))
+    return Advice(found.plant.name, tuple(order), (*_notes(model, seen, found), *tuned.left(rows), *brief))
 
 
 def _rank(known: str) -> int:
@@ -130,23 +131,24 @@ class _Tuned:
 
     def rows(self) -> Iterator[tuple[str, Admitted]]:
         """The first tuning of each observer that is built without an acceptance; the model's own step first."""
-        path = json.dumps(self.model.path)
         taken: set[str] = set()
         own = self.claims.step
         if own is not None and not own.observer.accepted:
             taken.add(own.observer.name)
-            name, given = self._own()
-            yield own.observer.name, _admitted(own.observer.name, name, own, f"load({path}).step({given})")
+            yield own.observer.name, _admitted(own.observer.name, self.claims.tuning or "step", own, self._line())
         for name, table in self.model.tuning.tables.items():
             kind = str(table.get("kind", name)) if isinstance(table, Mapping) else name
             step = None if kind in taken else self._step(name, kind, table)
             if step is not None:
                 taken.add(kind)
-                yield kind, _admitted(kind, name, step, f"load({path}).step({json.dumps(name)})")
+                yield kind, _admitted(kind, name, step, self._line(name))
 
-    def _own(self) -> tuple[str, str]:
-        """The name of the tuning of the step that was checked, and what makes it."""
-        return (self.claims.tuning, json.dumps(self.claims.tuning)) if self.claims.tuning else ("step", "")
+    def _line(self, name: str = "") -> str:
+        """What makes the step of a tuning, by default of the one that was checked."""
+        name = name or self.claims.tuning
+        if self.model.plain:
+            return shlex.join(["hgogen", "generate", self.model.path, *(["--observer", name] if name else [])])
+        return f"load({json.dumps(self.model.path)}).step({json.dumps(name) if name else ''})"
 
     def _step(self, name: str, kind: str, table: Any) -> CallableStep | None:
         if isinstance(table, Mapping) and table.get("accept"):
@@ -226,7 +228,7 @@ def _on(kind: str, proposal: Proposal, row: Row, model: Model) -> Admitted | Non
 
 def _line(kind: str, row: Row, gains: Mapping[str, Any], method: str, dt: float, model: Model) -> str:
     """In the language of the model's file."""
-    if model.path.endswith(".py"):
+    if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())
         given = ", ".join(f"{key}={value!r}" for key, value in gains.items())
         made = f"hg.observers.{kind}(hg.forms.{row.kind}(plant{options}), {given})"
@@ -251,7 +253,7 @@ def _toml(value: Any) -> str:
 # ---------------------------------------------------------------- what else
 
 
-def _notes(seen: Observability, found: Survey) -> Iterator[str]:
+def _notes(model: Model, seen: Observability, found: Survey) -> Iterator[str]:
     """What to do about states that nothing shows, and about a plant that no form holds."""
     hidden = seen.known.rank.unobservable
     if hidden:
@@ -264,9 +266,11 @@ def _notes(seen: Observability, found: Survey) -> Iterator[str]:
         return
     best = list(_measurements(found.plant))
     if best:
-        yield f"A measurement that puts the plant in a form, proved: {'; '.join(best)}."
-    if found.plant.origin is None:
-        yield "Other states may be in a form where these are not: see hg.recast, and models/cascaded_tanks.py."
+        form = "another form" if found.proved else "a form"
+        yield f"A measurement that puts the plant in {form}, proved: {'; '.join(best)}."
+    if found.plant.origin is None and not found.proved:
+        how = "write the model in those" if model.plain else "see hg.recast, and models/cascaded_tanks.py"
+        yield f"Other states may be in a form where these are not: {how}."
 
 
 def _apart(plant: System, hidden: Iterable[Signal]) -> str:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +11,7 @@ from rich.table import Table
 from typer.core import TyperCommand
 
 import hgogen as hg
-from hgogen.check import demand
+from hgogen.check import Refuted, demand
 from hgogen.commands import findings, jobs, library, tables
 from hgogen.commands.advice import advice
 from hgogen.commands.answers import FIELDS
@@ -155,7 +156,7 @@ def _one(
     least = _least(loaded) if seen.rank == seen.n else None
     try:
         forms = hg.survey(plant, deep=deep)
-        claims = jobs.checked(loaded, forms.best, observer)
+        claims = jobs.checked(loaded, forms, observer)
         first = headline(seen, forms, claims, least)
         say(first, "")
     finally:
@@ -185,7 +186,10 @@ def _one(
     if certificate is not None:
         _certify(claims, certificate)
     if claims.demanded:
-        demand(claims.checks, claims.accepted, claims.form)
+        try:
+            demand(claims.checks, claims.accepted, claims.form)
+        except Refuted as error:
+            raise replace(error, plain=loaded.plain) from None
 
 
 def _least(model: Model) -> Sight | None:

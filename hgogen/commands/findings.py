@@ -14,7 +14,7 @@ from hgogen.sight import Sight
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
 _LINES = {
-    False: "with the gains of the model's tuning, after `from hgogen.model import load`:",
+    False: "with the gains of the model's tuning (Python after `from hgogen.model import load`):",
     True: "with first gains, a proposal read off the ranges that no trial has tuned (an entry of plain text goes above "
     "the first [table]):",
 }

@@ -24,6 +24,7 @@ from hgogen.program import Field
 from hgogen.reading.record import Record
 from hgogen.samples import Engine, Run
 from hgogen.signal import Signal
+from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem, rows
 from hgogen.trial import Trajectory, Trial, try_out
 
@@ -109,23 +110,25 @@ def _texts(signals: Iterable[Signal], expressions: Iterable[Any]) -> dict[str, s
     return {s.name: str(expression) for s, expression in zip(signals, expressions, strict=True)}
 
 
-def checked(model: Model, otherwise: Form | None = None, name: str | None = None) -> Checked:
-    """The claims of a model's tuning `name`, by default of its step; of a model without an observer those of the form
-    `otherwise`, by default `Survey.best`. With them what the model declares of inequality (38).
+def checked(model: Model, asked: Survey | None = None, name: str | None = None) -> Checked:
+    """The claims of a model's tuning `name`, by default of its step; of a model without an observer those of the best
+    of the forms `asked`, by default of those that do not take seconds. With them what the model declares of inequality
+    (38).
 
     Raises: `MissingPart`, `ModelFails`.
     """
-    found, declared = _checked(model, otherwise, name), model.dissipation
+    found, declared = _checked(model, asked, name), model.dissipation
     if declared is None:
         return found
     note = f"of the errors e of {declared.system.name}: {declared.conclusion}"
     return replace(found, checks=(*found.checks, *declared.checks), notes=(*found.notes, note))
 
 
-def _checked(model: Model, otherwise: Form | None, name: str | None) -> Checked:
+def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
     if name is None and not model.has("step"):
-        form = otherwise or hg.survey(model.plant).best
-        notes = (*model.notes, _alone(model, form))
+        asked = asked or hg.survey(model.plant)
+        form = asked.best
+        notes = (*model.notes, _alone(model, asked))
         return Checked(model.plant.name, form, form.checks, (), notes=notes, demanded=False)
     try:
         step = model.step(name)
@@ -140,11 +143,14 @@ def _checked(model: Model, otherwise: Form | None, name: str | None) -> Checked:
     return Checked(*told, observer.name, observer.theorem, model.notes, step=step, tuning=name or "")
 
 
-def _alone(model: Model, form: Form) -> str:
+def _alone(model: Model, asked: Survey) -> str:
     """What a model without an observer does not claim."""
-    if not form.structured:
-        return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
-    return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
+    form, proved = asked.best, ", ".join(row.kind for row in asked.proved)
+    if form.structured:
+        return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
+    if proved:
+        return f"{model.path} has no observer; of the forms asked its plant is in {proved}, proved, and in no other"
+    return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
 
 
 @dataclass(frozen=True, eq=False)

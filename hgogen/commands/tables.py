@@ -57,7 +57,7 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
         if check.id in accepted:
             verdict.append("\naccepted", style="yellow")
         table.add_row(verdict, Text(check.id), _text(said))
-    fixes = [Text(f"{c.id}: {c.fix}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
+    fixes = [Text(f"{c.id}: {c.advice}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
     return Group(Text(title, style="bold"), *map(_text, equations), table, *fixes, "")
 
 
@@ -105,7 +105,7 @@ def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
         if row.verdict is None:
             reasons.setdefault(row.why, []).append(row.name)
     silent = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in reasons.items()]
-    told = {check.fix for check in below}
+    told = {check.advice for check in below}
     settled = any(row.verdict is Verdict.PROVED for row in found.answered)
     fixes = {row.fix: f"{row.name}: {row.fix}" for row in found.answered if row.fix and row.fix not in told}
     return Group(table, *silent, *map(Text, () if settled else fixes.values()), "")

@@ -112,7 +112,7 @@ def _map(plant: System) -> _Map:
     while len(chain) <= n:
         chain = (*chain, derivatives(chain[-1], flow, 2)[1])
         if size(chain) > LIMIT:
-            reason = f"has derivatives of more than {LIMIT} nodes, at y^({len(chain) - 1}); use forms.original"
+            reason = f"has derivatives of more than {LIMIT} nodes, at y^({len(chain) - 1}); use the form original"
             raise NoPhase(plant.name, reason)
     known = input_derivatives(chain, plant, n)
     extended = replace(plant, inputs=(*plant.inputs, *known)) if known else plant

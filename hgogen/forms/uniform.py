@@ -36,7 +36,7 @@ class OneOutputOnly(HgogenError):
     def __str__(self) -> str:
         return (
             f"system {self.system!r} has {len(self.outputs)} outputs, {', '.join(self.outputs)}, and the uniform form "
-            "takes one; keep one of them, or use forms.block_triangular"
+            "takes one; keep one of them, or use the form block_triangular"
         )
 
 

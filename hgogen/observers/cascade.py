@@ -78,7 +78,9 @@ def cascade(
     demand_ranges("cascade", form, range(1, n))
     for i, row in enumerate(form.b[:-1]):
         if row.free_symbols & {*form.states[i + 1 :]}:
-            raise BadGain(f"b_{i + 1} = {row}", f"reads a state after {form.states[i]}; use forms.phase, or low_power")
+            raise BadGain(
+                f"b_{i + 1} = {row}", f"reads a state after {form.states[i]}; use the form phase, or low_power"
+            )
     alpha = _alpha(n, gains, poles)
 
     def estimates(v: Any, saturate: Saturate, model: Model) -> list[Any]:

@@ -115,7 +115,7 @@ def kalman_like(
     Raises: `Refuted`; `BadGain`; `BadNames`.
     """
     if isinstance(form, Form) and form.kind != "state_affine":
-        raise BadGain("kalman_like", f"takes forms.state_affine(plant), not a form of kind {form.kind}")
+        raise BadGain("kalman_like", f"takes the form state_affine, not one of kind {form.kind}")
     accept = founded("kalman_like", form, accept, own=True)
     check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)

@@ -254,7 +254,7 @@ def _unmodelled(form: Form) -> Form:
     Raises: `BadGain` where b has more than its last row.
     """
     if any(row != 0 for row in form.b[:-1]):
-        reason = "takes a form with b in its last row only where it has no model: take hg.forms.phase, or model=True"
+        reason = "takes a form with b in its last row only where it has no model: take the form phase, or model=True"
         raise BadGain("lambda_tracking", reason)
     system, none = form.system, (sp.S.Zero,) * form.n
     rows = (*system.flow, *system.output, *form.to_form, *form.from_form, *form.output, *form.A)

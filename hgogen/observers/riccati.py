@@ -72,7 +72,7 @@ def riccati(
         raise BadGain(
             f"theta up to {theta.peak:g}",
             f"wants a chain for each of the {outputs} outputs of {form.system.name}, aligned at the tops or the ends; "
-            'take forms.block_triangular(plant, align="top" or "end"), or theta = 1',
+            'take the form block_triangular, align "top" or "end", or theta = 1',
         )
     noise = spd("Q", of_coordinates("Q", Q, form), n)
     start = spd("covariance", np.ones(n) if covariance is None else of_coordinates("covariance", covariance, form), n)

@@ -53,7 +53,7 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
     else:
         return _unknown(check, found.reason, signals)
     at = {s.name: float(value) for s, value in witness.items()}
-    fix, consequence = _fix(id, name, signals, system)
+    fix, consequence = _fix(name, signals, system)
     refuted = replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at)
     return replace(refuted, fix=fix, consequence=consequence)
 
@@ -102,7 +102,7 @@ def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:
     return a, tuple(s for s in (*system.states, *system.inputs, *system.parameters) if s in a.free_symbols)
 
 
-def _fix(id: str, name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
+def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, str]:
     """What to do about it, and what follows for him who accepts it."""
     if not signals:
         return f"{name} is a constant; correct the model or the parameter's value.", ""
@@ -113,4 +113,4 @@ def _fix(id: str, name: str, signals: tuple[Signal, ...], system: System) -> tup
         return f"{narrow}.", ""
     coasts = f"the observer coasts while {name} is near 0"
     consequence = f"{coasts}: the states behind it are then seen only through changes of {inputs}"
-    return f"{narrow}, or build with accept=({id!r},) knowing that {consequence}.", consequence
+    return f"{narrow}.", consequence
