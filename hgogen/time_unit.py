@@ -19,6 +19,11 @@ def is_unit(value: object) -> bool:
     return isinstance(value, str) and bool(_WORD.match(value))
 
 
+def seconds(time: str) -> float | None:
+    """How many seconds the unit has, where that is known."""
+    return _SECONDS.get(time)
+
+
 def plural(time: str) -> str:
     """The unit in a sentence: "seconds" for "s"; one without a known name as it is."""
     return _PLURAL.get(time, time)

@@ -3,7 +3,9 @@
 import math
 from contextlib import suppress
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from hgogen.call import CallableStep
 from hgogen.commands import noise
 from hgogen.commands.prediction import predictions
 from hgogen.reading.log import BadRecord, table
-from hgogen.reading.record import mapping, read
+from hgogen.reading.record import Record, mapping, read
 from hgogen.samples import Run
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
 
@@ -392,3 +394,43 @@ def test_a_window_that_does_not_fit_is_a_sentence(d: float):
 def test_nothing_to_learn_from_is_a_sentence(values: np.ndarray):
     with pytest.raises(noise.TooLittle, match="y "):
         noise.suggest("y", values, 0.1, 1.0)
+
+
+# --- a clock beside --period ------------------------------------------------------------------------------------
+
+
+def clocked(folder: Path, stamps: list[object], name: str = "time", **options: Any) -> Record:
+    rows = "\n".join(f"{stamp},{k % 7}" for k, stamp in enumerate(stamps))
+    return read(log(folder, f"{name},y\n{rows}\n"), {"y": "y"}, dt=0.1, **options)
+
+
+PAUSED = [*np.arange(50) / 10, *(5 + 3 + np.arange(50) / 10)]
+DATES = [(datetime(2026, 3, 1, tzinfo=UTC) + timedelta(seconds=s)).isoformat() for s in PAUSED]
+
+
+@pytest.mark.parametrize("stamps", [PAUSED, DATES, [1000 * t for t in PAUSED]], ids=["numbers", "dates", "counts"])
+def test_a_gap_that_a_period_closes_is_said(tmp_path: Path, stamps: list[object]):
+    record = clocked(tmp_path, stamps, "log time", period=0.1)
+    (said,) = record.report.notes
+    assert said.startswith("the column 'log time' runs like a clock")
+    assert "but for pauses: 1, of up to 3" in said
+    assert "Say --time 'log time' to have missing samples there" in said
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [np.arange(100) / 10, np.cumsum(np.random.default_rng(0).exponential(size=100)), [5] * 100, ["a"] * 100],
+    ids=["no gap", "no clock", "one time", "text"],
+)
+def test_no_gap_no_word(tmp_path: Path, stamps: list[object]):
+    assert clocked(tmp_path, list(stamps), period=0.1).report.notes == ()
+
+
+@pytest.mark.parametrize(("stamps", "unit", "dt"), [(PAUSED, "s", 0.1), (DATES, "s", 0.1), (DATES, "min", 0.1 / 60)])
+def test_a_gap_in_times_is_missing_samples(tmp_path: Path, stamps: list[object], unit: str, dt: float):
+    """Also of dates, which count from the first one, in the model's unit."""
+    rows = "\n".join(f"{stamp},{k % 7}" for k, stamp in enumerate(stamps))
+    record = read(log(tmp_path, f"time,y\n{rows}\n"), {"y": "y"}, dt=dt, time="time", unit=unit)
+    assert (record.report.gaps, record.report.filled, record.report.samples) == (1, 30, 130)
+    assert np.isnan(record.values[50:80]).all()
+    assert np.isfinite(np.delete(record.values, np.s_[50:80], axis=0)).all()
