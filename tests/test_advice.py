@@ -79,6 +79,9 @@ def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -
     rules = {kind for kind, proposal in PROPOSALS.items() if proposal.gains and not proposal.dear}
     assert {one.observer for one in found.admitted} == rules
     assert all(one.proposed for one in found.admitted)
+    without = {note.partition(" has no first gains: ")[0] for note in found.notes}
+    assert without == set(PROPOSALS) - {kind for kind, proposal in PROPOSALS.items() if proposal.gains}
+    assert all(bool(proposal.gains) != bool(proposal.none) for proposal in PROPOSALS.values())
     (one,) = (one for one in found.admitted if one.observer == "high_gain")
     assert one.line.startswith('tuning.high_gain = {form = "triangular", theta = ')
     assert made(model, one, tmp_path).observer.name == "high_gain"

@@ -98,7 +98,8 @@ def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *,
     rows |= dict(_proposed(model, found, [*rows, *left]))
     order = sorted(rows.values(), key=lambda row: (_rank(row.known), row.cost.operations, row.cost.functions))
     brief = ["Of so many states, other observers are built with first gains by --deep."] if many and not deep else []
-    return Advice(found.plant.name, tuple(order), (*_notes(model, seen, found), *tuned.left(rows), *brief))
+    notes = (*_notes(model, seen, found), *tuned.left(rows), *(brief or _without(rows)))
+    return Advice(found.plant.name, tuple(order), notes)
 
 
 def _rank(known: str) -> int:
@@ -202,6 +203,14 @@ def _proposed(model: Model, found: Survey, taken: Collection[str]) -> Iterator[t
         admitted = next(filter(None, tried), None)
         if admitted:
             yield kind, admitted
+
+
+def _without(rows: Mapping[str, Admitted]) -> Iterator[str]:
+    """Of observers that one of the forms may admit, why no first gains are given."""
+    if any(one.known != _NOWHERE for one in rows.values()):
+        for kind, proposal in PROPOSALS.items():
+            if proposal.none and kind not in rows:
+                yield f"{kind} has no first gains: {proposal.none}."
 
 
 def _original(found: Survey) -> Iterator[Row]:

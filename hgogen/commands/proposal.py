@@ -63,14 +63,15 @@ class Scale:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Where to take an observer, and its first gains; None where they need a design of their own. `filtering`: whether
-    it is sampled with its covariance, by the default method, or as a differential equation, by Runge and Kutta; `dear`:
-    whether it asks a solver for its proof, which takes seconds."""
+    """Where to take an observer, and its first gains, or `none`: why it has none. `filtering`: whether it is sampled
+    with its covariance, by the default method, or as a differential equation, by Runge and Kutta; `dear`: whether it
+    asks a solver for its proof, which takes seconds."""
 
     where: str
     gains: Callable[[Scale], Gains] | None = None
     filtering: bool = False
     dear: bool = False
+    none: str = ""
 
 
 def scale(form: Form) -> Scale:
@@ -168,7 +169,10 @@ PROPOSALS: Mapping[str, Proposal] = {
     "filtered_injection": Proposal("you have a filter of your own for the injection", _filter),
     "switched_gain": Proposal("it should settle fast and then be quiet", _switched),
     "updated_gain": Proposal("the model is steep in places only", _updated),
-    "adaptive_lmi": Proposal("the gain should rise with the error, and fall again"),
+    "adaptive_lmi": Proposal(
+        "the gain should rise with the error, and fall again",
+        none="its K and P solve matrix inequalities, which design.adaptive_gain of hgogen does, in Python",
+    ),
     "stubborn": Proposal("the sensor has outliers", lambda s: {**_high(s), "decay": 0.5, "r": 3}),
     "dead_zone": Proposal("small noise should not be injected at all", lambda s: {**_high(s), "decay": 1, "r": 0.3}),
     "cascade": Proposal("there is no model of the last row", lambda s: {"theta": s.theta}),
@@ -184,5 +188,9 @@ PROPOSALS: Mapping[str, Proposal] = {
         lambda s: {"rho": _two(1 / s.longest), "R": s.noise(), "covariance": s.squares(1 / 4)},
         filtering=True,
     ),
-    "bank": Proposal("jumps come and no threshold for them is known"),
+    "bank": Proposal(
+        "jumps come and no threshold for them is known",
+        none="it goes around another observer: tune that one, then name it as the member, with count = 3 and for the "
+        "period the time that it takes to settle",
+    ),
 }
