@@ -89,6 +89,14 @@ def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -
     assert x[-1][0] == pytest.approx(0.5, abs=0.1)
 
 
+def test_what_is_said_of_none_is_said_where_it_may_be_taken(tmp_path: Path) -> None:
+    """adaptive_lmi of chains with one output, a bank where its member is."""
+    _, bent = asked(write(tmp_path, {"x1": "x2 + x2**3/3", "x2": "-x1"}, "x1"))
+    assert [note.partition(" has no first gains")[0] for note in bent.notes] == ["bank"]
+    _, blind = asked(write(tmp_path, {"x1": "-x1", "x2": "x1 - x2"}, "x1"))
+    assert not any("has no first gains" in note for note in blind.notes)
+
+
 def test_several_outputs(tmp_path: Path) -> None:
     path = write(tmp_path, {"x1": "x2", "x2": "-x1 + x3", "x3": "-x3"}, "x1", z="x3")
     model, found = asked(path)

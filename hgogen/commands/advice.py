@@ -74,11 +74,13 @@ class Admitted:
 
 @dataclass(frozen=True)
 class Advice:
-    """The observers admitted, best first, and sentences on what else to do."""
+    """The observers admitted, best first, and sentences on what else to do; `plain`: whether the model is plain text,
+    whose language the lines are in."""
 
     plant: str
     admitted: tuple[Admitted, ...]
     notes: tuple[str, ...]
+    plain: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -99,7 +101,7 @@ def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *,
     order = sorted(rows.values(), key=lambda row: (_rank(row.known), row.cost.operations, row.cost.functions))
     brief = ["Of so many states, other observers are built with first gains by --deep."] if many and not deep else []
     notes = (*_notes(model, seen, found), *tuned.left(rows), *(brief or _without(rows)))
-    return Advice(found.plant.name, tuple(order), notes)
+    return Advice(found.plant.name, tuple(order), notes, model.plain)
 
 
 def _rank(known: str) -> int:
@@ -206,11 +208,10 @@ def _proposed(model: Model, found: Survey, taken: Collection[str]) -> Iterator[t
 
 
 def _without(rows: Mapping[str, Admitted]) -> Iterator[str]:
-    """Of observers that one of the forms may admit, why no first gains are given."""
-    if any(one.known != _NOWHERE for one in rows.values()):
-        for kind, proposal in PROPOSALS.items():
-            if proposal.none and kind not in rows:
-                yield f"{kind} has no first gains: {proposal.none}."
+    """Of observers that may be admitted, why no first gains are given."""
+    for kind, proposal in PROPOSALS.items():
+        if kind not in rows and proposal.like in rows:
+            yield f"{kind} has no first gains: {proposal.none}."
 
 
 def _original(found: Survey) -> Iterator[Row]:

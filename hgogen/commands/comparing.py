@@ -128,6 +128,9 @@ def _told(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict
 
 def _names(model: Model, given: str | None) -> list[str]:
     """The tunings asked for, each once. Raises: `MissingPart`."""
+    if not model.tuning.tables:
+        fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
+        raise MissingPart(model.path, "tuning", f"it has no tuning, whose observers are compared; add {fix}")
     names = list(model.tuning.tables) if given is None else [name.strip() for name in given.split(",")]
     if not all(names) or not names:
         raise MissingPart(model.path, "tuning", "there is no observer to compare; give --observers A,B of its tuning")

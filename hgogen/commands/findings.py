@@ -13,10 +13,12 @@ from hgogen.observability import Answer, Observability
 from hgogen.sight import Sight
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
-_LINES = {
-    False: "with the gains of the model's tuning (Python after `from hgogen.model import load`):",
-    True: "with first gains, a proposal read off the ranges that no trial has tuned (an entry of plain text goes above "
-    "the first [table]):",
+_LINES = {False: "with the gains of the model's tuning", True: "with first gains, read off the ranges, untried"}
+_WHERE = {  # by whether the gains are proposed, and whether the model is plain text
+    (False, False): ", after `from hgogen.model import load`:",
+    (False, True): ", by the command:",
+    (True, False): ", beside the model's plant, after `import hgogen as hg`:",
+    (True, True): ", an entry that goes above the first [table] of the model, or into its object:",
 }
 
 
@@ -62,5 +64,5 @@ def taking(found: Advice) -> RenderableType:
         lines = [
             Text(f"  {one.line}", no_wrap=True, overflow="ignore") for one in found.admitted if one.proposed is proposed
         ]
-        parts += [Text(title), *lines] if lines else []
+        parts += [Text(title + _WHERE[proposed, found.plain]), *lines] if lines else []
     return Group(*parts, *map(Text, found.notes), "")

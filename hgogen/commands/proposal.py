@@ -63,7 +63,8 @@ class Scale:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Where to take an observer, and its first gains, or `none`: why it has none. `filtering`: whether it is sampled
+    """Where to take an observer, and its first gains, or `none`: why it has none, where `like` is admitted,
+    an observer for the same plants. `filtering`: whether it is sampled
     with its covariance, by the default method, or as a differential equation, by Runge and Kutta; `dear`: whether it
     asks a solver for its proof, which takes seconds."""
 
@@ -72,6 +73,7 @@ class Proposal:
     filtering: bool = False
     dear: bool = False
     none: str = ""
+    like: str = ""
 
 
 def scale(form: Form) -> Scale:
@@ -172,6 +174,7 @@ PROPOSALS: Mapping[str, Proposal] = {
     "adaptive_lmi": Proposal(
         "the gain should rise with the error, and fall again",
         none="its K and P solve matrix inequalities, which design.adaptive_gain of hgogen does, in Python",
+        like="filtered",
     ),
     "stubborn": Proposal("the sensor has outliers", lambda s: {**_high(s), "decay": 0.5, "r": 3}),
     "dead_zone": Proposal("small noise should not be injected at all", lambda s: {**_high(s), "decay": 1, "r": 0.3}),
@@ -192,5 +195,6 @@ PROPOSALS: Mapping[str, Proposal] = {
         "jumps come and no threshold for them is known",
         none="it goes around another observer: tune that one, then name it as the member, with count = 3 and for the "
         "period the time that it takes to settle",
+        like="riccati",
     ),
 }
