@@ -28,6 +28,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.emit import pygraph
 from hgogen.emit.cprint import CALLS
+from hgogen.named import BadNames
 from hgogen.samples import BadShape
 from hgogen.step import BadStep
 from hgogen.stepping.kernels import KERNELS
@@ -100,7 +101,7 @@ def taken(step: CallableStep, act: tuple[Any, ...]) -> Any:
             return step.restore(step.save())
         run = step.run(**record(step, 5), engine=step.engine)
         return run.x.tobytes(), run.status.tobytes(), run.t.tobytes()
-    except (BadShape, hg.step.CannotUpdate) as error:
+    except (BadShape, BadNames, hg.step.CannotUpdate) as error:
         return str(error)
 
 
