@@ -69,7 +69,7 @@ def agree(path: Path, folder: Path) -> set[str]:
     if proved:
         assert not [note for note in told.notes if "in a form" in note]
     refuted = {row.name for row in found.answered if row.verdict is Verdict.REFUTED}
-    assert not refuted & {one.form for one in told.admitted}
+    assert not refuted & {one.form for one in told.admitted if one.proposed}  # a tuning may be of a recast plant
     for one in told.admitted[:2]:
         assert made(model, one, folder).observer.name == one.observer
         assert not (model.plain and ("load(" in one.line or "hg." in one.line))
