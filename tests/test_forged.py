@@ -157,6 +157,12 @@ def test_what_is_shown_neither_way_is_said_to_be_unexamined() -> None:
     assert any(said.startswith("the form's equations: ") for said in found.unexamined)
 
 
+def test_a_root_of_squares_in_an_inverse_is_known() -> None:
+    """The current of a levitated ball is x sqrt((g - v')/c), x > 0."""
+    remarks = read(written("magnetic_levitation", "low_power")).remarks
+    assert not [said for said in remarks if "equations" in said]
+
+
 def test_an_observer_without_a_verified_claim_is_said_to_be_unexamined() -> None:
     content = plain("triangular", [CHAIN])
     content["observer"] = {"name": "riccati"}

@@ -2,6 +2,7 @@
 
 import random
 from itertools import pairwise
+from time import process_time
 
 import pytest
 import sympy as sp
@@ -147,6 +148,14 @@ def test_what_cancels_is_affine() -> None:
     """Exactly: by fractions, and by identities."""
     hidden = [x2 + ((u + x1) ** 2 - u**2 - 2 * u * x1) / (1 + x1), u * (sp.sin(u) ** 2 + sp.cos(u) ** 2)]
     assert gauthier_bornard(hidden, [x1], [x1, x2], [u]).answer is True
+
+
+def test_a_slope_in_many_functions_is_judged_by_a_point() -> None:
+    """Simplifying its second derivative took 30 s."""
+    steep = sp.cosh(sp.atan(u) + sp.sqrt(1 + u**2))
+    began = process_time()
+    assert "not affine" in gauthier_bornard([x2, steep], [x1], [x1, x2], [u]).reason
+    assert process_time() - began < 5
 
 
 def test_a_branch_is_not_an_open_dense_set() -> None:

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgogen.recheck.arithmetic import Undefined
+from hgogen.recheck.algebra import Algebra
+from hgogen.recheck.arithmetic import Undefined, evaluate
 from hgogen.recheck.box import NotShown, leaves
 from hgogen.recheck.interval import Interval, between, intervals, point
 from hgogen.recheck.matrix import decaying, demand_nonnegative, demand_positive
 from hgogen.recheck.slope import frobenius, positive, spectral
+from hgogen.recheck.text import expression
 
 F = Fraction
 ENTIRE: dict[str, Callable[[Any], Any]] = {
@@ -47,6 +49,31 @@ def test_a_number_that_is_no_float_is_within_itself_of_neither_side() -> None:
     assert not point(third).at_least(third)
     assert point(half).at_most(half)
     assert point(half).at_least(half)
+
+
+@pytest.mark.parametrize(
+    ("text", "zero"),
+    [
+        ("sqrt(a*p**2/q**2) - sqrt(a)*p/q", False),  # a may be negative
+        ("sqrt(p**2/(3*q**4)) - sqrt(1/3)*p/q**2", True),
+        ("sqrt(a**2) - a", False),
+        ("sqrt(a**2*p**4) - Abs(a)*p**2", False),
+        ("Abs(-3*p/q) - 3*p/q", True),
+        ("Abs(a) - a", False),
+        ("Abs(a**2) - a**2", True),
+        ("Abs(sqrt(a)) - sqrt(a)", True),
+        ("sqrt(-p**2) - p", False),
+        ("(8*p**3)**(1/3) - 2*p", True),
+        ("sqrt(7/10*p**2)/sqrt(7/10) - p", True),
+    ],
+)
+def test_roots_and_moduli_of_what_is_not_negative(text: str, zero: bool) -> None:
+    """p, q >= 0; of a nothing is known."""
+    algebra = Algebra(("a", "p", "q"), ("p", "q"))
+    found = evaluate(
+        expression(text, ("a", "p", "q")), {name: algebra.letter(name) for name in "apq"}, algebra.arithmetic
+    )
+    assert algebra.is_zero(found) is zero
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra.echelon import believe_zeros, new_rows
-from hgogen.algebra.points import exact
+from hgogen.algebra.identity import is_zero
 from hgogen.algebra.rank import branches, exact_numbers, modulus, plant_of, somewhere
 from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
 from hgogen.check import Verdict
@@ -96,23 +96,12 @@ def _outside(
     slopes = [(output[0].diff(u), f"the output depends on {u}") for u in inputs]
     slopes += [(e.diff(u).diff(v), f"the flow is not affine in {u}, {v}") for e in flow for u in inputs for v in inputs]
     for slope, what in slopes:
-        zero = _zero(slope)
+        zero = is_zero(slope)
         if zero is None:
             return UniformObservability(None, False, f"it is not known whether {slope} is zero")
         if not zero:
             return UniformObservability(None, False, what)
     return None
-
-
-def _zero(e: sp.Expr) -> bool | None:
-    """Whether an expression vanishes identically, exactly; None where SymPy does not tell."""
-    if e == 0:
-        return True
-    if e.is_rational_function():
-        return bool(sp.expand(sp.fraction(sp.together(exact(e)))[0]) == 0)
-    simple = sp.simplify(e)
-    verdict: bool | None = True if simple == 0 else simple.equals(0)
-    return verdict
 
 
 def _deficient(

@@ -129,6 +129,19 @@ def _expanded(factors: Factors) -> Polynomial:
     return reduce(_times, (factor for factor, power in factors for _ in range(power)), _ONE)
 
 
+def _as_product(x: Quotient) -> tuple[Fraction, dict[int, int]] | None:
+    """A number times whole powers of letters, None where x is not shown to be such a product."""
+    value, powers = Fraction(1), dict[int, int]()
+    for factor, times in ((x.top, 1), *((factor, -power) for factor, power in x.bottom)):
+        if len(factor) != 1:
+            return None
+        ((monomial, coefficient),) = factor.items()
+        value *= coefficient**times
+        for letter, exponent in monomial:
+            powers[letter] = powers.get(letter, 0) + times * exponent
+    return value, {letter: exponent for letter, exponent in powers.items() if exponent}
+
+
 @dataclass(frozen=True)
 class _Kernel:
     """A letter that stands for a function's value; `args` are quotients in letters before it."""
@@ -184,19 +197,34 @@ class Algebra:
         return self.power(known or self._kernel(_Kernel("root", (x,), q)), p)
 
     def _known_root(self, x: Quotient, q: int) -> Quotient | None:
-        """The q-th root of a product of q-th powers of letters that are not negative."""
-        if x.bottom or len(x.top) != 1:
+        """The q-th root of a positive number times whole q-th powers of letters that are not negative."""
+        found = _as_product(x)
+        if found is None:
             return None
-        ((monomial, value),) = x.top.items()
-        if any(exponent % q or not self._not_negative(letter) for letter, exponent in monomial):
+        value, powers = found
+        if any(exponent % q or not self._not_negative(letter) for letter, exponent in powers.items()) or value <= 0:
             return None
-        root = (
-            [round(part ** (1 / q)) for part in (value.numerator, value.denominator)] if 0 < value < 2**40 else [0, 1]
-        )
-        factor = Fraction(*root) if root[1] else Fraction(0)
-        if not factor or factor**q != value:
+        parts = ((letter, exponent // q) for letter, exponent in powers.items())
+        letters = (self.power(self._at(letter), exponent) for letter, exponent in parts)
+        return reduce(lambda a, b: a * b, letters, self._number_root(value, q))
+
+    def _number_root(self, value: Fraction, q: int) -> Quotient:
+        """The q-th root of a positive number."""
+        if value < 2**40:
+            root = [round(part ** (1 / q)) for part in (value.numerator, value.denominator)]
+            if root[1] and Fraction(*root) ** q == value:
+                return self.number(Fraction(*root))
+        return self._kernel(_Kernel("root", (self.number(value),), q))
+
+    def _magnitude(self, x: Quotient) -> Quotient | None:
+        """|x| where x is a number times letters that are not negative."""
+        found = _as_product(x)
+        if found is None:
             return None
-        return Quotient({tuple((letter, exponent // q) for letter, exponent in monomial): factor})
+        value, powers = found
+        if any(exponent % 2 and not self._not_negative(letter) for letter, exponent in powers.items()):
+            return None
+        return -x if value < 0 else x
 
     def _not_negative(self, letter: int) -> bool:
         kind = self.letters[letter]
@@ -219,6 +247,8 @@ class Algebra:
             return one
         if name == "log" and args[0].number == 1:
             return self.number(Fraction(0))
+        if name == "Abs" and (magnitude := self._magnitude(args[0])) is not None:
+            return magnitude
         if name in _ODD or name in _EVEN:
             return self._with_sign(name, args[0])
         return self._kernel(_Kernel(name, args))
