@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # the same as in _FILES, for what reads types; a test compare
     from hgogen.gramian import gramian
     from hgogen.observability import observability
     from hgogen.observer import Observer
+    from hgogen.observer_errors import observer_errors
     from hgogen.query import bound, nonzero
     from hgogen.recast import recast
     from hgogen.reference import reference
@@ -50,6 +51,7 @@ _FILES = {  # a public name, and the file that holds it, "" for a file or folder
     "gramian": "gramian",
     "observability": "observability",
     "Observer": "observer",
+    "observer_errors": "observer_errors",
     **dict.fromkeys(("bound", "nonzero"), "query"),
     "recast": "recast",
     "reference": "reference",
@@ -86,6 +88,7 @@ __all__ = [
     "methods",
     "nonzero",
     "observability",
+    "observer_errors",
     "observers",
     "recast",
     "reference",

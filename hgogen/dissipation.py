@@ -27,7 +27,7 @@ from hgogen.algebra.points import exact, kind
 from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.check import Check, Verdict
 from hgogen.door import Misfit, limits
-from hgogen.error_system import BadErrorSystem, ErrorSystem, error_box
+from hgogen.error_system import BadErrorSystem, Equations, ErrorSystem, error_box
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box
 from hgogen.intervals.digits import down, up
@@ -83,8 +83,13 @@ class Dissipation:
         return (
             f"from e(0) in the box with V(e(0)) + {_above(self.mu**2 / 2)} * integral of |w|^2 < "
             f"{down(float(self.level), 9)} on, the error stays in the box, with the L2 gain {_above(self.mu)} from w "
-            "to e; without w it tends to 0; as long as the plant keeps to its ranges"
+            f"to e; without w it tends to 0; as long as the plant keeps to its ranges{self._condition}"
         )
+
+    @property
+    def _condition(self) -> str:
+        made = self.system.origin
+        return f" and {made.condition}" if isinstance(made, Equations) and made.condition else ""
 
     def __str__(self) -> str:
         return "\n".join([f"{self.system.name}: {self.conclusion}", *(f"  {check}" for check in self.checks)])

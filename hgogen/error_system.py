@@ -20,6 +20,7 @@ from hgogen.door import asks_a_plant
 from hgogen.errors import BadArgument
 from hgogen.intervals.box import Box, box
 from hgogen.named import in_order, names_of
+from hgogen.signal import Signal
 from hgogen.system import System
 
 
@@ -42,12 +43,34 @@ class Injection:
 
 
 @dataclass(frozen=True)
+class Equations:
+    """How a plant and an observer make an error system: `observer` g (n), of states, which stand for the estimate, of
+    outputs and known inputs; the inputs `unknown` to it; pairs `along` of a state and what it is."""
+
+    observer: tuple[sp.Expr, ...]
+    outputs: tuple[Signal, ...]
+    unknown: tuple[Signal, ...]
+    along: tuple[tuple[Signal, sp.Expr], ...] = ()
+
+    @property
+    def names(self) -> frozenset[sp.Symbol]:
+        """The symbols that it reads."""
+        read = frozenset().union(*(e.free_symbols for e in (*self.observer, *(a for _, a in self.along))))
+        return read.union(self.unknown, (x for x, _ in self.along))
+
+    @property
+    def condition(self) -> str:
+        """Where it holds, or ""."""
+        return " and ".join(f"{x} = {sp.sstr(a)}" for x, a in self.along)
+
+
+@dataclass(frozen=True)
 class ErrorSystem:
     """e' = flow(e, x) + noise(e, x) w with flow = 0 at e = 0.
 
     `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
-    the x (n) that belong to the e, where x - e is the estimate, or none; `injection`: how `error_system` made it of a
-    plant, None where it is given.
+    the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: how it was made of a plant, None
+    where it is given.
 
     Raises: `BadErrorSystem`.
     """
@@ -58,7 +81,7 @@ class ErrorSystem:
     noise: sp.ImmutableDenseMatrix
     box: Box = field(default_factory=dict, hash=False)
     states: tuple[sp.Symbol, ...] = ()
-    injection: Injection | None = None
+    origin: Injection | Equations | None = None
 
     def __post_init__(self) -> None:
         """Numbers exact, lengths and symbols as they should be."""

@@ -329,19 +329,45 @@ def _dissipates(what: str) -> Callable[[_Sampled, Any, Any], str]:
             if what == "level" and edge and end(claim["evidence"]["floor"], 0) > V + NEAR:
                 return f"V = {V} on a face"
             if what == "inequality" and size:
-                f, h = ([value(row, at) - value(row, behind) for row in s.plant[key]] for key in ("flow", "output"))
-                gain = mpmath.matrix([[value(cell, behind) for cell in row] for row in told["gain"]])
-                F = mpmath.matrix(f) - gain * mpmath.matrix(h)
+                try:
+                    F, G = (_observed if "observer" in told else _injected)(s, told, at, behind)
+                except ZeroDivisionError:  # the observer has no value there
+                    continue
                 p = mpmath.matrix(s.slope(lambda q: [value(told["V"], q)], at, names))
-                left = (p * F)[0] + size**2 / 2
-                if told["G1"][0]:
-                    G1, G2 = (mpmath.matrix([[value(c, at) for c in row] for row in told[k]]) for k in ("G1", "G2"))
-                    left += mpmath.norm(p * (G1 - gain * G2)) ** 2 / (2 * mu**2)
+                left = (p * F)[0] + size**2 / 2 + (mpmath.norm(p * G) ** 2 / (2 * mu**2) if G.cols else 0)
                 if left >= NEAR * size**2:
                     return f"the left side is {left}"
         return ""
 
     return says
+
+
+def _injected(s: _Sampled, told: Any, at: Values, behind: Values) -> tuple[Any, Any]:
+    """F and G of an observer with a gain."""
+    f, h = ([value(row, at) - value(row, behind) for row in s.plant[key]] for key in ("flow", "output"))
+    gain = mpmath.matrix([[value(cell, behind) for cell in row] for row in told["gain"]])
+    F = mpmath.matrix(f) - gain * mpmath.matrix(h)
+    if not told["G1"][0]:
+        return F, mpmath.matrix(len(f), 0)
+    G1, G2 = (mpmath.matrix([[value(c, at) for c in row] for row in told[k]]) for k in ("G1", "G2"))
+    return F, G1 - gain * G2
+
+
+def _observed(s: _Sampled, told: Any, at: Values, behind: Values) -> tuple[Any, Any]:
+    """F and G of an observer of any equations, by its error's rate at w = 0 and at unit vectors, on the told set."""
+    at = {**at, **{x: value(text, at) for x, text in told["along"].items()}}
+
+    def rate(w: Values) -> Any:
+        here = {**at, **w}
+        y = {f"y_{k}": value(row, here) for k, row in enumerate(s.plant["output"], 1)}
+        there = {**here, **y, **{x: here[x] - at[f"e_{x}"] for x in s.x}}
+        rows = zip(s.plant["flow"], told["observer"], strict=True)
+        return mpmath.matrix([value(f, here) - value(g, there) for f, g in rows])
+
+    none = dict.fromkeys(told["unknown"], mpf(0))
+    F = rate(none)
+    columns = [rate({**none, w: mpf(1)}) - F for w in told["unknown"]]
+    return F, mpmath.matrix([[column[i] for column in columns] for i in range(len(F))])
 
 
 def _shows(s: _Sampled, claim: Any, place: Any) -> str:

@@ -1,16 +1,28 @@
 """The observer that converges and is not input-to-state stable: example 1 of Alessandri 2020."""
 
+import json
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
+from falsehood import falsehood
+from forger import sealed
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
+from hgogen.certificate import certificate
 from hgogen.check import Verdict
+from hgogen.commands import jobs
+from hgogen.errors import HgogenError
 from hgogen.model import load
+from hgogen.recheck.recheck import Rechecked, recheck
 
 MODEL = load(Path(__file__).resolve().parents[1] / "models" / "not_iss.py")
+ERROR = MODEL.module.error
 
 
 def together(t: float, s: np.ndarray) -> list[float]:
@@ -41,17 +53,102 @@ def test_a_fading_disturbance_drives_its_error_away(start: float) -> None:
 @pytest.mark.parametrize("mu", [2, 3, 10, 100])
 def test_its_inequality_is_refuted_for_large_errors_whatever_the_gain(mu: int) -> None:
     """V = e1^2 + e2^2: true where (1 + e1^2)^2 < 3 mu^2/4, both sides to one percent."""
-    e1, e2 = MODEL.module.e1, MODEL.module.e2
+    e1, e2 = ERROR.errors
     edge = np.sqrt(np.sqrt(0.75) * mu - 1) if mu > 1.2 else 0
     verdicts = [
-        hg.dissipation(MODEL.module.error, e1**2 + e2**2, mu=mu, within=(share * edge, 1)).checks[1].verdict
+        hg.dissipation(ERROR, e1**2 + e2**2, mu=mu, within=(share * edge, 1)).checks[1].verdict
         for share in (0.99, 1.01)
     ]
     assert verdicts == [Verdict.PROVED, Verdict.REFUTED]
 
 
 def test_no_small_gain_holds_even_near_zero() -> None:
-    e1, e2 = MODEL.module.e1, MODEL.module.e2
-    found = hg.dissipation(MODEL.module.error, e1**2 + e2**2, mu=1, within=(0.01, 0.01))
+    e1, e2 = ERROR.errors
+    found = hg.dissipation(ERROR, e1**2 + e2**2, mu=1, within=(0.01, 0.01))
     assert found.checks[1].verdict is Verdict.REFUTED
     assert found.conclusion == "nothing is concluded"
+
+
+def test_its_error_system_is_made_of_plant_and_observer() -> None:
+    """e1' = -e1 + (1 + e1^2) w, e2' = -e2."""
+    e1, e2 = ERROR.errors
+    assert ERROR.flow == (-e1, -e2)
+    assert ERROR.noise == sp.Matrix([[1 + e1**2], [0]])
+
+
+BLIND, ALONG = MODEL.module.blind, {"x2": MODEL.module.x1**2}
+x1, x2, w, y1 = (getattr(MODEL.module, name) for name in ("x1", "x2", "w", "y1"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"along": {"x2": x1**3}}, "is not kept by the plant"),
+        ({"along": {"x2": x2}}, "uses x2"),
+        ({"along": {"w": x1}}, "none of the states"),
+        ({"observer": {"x1": w, "x2": x2}}, "uses w"),
+        ({"observer": {"x1": x1}}, "has no value for x2"),
+        ({"observer": [x1]}, "must have a row"),
+        ({"observer": [x1, "a text"]}, "is no expression"),
+        ({"observer": {**BLIND, "x2": y1**2}}, "not shown to be affine"),
+        ({"unknown": ["v"]}, "none of the inputs"),
+    ],
+)
+def test_what_makes_no_error_system_is_refused(change: dict[str, Any], said: str) -> None:
+    with pytest.raises(HgogenError, match=said):
+        hg.observer_errors(MODEL.plant, **{"observer": BLIND, "unknown": [w], "along": ALONG, **change})
+
+
+@cache
+def _written() -> str:
+    claims = jobs.checked(MODEL)
+    return json.dumps(certificate(claims.form, claims.checks, claims.observer))
+
+
+def rechecked(change: Callable[[dict[str, Any], dict[str, Any]], object]) -> Rechecked:
+    """What is found of its certificate with a change of it, and of the system in each claim."""
+    content: dict[str, Any] = json.loads(_written())
+    for claim in content["claims"]:
+        if claim["id"].startswith("dissipation."):
+            change(content, claim["evidence"]["system"])
+    return recheck(sealed(content))
+
+
+def test_its_certificate_is_verified_and_says_whose_error_it_is() -> None:
+    rows = {row.id: row for row in rechecked(lambda content, told: None).rows if row.id.startswith("dissipation.")}
+    assert {row.found for row in rows.values()} == {"verified"}
+    for row in rows.values():
+        assert "of xhat and y, which does not know w, on x2 = x1**2, wherever it has a value" in row.sentence
+    assert not falsehood(json.loads(_written()), list(rows))
+
+
+FORGED: dict[str, Callable[[dict[str, Any], dict[str, Any]], object]] = {
+    "no flow": lambda c, told: c["plant"].update(flow=["0", "0"]),
+    "another plant": lambda c, told: c["plant"]["flow"].__setitem__(0, "-2*x1 + (1 + x2)*w"),
+    "another output": lambda c, told: c["plant"]["output"].__setitem__(1, "2*x2"),
+    "a state of both signs": lambda c, told: c["plant"]["states"][0].update(low="-2"),
+    "another observer": lambda c, told: told["observer"].__setitem__(1, "-2*x2 + 2*y_1 - y_2"),
+    "an invented system": lambda c, told: told.update(flow=["-2*e_x1", "-2*e_x2"]),
+    "an invented noise": lambda c, told: told.update(noise=[["0"], ["0"]]),
+    "a set that is left": lambda c, told: told.update(along={"x2": "x1**3"}),
+    "no set": lambda c, told: told.update(along={}),
+    "every state given": lambda c, told: told.update(along={"x1": "1", "x2": "1"}),
+    "a set of an input": lambda c, told: told.update(along={"x2": "w"}),
+    "an input that is known": lambda c, told: told.update(unknown=[]),
+    "an input that is none": lambda c, told: told.update(unknown=["v"]),
+    "an input twice": lambda c, told: told.update(unknown=["w", "w"]),
+    "an observer without a value": lambda c, told: told["observer"].__setitem__(
+        1, "-x2 + 2*y_1 - y_2 + 0*sqrt(-1 - y_2)"
+    ),
+    "an observer that knows w": lambda c, told: told["observer"].__setitem__(0, "w"),
+    "a part too many": lambda c, told: told.update(G1=[["1"], ["0"]]),
+    "a part too few": lambda c, told: told.pop("along"),
+    "odd lists": lambda c, told: told.update(unknown=[["w"]], along=[]),
+    "a state named as an output": lambda c, told: told["observer"].__setitem__(0, "y_3"),
+}
+
+
+@pytest.mark.parametrize("change", FORGED)
+def test_a_forged_system_is_not_verified(change: str) -> None:
+    found = {row.id: row.found for row in rechecked(FORGED[change]).rows if row.id.startswith("dissipation.")}
+    assert found["dissipation.inequality"] == "fails"

@@ -10,29 +10,36 @@ V = e'H e/2, N and H averages of H(c) and
 over c, d, g in any box around 0 that holds e. They are positive definite on a `share` of the box of errors, by
 bisection; on the slabs that this leaves S and V keep off 0. A set {V <= c} keeps off the faces of the box where V is
 above c on them: of V = e'P e, where P - c/end_i^2 on its place (i, i) has no negative eigenvalue. The system is that
-of the file's plant (`error`); a claim tells the observer's gain, V and mu. Source: Alessandri, Mathematical Problems in
-Engineering (2020), theorem 1, (21), (38), (39).
+of the file's plant (`error`, `observed`); a claim tells the observer, V and mu. Source: Alessandri, Mathematical
+Problems in Engineering (2020), theorem 1, (21), (38), (39).
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from hgogen.recheck import error, observed
 from hgogen.recheck.algebra import Quotient
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.box import Box, NotShown, Try, centre_of, covered, ranged, sides
 from hgogen.recheck.context import Context, Shown, algebra_of, cut, letters_of, narrowed, on, short, value_of
-from hgogen.recheck.error import PARTS, ErrorSystem, error_system, smooth
+from hgogen.recheck.error import ErrorSystem, error_system, smooth
 from hgogen.recheck.file import Claim, part
 from hgogen.recheck.interval import intersection, intervals, point
 from hgogen.recheck.matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
+from hgogen.recheck.observed import ObservedSystem, observed_system
 from hgogen.recheck.slope import mean_value, positive, weights
 from hgogen.recheck.text import Expression, expression
 
 Row = tuple[int, ...]
-_KNOWN = {*PARTS, "V", "mu"}
+_MADE: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], "System"]] = {
+    error.PARTS: error_system,
+    observed.PARTS: observed_system,
+}
+System = ErrorSystem | ObservedSystem
+_OF_ALL = ("V", "mu")
 _duals = dual(intervals)  # slopes in the names of a box
 _seconds = dual(_duals)
 _thirds = dual(_seconds)
@@ -42,7 +49,7 @@ _thirds = dual(_seconds)
 class Told:
     """The error system with V and mu, as a claim tells them."""
 
-    system: ErrorSystem
+    system: System
     V: Expression
     mu: Fraction
 
@@ -119,12 +126,13 @@ def level(context: Context, claim: Claim, row: Row) -> Shown:
 def _told(context: Context, claim: Claim) -> Told:
     """The system with V and V_e zero at e = 0, all smooth; the claims of one file are about one system."""
     told = part(claim.evidence, "system", dict)
-    if told.keys() != _KNOWN:
-        raise NotShown(f"its system has not the parts {', '.join(sorted(_KNOWN))}")
+    own = next((made for made in _MADE if told.keys() == {*made, *_OF_ALL}), None)
+    if own is None:
+        raise NotShown("its system has not the parts " + ", or ".join(", ".join((*made, *_OF_ALL)) for made in _MADE))
     for other in context.file.claims:
         if other.id.startswith("dissipation.") and other.evidence.get("system", told) != told:
             raise NotShown(f"it is about another system than {other.id}")
-    system = error_system(context, told)
+    system = _MADE[own](context, told)
     found = Told(system, expression(told["V"], system.around), above_zero(told, "mu"))
     _vanishing(found)
     return found
@@ -145,7 +153,7 @@ def _vanishing(told: Told) -> None:
     covered(narrowed(told.around, told.V.names), ".", _smooth(told))
 
 
-def _regular(system: ErrorSystem) -> Any:
+def _regular(system: System) -> Any:
     """The statement that F has finite slopes in e, and that G is finite."""
     one = point(Fraction(1))
 

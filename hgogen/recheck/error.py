@@ -60,18 +60,18 @@ class ErrorSystem:
     @property
     def read_by_flow(self) -> set[str]:
         """The names that F reads, an error with its state."""
-        return self._with_errors(_names((*self.plant.flow, *self.plant.output, *_flat(self.gain))))
+        return self._with_errors(names_of((*self.plant.flow, *self.plant.output, *flat(self.gain))))
 
     @property
     def read_by_noise(self) -> set[str]:
         """The names that G reads."""
-        reads = self._with_errors(_names(_flat(self.gain)))
-        return reads | _names(_flat((*self.disturbed, *self.measured)))
+        reads = self._with_errors(names_of(flat(self.gain)))
+        return reads | names_of(flat((*self.disturbed, *self.measured)))
 
     @property
     def sentence(self) -> str:
         """Whose error it is."""
-        told = [f"{name} = {cut(_text(rows))}" for name, rows in zip(PARTS, self._rows, strict=False)]
+        told = [f"{name} = {cut(text_of(rows))}" for name, rows in zip(PARTS, self._rows, strict=False)]
         return f"e = x - xhat of xhat' = f(xhat, u) + gain (y - h(xhat, u)), {', '.join(told)}"
 
     @property
@@ -89,11 +89,7 @@ class ErrorSystem:
 def error_system(context: Context, told: Mapping[str, Any]) -> ErrorSystem:
     """The error system of the file's plant with what a claim tells of it. Raises: `NotShown`."""
     plant = context.plant
-    around, n, p = signals(told, "errors"), len(plant.states), len(plant.output)
-    if tuple(around) != tuple(f"e_{x}" for x in plant.states) or around.keys() & plant.box.keys():
-        raise NotShown("its errors are not e_ and the name of each of the plant's states, in their order")
-    if not all(-math.inf < low < 0 < high < math.inf for low, high in around.values()):
-        raise NotShown("its errors have no finite ranges around 0")
+    around, n, p = around_of(context, told), len(plant.states), len(plant.output)
     given = entries(told, "G1", n)
     columns = len(given[0]) if isinstance(given[0], list) else 0
     found = ErrorSystem(
@@ -101,12 +97,22 @@ def error_system(context: Context, told: Mapping[str, Any]) -> ErrorSystem:
         errors=tuple(around),
         around=around,
         box={**plant.box, **around},
-        gain=_matrix(told, "gain", n, p, plant.box),
-        disturbed=_matrix(told, "G1", n, columns, plant.box),
-        measured=_matrix(told, "G2", p, columns, plant.box),
+        gain=matrix_of(told, "gain", n, p, plant.box),
+        disturbed=matrix_of(told, "G1", n, columns, plant.box),
+        measured=matrix_of(told, "G2", p, columns, plant.box),
     )
-    smooth((*plant.flow, *plant.output, *_flat(found.gain)))
+    smooth((*plant.flow, *plant.output, *flat(found.gain)))
     return found
+
+
+def around_of(context: Context, told: Mapping[str, Any]) -> Box:
+    """The ranges of the errors. Raises: `NotShown`."""
+    plant, around = context.plant, signals(told, "errors")
+    if tuple(around) != tuple(f"e_{x}" for x in plant.states) or around.keys() & plant.box.keys():
+        raise NotShown("its errors are not e_ and the name of each of the plant's states, in their order")
+    if not all(-math.inf < low < 0 < high < math.inf for low, high in around.values()):
+        raise NotShown("its errors have no finite ranges around 0")
+    return around
 
 
 def smooth(texts: Iterable[Expression]) -> None:
@@ -116,7 +122,8 @@ def smooth(texts: Iterable[Expression]) -> None:
             raise NotShown(f"{cut(text.text)} has kinks or jumps")
 
 
-def _matrix(told: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
+def matrix_of(told: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
+    """A matrix of expressions of these names."""
     given = entries(told, key, rows)
     return tuple(tuple(expression(cell, names) for cell in entries({key: row}, key, columns)) for row in given)
 
@@ -128,16 +135,16 @@ def _less(value: Any, row: Sequence[Expression], miss: Sequence[Any], at: Mappin
     return value
 
 
-def _flat(rows: Rows) -> list[Expression]:
+def flat(rows: Rows) -> list[Expression]:
+    """Its expressions, row by row."""
     return [cell for row in rows for cell in row]
 
 
-def _names(texts: Iterable[Expression]) -> set[str]:
+def names_of(texts: Iterable[Expression]) -> set[str]:
+    """The names that they read."""
     return {name for text in texts for name in text.names}
 
 
-def _text(rows: Rows) -> str:
+def text_of(rows: Rows) -> str:
+    """As it is printed."""
     return f"({'; '.join(', '.join(cell.text for cell in row) for row in rows)})"
-
-
-__all__ = ["PARTS", "ErrorSystem", "error_system", "smooth"]
