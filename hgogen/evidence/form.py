@@ -275,7 +275,7 @@ _MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
     (Verdict.PROVED, r"(?:triangular|block_triangular)\.lipschitz", _lipschitz),
     (Verdict.PROVED, r"uniform\.slope_(\d+)", _slope),
     (Verdict.REFUTED, r"uniform\.slope_(\d+)", _no_slope),
-    (Verdict.PROVED, r"uniform\.lipschitz", _whole_lipschitz),
+    (Verdict.PROVED, r"(?:uniform|original)\.lipschitz", _whole_lipschitz),
     (Verdict.PROVED, r"state_affine\.structure", _nothing),
     (Verdict.PROVED, r"state_affine\.lipschitz", _flow_lipschitz),
     (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),

@@ -314,6 +314,7 @@ RULES: tuple[tuple[str, str, str, Rule, Keys], ...] = (
     ("uniform", r"uniform\.slope_(\d{1,4})", "proved", _uniform_slope, RANGE),
     ("uniform", r"uniform\.slope_(\d{1,4})", "refuted", _no_slope, (*_POINT, "other")),
     ("uniform", r"uniform\.lipschitz", "proved", _uniform_lipschitz, STEEP),
+    ("original", r"original\.lipschitz", "proved", _uniform_lipschitz, STEEP),
     ("state_affine", r"state_affine\.structure", "proved", _affine_structure, _NONE),
     ("state_affine", r"state_affine\.lipschitz", "proved", _affine_lipschitz, STEEP),
     *((kind, id, "proved", found, keys) for kind in _CHAINS for id, found, keys in OF_CHAINS),

@@ -6,18 +6,22 @@ the ranges is taken.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from fractions import Fraction
 
 import sympy as sp
 from sympy.solvers.solveset import NonlinearError
 
 from hgogen.algebra.identity import is_zero
-from hgogen.algebra.points import exact, kind, points
+from hgogen.algebra.points import exact, points
+from hgogen.algebra.pointwise import values
+from hgogen.algebra.tape import NoTape, tape
 from hgogen.analysis.lie import size
 from hgogen.signal import Signal
 from hgogen.structure.diffeomorphism import EMPTY, stand_ins
 
 # Beyond so many nodes an expression is not simplified.
 _LIMIT = 400
+_BITS, _NOTHING = 256, 1e-9  # of a value at a sample point, and what of it may be left of cancellations
 _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
     sp.exp: sp.log,
     sp.log: sp.exp,
@@ -162,12 +166,12 @@ def _holds(
     signals: Sequence[Signal],
     fixed: Mapping[Signal, float],
 ) -> bool:
-    """A second look: at sample points of the box nothing speaks against it."""
+    """A second look: at sample points of the box no ball of a value keeps off 0."""
     errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in found.items()]
     read = [s for s in signals if any(s in e.free_symbols for e in errors)]
-    return not any(kind(e, point) in ("> 0", "< 0") and _large(e, point) for point in points(read) for e in errors)
-
-
-def _large(error: sp.Expr, point: Mapping[Signal, sp.Rational]) -> bool:
-    """Whether it is more than what 15 digits leave."""
-    return bool(abs(error.xreplace(dict(point)).evalf(30)) > sp.Rational(1, 10**9))
+    try:
+        program = tape(errors, read)
+    except NoTape:
+        return False
+    at = ([Fraction(point[s].p, point[s].q) for s in read] for point in points(read))
+    return not any(ball.is_finite() and abs(ball) > _NOTHING for place in at for ball in values(program, place, _BITS))
