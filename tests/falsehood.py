@@ -79,7 +79,7 @@ class _Sampled:
         for _ in range(count):
             at = {}
             for name, s in ranges.items():
-                low, high = end(s["low"], -50), end(s["high"], 50)
+                low, high = end(s.get("low"), -50), end(s.get("high"), 50)
                 share = self.draw.choice((0, 1, self.draw.random(), self.draw.random()))
                 at[name] = low + (high - low) * share
             yield at
@@ -104,7 +104,7 @@ class _Sampled:
         """The same point a little inside, so that differences are taken inside the box."""
         moved = {}
         for name, x in at.items():
-            low, high = end(ranges[name]["low"], -50), end(ranges[name]["high"], 50)
+            low, high = end(ranges[name].get("low"), -50), end(ranges[name].get("high"), 50)
             moved[name] = x + ((low + high) / 2 - x) * mpf("1e-9")
         return moved
 
@@ -113,7 +113,7 @@ def _ranged(s: _Sampled, claim: Any, place: Any) -> str:
     """The form's states keep to their ranges."""
     for at in s.points(s.outer):
         for name, row in zip(s.z, s.form["to_form"], strict=True):
-            low, high = end(s.inner[name]["low"], -1e300), end(s.inner[name]["high"], 1e300)
+            low, high = end(s.inner[name].get("low"), -1e300), end(s.inner[name].get("high"), 1e300)
             if not low - NEAR <= value(row, at) <= high + NEAR:
                 return f"{name} leaves its range"
     return ""

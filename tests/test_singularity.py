@@ -291,3 +291,12 @@ def test_twenty_states_are_left_alone_in_time() -> None:
         assert check.verdict == verdict
     assert time.process_time() - begin < 6
     assert "too large" in check.reason
+
+
+def test_a_long_factor_is_not_asked_about_on_all_of_space() -> None:
+    """Boxes without ends cost seconds a factor, and tell nothing of hundreds of terms."""
+    draw, p = random.Random(4), sp.symbols("p1:25", real=True)
+    long = sum(draw.randint(1, 9) * sp.Mul(*draw.choices(p, k=9)) for _ in range(400))
+    began = time.process_time()
+    assert singular_set([long * Y, sp.S.Zero], [X], [X, Y]) == (long,)
+    assert time.process_time() - began < 2

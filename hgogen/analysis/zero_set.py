@@ -22,6 +22,7 @@ from hgogen.intervals.sign import nonzero
 
 _TERMS = 1500  # of all factors: more cannot be read
 _BOXES, _BITS = 40, 256  # of the question whether a factor ever vanishes; of samples
+_LONG = 300  # operations of a factor, beyond which boxes of all numbers cost seconds and decide nothing
 _SAMPLES, _GRID = 24, 9  # points, and of what fractions
 
 
@@ -108,8 +109,11 @@ def _related(field: Field, polynomial: Any) -> bool:
 
 
 def _never(e: sp.Expr) -> bool:
-    """Whether the factor is proved to be 0 for no real values of its symbols."""
-    return nonzero(e, dict.fromkeys(e.free_symbols, (-inf, inf)), boxes=_BOXES, refute=False).never
+    """Whether the factor is proved to be 0 for no real values of its symbols; of a long one it is not asked."""
+    return (
+        e.count_ops() <= _LONG
+        and nonzero(e, dict.fromkeys(e.free_symbols, (-inf, inf)), boxes=_BOXES, refute=False).never
+    )
 
 
 def _signed(e: sp.Expr) -> sp.Expr:
