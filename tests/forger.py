@@ -216,7 +216,72 @@ def relabelled(draw: random.Random, content: Content, others: Sequence[Content])
         content["claims"] = [c for c in content["claims"] if not str(c).startswith(f"{{'id': '{old}.")]
 
 
+def altered(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """A row of the plant is another function, a little or much; the claims stay."""
+    plant = content.get("plant")
+    if not isinstance(plant, dict):
+        return
+    names = [s["name"] for s in plant.get("states") or () if isinstance(s, dict) and isinstance(s.get("name"), str)]
+    rows = plant.get(draw.choice(("flow", "output")))
+    if names and isinstance(rows, list) and rows:
+        i, x = draw.randrange(len(rows)), draw.choice(names)
+        text = rows[i]
+        made = (f"({text}) + {x}", f"({text})*(1 + {x}**2)", f"({text}) + Abs({x})", f"({text})*1001/1000")
+        rows[i] = draw.choice(
+            (*made, f"({text}) + exp(-1000)*{x}", f"Max({text}, {text} + {x})", f"({text}) + {x} - {x}")
+        )
+
+
+def alike(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """Plant and form are another plant's, alike, where the form keeps the states; the claims stay."""
+    plant, form = content.get("plant"), content.get("form")
+    if not isinstance(plant, dict) or not isinstance(form, dict):
+        return
+    x, z = ([s.get("name") for s in part.get("states") or () if isinstance(s, dict)] for part in (plant, form))
+    flow, b = plant.get("flow"), form.get("b")
+    if (
+        isinstance(flow, list)
+        and isinstance(b, list)
+        and form.get("to_form") == x
+        and 0 < len(x) == len(b) == len(flow)
+    ):
+        i, k = draw.randrange(len(x)), draw.randrange(len(x))
+        more = draw.choice(("{} + 3*{}", "{} + {}**2", "({})*{}", "{} + Abs({})", "{} + sin(100*{})", "{} + 1/{}"))
+        flow[i], b[i] = more.format(f"({flow[i]})", x[k]), more.format(f"({b[i]})", z[k])
+
+
+def renamed(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
+    """The observer is another one by name, with its claims."""
+    observer, claims = content.get("observer"), content.get("claims")
+    if isinstance(observer, dict) and isinstance(claims, list):
+        old, new = observer.get("name"), draw.choice(("high_gain", "filtered", "low_power", "stubborn", "kalman_like"))
+        observer["name"] = new
+        for claim in claims:
+            if isinstance(claim, dict) and isinstance(claim.get("id"), str):
+                claim["id"] = claim["id"].replace(f"{old}.", f"{new}.")
+
+
+def damaged(draw: random.Random, text: str) -> str:
+    """The text itself is another: cut, doubled, too deep, a number that is none, a key twice, a character changed."""
+    at = draw.randrange(len(text))
+    value = draw.choice(("NaN", "1e999", "9" * 5000, '[[[["1"]]]]', '"\\ud800"', '"\u0661"', '"1_000"', '"1e99999999"'))
+    power = draw.choice(("**999999999", "**(1/3)", "**-1", "**2**2**2**2**2", "**1e9", "**pi"))
+    return draw.choice(
+        (
+            text[:at],
+            text + draw.choice(("}", "x", "\x00", text)),
+            "[" * 100_000 + text,
+            text.replace('"1"', value),
+            text.replace('"low"', draw.choice(('"LOW"', '"high"', '"low\\u0000"'))),
+            text.replace('"claims"', '"claims": [], "claims"', 1),
+            text[:at] + draw.choice('"{}[],:0-.e\u00e9\u202e\x1b') + text[at + 1 :],
+            text.replace("**2", power),
+        )
+    )
+
+
 CHANGES = (
     *(number, number, number, name, expression, expression, odd, odd, swapped, swapped, another_subject, deleted),
-    *(twice, verdict, narrowed, emptied, relabelled),
+    *(twice, verdict, narrowed, emptied, relabelled, altered, alike, alike, renamed),
+    *(altered, alike, alike, renamed),
 )

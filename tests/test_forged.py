@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import test_certificate_observers as observers
 from falsehood import falsehood
-from forger import ODD, forged, places, put, sealed
+from forger import ODD, damaged, forged, places, put, sealed
 from typer.testing import CliRunner
 
 from hgogen import cli
@@ -111,6 +111,18 @@ def test_odd_values_anywhere_give_a_verdict(name: str) -> None:
             other = copy.deepcopy(content)
             put(other, path, value)
             judged(other)
+
+
+@pytest.mark.parametrize("name", ["battery", "lotka_volterra"])
+def test_a_damaged_text_gives_a_verdict(name: str) -> None:
+    draw, text = random.Random(8), sealed(written(name))
+    model = recheck(text).model
+    for _ in range(60):
+        try:
+            found = recheck(damaged(draw, text))
+        except (NoCertificate, Unreadable):
+            continue
+        assert found.failed or found.model == model
 
 
 # --- what nothing rests on ------------------------------------------------------------------------------------------
