@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen import forms
+from hgogen.algebra.identity import is_zero
 from hgogen.algebra.kinks import Direction, bent, slope
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
@@ -308,3 +309,27 @@ def test_the_determinant_of_a_chain_is_that_of_its_jacobian(order: tuple[int, ..
     y2 = sum(y1.diff(s) * rows[s] for s in rows)
     jacobian = sp.Matrix(3, 3, lambda i, j: (y0, y1, y2)[i].diff(states[j]))
     assert sp.expand(hg.singularity(made).jets[0].determinant - jacobian.det()) == 0
+
+
+def test_a_factor_that_is_the_expression_is_not_asked_about_again() -> None:
+    """sqrt(1 + x^2) - cosh(x), rewritten in exponentials, is its own only factor: it called itself without end."""
+    x = hg.Signal("x", low=-3, high=3)
+    output = sp.sin(x) * sp.Max(sp.sqrt(1 + x**2), sp.cosh(x))
+    plant = hg.System("plant", states=(x,), outputs=(hg.Signal("y"),), flow=[-x], output=[output])
+    assert forms.uniform(plant).checks[1].verdict is Verdict.REFUTED
+
+
+def test_the_logarithm_of_a_large_whole_number_ends() -> None:
+    x, large = sp.Symbol("x", real=True), sp.Integer(10) ** 20
+    assert is_zero(sp.log(x + 1 / large) - sp.log(large * x + 1) + sp.log(large, evaluate=False)) is True
+
+
+def test_what_is_left_of_an_affine_row_is_read_as_its_slopes_are() -> None:
+    """max(u, w) is (u + w + |u - w|)/2 in both."""
+    x = [hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2)]
+    u, w = (hg.Signal(name, low=0, high=1) for name in "uw")
+    output = sp.atan(1 + sp.log(1 + sp.Max(w, u) ** 2)) * x[1]
+    plant = hg.System(
+        "plant", states=x, inputs=(u, w), outputs=(hg.Signal("y"),), flow=[-x[0], x[0] + w], output=[output]
+    )
+    assert {check.verdict for check in forms.state_affine(plant).checks} == {Verdict.PROVED}

@@ -24,6 +24,7 @@ from hgogen.errors import HgogenError
 # A multiple of an angle, the terms and the operations of one argument beyond these would only cost time.
 _MULTIPLE, _TERMS, _OPERATIONS = 16, 6, 200
 _TRIGONOMETRIC = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
+_TRIED = 2**16  # the primes that a large whole number under a logarithm is divided by
 _HYPERBOLIC = (sp.sinh, sp.cosh, sp.tanh, sp.coth, sp.sech, sp.csch)
 
 
@@ -141,8 +142,10 @@ class Writer:
         return self._relation(sp.Pow(base, sp.Rational(1, degree), evaluate=False), degree, base)
 
     def _log(self, argument: sp.Expr) -> sp.Expr:
-        if argument.is_Integer and argument > 1 and argument < 2**40:
-            return sp.Add(*(k * self._kernel(sp.log(p)) for p, k in sp.factorint(argument).items()))
+        if argument.is_Integer and argument > 1:
+            known = {} if argument < 2**40 else {"limit": _TRIED, "use_rho": False, "use_pm1": False, "use_ecm": False}
+            factors = sp.factorint(argument, **known)
+            return sp.Add(*(k * self._kernel(sp.log(p, evaluate=False)) for p, k in factors.items()))
         factor, rest = argument.as_content_primitive()
         if factor < 0:
             factor, rest = -factor, -rest

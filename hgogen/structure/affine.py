@@ -8,7 +8,7 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.algebra.identity import free_of
-from hgogen.algebra.kinks import slope
+from hgogen.algebra.kinks import bent, slope
 from hgogen.check import Verdict
 from hgogen.signal import Signal
 from hgogen.structure.apart import apart
@@ -42,7 +42,7 @@ class Measurement:
 def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Affine:
     """The row of that name as an affine function of the states. A slope that varies with one of them refutes it, and so
     does what is left after the slopes; proved is that nothing is left."""
-    none, slopes, rest, may = (sp.S.Zero,) * len(states), [], row, list[sp.Symbol]()
+    none, slopes, rest, may = (sp.S.Zero,) * len(states), [], bent(row), list[sp.Symbol]()
     for x in states:
         sure, maybe = rows.reads(row, (x,))
         gain = free_of(slope(row, x), states, rows.box) if sure or maybe else sp.S.Zero

@@ -21,6 +21,7 @@ from hgogen.structure.diffeomorphism import EMPTY, stand_ins
 
 # Beyond so many nodes an expression is not simplified.
 _LIMIT = 400
+_TOGETHER = 2 * _LIMIT  # nodes times functions, each of which is a symbol more to cancel in
 _BITS, _NOTHING = 256, 1e-9  # of a value at a sample point, and what of it may be left of cancellations
 _BACK: dict[type, Callable[[sp.Expr], sp.Expr]] = {
     sp.exp: sp.log,
@@ -60,10 +61,10 @@ def inverse(
 
 def tidy(expression: sp.Expr) -> sp.Expr:
     """The expression with common factors cancelled, functions and roots taken as symbols of their own."""
-    if size([expression]) > _LIMIT:
-        return expression
-    roots = {p for p in expression.atoms(sp.Pow) if not p.exp.is_Integer}
+    nodes, roots = size([expression]), {p for p in expression.atoms(sp.Pow) if not p.exp.is_Integer}
     stands = {f: sp.Dummy() for f in sorted(roots | expression.atoms(sp.Function), key=sp.default_sort_key)}
+    if nodes > _LIMIT or nodes * len(stands) > _TOGETHER:
+        return expression
     whole = expression.xreplace(stands)
     return sp.cancel(whole).xreplace({dummy: f for f, dummy in stands.items()})
 
