@@ -149,8 +149,8 @@ def test_persistence_is_for_all_parameters() -> None:
 
 
 def test_persistence_wants_the_structure_proved() -> None:
-    """u x2 of a Piecewise row stands in b, not in A, whose pair with C has rank 1; the plant shows x2 where u > 0."""
-    flow = [sp.Piecewise((u * x2, u > 0), (0, True)), -x2]
+    """x2 of a Piecewise row stands in b, not in A, whose pair with C has rank 1; the plant shows x2 where u > 0."""
+    flow = [sp.Piecewise((x2, u > 0), (0, True)), -x2]
     form = hg.forms.state_affine(hg.System("p", states=(x1, x2), inputs=(u,), outputs=(y1,), flow=flow, output=[x1]))
     check = persistent("p", form, {"u": 1})
     assert check.verdict is Verdict.UNKNOWN

@@ -134,12 +134,9 @@ def _product(found: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Inter
     for one in found.factors:
         low, high = rational(one.base, box)
         known = one.definite or low > 0 or high < 0
-        alone = len(found.factors) == 1 and one.exponent == 1  # the expression itself, written in another way
-        if (
-            low <= 0 <= high
-            and one.base.free_symbols
-            and not (alone and one.base.count_ops() >= expression.count_ops())
-        ):
+        again = len(found.factors) == 1 and one.exponent == 1 and one.base.count_ops() >= expression.count_ops()
+        other = not again and one.base not in (expression, -expression)  # no more than another way to write it
+        if low <= 0 <= high and one.base.free_symbols and other:
             sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
             known = known or sign.never
             if sign.verdict is Verdict.PROVED:
