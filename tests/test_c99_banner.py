@@ -43,7 +43,7 @@ def test_what_was_accepted_says_what_follows() -> None:
     assert f"a_2 vanishes; at u = 0; so {coasts} proved: triangular.a_3" in words(fitzhugh_nagumo(), 0.01)
     check = next(check for check in fitzhugh_nagumo().checks if check.id == "triangular.a_2")
     assert check.consequence == coasts
-    assert f"knowing that {coasts}." in check.fix
+    assert f"knowing that {coasts}." in check.advice
 
 
 def test_what_was_accepted_without_another_consequence_leaves_no_theorem() -> None:

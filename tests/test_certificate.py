@@ -405,12 +405,13 @@ def test_the_rank_of_a_phase_form(original: bool) -> None:
     assert found(sealed(content))["phase.chain"] == "fails"
 
 
-@pytest.mark.parametrize("form", ["block_triangular", "original"])
-def test_a_form_without_rules_is_stated(form: str) -> None:
+@pytest.mark.parametrize(("form", "verified"), [("block_triangular", set()), ("original", {"original.lipschitz"})])
+def test_what_has_no_rule_is_stated(form: str, verified: set[str]) -> None:
     made = getattr(hg.forms, form)(uniform_plant())
     rows = recheck(json.dumps(certificate(made, made.checks))).rows
     assert {row.id for row in rows} == {check.id for check in made.checks}
-    assert {row.found for row in rows} <= {"open", "stated"}
+    assert {row.id for row in rows if row.found == "verified"} == verified
+    assert {row.found for row in rows} <= {"open", "stated", "verified"}
 
 
 def test_piecewise_has_no_certificate() -> None:

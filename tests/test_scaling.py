@@ -249,7 +249,7 @@ def test_the_motors_alignment() -> None:
     assert part.scaling == Scaling((2, 0, 1, 2), (2, 0), 0)
     assert part.scaling.variances(np.ones(2), 2.0) == pytest.approx([8.0, 0.5])
     gains = {"Q": (1,) * 4, "R": 1, "theta": 2.0}
-    with pytest.raises(BadGain, match='align="top" or "end"'):
+    with pytest.raises(BadGain, match='align "top" or "end"'):
         hg.observers.riccati(found["cascade"], **gains)
 
 

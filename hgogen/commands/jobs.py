@@ -138,9 +138,8 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         note = f"the observer of {model.path} refused this form: its own checks are missing"
         return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(*model.notes, note))
     observer = step.observer
-    told = (model.plant.name, observer.form, observer.checks, observer.accepted)
-    return Checked(*told, observer.name, observer.theorem, model.notes, gains=observer.gains)
-    return Checked(*told, observer.name, observer.theorem, model.notes, step=step, tuning=name or "")
+    told = (model.plant.name, observer.form, observer.checks, observer.accepted, observer.name, observer.theorem)
+    return Checked(*told, model.notes, gains=observer.gains, step=step, tuning=name or "")
 
 
 def _alone(model: Model, asked: Survey) -> str:

@@ -20,23 +20,24 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck import error, observed
 from hgogen.recheck.algebra import Quotient
 from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
 from hgogen.recheck.box import Box, NotShown, Try, centre_of, covered, ranged, sides
 from hgogen.recheck.context import Context, Shown, algebra_of, cut, letters_of, narrowed, on, short, value_of
+from hgogen.recheck.error import PARTS as ERROR_PARTS
 from hgogen.recheck.error import ErrorSystem, error_system, smooth
 from hgogen.recheck.file import Claim, part
 from hgogen.recheck.interval import intersection, intervals, point
 from hgogen.recheck.matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
+from hgogen.recheck.observed import PARTS as OBSERVED_PARTS
 from hgogen.recheck.observed import ObservedSystem, observed_system
 from hgogen.recheck.slope import mean_value, positive, weights
 from hgogen.recheck.text import Expression, expression
 
 Row = tuple[int, ...]
 _MADE: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], "System"]] = {
-    error.PARTS: error_system,
-    observed.PARTS: observed_system,
+    ERROR_PARTS: error_system,
+    OBSERVED_PARTS: observed_system,
 }
 System = ErrorSystem | ObservedSystem
 _OF_ALL = ("V", "mu")
