@@ -51,8 +51,8 @@ from hgogen.stepping.guards import (
     outside_bit,
     unrecovered,
 )
-from hgogen.stepping.members import joined
-from hgogen.stepping.recovery import Recovery, Sign
+from hgogen.stepping.members import fresh, fresh_groups, joined
+from hgogen.stepping.recovery import Recovery, Sampled, Sign
 from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
 from hgogen.time_unit import of_time, plural
 
@@ -221,29 +221,33 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
 def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
     system = observer.form.system
     plant, derived = tunable(system.parameters), _all(piece.derived for piece in pieces)
-    law = Recovery(observer, clock, joined(pieces))
+    whole = joined(pieces)
+    law = Recovery(observer, clock, whole)
     state = _memory(observer, clock, pieces, law)
+    counters = fresh("state", [field for field in whole.fields if field.kind == "index"])
+    others = (*counters, *fresh_groups("state", whole.fields, whole.groups, observer.z))
     adapt = _all(piece.adapt for piece in pieces)
     still = not adapt or not _moves(adapt, observer)  # whether the estimate of this call stands before `adapt`
-    sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, state))]
+    sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, state, others))]
     correcting = [j for j in range(clock.outputs) if any(piece.update and piece.update[j] for piece in pieces)]
     for j in correcting:
         output = system.outputs[j]
         program = _all(piece.update[j] for piece in pieces if piece.update)
-        valid = (*program, *kept(program, state), *((use(output),) if clock.every else ()))
-        sample = {j: (sym("work.sample"), sym("work.valid"), sym("work.innovation"))}
+        valid = (*program, *kept(program, state, others), *((use(output),) if clock.every else ()))
+        sample = {j: Sampled(sym("work.sample"), sym("work.valid"), sym("work.innovation"))}
         watch = law.watch(sample, says=still and not clock.every and j == correcting[-1])
         guarded: Program = (measure(observer, clock, j), When("work.valid", valid), *watch)
         guarded = once(output, guarded) if clock.every else guarded
         sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
     if not correcting:
-        measured, read = sym("work.y", clock.outputs), observer.dynamics.output(observer.z, clock.u_now)
-        samples = {j: (measured[j], clock.valid[j], measured[j] - read[j]) for j in range(clock.outputs)}
+        read = observer.dynamics.output(observer.z, clock.u_now)
+        raw = [sym(f"output.{output.name}") for output in system.outputs]
+        samples = {j: Sampled(y, clock.valid[j], y - read[j]) for j, y in enumerate(raw)}
         watch = law.watch(samples, says=still)
         sections[0] = replace(sections[0], program=(*sections[0].program, *watch))
     if adapt:
         running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
-        program = (running, When("work.running", (*adapt, *kept(adapt, state))))
+        program = (running, When("work.running", (*adapt, *kept(adapt, state, others))))
         program = adapt_once(program) if clock.every else program
         sections.append(Section("adapt", "adapt the gain; once after the updates", program))
     last = -2 if adapt and still else -1  # after it the estimate of this call stands
@@ -318,7 +322,10 @@ def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], law: R
     return tuple(fields)
 
 
-def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state: tuple[Field, ...]) -> Program:
+def _predict(
+    observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state: tuple[Field, ...], others: Program
+) -> Program:
+    """`others`: what restarts beside the state where a value is lost."""
     uses_output = any(piece.uses_output for piece in pieces)
     program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
     if uses_output:
@@ -333,7 +340,7 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state
         )
     )
     moves = _all(piece.predict for piece in pieces)
-    program.append(When("work.running", (*moves, *kept(moves, state))))
+    program.append(When("work.running", (*moves, *kept(moves, state, others))))
     if clock.inputs:
         program.append(Block("remember the input", {"state.u": sym("work.u", clock.inputs)}))
     if uses_output:

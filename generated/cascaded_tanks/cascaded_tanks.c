@@ -283,6 +283,19 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             s->patience_range = 23.0f;
             s->doubt_sum = 0.0f;
             status |= CASCADED_TANKS_RESTARTED;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
         }
         /* keep z in its box */
         {
@@ -323,6 +336,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
     bool over_range = false;
     bool over_y = false;
     float sample = 0.0f;
+    bool sampled = false;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
@@ -394,6 +408,19 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
             s->patience_range = 23.0f;
             s->doubt_sum = 0.0f;
             status |= CASCADED_TANKS_RESTARTED;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
         }
         /* keep z in its box */
         {
@@ -421,121 +448,126 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
         if (t1) {
             status |= CASCADED_TANKS_OUTSIDE_BOX;
         }
-        doubtful = valid && ((valid && cascaded_tanks_abs(innovation) > 1.0f) || t1 || s->doubt_sum > 0.0f);
+        doubtful = cascaded_tanks_abs(innovation) > 1.0f || t1 || s->doubt_sum > 0.0f || !valid;
     }
     if (doubtful) {
-        /* was doubt or patience spoiled? */
-        {
-            const float t1 = s->patience_y - 23.0f + s->doubt_y
-                + (s->patience_range - 23.0f + s->doubt_range) - s->doubt_sum;
-            spoiled = !(cascaded_tanks_abs(t1) < 0.5f);
-        }
-        if (spoiled) {
-            /* as after a reset */
-            s->doubt_y = 0.0f;
-            s->patience_y = 23.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 23.0f;
-            s->doubt_sum = 0.0f;
-        }
-        /* which signs show? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            shows_y = valid && cascaded_tanks_abs(innovation) > 1.0f;
-            shows_range = z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f;
-        }
-        if (shows_y) {
-            /* more doubt */
+        /* is there a sample to judge by? */
+        sampled = valid || (sample >= -10.0f && sample <= 20.0f);
+        if (sampled) {
+            /* was doubt or patience spoiled? */
             {
-                const float doubt_y = s->doubt_y;
-                s->doubt_y = cascaded_tanks_clamp(doubt_y + 1.0f, 0.0f, 1472.0f);
+                const float t1 = s->patience_y - 23.0f + s->doubt_y
+                    + (s->patience_range - 23.0f + s->doubt_range) - s->doubt_sum;
+                spoiled = !(cascaded_tanks_abs(t1) < 0.5f);
             }
-            /* is patience at its end? */
-            over_y = cascaded_tanks_clamp(s->patience_y, 23.0f, 1472.0f) <= s->doubt_y;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                s->doubt_y = cascaded_tanks_clamp(doubt_y - 1.0f, 0.0f, 1472.0f);
-                s->patience_y = (doubt_y <= 1.0f) ? 23.0f : cascaded_tanks_clamp(patience_y, 23.0f, 1472.0f);
-                over_y = false;
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 23.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 23.0f;
+                s->doubt_sum = 0.0f;
             }
-        }
-        if (shows_range) {
-            /* more doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                s->doubt_range = cascaded_tanks_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
-            }
-            /* is patience at its end? */
-            over_range = cascaded_tanks_clamp(s->patience_range, 23.0f, 4194304.0f) <= s->doubt_range;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                s->doubt_range = cascaded_tanks_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
-                s->patience_range = (doubt_range <= 1.0f) ? 23.0f
-                    : cascaded_tanks_clamp(patience_range, 23.0f, 4194304.0f);
-                over_range = false;
-            }
-        }
-        /* is it lost? */
-        lost = over_y || over_range;
-        if (lost) {
-            if (over_y) {
-                /* the next restart waits longer */
-                {
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = cascaded_tanks_clamp(patience_y, 23.0f, 736.0f);
-                    s->patience_y = cascaded_tanks_clamp(2.0f*patience_y, 23.0f, 1472.0f);
-                }
-            }
-            if (over_range) {
-                /* the next restart waits longer */
-                {
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = cascaded_tanks_clamp(patience_range, 23.0f, 2097152.0f);
-                    s->patience_range = cascaded_tanks_clamp(2.0f*patience_range, 23.0f, 4194304.0f);
-                }
-            }
-            /* the estimate restarts */
-            s->z[0] = 5.0f;
-            s->z[1] = 1.7525125f;
-            /* from the sample of y */
+            /* which signs show? */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
-                s->z[0] = cascaded_tanks_clamp(cascaded_tanks_within(sample, 1e+15f) ? sample
-                    : z1, 0.25f, 11.0f);
-                s->z[1] = cascaded_tanks_clamp(z2, 0.52f, 3.1623f);
+                shows_y = !cascaded_tanks_within(innovation, 1.0f);
+                shows_range = z1 < -0.2875f || z1 > 11.5375f || z2 < 0.387885f || z2 > 3.294415f;
             }
-            /* the estimate has restarted from the sample */
-            status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
-            /* as after a reset */
-            s->L = 0.0f;
-            s->D[0] = 0.25f;
-            s->D[1] = 0.25f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                cascaded_tanks_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = cascaded_tanks_clamp(doubt_y + 1.0f, 0.0f, 23552.0f);
+                }
+                /* is patience at its end? */
+                over_y = cascaded_tanks_clamp(s->patience_y, 23.0f, 23552.0f) <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = cascaded_tanks_clamp(doubt_y - 1.0f, 0.0f, 23552.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 23.0f : cascaded_tanks_clamp(patience_y, 23.0f,
+                        23552.0f);
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = cascaded_tanks_clamp(doubt_range + 1.0f, 0.0f, 23552.0f);
+                }
+                /* is patience at its end? */
+                over_range = cascaded_tanks_clamp(s->patience_range, 23.0f, 23552.0f) <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = cascaded_tanks_clamp(doubt_range - 1.0f, 0.0f, 23552.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 23.0f
+                        : cascaded_tanks_clamp(patience_range, 23.0f, 23552.0f);
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = cascaded_tanks_clamp(patience_y, 23.0f, 11776.0f);
+                        s->patience_y = cascaded_tanks_clamp(2.0f*patience_y, 23.0f, 23552.0f);
+                    }
+                }
+                if (over_range) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = cascaded_tanks_clamp(patience_range, 23.0f, 11776.0f);
+                        s->patience_range = cascaded_tanks_clamp(2.0f*patience_range, 23.0f, 23552.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->z[0] = 5.0f;
+                s->z[1] = 1.7525125f;
+                /* from the sample of y */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    s->z[0] = cascaded_tanks_clamp(cascaded_tanks_within(sample, 1e+15f) ? sample
+                        : z1, 0.25f, 11.0f);
+                    s->z[1] = cascaded_tanks_clamp(z2, 0.52f, 3.1623f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;
                 /* as after a reset */
-                predictor->sum = 0.0f;
+                s->L = 0.0f;
+                s->D[0] = 0.25f;
+                s->D[1] = 0.25f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
                 /* counters as after a reset */
-                predictor->samples = 0u;
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
             }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 23.0f + s->doubt_y + (s->patience_range - 23.0f + s->doubt_range);
         }
-        /* remember what doubt and patience add up to */
-        s->doubt_sum = s->patience_y - 23.0f + s->doubt_y + (s->patience_range - 23.0f + s->doubt_range);
     }
     return status;
 }
@@ -615,6 +647,19 @@ unsigned cascaded_tanks_adapt(cascaded_tanks_state *s, const cascaded_tanks_para
             s->patience_range = 23.0f;
             s->doubt_sum = 0.0f;
             status |= CASCADED_TANKS_RESTARTED;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                cascaded_tanks_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
         }
         /* keep innovation in its box */
         {

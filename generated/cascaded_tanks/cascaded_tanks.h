@@ -87,14 +87,16 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. A valid sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one at
- * which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a doubt
- * reaches its patience, after 92 s of such samples at the least, all of the state restarts from the sample,
- * and that patience doubles, until its doubt is 0 again. The status is 0 for ok, else an or of the bits
+ * noticed. A plausible sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one
+ * at which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a
+ * doubt reaches its patience, after 92 s of such samples at the least, all of the state restarts from the
+ * sample, and the next time waits twice as long, up to 47000 s, until its doubt is 0 again: after a fault
+ * that has lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the bits
  * below.
  *
  * cascaded_tanks_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
- * and or their statuses, where a sample comes later than the input. Without a sample leave its update out.
+ * and or their statuses, where a sample comes later than the input. Without a sample leave its update out;
+ * with NaN it raises MISSING as well, and the last one the bits about the estimate.
  *
  * Change gains in p.gain, then call cascaded_tanks_tune, or the change is neither limited nor complete.
  * Ranges are those of the model: to widen one, generate anew. Whether dt is short enough was judged with
@@ -186,13 +188,13 @@ typedef struct {
     unsigned oldest;                       /* index of the oldest predictor */
     unsigned tick;                         /* samples since the last restart */
     float theta;                           /* high-gain parameter, 1: Kalman mode, 1 .. 4 */
-    /* evidence of valid samples that the estimate is lost, 0 .. 1472 */
+    /* evidence of valid samples that the estimate is lost, 0 .. 23552 */
     float doubt_y;
-    float patience_y;                      /* doubt at which it restarts, 23 .. 1472 */
-    /* evidence of valid samples that the estimate is lost, 0 .. 4.1943e+06 */
+    float patience_y;                      /* doubt at which it restarts, 23 .. 23552 */
+    /* evidence of valid samples that the estimate is lost, 0 .. 23552 */
     float doubt_range;
-    float patience_range;                  /* doubt at which it restarts, 23 .. 4.1943e+06 */
-    /* all doubt, and patience beyond the first: checks them, 0 .. 8.39151e+06 */
+    float patience_range;                  /* doubt at which it restarts, 23 .. 23552 */
+    /* all doubt, and patience beyond the first: checks them, 0 .. 94162 */
     float doubt_sum;
     unsigned calls;                        /* 0 before the first call, 1 after it, then 2 */
     float u;                               /* last valid input: u, 0 .. 7 */

@@ -349,6 +349,20 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             s->patience_range = 1023.0f;
             s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                predictor->z[2] = s->z[2];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
         }
         /* keep z in its box */
         {
@@ -397,6 +411,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     bool over_range = false;
     bool over_y = false;
     float sample = 0.0f;
+    bool sampled = false;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
@@ -478,6 +493,20 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             s->patience_range = 1023.0f;
             s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                predictor->z[2] = s->z[2];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
         }
         /* keep z in its box */
         {
@@ -510,130 +539,136 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         if (t1) {
             status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
         }
-        doubtful = valid && ((valid && fitzhugh_nagumo_abs(innovation) > 1.0f) || t1 || s->doubt_sum > 0.0f);
+        doubtful = fitzhugh_nagumo_abs(innovation) > 1.0f || t1 || s->doubt_sum > 0.0f || !valid;
     }
     if (doubtful) {
-        /* was doubt or patience spoiled? */
-        {
-            const float t1 = s->patience_y - 1023.0f + s->doubt_y
-                + (s->patience_range - 1023.0f + s->doubt_range) - s->doubt_sum;
-            spoiled = !(fitzhugh_nagumo_abs(t1) < 0.5f);
-        }
-        if (spoiled) {
-            /* as after a reset */
-            s->doubt_y = 0.0f;
-            s->patience_y = 1023.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 1023.0f;
-            s->doubt_sum = 0.0f;
-        }
-        /* which signs show? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            const float z3 = s->z[2];
-            shows_y = valid && fitzhugh_nagumo_abs(innovation) > 1.0f;
-            shows_range = z1 < -3.85f || z1 > 3.85f || z2 < -11.0f || z2 > 11.0f || z3 < -8.8f || z3 > 8.8f;
-        }
-        if (shows_y) {
-            /* more doubt */
+        /* is there a sample to judge by? */
+        sampled = valid || (sample >= -15.0f && sample <= 15.0f);
+        if (sampled) {
+            /* was doubt or patience spoiled? */
             {
-                const float doubt_y = s->doubt_y;
-                s->doubt_y = fitzhugh_nagumo_clamp(doubt_y + 1.0f, 0.0f, 65472.0f);
+                const float t1 = s->patience_y - 1023.0f + s->doubt_y
+                    + (s->patience_range - 1023.0f + s->doubt_range) - s->doubt_sum;
+                spoiled = !(fitzhugh_nagumo_abs(t1) < 0.5f);
             }
-            /* is patience at its end? */
-            over_y = fitzhugh_nagumo_clamp(s->patience_y, 1023.0f, 65472.0f) <= s->doubt_y;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                s->doubt_y = fitzhugh_nagumo_clamp(doubt_y - 1.0f, 0.0f, 65472.0f);
-                s->patience_y = (doubt_y <= 1.0f) ? 1023.0f : fitzhugh_nagumo_clamp(patience_y, 1023.0f,
-                    65472.0f);
-                over_y = false;
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 1023.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 1023.0f;
+                s->doubt_sum = 0.0f;
             }
-        }
-        if (shows_range) {
-            /* more doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                s->doubt_range = fitzhugh_nagumo_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
-            }
-            /* is patience at its end? */
-            over_range = fitzhugh_nagumo_clamp(s->patience_range, 1023.0f, 4194304.0f) <= s->doubt_range;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                s->doubt_range = fitzhugh_nagumo_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
-                s->patience_range = (doubt_range <= 1.0f) ? 1023.0f
-                    : fitzhugh_nagumo_clamp(patience_range, 1023.0f, 4194304.0f);
-                over_range = false;
-            }
-        }
-        /* is it lost? */
-        lost = over_y || over_range;
-        if (lost) {
-            if (over_y) {
-                /* the next restart waits longer */
-                {
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = fitzhugh_nagumo_clamp(patience_y, 1023.0f, 32736.0f);
-                    s->patience_y = fitzhugh_nagumo_clamp(2.0f*patience_y, 1023.0f, 65472.0f);
-                }
-            }
-            if (over_range) {
-                /* the next restart waits longer */
-                {
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = fitzhugh_nagumo_clamp(patience_range, 1023.0f, 2097152.0f);
-                    s->patience_range = fitzhugh_nagumo_clamp(2.0f*patience_range, 1023.0f, 4194304.0f);
-                }
-            }
-            /* the estimate restarts */
-            s->z[0] = 0.0f;
-            s->z[1] = 0.0f;
-            s->z[2] = 0.0f;
-            /* from the sample of y */
+            /* which signs show? */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
                 const float z3 = s->z[2];
-                s->z[0] = fitzhugh_nagumo_clamp(fitzhugh_nagumo_within(sample, 1e+15f) ? sample
-                    : z1, -3.5f, 3.5f);
-                s->z[1] = fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f);
-                s->z[2] = fitzhugh_nagumo_clamp(z3, -8.0f, 8.0f);
+                shows_y = !fitzhugh_nagumo_within(innovation, 1.0f);
+                shows_range = z1 < -3.85f || z1 > 3.85f || z2 < -11.0f || z2 > 11.0f || z3 < -8.8f
+                    || z3 > 8.8f;
             }
-            /* the estimate has restarted from the sample */
-            status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
-            /* as after a reset */
-            s->L[0] = 0.0f;
-            s->L[1] = 0.0f;
-            s->L[2] = 0.0f;
-            s->D[0] = 1.0f;
-            s->D[1] = 1.0f;
-            s->D[2] = 1.0f;
-            s->innovation = 0.0f;
-            s->theta = 1.0f;
-            /* counters as after a reset */
-            s->oldest = 0u;
-            s->tick = 0u;
-            for (unsigned k = 0u; k < 5u; ++k) {
-                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
-                /* from the estimate */
-                predictor->z[0] = s->z[0];
-                predictor->z[1] = s->z[1];
-                predictor->z[2] = s->z[2];
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = fitzhugh_nagumo_clamp(doubt_y + 1.0f, 0.0f, 1047552.0f);
+                }
+                /* is patience at its end? */
+                over_y = fitzhugh_nagumo_clamp(s->patience_y, 1023.0f, 1047552.0f) <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = fitzhugh_nagumo_clamp(doubt_y - 1.0f, 0.0f, 1047552.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 1023.0f : fitzhugh_nagumo_clamp(patience_y, 1023.0f,
+                        1047552.0f);
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = fitzhugh_nagumo_clamp(doubt_range + 1.0f, 0.0f, 1047552.0f);
+                }
+                /* is patience at its end? */
+                over_range = fitzhugh_nagumo_clamp(s->patience_range, 1023.0f, 1047552.0f) <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = fitzhugh_nagumo_clamp(doubt_range - 1.0f, 0.0f, 1047552.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 1023.0f
+                        : fitzhugh_nagumo_clamp(patience_range, 1023.0f, 1047552.0f);
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = fitzhugh_nagumo_clamp(patience_y, 1023.0f, 523776.0f);
+                        s->patience_y = fitzhugh_nagumo_clamp(2.0f*patience_y, 1023.0f, 1047552.0f);
+                    }
+                }
+                if (over_range) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = fitzhugh_nagumo_clamp(patience_range, 1023.0f, 523776.0f);
+                        s->patience_range = fitzhugh_nagumo_clamp(2.0f*patience_range, 1023.0f, 1047552.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                s->z[2] = 0.0f;
+                /* from the sample of y */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float z3 = s->z[2];
+                    s->z[0] = fitzhugh_nagumo_clamp(fitzhugh_nagumo_within(sample, 1e+15f) ? sample
+                        : z1, -3.5f, 3.5f);
+                    s->z[1] = fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f);
+                    s->z[2] = fitzhugh_nagumo_clamp(z3, -8.0f, 8.0f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;
                 /* as after a reset */
-                predictor->sum = 0.0f;
+                s->L[0] = 0.0f;
+                s->L[1] = 0.0f;
+                s->L[2] = 0.0f;
+                s->D[0] = 1.0f;
+                s->D[1] = 1.0f;
+                s->D[2] = 1.0f;
+                s->innovation = 0.0f;
+                s->theta = 1.0f;
                 /* counters as after a reset */
-                predictor->samples = 0u;
+                s->oldest = 0u;
+                s->tick = 0u;
+                for (unsigned k = 0u; k < 5u; ++k) {
+                    fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                    /* from the estimate */
+                    predictor->z[0] = s->z[0];
+                    predictor->z[1] = s->z[1];
+                    predictor->z[2] = s->z[2];
+                    /* as after a reset */
+                    predictor->sum = 0.0f;
+                    /* counters as after a reset */
+                    predictor->samples = 0u;
+                }
             }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 1023.0f + s->doubt_y
+                + (s->patience_range - 1023.0f + s->doubt_range);
         }
-        /* remember what doubt and patience add up to */
-        s->doubt_sum = s->patience_y - 1023.0f + s->doubt_y + (s->patience_range - 1023.0f + s->doubt_range);
     }
     return status;
 }
@@ -718,6 +753,20 @@ unsigned fitzhugh_nagumo_adapt(fitzhugh_nagumo_state *s, const fitzhugh_nagumo_p
             s->patience_range = 1023.0f;
             s->doubt_sum = 0.0f;
             status |= FITZHUGH_NAGUMO_RESTARTED;
+            /* counters as after a reset */
+            s->oldest = 0u;
+            s->tick = 0u;
+            for (unsigned k = 0u; k < 5u; ++k) {
+                fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+                /* from the estimate */
+                predictor->z[0] = s->z[0];
+                predictor->z[1] = s->z[1];
+                predictor->z[2] = s->z[2];
+                /* as after a reset */
+                predictor->sum = 0.0f;
+                /* counters as after a reset */
+                predictor->samples = 0u;
+            }
         }
         /* keep innovation in its box */
         {

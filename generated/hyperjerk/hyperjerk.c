@@ -38,6 +38,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
     bool over_range = false;
     bool over_y = false;
     bool running = false;
+    bool sampled = false;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
@@ -223,116 +224,125 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         if (t1) {
             status |= HYPERJERK_OUTSIDE_BOX;
         }
-        doubtful = (valid != 0.0f) && (((valid != 0.0f) && hyperjerk_abs(y - w1) > 0.6f) || t1
-            || s->doubt_sum > 0.0f);
+        doubtful = hyperjerk_abs(out->y - w1) > 0.6f || t1 || s->doubt_sum > 0.0f || !(valid != 0.0f);
     }
     if (doubtful) {
-        /* was doubt or patience spoiled? */
+        /* is there a sample to judge by? */
         {
-            const float t1 = s->patience_y - 7523.0f + s->doubt_y
-                + (s->patience_range - 7523.0f + s->doubt_range) - s->doubt_sum;
-            spoiled = !(hyperjerk_abs(t1) < 0.5f);
+            const float y_given = out->y;
+            sampled = (valid != 0.0f) || (y_given >= -9.0f && y_given <= 9.0f);
         }
-        if (spoiled) {
-            /* as after a reset */
-            s->doubt_y = 0.0f;
-            s->patience_y = 7523.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 7523.0f;
-            s->doubt_sum = 0.0f;
-        }
-        /* which signs show? */
-        {
-            const float w1 = s->w[0];
-            const float w2 = s->w[1];
-            const float w3 = s->w[2];
-            const float w4 = s->w[3];
-            shows_y = (valid != 0.0f) && hyperjerk_abs(y - w1) > 0.6f;
-            shows_range = w1 < -3.3f || w1 > 3.3f || w2 < -4.4f || w2 > 4.4f || w3 < -6.6f || w3 > 6.6f
-                || w4 < -13.2f || w4 > 13.2f;
-        }
-        if (shows_y) {
-            /* more doubt */
+        if (sampled) {
+            /* was doubt or patience spoiled? */
             {
-                const float doubt_y = s->doubt_y;
-                s->doubt_y = hyperjerk_clamp(doubt_y + 1.0f, 0.0f, 481472.0f);
+                const float t1 = s->patience_y - 7523.0f + s->doubt_y
+                    + (s->patience_range - 7523.0f + s->doubt_range) - s->doubt_sum;
+                spoiled = !(hyperjerk_abs(t1) < 0.5f);
             }
-            /* is patience at its end? */
-            over_y = hyperjerk_clamp(s->patience_y, 7523.0f, 481472.0f) <= s->doubt_y;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                s->doubt_y = hyperjerk_clamp(doubt_y - 1.0f, 0.0f, 481472.0f);
-                s->patience_y = (doubt_y <= 1.0f) ? 7523.0f : hyperjerk_clamp(patience_y, 7523.0f, 481472.0f);
-                over_y = false;
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 7523.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 7523.0f;
+                s->doubt_sum = 0.0f;
             }
-        }
-        if (shows_range) {
-            /* more doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                s->doubt_range = hyperjerk_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
-            }
-            /* is patience at its end? */
-            over_range = hyperjerk_clamp(s->patience_range, 7523.0f, 4194304.0f) <= s->doubt_range;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                s->doubt_range = hyperjerk_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
-                s->patience_range = (doubt_range <= 1.0f) ? 7523.0f
-                    : hyperjerk_clamp(patience_range, 7523.0f, 4194304.0f);
-                over_range = false;
-            }
-        }
-        /* is it lost? */
-        lost = over_y || over_range;
-        if (lost) {
-            if (over_y) {
-                /* the next restart waits longer */
-                {
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = hyperjerk_clamp(patience_y, 7523.0f, 240736.0f);
-                    s->patience_y = hyperjerk_clamp(2.0f*patience_y, 7523.0f, 481472.0f);
-                }
-            }
-            if (over_range) {
-                /* the next restart waits longer */
-                {
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = hyperjerk_clamp(patience_range, 7523.0f, 2097152.0f);
-                    s->patience_range = hyperjerk_clamp(2.0f*patience_range, 7523.0f, 4194304.0f);
-                }
-            }
-            /* the estimate restarts */
-            s->w[0] = 0.0f;
-            s->w[1] = 0.0f;
-            s->w[2] = 0.0f;
-            s->w[3] = 0.0f;
-            /* from the sample of y */
+            /* which signs show? */
             {
                 const float w1 = s->w[0];
                 const float w2 = s->w[1];
                 const float w3 = s->w[2];
                 const float w4 = s->w[3];
-                s->w[0] = hyperjerk_clamp(hyperjerk_within(y, 1e+15f) ? y : w1, -3.0f, 3.0f);
-                s->w[1] = hyperjerk_clamp(w2, -4.0f, 4.0f);
-                s->w[2] = hyperjerk_clamp(w3, -6.0f, 6.0f);
-                s->w[3] = hyperjerk_clamp(w4, -12.0f, 12.0f);
+                shows_y = !hyperjerk_within(out->y - w1, 0.6f);
+                shows_range = w1 < -3.3f || w1 > 3.3f || w2 < -4.4f || w2 > 4.4f || w3 < -6.6f || w3 > 6.6f
+                    || w4 < -13.2f || w4 > 13.2f;
             }
-            /* the estimate has restarted from the sample */
-            status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
-            /* as after a reset */
-            s->eta[0] = 0.0f;
-            s->eta[1] = 0.0f;
-            s->eta[2] = 0.0f;
-            s->eta[3] = 0.0f;
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = hyperjerk_clamp(doubt_y + 1.0f, 0.0f, 4194304.0f);
+                }
+                /* is patience at its end? */
+                over_y = hyperjerk_clamp(s->patience_y, 7523.0f, 4194304.0f) <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = hyperjerk_clamp(doubt_y - 1.0f, 0.0f, 4194304.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 7523.0f : hyperjerk_clamp(patience_y, 7523.0f,
+                        4194304.0f);
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = hyperjerk_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
+                }
+                /* is patience at its end? */
+                over_range = hyperjerk_clamp(s->patience_range, 7523.0f, 4194304.0f) <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = hyperjerk_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 7523.0f
+                        : hyperjerk_clamp(patience_range, 7523.0f, 4194304.0f);
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = hyperjerk_clamp(patience_y, 7523.0f, 2097152.0f);
+                        s->patience_y = hyperjerk_clamp(2.0f*patience_y, 7523.0f, 4194304.0f);
+                    }
+                }
+                if (over_range) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = hyperjerk_clamp(patience_range, 7523.0f, 2097152.0f);
+                        s->patience_range = hyperjerk_clamp(2.0f*patience_range, 7523.0f, 4194304.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->w[0] = 0.0f;
+                s->w[1] = 0.0f;
+                s->w[2] = 0.0f;
+                s->w[3] = 0.0f;
+                /* from the sample of y */
+                {
+                    const float w1 = s->w[0];
+                    const float w2 = s->w[1];
+                    const float w3 = s->w[2];
+                    const float w4 = s->w[3];
+                    const float y_given = out->y;
+                    s->w[0] = hyperjerk_clamp(hyperjerk_within(y_given, 1e+15f) ? y_given : w1, -3.0f, 3.0f);
+                    s->w[1] = hyperjerk_clamp(w2, -4.0f, 4.0f);
+                    s->w[2] = hyperjerk_clamp(w3, -6.0f, 6.0f);
+                    s->w[3] = hyperjerk_clamp(w4, -12.0f, 12.0f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= HYPERJERK_RESTARTED_FROM_SAMPLE;
+                /* as after a reset */
+                s->eta[0] = 0.0f;
+                s->eta[1] = 0.0f;
+                s->eta[2] = 0.0f;
+                s->eta[3] = 0.0f;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 7523.0f + s->doubt_y
+                + (s->patience_range - 7523.0f + s->doubt_range);
         }
-        /* remember what doubt and patience add up to */
-        s->doubt_sum = s->patience_y - 7523.0f + s->doubt_y + (s->patience_range - 7523.0f + s->doubt_range);
     }
     return status;
 }

@@ -71,10 +71,11 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. A valid sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one at
- * which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a doubt
- * reaches its patience, after 7.52 s of such samples at the least, all of the state restarts from the sample,
- * and that patience doubles, until its doubt is 0 again. The status is 0 for ok, else an or of the bits
+ * noticed. A plausible sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one
+ * at which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a
+ * doubt reaches its patience, after 7.52 s of such samples at the least, all of the state restarts from the
+ * sample, and the next time waits twice as long, up to 2100 s, until its doubt is 0 again: after a fault that
+ * has lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the bits
  * below.
  *
  * Change gains in p.gain, then call hyperjerk_tune, or the change is neither limited nor complete. Ranges are
@@ -137,11 +138,11 @@ typedef struct {
 typedef struct {
     float w[4];           /* estimate, in chains of integrators: x1, x2, x3, x4 */
     float eta[4];         /* filtered output injection */
-    float doubt_y;        /* evidence of valid samples that the estimate is lost, 0 .. 481472 */
-    float patience_y;     /* doubt at which it restarts, 7523 .. 481472 */
+    float doubt_y;        /* evidence of valid samples that the estimate is lost, 0 .. 4.1943e+06 */
+    float patience_y;     /* doubt at which it restarts, 7523 .. 4.1943e+06 */
     float doubt_range;    /* evidence of valid samples that the estimate is lost, 0 .. 4.1943e+06 */
     float patience_range; /* doubt at which it restarts, 7523 .. 4.1943e+06 */
-    float doubt_sum;      /* all doubt, and patience beyond the first: checks them, 0 .. 9.33651e+06 */
+    float doubt_sum;      /* all doubt, and patience beyond the first: checks them, 0 .. 1.67622e+07 */
     unsigned calls;       /* 0 before the first call, 1 after it */
     float y;              /* sample of the last call, or its estimate where there was none: y */
     float y_valid;        /* 1 where the last call had a valid sample: y */

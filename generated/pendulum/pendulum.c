@@ -84,6 +84,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
     bool over_range = false;
     bool over_y = false;
     bool running = false;
+    bool sampled = false;
     bool shows_range = false;
     bool shows_y = false;
     bool spoiled = false;
@@ -203,102 +204,111 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         if (t1) {
             status |= PENDULUM_OUTSIDE_BOX;
         }
-        doubtful = (valid != 0.0f) && (((valid != 0.0f) && pendulum_abs(y - z1) > 0.8f) || t1
-            || s->doubt_sum > 0.0f);
+        doubtful = pendulum_abs(out->y - z1) > 0.8f || t1 || s->doubt_sum > 0.0f || !(valid != 0.0f);
     }
     if (doubtful) {
-        /* was doubt or patience spoiled? */
+        /* is there a sample to judge by? */
         {
-            const float t1 = s->patience_y - 761.0f + s->doubt_y
-                + (s->patience_range - 761.0f + s->doubt_range) - s->doubt_sum;
-            spoiled = !(pendulum_abs(t1) < 0.5f);
+            const float y_given = out->y;
+            sampled = (valid != 0.0f) || (y_given >= -12.0f && y_given <= 12.0f);
         }
-        if (spoiled) {
-            /* as after a reset */
-            s->doubt_y = 0.0f;
-            s->patience_y = 761.0f;
-            s->doubt_range = 0.0f;
-            s->patience_range = 761.0f;
-            s->doubt_sum = 0.0f;
-        }
-        /* which signs show? */
-        {
-            const float z1 = s->z[0];
-            const float z2 = s->z[1];
-            shows_y = (valid != 0.0f) && pendulum_abs(y - z1) > 0.8f;
-            shows_range = z1 < -4.4f || z1 > 4.4f || z2 < -22.0f || z2 > 22.0f;
-        }
-        if (shows_y) {
-            /* more doubt */
+        if (sampled) {
+            /* was doubt or patience spoiled? */
             {
-                const float doubt_y = s->doubt_y;
-                s->doubt_y = pendulum_clamp(doubt_y + 1.0f, 0.0f, 48704.0f);
+                const float t1 = s->patience_y - 761.0f + s->doubt_y
+                    + (s->patience_range - 761.0f + s->doubt_range) - s->doubt_sum;
+                spoiled = !(pendulum_abs(t1) < 0.5f);
             }
-            /* is patience at its end? */
-            over_y = pendulum_clamp(s->patience_y, 761.0f, 48704.0f) <= s->doubt_y;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_y = s->doubt_y;
-                const float patience_y = s->patience_y;
-                s->doubt_y = pendulum_clamp(doubt_y - 1.0f, 0.0f, 48704.0f);
-                s->patience_y = (doubt_y <= 1.0f) ? 761.0f : pendulum_clamp(patience_y, 761.0f, 48704.0f);
-                over_y = false;
+            if (spoiled) {
+                /* as after a reset */
+                s->doubt_y = 0.0f;
+                s->patience_y = 761.0f;
+                s->doubt_range = 0.0f;
+                s->patience_range = 761.0f;
+                s->doubt_sum = 0.0f;
             }
-        }
-        if (shows_range) {
-            /* more doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                s->doubt_range = pendulum_clamp(doubt_range + 1.0f, 0.0f, 4194304.0f);
-            }
-            /* is patience at its end? */
-            over_range = pendulum_clamp(s->patience_range, 761.0f, 4194304.0f) <= s->doubt_range;
-        } else {
-            /* less doubt */
-            {
-                const float doubt_range = s->doubt_range;
-                const float patience_range = s->patience_range;
-                s->doubt_range = pendulum_clamp(doubt_range - 1.0f, 0.0f, 4194304.0f);
-                s->patience_range = (doubt_range <= 1.0f) ? 761.0f
-                    : pendulum_clamp(patience_range, 761.0f, 4194304.0f);
-                over_range = false;
-            }
-        }
-        /* is it lost? */
-        lost = over_y || over_range;
-        if (lost) {
-            if (over_y) {
-                /* the next restart waits longer */
-                {
-                    const float patience_y = s->patience_y;
-                    s->doubt_y = pendulum_clamp(patience_y, 761.0f, 24352.0f);
-                    s->patience_y = pendulum_clamp(2.0f*patience_y, 761.0f, 48704.0f);
-                }
-            }
-            if (over_range) {
-                /* the next restart waits longer */
-                {
-                    const float patience_range = s->patience_range;
-                    s->doubt_range = pendulum_clamp(patience_range, 761.0f, 2097152.0f);
-                    s->patience_range = pendulum_clamp(2.0f*patience_range, 761.0f, 4194304.0f);
-                }
-            }
-            /* the estimate restarts */
-            s->z[0] = 0.0f;
-            s->z[1] = 0.0f;
-            /* from the sample of y */
+            /* which signs show? */
             {
                 const float z1 = s->z[0];
                 const float z2 = s->z[1];
-                s->z[0] = pendulum_clamp(pendulum_within(y, 1e+15f) ? y : z1, -4.0f, 4.0f);
-                s->z[1] = pendulum_clamp(z2, -20.0f, 20.0f);
+                shows_y = !pendulum_within(out->y - z1, 0.8f);
+                shows_range = z1 < -4.4f || z1 > 4.4f || z2 < -22.0f || z2 > 22.0f;
             }
-            /* the estimate has restarted from the sample */
-            status |= PENDULUM_RESTARTED_FROM_SAMPLE;
+            if (shows_y) {
+                /* more doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    s->doubt_y = pendulum_clamp(doubt_y + 1.0f, 0.0f, 779264.0f);
+                }
+                /* is patience at its end? */
+                over_y = pendulum_clamp(s->patience_y, 761.0f, 779264.0f) <= s->doubt_y;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_y = s->doubt_y;
+                    const float patience_y = s->patience_y;
+                    s->doubt_y = pendulum_clamp(doubt_y - 1.0f, 0.0f, 779264.0f);
+                    s->patience_y = (doubt_y <= 1.0f) ? 761.0f : pendulum_clamp(patience_y, 761.0f,
+                        779264.0f);
+                    over_y = false;
+                }
+            }
+            if (shows_range) {
+                /* more doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    s->doubt_range = pendulum_clamp(doubt_range + 1.0f, 0.0f, 779264.0f);
+                }
+                /* is patience at its end? */
+                over_range = pendulum_clamp(s->patience_range, 761.0f, 779264.0f) <= s->doubt_range;
+            } else {
+                /* less doubt */
+                {
+                    const float doubt_range = s->doubt_range;
+                    const float patience_range = s->patience_range;
+                    s->doubt_range = pendulum_clamp(doubt_range - 1.0f, 0.0f, 779264.0f);
+                    s->patience_range = (doubt_range <= 1.0f) ? 761.0f
+                        : pendulum_clamp(patience_range, 761.0f, 779264.0f);
+                    over_range = false;
+                }
+            }
+            /* is it lost? */
+            lost = over_y || over_range;
+            if (lost) {
+                if (over_y) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_y = s->patience_y;
+                        s->doubt_y = pendulum_clamp(patience_y, 761.0f, 389632.0f);
+                        s->patience_y = pendulum_clamp(2.0f*patience_y, 761.0f, 779264.0f);
+                    }
+                }
+                if (over_range) {
+                    /* the next restart waits longer */
+                    {
+                        const float patience_range = s->patience_range;
+                        s->doubt_range = pendulum_clamp(patience_range, 761.0f, 389632.0f);
+                        s->patience_range = pendulum_clamp(2.0f*patience_range, 761.0f, 779264.0f);
+                    }
+                }
+                /* the estimate restarts */
+                s->z[0] = 0.0f;
+                s->z[1] = 0.0f;
+                /* from the sample of y */
+                {
+                    const float z1 = s->z[0];
+                    const float z2 = s->z[1];
+                    const float y_given = out->y;
+                    s->z[0] = pendulum_clamp(pendulum_within(y_given, 1e+15f) ? y_given : z1, -4.0f, 4.0f);
+                    s->z[1] = pendulum_clamp(z2, -20.0f, 20.0f);
+                }
+                /* the estimate has restarted from the sample */
+                status |= PENDULUM_RESTARTED_FROM_SAMPLE;
+            }
+            /* remember what doubt and patience add up to */
+            s->doubt_sum = s->patience_y - 761.0f + s->doubt_y
+                + (s->patience_range - 761.0f + s->doubt_range);
         }
-        /* remember what doubt and patience add up to */
-        s->doubt_sum = s->patience_y - 761.0f + s->doubt_y + (s->patience_range - 761.0f + s->doubt_range);
     }
     return status;
 }

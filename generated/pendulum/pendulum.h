@@ -66,11 +66,12 @@
  * The period is compiled in: one call for each, with NaN for a sample that did not come. An output that is
  * not finite is missing: the step predicts. An input that is not finite reuses the last valid one. No input,
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
- * noticed. A valid sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one at
- * which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a doubt
- * reaches its patience, after 0.761 s of such samples at the least, all of the state restarts from the
- * sample, and that patience doubles, until its doubt is 0 again. The status is 0 for ok, else an or of the
- * bits below.
+ * noticed. A plausible sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one
+ * at which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a
+ * doubt reaches its patience, after 0.761 s of such samples at the least, all of the state restarts from the
+ * sample, and the next time waits twice as long, up to 390 s, until its doubt is 0 again: after a fault that
+ * has lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the bits
+ * below.
  *
  * Change gains in p.gain, then call pendulum_tune, or the change is neither limited nor complete. Ranges are
  * those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
@@ -142,11 +143,11 @@ typedef struct {
 /* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
 typedef struct {
     float z[2];           /* estimate in the form's coordinates: q, w */
-    float doubt_y;        /* evidence of valid samples that the estimate is lost, 0 .. 48704 */
-    float patience_y;     /* doubt at which it restarts, 761 .. 48704 */
-    float doubt_range;    /* evidence of valid samples that the estimate is lost, 0 .. 4.1943e+06 */
-    float patience_range; /* doubt at which it restarts, 761 .. 4.1943e+06 */
-    float doubt_sum;      /* all doubt, and patience beyond the first: checks them, 0 .. 8.48449e+06 */
+    float doubt_y;        /* evidence of valid samples that the estimate is lost, 0 .. 779264 */
+    float patience_y;     /* doubt at which it restarts, 761 .. 779264 */
+    float doubt_range;    /* evidence of valid samples that the estimate is lost, 0 .. 779264 */
+    float patience_range; /* doubt at which it restarts, 761 .. 779264 */
+    float doubt_sum;      /* all doubt, and patience beyond the first: checks them, 0 .. 3.11553e+06 */
     unsigned calls;       /* 0 before the first call, 1 after it */
     float u;              /* last valid input: tau, -1 .. 1 */
     float y;              /* sample of the last call, or its estimate where there was none: y */

@@ -147,7 +147,8 @@ _MISSING = (
 _PARTS = Template("""
 ${name}_step is $parts:
 in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later
-than the input. Without a sample leave its update out.
+than the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one
+the bits about the estimate.
 """)
 
 
@@ -171,10 +172,12 @@ def _recovery(step: Step) -> str:
         return "No declared range says where y or the estimate can be, so nothing restarts an estimate that is lost."
     counts = ", and ".join(f"one at which {sign.meaning} to s.{sign.doubt}" for sign in step.signs)
     times = " or ".join(dict.fromkeys(pace(float(f"{sign.time:.3g}"), step.time) for sign in step.signs))
+    longest = pace(float(f"{max(sign.longest for sign in step.signs):.2g}"), step.time)
     return (
-        f"A valid sample adds to a doubt: {counts}; another takes as much away. When a doubt reaches its patience, "
-        f"after {times} of such samples at the least, all of the state restarts from the sample, and that patience "
-        "doubles, until its doubt is 0 again."
+        f"A plausible sample adds to a doubt: {counts}; another takes as much away. When a doubt reaches its patience, "
+        f"after {times} of such samples at the least, all of the state restarts from the sample, and the next time "
+        f"waits twice as long, up to {longest}, until its doubt is 0 again: after a fault that has lasted long, a "
+        "restart may take as long once more."
     )
 
 

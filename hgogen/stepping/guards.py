@@ -144,17 +144,20 @@ def guard_inputs(observer: Observer) -> Block:
     return Block("guard the input", {"work.u": column(values), **writes}, names)
 
 
-def _judged(signal: Signal, readings: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
+def plausible(reading: tuple[float, float], raw: Any) -> Any:
+    """Whether a sample is a number that the sensor can read, or nearly."""
+    low, high = reading
+    width = high - low
+    if width < INF:
+        return ca.logic_and(raw >= low - width, raw <= high + width)
+    return _within(raw, HUGE)
+
+
+def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
     """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
     prediction."""
-    low, high = readings
-    width = high - low
     number = _within(raw, LARGEST_NUMBER)
-    if width < INF:
-        plausible = ca.logic_and(raw >= low - width, raw <= high + width)
-    else:
-        plausible = _within(raw, HUGE)
-    valid = ca.logic_and(number, ca.logic_and(plausible, _within(error, 10 * HUGE)))
+    valid = ca.logic_and(number, ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE)))
     rejected = ca.logic_and(number, ca.logic_not(valid))
     return valid, {
         f"status.MISSING_{signal.name}": ca.logic_not(number),
@@ -201,8 +204,9 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     )
 
 
-def kept(program: Program, state: tuple[Field, ...]) -> Program:
-    """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart."""
+def kept(program: Program, state: tuple[Field, ...], others: Program = ()) -> Program:
+    """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
+    by `others` what else there is."""
     written = _written(program)
     fields = [f for f in state if f"state.{f.name}" in written and f.kind == "real"]
     if not fields:
@@ -211,7 +215,7 @@ def kept(program: Program, state: tuple[Field, ...]) -> Program:
     lost = Block("is a value lost?", {"work.lost": ca.logic_not(reduce(ca.logic_and, usable))})
     fresh = {f"state.{f.name}": column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     restart = Block("a value is lost: all restart", {**fresh, "status.RESTARTED": ca.SX(1)})
-    return (lost, When("work.lost", (restart,)), *(_kept(f) for f in fields))
+    return (lost, When("work.lost", (restart, *others)), *(_kept(f) for f in fields))
 
 
 def _written(program: Program) -> set[str]:

@@ -29,10 +29,10 @@ ELSEWHERE = 32  # points of the ranges that are tried
 
 
 def nearest(
-    observer: Observer, clock: Clock, shown: tuple[Field, ...], samples: Mapping[int, tuple[Any, Any, Any]]
+    observer: Observer, clock: Clock, shown: tuple[Field, ...], samples: Mapping[int, tuple[Any, Any]]
 ) -> Program:
     """The `shown` fields of the state set to x of the module; `samples` by output, the most trusted last: what was
-    measured, whether it is valid, and what else the law of recovery reads."""
+    measured, and whether that is plausible."""
     u = sym("state.u", len(observer.form.system.inputs))
     x = ca.vertcat(*(sym(f"state.{field.name}", field.size) for field in shown))
     h = observer.dynamics.output(observer.z, u)
@@ -44,13 +44,13 @@ def nearest(
     start = _start(observer, clock, shown, x, slopes, V, ends)
     blocks = [Block("the estimate restarts", _placed(shown, ca.SX(ca.DM(start))))]
     for _ in range(1 if straight else SWEEPS):
-        for j, (y, valid, _error) in samples.items():
+        for j, (y, plausible) in samples.items():
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
-            known = ca.if_else(ca.fabs(y) <= HUGE, y, h[j])  # as `valid` says, once more where an analyser sees it
+            known = ca.if_else(ca.fabs(y) <= HUGE, y, h[j])  # as `plausible` says, once more where an analyser sees it
             moved = x + V * slopes[j] * ((known - h[j]) / ca.fmax(across, least))
             fitted = column(clamp(moved[i], *end) for i, end in enumerate(ends))
-            value = ca.if_else(valid, fitted, x) if len(samples) > 1 else fitted
+            value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
             blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", _placed(shown, value)))
     return tuple(blocks)
 

@@ -1,6 +1,7 @@
 """Recovery: an estimate that good samples do not bring back restarts from the sample.
 
-Signs that it is lost are counted at each valid sample of an output that is judged, each by itself:
+Signs that it is lost are counted at each plausible sample of an output that is judged, each by itself, one that is not
+used for being absurdly far from the prediction among them:
 
     y_j     |y_j - yhat_j| > SHARE times what y_j can span, at the samples of y_j
     range   the estimate is outside a declared range by more than MARGIN of its width, at the samples of any
@@ -13,12 +14,12 @@ Signs that it is lost are counted at each valid sample of an output that is judg
 An estimate that shows a sign at more than half of the samples for as long as T is taken not to converge, but to sit in
 a corner of its outer box, or at a false equilibrium beyond the ranges, where the model is evaluated at the edge. That
 is a judgement by rates at rest and no theorem. It can be wrong: an observer may need longer to converge, a plant may
-rest beyond its declared ranges and the estimate be right. So each restart doubles what the next one waits for: of a
-sign y_j up to M = 64 W, as an estimate that is right is off y for a sensor's bias only; of the sign range up to what
-can be counted. After a fault that has lasted for longer than T, the next restart comes no later than once more that
-time. w is W again when the samples have been good for as long as w. Counts that are not what they were left at, of
-memory that was spoiled, begin anew: a patience that is too long would not show. A theorem of convergence holds from
-the last restart on.
+rest beyond its declared ranges and the estimate be right. So each restart doubles what the next one waits for, up to
+M = 1024 W, or what can be counted: after a fault that has lasted for longer than T, the next restart comes no later
+than once more that time. w is W again when the samples have been good for as long as w. An estimate that is far at
+fewer samples, as one that swings through the truth, is not told from a sensor with outliers. Counts that are not what
+they were left at, of memory that was spoiled, begin anew: a patience that is too long would not show. A theorem of
+convergence holds from the last restart on.
 
 Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
 from, which fit the sample (stepping/nearest.py). A cold restart would fall into the same attractor.
@@ -39,7 +40,7 @@ import numpy as np
 from hgogen.chains.core import numbers
 from hgogen.observer import Clock, Observer, Pieces
 from hgogen.program import INF, Block, Field, Program, When, scalar, sym
-from hgogen.stepping.guards import any_of, outside, readings
+from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups, read_fields
 from hgogen.stepping.nearest import nearest
 from hgogen.stepping.patience import patience
@@ -49,12 +50,20 @@ from hgogen.structure.dynamics import clamp
 SHARE = 0.1  # of what an output can span: an innovation beyond it is a sign
 MARGIN = 0.05  # of a range: the estimate of a plant that rests at the edge may lie beyond it, of noise and bias
 FEWEST = 5  # samples that show a sign before a restart
-DOUBLED = 64  # times the first wait: the longest for an estimate that is off y
+DOUBLED = 1024  # times the first wait: the longest
 LONGEST = 1 << 23  # a float adds two such counts exactly
 
 
-# by output: what was measured, whether it is valid, and its error before the correction; SX scalars
-Samples = Mapping[int, tuple[Any, Any, Any]]
+@dataclass(frozen=True)
+class Sampled:
+    """A sample of an output as SX scalars: `y`, whether it is `valid`, its `error` before the correction."""
+
+    y: Any
+    valid: Any
+    error: Any
+
+
+Samples = Mapping[int, Sampled]  # by output
 
 
 @dataclass(frozen=True)
@@ -108,6 +117,11 @@ class Sign:
         return (When(f"work.shows_{self.name}", (more, ended), (Block("less doubt", writes),)),)
 
     @property
+    def longest(self) -> float:
+        """The longest time between two restarts by it."""
+        return self.time * self.most / self.wait / 2
+
+    @property
     def later(self) -> Block:
         """The next restart by this sign waits for longer."""
         limit = sym(f"state.{self.patience}")
@@ -129,7 +143,7 @@ class Recovery:
     @cached_property
     def judged(self) -> tuple[int, ...]:
         """The outputs by which the estimate is judged."""
-        return trusted(self.observer)
+        return trusted(self.observer, self.clock)
 
     @cached_property
     def signs(self) -> tuple[Sign, ...]:
@@ -143,13 +157,13 @@ class Recovery:
         signs = []
         for j in outputs:
             period, y = self.clock.period(j), self.observer.form.system.outputs[j].name
-            wait = min(max(FEWEST, ceil(time / period)), longest // DOUBLED)
+            wait = min(max(FEWEST, ceil(time / period)), longest // 2)
             name, meaning = "y" if p == 1 else f"y_{y}", f"{y} is off by {SHARE:.0%} of its span"
-            signs.append(Sign(name, j, meaning, wait * period, wait, DOUBLED * wait))
+            signs.append(Sign(name, j, meaning, wait * period, wait, min(DOUBLED * wait, longest)))
         if ranges:
             wait = min(max(FEWEST * p, ceil(p * time / dt)), longest // 2)
             meaning = f"the estimate is out of a range by {MARGIN:.0%} of it"
-            signs.append(Sign("range", None, meaning, wait * dt / p, wait, longest))
+            signs.append(Sign("range", None, meaning, wait * dt / p, wait, min(DOUBLED * wait, longest)))
         return tuple(signs)
 
     @cached_property
@@ -182,9 +196,12 @@ class Recovery:
         if not self.signs or not samples:
             return (Block("is the estimate outside the declared box?", bit),) if bit else ()
         signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
-        sampled = any_of(valid for _, valid, _ in samples.values())
-        near, shows = ({sign: self._shows(sign, samples, margin) for sign in signs} for margin in (0.0, MARGIN))
-        doubtful = ca.logic_and(sampled, ca.logic_or(any_of(near.values()), sym("state.doubt_sum") > 0))
+        rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
+        sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
+        near = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
+        doubtful = any_of([*near, sym("state.doubt_sum") > 0, rejected])
+        shows = {sign: self._shows(sign, samples) for sign in signs}
+        judged_by = Block("is there a sample to judge by?", {"work.sampled": sampled})
         judgement = Block("which signs show?", {f"work.shows_{sign.name}": value for sign, value in shows.items()})
         counts = (statement for sign in signs for statement in self._counted(sign, samples))
         over = Block("is it lost?", {"work.lost": any_of(sym(f"work.over_{sign.name}") for sign in signs)})
@@ -192,7 +209,7 @@ class Recovery:
         remember = Block("remember what doubt and patience add up to", {"state.doubt_sum": self._sum})
         return (
             Block("is the estimate where it cannot be for long?", {**bit, "work.doubtful": doubtful}),
-            When("work.doubtful", (*judged, remember)),
+            When("work.doubtful", (judged_by, When("work.sampled", (*judged, remember)))),
         )
 
     @property
@@ -202,12 +219,20 @@ class Recovery:
         spoiled = Block("was doubt or patience spoiled?", {"work.spoiled": ca.logic_not(same)})
         return (spoiled, When("work.spoiled", fresh("state", self.fields)))
 
-    def _shows(self, sign: Sign, samples: Samples, margin: float) -> Any:
-        """Whether a sign shows; where the estimate is out of a range by more than `margin` of it."""
+    def _beyond(self, sign: Sign, samples: Samples) -> Any:
+        """Whether the error of a sign's output, a number, is beyond what is near."""
+        assert sign.output is not None
+        return ca.fabs(samples[sign.output].error) > SHARE * self._spans[sign.output]
+
+    def _shows(self, sign: Sign, samples: Samples) -> Any:
+        """Whether a sign shows, where there is a sample to judge by."""
         if sign.output is None:
-            return outside(self.observer, margin)
-        _, valid, error = samples[sign.output]
-        return ca.logic_and(valid, ca.fabs(error) > SHARE * self._spans[sign.output])
+            return outside(self.observer, MARGIN)
+        return ca.logic_not(ca.fabs(samples[sign.output].error) <= SHARE * self._spans[sign.output])
+
+    def _plausible(self, j: int, sample: Sampled) -> Any:
+        """Whether the estimate is judged by a sample: a valid one, or one that is absurdly far from the prediction."""
+        return ca.logic_or(sample.valid, plausible(readings(self.observer.form)[j], sample.y))
 
     def _counted(self, sign: Sign, samples: Samples) -> Program:
         """A sign's count moved by these samples."""
@@ -215,10 +240,12 @@ class Recovery:
             return sign.counted(self._weight(tuple(samples)))
         if len(samples) == 1:
             return sign.counted(1)
-        _, valid, _ = samples[sign.output]
         taken = f"work.counts_{sign.name}"
         return (
-            Block("is there a sample to judge by?", {taken: valid, f"work.over_{sign.name}": ca.SX(0)}),
+            Block(
+                "is there a sample to judge by?",
+                {taken: self._plausible(sign.output, samples[sign.output]), f"work.over_{sign.name}": ca.SX(0)},
+            ),
             When(taken, sign.counted(1)),
         )
 
@@ -235,7 +262,7 @@ class Recovery:
         later = (When(f"work.over_{sign.name}", (sign.later,)) for sign in signs)
         return (
             *later,
-            *nearest(self.observer, self.clock, shown, samples),
+            *nearest(self.observer, self.clock, shown, {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}),
             Block("the estimate has restarted from the sample", {"status.RESTARTED_FROM_SAMPLE": ca.SX(1)}),
             *rest,
             *fresh_groups("state", self.pieces.fields, self.pieces.groups, self.observer.z),
