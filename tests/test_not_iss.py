@@ -19,7 +19,10 @@ from hgogen.check import Verdict
 from hgogen.commands import jobs
 from hgogen.errors import HgogenError
 from hgogen.model import load
+from hgogen.recheck.algebra import Algebra
+from hgogen.recheck.arithmetic import Undefined, evaluate
 from hgogen.recheck.recheck import Rechecked, recheck
+from hgogen.recheck.text import expression
 
 MODEL = load(Path(__file__).resolve().parents[1] / "models" / "not_iss.py")
 ERROR = MODEL.module.error
@@ -152,3 +155,78 @@ FORGED: dict[str, Callable[[dict[str, Any], dict[str, Any]], object]] = {
 def test_a_forged_system_is_not_verified(change: str) -> None:
     found = {row.id: row.found for row in rechecked(FORGED[change]).rows if row.id.startswith("dissipation.")}
     assert found["dissipation.inequality"] == "fails"
+
+
+NOTHING = "(sin(x1)**2 + cos(x1)**2 - 1)"
+NOWHERE = {
+    "a zero": f"0/{NOTHING}",
+    "a zero below a root": f"0/sqrt({NOTHING})",
+    "a zero below a denominator": f"0/(1 + 1/{NOTHING})",
+    "a zero that is within a root": f"sqrt(1 + 0/{NOTHING}) - 1",
+    "a zero over a zero within a product": f"x1*({NOTHING}/{NOTHING} - 1)",
+    "two roots of one zero": f"0/sqrt({NOTHING}) + 0/(2*sqrt({NOTHING}))",
+    "a root that is the other sign's": "0/(sqrt(x1**2) - x1)",
+}
+
+
+@cache
+def _line() -> str:
+    """x' = w - 3 x with the observer xhat' = -3 xhat, whose error is -3 e."""
+    x1, w, e = hg.Signal("x1", low=1, high=2), hg.Signal("w", low=0, high=1), sp.Symbol("e_x1", real=True)
+    plant = hg.System("p", states=(x1,), inputs=(w,), outputs=(hg.Signal("y1"),), flow=[w - 3 * x1], output=[x1])
+    claims = hg.dissipation(hg.observer_errors(plant, {"x1": -3 * x1}, unknown=(w,)), e**2, mu=2, within=(0.5,))
+    content = certificate(hg.forms.original(plant), claims.checks)
+    return json.dumps(content)
+
+
+def of_the_line(change: Callable[[dict[str, Any], dict[str, Any]], object]) -> set[str]:
+    content: dict[str, Any] = json.loads(_line())
+    for claim in content["claims"]:
+        change(content, claim["evidence"]["system"])
+    return {row.found for row in recheck(sealed(content)).rows if row.id.startswith("dissipation.")}
+
+
+@pytest.mark.parametrize("nowhere", NOWHERE)
+def test_a_plant_without_a_value_proves_no_unstable_observer(nowhere: str) -> None:
+    """e' = 5 e: whatever is written over what is zero by identities would be equal to anything."""
+
+    def forge(content: dict[str, Any], told: dict[str, Any]) -> None:
+        content["plant"]["flow"] = [f"w + 5*x1 + {NOWHERE[nowhere]}"]
+        told["observer"] = ["5*x1"]
+
+    assert of_the_line(lambda content, told: None) == {"verified"}
+    assert of_the_line(forge) == {"fails"}
+
+
+@pytest.mark.parametrize("place", ["observer", "flow", "noise"])
+def test_what_is_told_has_a_value(place: str) -> None:
+    """Nor the observer or the error system."""
+
+    def forge(content: dict[str, Any], told: dict[str, Any]) -> None:
+        content["plant"]["flow"] = ["w + 5*x1"]
+        told["observer"] = ["5*x1"]
+        entry = f"0/{NOTHING}"
+        told[place] = [[f"1 + {entry}"]] if place == "noise" else [f"{told[place][0]} + {entry}"]
+
+    assert of_the_line(forge) == {"fails"}
+
+
+def test_a_set_without_a_value_is_not_kept() -> None:
+    def forge(content: dict[str, Any], told: dict[str, Any]) -> None:
+        content["plant"]["flow"][1] = "5*x2"
+        told["along"] = {"x2": f"x1**2 + 0/{NOTHING}"}
+
+    found = {row.id: row.found for row in rechecked(forge).rows}
+    assert found["dissipation.inequality"] == "fails"
+
+
+@pytest.mark.parametrize("nowhere", [entry for name, entry in NOWHERE.items() if "sign" not in name])
+def test_what_is_written_over_zero_is_not_shown_to_be_zero(nowhere: str) -> None:
+    """In the algebra itself, whoever asks: 5 x over zero is none."""
+    algebra = Algebra(("x1",))
+    text = expression(f"5*x1 + {nowhere}", ("x1",))
+    try:
+        value = evaluate(text, {"x1": algebra.letter("x1")}, algebra.arithmetic)
+    except Undefined:
+        return
+    assert not algebra.is_zero(value)

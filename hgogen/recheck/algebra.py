@@ -1,7 +1,8 @@
 """Exact identities: quotients of polynomials with rational coefficients, whose letters are names and functions.
 
 A quotient is zero if its numerator is, after t^q = g for t = g^(1/q), cos^2 = 1 - sin^2, cosh^2 = 1 + sinh^2. A sum in
-exp becomes a product. What is shown to be zero is zero wherever both sides are defined; what is not shown may still be.
+exp becomes a product. What is shown to be zero is zero wherever both sides are defined, and is not written over what is
+itself zero after these relations; what is not shown may still be.
 """
 
 from collections.abc import Iterable, Mapping
@@ -193,6 +194,8 @@ class Algebra:
     def root(self, x: Quotient, exponent: Fraction) -> Quotient:
         """x^(p/q), as a letter t = x^(1/q) to the power p."""
         p, q = exponent.numerator, exponent.denominator
+        if self.is_zero(x):  # as a letter t, 1/t would have a value
+            return self.power(self.number(Fraction(0)), p)
         known = self._known_root(x, q)
         return self.power(known or self._kernel(_Kernel("root", (x,), q)), p)
 
@@ -274,6 +277,8 @@ class Algebra:
         return result
 
     def _kernel(self, kernel: _Kernel) -> Quotient:
+        if not all(map(self._has_value, kernel.args)):
+            raise Undefined("division by zero")
         found = self._find(kernel)
         if found is None:
             self.letters.append(kernel)
@@ -292,8 +297,14 @@ class Algebra:
         return None
 
     def is_zero(self, x: Quotient) -> bool:
-        """Whether x is shown to be zero wherever it is defined."""
-        top = x.top
+        """Whether x is shown to be zero wherever it is defined, over a denominator that is not shown to be zero."""
+        return self._vanishes(x.top) and self._has_value(x)
+
+    def _has_value(self, x: Quotient) -> bool:
+        """False where a denominator is zero, over which every numerator would be."""
+        return not any(self._vanishes(factor) for factor, _ in x.bottom)
+
+    def _vanishes(self, top: Polynomial) -> bool:
         while top:
             found = self._reducible(top)
             if found is None:

@@ -16,7 +16,7 @@ from fractions import Fraction
 from typing import Any
 
 from hgogen.recheck.algebra import Algebra, Quotient
-from hgogen.recheck.arithmetic import Arithmetic, Dual, dual, evaluate
+from hgogen.recheck.arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
 from hgogen.recheck.box import Box, NotShown
 from hgogen.recheck.context import Context, algebra_of, cut, letters_of, value_of
 from hgogen.recheck.error import Rows, around_of, flat, matrix_of, names_of, smooth, text_of
@@ -134,12 +134,25 @@ def _same(system: ObservedSystem, outputs: list[str]) -> None:
 
 
 def _somewhere(system: ObservedSystem, outputs: list[str]) -> None:
-    """The observer has a value at a point inside of the ranges, without an error."""
-    at = {name: point(_inside(*ends)) for name, ends in system.plant.box.items()}
+    """Plant, observer and what is told of them have a value at a point inside of the ranges, without an error: about
+    it, the identities say something."""
+    plant = system.plant
+    at = {name: point(_inside(*ends)) for name, ends in plant.box.items()}
     at |= {name: evaluate(value, at, intervals) for name, value in system.along.items()}
-    at |= {name: evaluate(row, at, intervals) for name, row in zip(outputs, system.plant.output, strict=True)}
-    if not all(evaluate(row, at, intervals).finite for row in system.observer):
-        raise NotShown("its observer is not shown to have a value")
+    at |= {name: point(Fraction(0)) for name in system.errors}
+    at |= {name: evaluate(row, at, intervals) for name, row in zip(outputs, plant.output, strict=True)}
+    for rows, whose in (
+        (system.along.values(), "the set that it holds on"),
+        (plant.flow, "the plant"),
+        (system.observer, "its observer"),
+        ((*system.rates, *flat(system.pushed)), "its system"),
+    ):
+        try:
+            finite = all(evaluate(row, at, intervals).finite for row in rows)
+        except Undefined:
+            finite = False
+        if not finite:
+            raise NotShown(f"{whose} is not shown to have a value")
 
 
 def _inside(low: Any, high: Any) -> Fraction:
