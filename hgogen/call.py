@@ -178,11 +178,18 @@ class CallableStep(Step):
         return bytes(self._kept.state)
 
     def restore(self, saved: bytes) -> None:
-        """The state that `save` gave. Raises: `BadShape` where the bytes are not those of this step."""
-        size = len(self._kept.state)
+        """The state that `save` gave; the times of `run` begin at 0 again, as after `reset`. Only the length is checked:
+        the bytes of another step of that length are taken, as by the C.
+
+        Raises: `BadShape` for what is no bytes, or of another length than this step's state.
+        """
+        if not isinstance(saved, bytes | bytearray | memoryview):
+            raise BadShape(f"a saved state that is a {type(saved).__name__}", "is no bytes; give what save() gave")
+        size, saved = len(self._kept.state), bytes(saved)
         if len(saved) != size:
             raise BadShape(f"a saved state of {len(saved)} bytes", f"is not of this step, whose state has {size}")
         self._kept.state[:] = saved
+        self._clock[0] = 0
 
     def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "CallableStep":
         """A step of the same observer that starts at what `initial` gives for its form, the plant's state by name.

@@ -179,6 +179,18 @@ def test_a_state_of_another_step_is_refused() -> None:
     for wrong in (b"", step.save()[:-1], step.save() + b"\0", fresh("no_input").save()):
         with pytest.raises(BadShape, match=rf"saved state of {len(wrong)} bytes is not of this step"):
             step.restore(wrong)
+    for stranger in (None, "state", 7, [0.0]):
+        with pytest.raises(BadShape, match=rf"that is a {type(stranger).__name__} is no bytes; give what save"):
+            step.restore(stranger)  # type: ignore[arg-type]
+
+
+def test_times_begin_anew_after_a_restored_state() -> None:
+    step = fresh("no_input")
+    given_, saved = record(step), step.save()
+    step.run(**given_, engine="python")
+    step.restore(memoryview(saved))
+    assert step.save() == saved
+    assert step.run(**given_, engine="python").t[0] == 0
 
 
 def test_tuned_gains_hold_in_c() -> None:
