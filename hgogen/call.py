@@ -178,8 +178,9 @@ class CallableStep(Step):
         return bytes(self._kept.state)
 
     def restore(self, saved: bytes) -> None:
-        """The state that `save` gave; the times of `run` begin at 0 again, as after `reset`. Only the length is checked:
-        the bytes of another step of that length are taken, as by the C.
+        """The state that `save` gave; the times of `run` begin at 0 again, as after `reset`.
+
+        Only the length is checked: the bytes of another step with a state of that length are taken, as by the C.
 
         Raises: `BadShape` for what is no bytes, or of another length than this step's state.
         """
