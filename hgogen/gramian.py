@@ -23,7 +23,13 @@ from hgogen.system import System
 from hgogen.time_unit import plural
 from hgogen.trial import Trial, simulate, t
 
-_OPTIONS = {"abstol": 1e-12, "reltol": 1e-10, "max_num_steps": 100_000, "show_eval_warnings": False}
+_OPTIONS = {
+    "abstol": 1e-12,
+    "reltol": 1e-10,
+    "max_num_steps": 100_000,
+    "show_eval_warnings": False,
+    "disable_internal_warnings": True,
+}
 _PIECES = 10  # of the shortest window: between two starts of a window
 
 

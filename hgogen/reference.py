@@ -36,7 +36,13 @@ from hgogen.theta import Decaying
 FINE = repeated(RK4, 16)
 TIME = "work.time"  # since the last sample
 # CVODES bounds a step's local error; it starts anew at each sample, where u and y have a kink.
-OPTIONS = {"abstol": 1e-12, "reltol": 1e-12, "max_num_steps": 100_000, "show_eval_warnings": False}
+OPTIONS = {
+    "abstol": 1e-12,
+    "reltol": 1e-12,
+    "max_num_steps": 100_000,
+    "show_eval_warnings": False,
+    "disable_internal_warnings": True,
+}
 
 
 @dataclass(eq=False)

@@ -199,7 +199,13 @@ def _integrate(plant: System, trial: Trial, ode: Mapping[str, Any], times: np.nd
 
 
 def _segment(trial: Trial, ode: Mapping[str, Any], start: np.ndarray, begin: float, stops: list[float]) -> np.ndarray:
-    options = {"abstol": 1e-13, "reltol": 1e-13, "max_num_steps": 100_000, "show_eval_warnings": False}
+    options = {
+        "abstol": 1e-13,
+        "reltol": 1e-13,
+        "max_num_steps": 100_000,
+        "show_eval_warnings": False,
+        "disable_internal_warnings": True,
+    }
     try:
         integrator = ca.integrator("truth", "cvodes", ode, begin, stops, options)
         reached = np.array(integrator(x0=start)["xf"]).T

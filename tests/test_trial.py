@@ -201,10 +201,12 @@ def test_a_jump_keeps_to_the_states_range(value: float, fits: bool):
             simulate(NEURON.plant, trial, 0.05)
 
 
-def test_a_plant_that_escapes_is_a_sentence():
+def test_a_plant_that_escapes_is_a_sentence(capfd: pytest.CaptureFixture[str]):
+    """And no line of the integrator's own."""
     plant, trial = moving(lambda x, v, u: v**2, duration=2.0)  # v = 1/(1 - t)
     with pytest.raises(BadTrial, match="cannot be integrated from t = 0 to t = 2"):
         simulate(plant, trial, 0.1)
+    assert capfd.readouterr() == ("", "")
 
 
 # --- noise ----------------------------------------------------------------------------------------------------

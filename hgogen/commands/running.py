@@ -27,7 +27,10 @@ from hgogen.signal import Signal
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
-Period = Annotated[float | None, typer.Option("--period", help="Seconds between rows, where no column has times.")]
+Period = Annotated[
+    float | None,
+    typer.Option("--period", help="The time between rows, in the unit of the model's time, where no column has times."),
+]
 Map = Annotated[
     list[str] | None, typer.Option("--map", metavar="SIGNAL=COLUMN", help="Which column is a signal; repeat it.")
 ]
