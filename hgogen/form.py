@@ -15,7 +15,7 @@ from hgogen.signal import Signal
 from hgogen.system import System
 
 # what every form can say to whom it does not suit; which others do is not known to it
-ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form original takes any plant."
+ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form original is for any plant with finite slopes."
 
 
 @dataclass(frozen=True)

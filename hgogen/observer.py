@@ -25,7 +25,7 @@ from hgogen.program import INF, Bit, Block, Field, Group, Program, sym
 from hgogen.scaling import exponents
 from hgogen.signal import Signal, resting
 from hgogen.structure.dynamics import HUGE as HUGE
-from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.dynamics import Dynamics, Singular
 from hgogen.theorem import Theorem
 
 if TYPE_CHECKING:
@@ -242,7 +242,8 @@ def founded(
     """The ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not accepted.
 
     `own`: whether checks of the observer, NAME..., can be refuted too; their ids are left to its own demand. `takes`:
-    raises `BadGain` for a form that the observer does not take, whatever is accepted: nothing is then offered for that.
+    raises `BadGain` or `Singular` for a form that the observer does not take, whatever is accepted: nothing is then
+    offered for that.
 
     Raises: `BadGain`, `Refuted`, `UnknownCheck`.
     """
@@ -256,13 +257,18 @@ def founded(
     return accept
 
 
+def linearised(_: str, form: Form) -> None:
+    """For an observer that evaluates the Jacobian at the estimate. Raises: `Singular` where that is not finite."""
+    Dynamics(form).linearised()
+
+
 def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, told: Iterable[Check]) -> str:
     """Why the observer does not take the form, whatever is accepted, in a sentence without the reasons of the checks
     that are `told`; "" where it would."""
     try:
         if takes is not None:
             takes(name, form)
-    except BadGain as error:
+    except (BadGain, Singular) as error:
         why = str(error)
         for check in told:
             why = why.replace(f": {check.reason}", "")

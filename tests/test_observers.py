@@ -456,6 +456,15 @@ def test_a_jacobian_that_is_not_finite_is_met_at_the_door() -> None:
     form = hg.forms.triangular(plant, measured=True)
     with pytest.raises(Singular, match=r"^the Jacobian of rooted has numbers that are not finite at x1 = 0, x2 = "):
         hg.observers.riccati(form, Q=(1, 1), R=1, accept=("triangular.lipschitz",))
+    with pytest.raises(
+        Refuted, match=r"To accept it does not help: the Jacobian .* low = 1e-3 in place of 0"
+    ) as refused:
+        hg.observers.riccati(form, Q=(1, 1), R=1)
+    assert "accept=" not in str(refused.value)
+    x1 = hg.Signal("x1", low=1e-3, high=1)
+    flow = [(1 + sp.sqrt(x1)) * x2, -x1]
+    plant = hg.System("rooted", states=(x1, x2), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    hg.observers.riccati(hg.forms.triangular(plant, measured=True), Q=(1, 1), R=1)
 
 
 @pytest.mark.parametrize("number", [np.float32(2), np.int64(2), np.array(2.0), sp.Rational(2), 2])

@@ -27,7 +27,7 @@ from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
 from hgogen.kalman.riccati import Riccati
 from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
-from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, real, state_field
+from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, linearised, real, state_field
 from hgogen.program import Block, Field, sym
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
@@ -83,7 +83,7 @@ def hamilton_jacobi(
     Raises: `Refuted`; `BadNames`; `BadGain` for weights of another shape or not positive, and a negative rate;
     `Singular` for a model whose Jacobian is not finite somewhere on the box.
     """
-    accept = founded("hamilton_jacobi", form, accept)
+    accept = founded("hamilton_jacobi", form, accept, takes=linearised)
     n, outputs, dynamics = form.n, len(form.output), Dynamics(form)
     weight = spd("Q", of_coordinates("Q", Q, form), n)
     start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)

@@ -22,7 +22,7 @@ from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import of_form
 from hgogen.kalman.riccati import Riccati
 from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
-from hgogen.observer import BadGain, Observer, founded, state_field
+from hgogen.observer import BadGain, Observer, founded, linearised, state_field
 from hgogen.program import sym
 from hgogen.scaling import ALIGNED, noise_equation, scaling
 from hgogen.structure.clamped import clamped
@@ -65,7 +65,7 @@ def riccati(
     Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model whose
     Jacobian is not finite somewhere on the box.
     """
-    accept = founded("riccati", form, accept)
+    accept = founded("riccati", form, accept, takes=linearised)
     theta = theta if isinstance(theta, Theta) else constant(theta)
     n, outputs = form.n, len(form.output)
     if outputs > 1 and theta.peak != 1 and form.alignment not in ALIGNED:

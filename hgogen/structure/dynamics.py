@@ -40,7 +40,7 @@ class Singular(HgogenError):
         at = ", ".join(f"{name} = {value:g}" for name, value in self.point.items())
         return (
             f"the Jacobian of {self.system} has numbers that are not finite at {at}, a point of the declared box; "
-            "narrow the ranges so that they stay away from there"
+            "narrow the ranges so that they stay away from there, for a root by low = 1e-3 in place of 0"
         )
 
 
