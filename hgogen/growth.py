@@ -41,17 +41,17 @@ def continuous(M: Array, units: Array) -> Array:
 
 
 def longest(grows: Callable[[float], bool], start: float, end: float) -> float:
-    """The largest h up to which an error does not grow, from `start` up, which is returned where it grows there; inf
-    where it grows nowhere up to `end`."""
+    """The largest h up to which an error does not grow, of start, WIDER start, .. and the halvings between two of them,
+    so that it is one number for every `end`: `start` where it grows there; inf where it is beyond `end`."""
     good = bad = start
     while not grows(bad):
         if bad >= end:
             return math.inf
-        good, bad = bad, min(WIDER * bad, end)
+        good, bad = bad, WIDER * bad
     for _ in range(NARROWINGS):
         middle = math.sqrt(good * bad)
         good, bad = (good, middle) if grows(middle) else (middle, bad)
-    return good
+    return good if good <= max(start, end) else math.inf
 
 
 def _size(T: Array) -> Array:

@@ -1,8 +1,10 @@
 """The step length from where on an error grows, and the one that is advised: matrices with known answers, a plant whose
 own slope decides, and trials of shipped models at what is advised."""
 
+import math
 import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +37,8 @@ def stiff() -> hg.Observer:
 
 
 def named(sentence: str) -> tuple[float, float]:
-    """(refused above, take) of a sentence."""
-    ((refused, take),) = re.findall(r"refused above ([0-9.e+-]+)[ ,].*take dt <= ([0-9.e+-]+) ", sentence)
+    """(refused above, take) of a sentence, of a refusal or a warning."""
+    ((refused, take),) = re.findall(r"above ([0-9.e+-]+)[ ,].*take dt <= ([0-9.e+-]+) ", sentence)
     return float(refused), float(take)
 
 
@@ -332,6 +334,36 @@ def test_every_theta_on_its_way_is_judged() -> None:
     )
     assert decaying == pytest.approx(rested, rel=0.02)
     assert decaying < 0.95 * peaking
+
+
+def riccati() -> hg.Observer:
+    return hg.observers.riccati(hg.forms.original(linear("chain", CHAIN)), Q=[1, 1, 1], R=0.01)
+
+
+def hamilton_jacobi() -> hg.Observer:
+    return hg.observers.hamilton_jacobi(hg.forms.original(linear("chain", CHAIN)), Q=[1, 1, 1], R=100)
+
+
+def said(observer: hg.Observer, dt: float) -> str:
+    """The refusal of a step length, or its warning; empty where there is none."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StepMayFail)
+        try:
+            hg.sample(observer, hg.methods.continuous_discrete, dt=dt)
+        except StepTooLong as error:
+            return str(error)
+    return "".join(str(warning.message) for warning in caught)
+
+
+@pytest.mark.parametrize("make", [riccati, hamilton_jacobi])
+def test_one_step_length_is_advised_whatever_is_asked(make: Callable[[], hg.Observer]) -> None:
+    """From just beyond it to where it is refused, with a warning, and beyond."""
+    observer = make()
+    refused, take = named(said(observer, 100.0))
+    near = (share * take for share in (1.02, 1.05, 1.12))
+    for dt in (*near, math.sqrt(take * refused), 0.98 * refused):
+        assert named(said(observer, dt)) == (refused, take)
+    assert not said(observer, take)
 
 
 def test_gains_are_those_declared_and_it_is_said() -> None:

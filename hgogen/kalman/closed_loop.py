@@ -78,8 +78,8 @@ class Loops:
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
-        """The largest h up to `end` at which no error grows much, and no P reaches its cap that does not for h -> 0;
-        inf where none does up to there."""
+        """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0, one number
+        for every `end`; inf where it is beyond."""
         fastest = np.abs(np.linalg.eigvals(np.concatenate((self.F, self.continuous)))).max(initial=0.0)
         if not fastest or SHORT / fastest > end:
             return math.inf
@@ -88,9 +88,10 @@ class Loops:
         free = self.way(start) <= 1
 
         def grows(h: float) -> bool:
-            return bool(((growth(self.transition(h)) > most) | (free & ~(self.way(h) <= 1))).any())
+            return bool((growth(self.transition(h)) > most).any() or (free & ~(self.way(h) <= 1)).any())
 
-        return longest(grows, start, end) if grows(end) else math.inf
+        near = end, WIDER * end  # the step of the search that is beyond `end` lies between them
+        return longest(grows, start, end) if any(map(grows, near)) else math.inf
 
     def refused(self, start: float) -> float:
         """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
