@@ -336,6 +336,10 @@ def test_every_theta_on_its_way_is_judged() -> None:
     assert decaying < 0.95 * peaking
 
 
+def kalman_like() -> hg.Observer:
+    return hg.observers.kalman_like(hg.forms.state_affine(linear("chain", CHAIN)), rho=0.1, R=0.01)
+
+
 def riccati() -> hg.Observer:
     return hg.observers.riccati(hg.forms.original(linear("chain", CHAIN)), Q=[1, 1, 1], R=0.01)
 
@@ -355,7 +359,7 @@ def said(observer: hg.Observer, dt: float) -> str:
     return "".join(str(warning.message) for warning in caught)
 
 
-@pytest.mark.parametrize("make", [riccati, hamilton_jacobi])
+@pytest.mark.parametrize("make", [kalman_like, riccati, hamilton_jacobi])
 def test_one_step_length_is_advised_whatever_is_asked(make: Callable[[], hg.Observer]) -> None:
     """From just beyond it to where it is refused, with a warning, and beyond."""
     observer = make()

@@ -139,7 +139,7 @@ def advised(part: Riccati, dt: float) -> tuple[float, float]:
     every = [loops(part, F, C, theta, low) for theta in sorted({low, math.sqrt(low * peak), peak})]
     inputs = math.inf if part.period is None else part.period / SAMPLES
     share = 1.0 if part.known is None else SHARE
-    good = [loop.longest(dt) for loop in every]
+    good = [loop.longest(dt / share) for loop in every]
     take = min(inputs, FOLLOWED * pace(whole), share * min(good))
     if dt <= take:
         return math.inf, take
