@@ -452,7 +452,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
     }
     if (doubtful) {
         /* is there a sample to judge by? */
-        sampled = valid || (sample >= -10.0f && sample <= 20.0f);
+        sampled = valid || (cascaded_tanks_within(sample, 3e+38f) && sample >= -10.0f && sample <= 20.0f);
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
@@ -539,9 +539,8 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    s->z[0] = cascaded_tanks_clamp(cascaded_tanks_within(sample, 1e+15f) ? sample
-                        : z1, 0.25f, 11.0f);
-                    s->z[1] = cascaded_tanks_clamp(z2, 0.52f, 3.1623f);
+                    s->z[0] = cascaded_tanks_keep(sample, 0.25f, 11.0f, z1, 1e+30f);
+                    s->z[1] = cascaded_tanks_keep(z2, 0.52f, 3.1623f, z2, 1e+30f);
                 }
                 /* the estimate has restarted from the sample */
                 status |= CASCADED_TANKS_RESTARTED_FROM_SAMPLE;

@@ -543,7 +543,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
     }
     if (doubtful) {
         /* is there a sample to judge by? */
-        sampled = valid || (sample >= -15.0f && sample <= 15.0f);
+        sampled = valid || (fitzhugh_nagumo_within(sample, 3e+38f) && sample >= -15.0f && sample <= 15.0f);
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
@@ -634,10 +634,9 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
                     const float z3 = s->z[2];
-                    s->z[0] = fitzhugh_nagumo_clamp(fitzhugh_nagumo_within(sample, 1e+15f) ? sample
-                        : z1, -3.5f, 3.5f);
-                    s->z[1] = fitzhugh_nagumo_clamp(z2, -10.0f, 10.0f);
-                    s->z[2] = fitzhugh_nagumo_clamp(z3, -8.0f, 8.0f);
+                    s->z[0] = fitzhugh_nagumo_keep(sample, -3.5f, 3.5f, z1, 1e+30f);
+                    s->z[1] = fitzhugh_nagumo_keep(z2, -10.0f, 10.0f, z2, 1e+30f);
+                    s->z[2] = fitzhugh_nagumo_keep(z3, -8.0f, 8.0f, z3, 1e+30f);
                 }
                 /* the estimate has restarted from the sample */
                 status |= FITZHUGH_NAGUMO_RESTARTED_FROM_SAMPLE;

@@ -230,7 +230,8 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         /* is there a sample to judge by? */
         {
             const float y_given = out->y;
-            sampled = (valid != 0.0f) || (y_given >= -9.0f && y_given <= 9.0f);
+            sampled = (valid != 0.0f) || (hyperjerk_within(y_given, 3e+38f) && y_given >= -9.0f
+                && y_given <= 9.0f);
         }
         if (sampled) {
             /* was doubt or patience spoiled? */
@@ -325,11 +326,10 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                     const float w2 = s->w[1];
                     const float w3 = s->w[2];
                     const float w4 = s->w[3];
-                    const float y_given = out->y;
-                    s->w[0] = hyperjerk_clamp(hyperjerk_within(y_given, 1e+15f) ? y_given : w1, -3.0f, 3.0f);
-                    s->w[1] = hyperjerk_clamp(w2, -4.0f, 4.0f);
-                    s->w[2] = hyperjerk_clamp(w3, -6.0f, 6.0f);
-                    s->w[3] = hyperjerk_clamp(w4, -12.0f, 12.0f);
+                    s->w[0] = hyperjerk_keep(out->y, -3.0f, 3.0f, w1, 1e+30f);
+                    s->w[1] = hyperjerk_keep(w2, -4.0f, 4.0f, w2, 1e+30f);
+                    s->w[2] = hyperjerk_keep(w3, -6.0f, 6.0f, w3, 1e+30f);
+                    s->w[3] = hyperjerk_keep(w4, -12.0f, 12.0f, w4, 1e+30f);
                 }
                 /* the estimate has restarted from the sample */
                 status |= HYPERJERK_RESTARTED_FROM_SAMPLE;

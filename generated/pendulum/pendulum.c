@@ -210,7 +210,8 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         /* is there a sample to judge by? */
         {
             const float y_given = out->y;
-            sampled = (valid != 0.0f) || (y_given >= -12.0f && y_given <= 12.0f);
+            sampled = (valid != 0.0f) || (pendulum_within(y_given, 3e+38f) && y_given >= -12.0f
+                && y_given <= 12.0f);
         }
         if (sampled) {
             /* was doubt or patience spoiled? */
@@ -298,9 +299,8 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                 {
                     const float z1 = s->z[0];
                     const float z2 = s->z[1];
-                    const float y_given = out->y;
-                    s->z[0] = pendulum_clamp(pendulum_within(y_given, 1e+15f) ? y_given : z1, -4.0f, 4.0f);
-                    s->z[1] = pendulum_clamp(z2, -20.0f, 20.0f);
+                    s->z[0] = pendulum_keep(out->y, -4.0f, 4.0f, z1, 1e+30f);
+                    s->z[1] = pendulum_keep(z2, -20.0f, 20.0f, z2, 1e+30f);
                 }
                 /* the estimate has restarted from the sample */
                 status |= PENDULUM_RESTARTED_FROM_SAMPLE;

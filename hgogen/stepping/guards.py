@@ -148,16 +148,15 @@ def plausible(reading: tuple[float, float], raw: Any) -> Any:
     """Whether a sample is a number that the sensor can read, or nearly."""
     low, high = reading
     width = high - low
-    if width < INF:
-        return ca.logic_and(raw >= low - width, raw <= high + width)
-    return _within(raw, HUGE)
+    near = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
+    return ca.logic_and(_within(raw, LARGEST_NUMBER), near)
 
 
 def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
     """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
     prediction."""
     number = _within(raw, LARGEST_NUMBER)
-    valid = ca.logic_and(number, ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE)))
+    valid = ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE))
     rejected = ca.logic_and(number, ca.logic_not(valid))
     return valid, {
         f"status.MISSING_{signal.name}": ca.logic_not(number),

@@ -47,12 +47,16 @@ def nearest(
         for j, (y, plausible) in samples.items():
             across = ca.dot(slopes[j], V * slopes[j])
             least = (1e-6 * spans[j]) ** 2 if spans[j] < INF else 1e-30
-            known = ca.if_else(ca.fabs(y) <= HUGE, y, h[j])  # as `plausible` says, once more where an analyser sees it
-            moved = x + V * slopes[j] * ((known - h[j]) / ca.fmax(across, least))
-            fitted = column(clamp(moved[i], *end) for i, end in enumerate(ends))
+            moved = x + V * slopes[j] * ((y - h[j]) / ca.fmax(across, least))
+            fitted = column(_number(moved[i], end, x[i]) for i, end in enumerate(ends))
             value = ca.if_else(plausible, fitted, x) if len(samples) > 1 else fitted
             blocks.append(Block(f"from the sample of {observer.form.system.outputs[j]}", _placed(shown, value)))
     return tuple(blocks)
+
+
+def _number(value: Any, end: tuple[float, float], other: Any) -> Any:
+    """A value clamped to a range, another where it is lost; of a plausible sample none is, which an analyser sees."""
+    return ca.if_else(ca.fabs(value) <= HUGE * HUGE, clamp(value, *end), other)
 
 
 def _placed(shown: tuple[Field, ...], value: Any) -> dict[str, Any]:
