@@ -18,18 +18,12 @@ import numpy as np
 import sympy as sp
 
 from hgogen.errors import HgogenError
-from hgogen.graph import to_casadi
+from hgogen.graph import CVODES, to_casadi
 from hgogen.system import System
 from hgogen.time_unit import plural
 from hgogen.trial import Trial, simulate, t
 
-_OPTIONS = {
-    "abstol": 1e-12,
-    "reltol": 1e-10,
-    "max_num_steps": 100_000,
-    "show_eval_warnings": False,
-    "disable_internal_warnings": True,
-}
+_OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-10}
 _PIECES = 10  # of the shortest window: between two starts of a window
 
 

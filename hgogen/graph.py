@@ -27,6 +27,9 @@ class NoGraph(HgogenError):
         )
 
 
+# of every integration by CVODES: it may take many steps, and prints nothing of its own
+CVODES = {"max_num_steps": 100_000, "show_eval_warnings": False, "disable_internal_warnings": True}
+
 _FUNCTIONS: dict[type, Callable[..., Any]] = {
     sp.sin: ca.sin,
     sp.cos: ca.cos,

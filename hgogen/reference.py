@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.errors import HgogenError
+from hgogen.graph import CVODES
 from hgogen.innovation import Predictors
 from hgogen.kalman.covariance import information_ode
 from hgogen.kalman.riccati import HighGain, Riccati
@@ -36,13 +37,7 @@ from hgogen.theta import Decaying
 FINE = repeated(RK4, 16)
 TIME = "work.time"  # since the last sample
 # CVODES bounds a step's local error; it starts anew at each sample, where u and y have a kink.
-OPTIONS = {
-    "abstol": 1e-12,
-    "reltol": 1e-12,
-    "max_num_steps": 100_000,
-    "show_eval_warnings": False,
-    "disable_internal_warnings": True,
-}
+OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-12}
 
 
 @dataclass(eq=False)

@@ -269,7 +269,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         gains=observer.gains,
         derived=derived,
         state=state,
-        groups=_all(piece.groups for piece in pieces),
+        groups=whole.groups,
         bits=(),
         tuning=limit_parameters(plant, observer.gains, _all(piece.tune for piece in pieces)),
         sections=tuple(sections),

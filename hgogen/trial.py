@@ -21,7 +21,7 @@ import sympy as sp
 
 from hgogen.call import CallableStep
 from hgogen.form import Form
-from hgogen.graph import to_casadi
+from hgogen.graph import CVODES, to_casadi
 from hgogen.samples import Engine
 from hgogen.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
 from hgogen.signal import resting
@@ -199,13 +199,7 @@ def _integrate(plant: System, trial: Trial, ode: Mapping[str, Any], times: np.nd
 
 
 def _segment(trial: Trial, ode: Mapping[str, Any], start: np.ndarray, begin: float, stops: list[float]) -> np.ndarray:
-    options = {
-        "abstol": 1e-13,
-        "reltol": 1e-13,
-        "max_num_steps": 100_000,
-        "show_eval_warnings": False,
-        "disable_internal_warnings": True,
-    }
+    options = {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
     try:
         integrator = ca.integrator("truth", "cvodes", ode, begin, stops, options)
         reached = np.array(integrator(x0=start)["xf"]).T

@@ -38,7 +38,7 @@ Tick = Callable[[], None]
 class Checked:
     """The claims about a model: of its step's observer, or of a form where it has no step or the observer refused it.
 
-    `observer`: its name, or ""; `theorem`, `gains`: the observer's; `notes`: what is not claimed, and why; `demanded`:
+    `observer`: its name, or ""; `theorem`: the observer's; `notes`: what is not claimed, and why; `demanded`:
     whether there is an observer, which needs what is refuted; `step`: the step that was built, of the tuning `tuning`,
     "" of the model's own.
     """
@@ -51,9 +51,13 @@ class Checked:
     theorem: Theorem | None = None
     notes: tuple[str, ...] = ()
     demanded: bool = True
-    gains: tuple[Field, ...] = ()
     step: CallableStep | None = None
     tuning: str = ""
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """The observer's."""
+        return self.step.gains if self.step else ()
 
     @property
     def shown(self) -> bool:
@@ -139,7 +143,7 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(*model.notes, note))
     observer = step.observer
     told = (model.plant.name, observer.form, observer.checks, observer.accepted, observer.name, observer.theorem)
-    return Checked(*told, model.notes, gains=observer.gains, step=step, tuning=name or "")
+    return Checked(*told, model.notes, step=step, tuning=name or "")
 
 
 def _alone(model: Model, asked: Survey) -> str:

@@ -41,7 +41,7 @@ def nearest(
     slopes = {j: g[j, :].T for j in samples}
     spans = [high - low for low, high in readings(observer.form)]
     straight = len(samples) == 1 and all(ca.jacobian(slope, x).nnz() == 0 for slope in slopes.values())
-    start = _start(observer, clock, shown, x, slopes, V, ends)
+    start = _start(observer, clock, shown, slopes, np.array([spans[j] for j in samples]), V, ends)
     blocks = [Block("the estimate restarts", _placed(shown, ca.SX(ca.DM(start))))]
     for _ in range(1 if straight else SWEEPS):
         for j, (y, plausible) in samples.items():
@@ -87,14 +87,13 @@ def _start(
     observer: Observer,
     clock: Clock,
     shown: tuple[Field, ...],
-    x: Any,
     slopes: Mapping[int, Any],
+    spans: np.ndarray,
     V: Any,
     ends: list[tuple[float, float]],
 ) -> np.ndarray:
-    """x_0: the first values, or the point of the ranges at which the most outputs tell something."""
-    spans = np.array([high - low for low, high in readings(observer.form)])
-    spans = np.where(np.isfinite(spans), spans, 0.0)
+    """x_0: the first values, or the point of the ranges at which the most outputs, of these spans, tell something."""
+    least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
     places = [f"state.{field.name}" for field in shown]
     sizes = np.cumsum([field.size for field in shown])[:-1]
     rest = {"state.u": np.zeros(len(observer.form.system.inputs)), **clock.nominal}
@@ -102,7 +101,6 @@ def _start(
     def seen(point: np.ndarray) -> int:
         values = {**rest, **dict(zip(places, np.split(point, sizes), strict=True))}
         across = [numbers(ca.dot(slope, V * slope), values).item() for slope in slopes.values()]
-        least = (FLAT * spans[list(slopes)]) ** 2
         return int((np.nan_to_num(across) > least).sum())
 
     first = np.array([value for field in shown for value in field.initial])

@@ -167,9 +167,14 @@ class Recovery:
         return tuple(signs)
 
     @cached_property
+    def _readings(self) -> list[tuple[float, float]]:
+        """What each output can read."""
+        return readings(self.observer.form)
+
+    @cached_property
     def _spans(self) -> list[float]:
         """What each output can span."""
-        return [high - low for low, high in readings(self.observer.form)]
+        return [high - low for low, high in self._readings]
 
     @property
     def fields(self) -> tuple[Field, ...]:
@@ -232,7 +237,7 @@ class Recovery:
 
     def _plausible(self, j: int, sample: Sampled) -> Any:
         """Whether the estimate is judged by a sample: a valid one, or one that is absurdly far from the prediction."""
-        return ca.logic_or(sample.valid, plausible(readings(self.observer.form)[j], sample.y))
+        return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 
     def _counted(self, sign: Sign, samples: Samples) -> Program:
         """A sign's count moved by these samples."""
