@@ -17,12 +17,14 @@ if TYPE_CHECKING:  # the same as in _FILES, for what reads types; a test compare
     from hgogen import design, forms, innovation, methods, observers, targets, theta, trial
     from hgogen.call import sample
     from hgogen.casadi_model import from_casadi
+    from hgogen.certificate import certificate
     from hgogen.check import Check, Verdict
     from hgogen.dissipation import Dissipation, dissipation
     from hgogen.error_system import ErrorSystem, error_system
     from hgogen.errors import HgogenError
     from hgogen.form import Form
     from hgogen.gramian import gramian
+    from hgogen.model import Model, load
     from hgogen.observability import observability
     from hgogen.observer import Observer
     from hgogen.observer_errors import observer_errors
@@ -43,12 +45,14 @@ _FILES = {  # a public name, and the file that holds it, "" for a file or folder
     **dict.fromkeys(("Run", "Sample"), "samples"),
     "sample": "call",
     "from_casadi": "casadi_model",
+    "certificate": "certificate",
     **dict.fromkeys(("Check", "Verdict"), "check"),
     **dict.fromkeys(("Dissipation", "dissipation"), "dissipation"),
     **dict.fromkeys(("ErrorSystem", "error_system"), "error_system"),
     "HgogenError": "errors",
     "Form": "form",
     "gramian": "gramian",
+    **dict.fromkeys(("Model", "load"), "model"),
     "observability": "observability",
     "Observer": "observer",
     "observer_errors": "observer_errors",
@@ -70,6 +74,7 @@ __all__ = [
     "ErrorSystem",
     "Form",
     "HgogenError",
+    "Model",
     "Observer",
     "Run",
     "Sample",
@@ -78,6 +83,7 @@ __all__ = [
     "System",
     "Verdict",
     "bound",
+    "certificate",
     "design",
     "dissipation",
     "error_system",
@@ -85,6 +91,7 @@ __all__ = [
     "from_casadi",
     "gramian",
     "innovation",
+    "load",
     "methods",
     "nonzero",
     "observability",
