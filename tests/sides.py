@@ -28,10 +28,10 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "build" / "sides"
-SENTENCES = frozenset(  # keys of sentences, where their values are text
-    ("advice", "claim", "conclusion", "digest", "fix", "headline", "hgogen", "known", "line", "note", "notes")
-    + ("reason", "reference", "repairs", "where", "why")
-)
+SENTENCES = {  # keys of sentences, where their values are text
+    *("advice", "claim", "conclusion", "digest", "fix", "headline", "hgogen", "known", "line", "note", "notes"),
+    *("reason", "reference", "repairs", "where", "why"),
+}
 SHOWN = 100  # characters of a value that differs
 COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 
