@@ -8,9 +8,10 @@ Phi = 1 + hF + (hF)^2/2 and R_4 the polynomial of classical Runge-Kutta, in whos
 that is e' = (F - P C'R^-1 C) e, whose error never grows in e'P^-1 e. In this norm, P of h -> 0, |T(h)^k| tells how far
 Phi and R_4 are from exp(hF), and how much a sample has to correct at once. Beside the error, z itself moves: R_4 errs
 by 2 % a step of a mode that turns by 1.2 in it. The corners lie a little inside: no plant stays at the very ends of all
-its ranges, where a root or a fraction may be steep without bound. An F that is read at samples moves with them from
-point to point: there it is half of that, which trials of the shipped models asked for. Source of the doubling: Chu,
-Fan, Lin, Wang, International Journal of Control 77 (2004).
+its ranges, where a root or a fraction may be steep without bound. While it passes by one, an error may grow ten fold
+before it decays; it must decay there too, for a plant may rest near a corner. An F that is read at samples moves with
+them from point to point: there it is half of that, which trials of the shipped models asked for. Source of the
+doubling: Chu, Fan, Lin, Wang, International Journal of Control 77 (2004).
 """
 
 import math
@@ -30,6 +31,7 @@ Array = np.ndarray
 Flags = NDArray[np.bool_]
 POINTS, EDGE = 12, 0.005  # corners of the box, and as many points inside; how far of each range the corners are
 FOLLOWED = 1.2  # |h lambda| of a mode that turns: |exp(ix) - R_4(ix)| = x^5/120 is .02 there
+PASSING = 10.0  # of the growth in continuous time, at a corner: more is much there
 SHORT = 0.05  # over the fastest eigenvalue: a step that follows every F and every closed loop
 LONGEST = 100  # over the fastest eigenvalue of every F: where the search for what is refused ends
 ROUNDING = 1e-7  # of an eigenvalue of T
@@ -42,7 +44,7 @@ SAMPLES = 16  # of an input with a declared period, in one: on the line between 
 class Loops:
     """F, N = C'R^-1 C, Q, rho S_0 (k, n, n) in coordinates in which the steady P of h -> 0 is 1, and rho; `starts`
     (s, k, n, n): values from which P starts; `back` L (k, n, n): L P L' is the covariance, and `cap` (n) its cap, which
-    may be inf."""
+    may be inf; `most` (k): by how much more than in continuous time an error may grow."""
 
     F: Array
     N: Array
@@ -52,6 +54,7 @@ class Loops:
     starts: Array
     back: Array
     cap: Array
+    most: Array
 
     @property
     def continuous(self) -> Array:
@@ -84,7 +87,7 @@ class Loops:
         if not fastest or SHORT / fastest > end:
             return math.inf
         start = SHORT / fastest
-        most = GROWTH * continuous(self.continuous, np.full(len(self.F), start))
+        most = self.most * continuous(self.continuous, np.full(len(self.F), start))
         free = self.way(start) <= 1
 
         def grows(h: float) -> bool:
@@ -171,7 +174,14 @@ def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops
         inverse @ starts @ back,
         L,
         np.full(n, np.inf) if rho else part.cap,
+        _most(len(there))[there],
     )
+
+
+def _most(points: int) -> Array:
+    """`Loops.most` of the middle, the corners, and as many points inside."""
+    corners = points // 2
+    return np.concatenate(([GROWTH], np.full(corners, PASSING), np.full(points - 1 - corners, GROWTH)))
 
 
 def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Array:
