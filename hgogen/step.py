@@ -44,14 +44,16 @@ from hgogen.stepping.guards import (
     STEP_BITS,
     guard_inputs,
     guard_outputs,
+    implausible,
     kept,
     limit_parameters,
     measure,
     or_lower,
     outside_bit,
+    readings,
     unrecovered,
 )
-from hgogen.stepping.members import fresh, fresh_groups, joined
+from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled, Sign
 from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
 from hgogen.time_unit import of_time, plural
@@ -225,10 +227,12 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
     law = Recovery(observer, clock, whole)
     state = _memory(observer, clock, pieces, law)
     counters = fresh("state", [field for field in whole.fields if field.kind == "index"])
-    others = (*counters, *fresh_groups("state", whole.fields, whole.groups, observer.z))
     adapt = _all(piece.adapt for piece in pieces)
     still = not adapt or not _moves(adapt, observer)  # whether the estimate of this call stands before `adapt`
-    sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, state, others))]
+    others = (*counters, *fresh_groups("state", whole.fields, whole.groups, observer.z))
+    follow = following_groups("state", whole.fields, whole.groups, observer.z)
+    advance = When("work.running", (*whole.predict, *kept(whole.predict, state, others)), follow)
+    sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, advance))]
     correcting = [j for j in range(clock.outputs) if any(piece.update and piece.update[j] for piece in pieces)]
     for j in correcting:
         output = system.outputs[j]
@@ -242,7 +246,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
     if not correcting:
         read = observer.dynamics.output(observer.z, clock.u_now)
         raw = [sym(f"output.{output.name}") for output in system.outputs]
-        samples = {j: Sampled(y, clock.valid[j], y - read[j]) for j, y in enumerate(raw)}
+        samples = {j: Sampled(y, clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
         watch = law.watch(samples, says=still)
         sections[0] = replace(sections[0], program=(*sections[0].program, *watch))
     if adapt:
@@ -322,10 +326,8 @@ def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], law: R
     return tuple(fields)
 
 
-def _predict(
-    observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], state: tuple[Field, ...], others: Program
-) -> Program:
-    """`others`: what restarts beside the state where a value is lost."""
+def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], advance: When) -> Program:
+    """`advance`: what moves the estimate; in the first call copies of the model start from it, where it was written."""
     uses_output = any(piece.uses_output for piece in pieces)
     program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
     if uses_output:
@@ -339,8 +341,7 @@ def _predict(
             {"work.running": calls >= 1, "state.calls": counted},
         )
     )
-    moves = _all(piece.predict for piece in pieces)
-    program.append(When("work.running", (*moves, *kept(moves, state, others))))
+    program.append(advance)
     if clock.inputs:
         program.append(Block("remember the input", {"state.u": sym("work.u", clock.inputs)}))
     if uses_output:
@@ -360,6 +361,7 @@ def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
     raised = {place.split(".", 1)[1] for place, _ in places(programs) if scope(place) == "status"}
     bits = []
+    beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
     for signals, kinds in (
         (step.outputs, ("MISSING", "REJECTED", "LATE", "EARLY", "REPEATED")),
         (step.inputs, ("REUSED", "CLAMPED")),
@@ -367,7 +369,8 @@ def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
         for signal in signals:
             for kind in kinds:
                 meaning, action = SIGNAL_BITS[kind]
-                bits.append(Bit(f"{kind}_{signal.name}", meaning.format(signal.name), action))
+                said = meaning.format(signal.name, beyond=beyond.get(signal))
+                bits.append(Bit(f"{kind}_{signal.name}", said, action))
     lower = or_lower(step.observer)
     bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
     bits += extra

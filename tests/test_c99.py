@@ -167,11 +167,11 @@ def test_the_end_of_a_comment_stands_with_its_words(name: str) -> None:
 def test_the_self_check_s_banner_is_not_wrapped(name: str) -> None:
     """Its lines are broken where they mean to be, and what is to be defined stands in a column."""
     banner = files(name)[f"{step(name).name}_check.c"].partition(" */")[0].splitlines()[1:]
-    assert len(banner) == 7
+    assert len(banner) == 8
     upper = step(name).name.upper()
     assert [line.find("to ") for line in banner if f"{upper}_" in line] == [len(f" *   {upper}_NO_MAIN  ")] * 2
-    assert banner[4].startswith(f" *   {' ' * len(upper)}          of <float.h> 0")
-    assert banner[5].startswith(f" *   {' ' * len(upper)}          without it")
+    assert banner[5].startswith(f" *   {' ' * len(upper)}          of <float.h> 0")
+    assert banner[6].startswith(f" *   {' ' * len(upper)}          without it")
 
 
 def test_the_same_bytes_in_every_process(tmp_path: Path) -> None:
@@ -262,3 +262,17 @@ def test_fast_math_is_refused(tmp_path: Path) -> None:
     """It assumes away what is not a number, and so the guards; the self-check alone would not always notice."""
     with pytest.raises(AssertionError, match="ffast-math drops the guards"):
         compiled(tool("gcc"), files("fitzhugh_nagumo"), tmp_path, "-O2", "-ffast-math")
+
+
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "two"])
+def test_clang_without_nan_is_found_out_by_the_self_check(name: str, tmp_path: Path) -> None:
+    """No macro tells of it, and the recorded samples alone do not always notice."""
+    said = check("clang", name, "float", tmp_path, "-O2", "-fno-honor-nans", exact(name))
+    assert said == f"{step(name).name}: sample 21 differs\n"
+    assert "not a number" in files(name)[f"{step(name).name}_check.c"]
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "pendulum", "two"])
+def test_no_comparison_of_floats_is_warned_of(compiler: str, name: str, tmp_path: Path) -> None:
+    compiled(tool(compiler), files(name), tmp_path, "-Wfloat-equal")

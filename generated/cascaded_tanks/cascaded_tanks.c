@@ -35,11 +35,18 @@ static float cascaded_tanks_clamp(float v, float low, float high)
     return (raised < high) ? raised : high;
 }
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool cascaded_tanks_within(float v, float limit)
 {
     return v == v && v >= -limit && v <= limit;
 }
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
 
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float cascaded_tanks_keep(float v, float low, float high, float otherwise, float limit)
@@ -319,6 +326,13 @@ unsigned cascaded_tanks_predict(cascaded_tanks_state *s, const cascaded_tanks_pa
             s->D[0] = cascaded_tanks_clamp(D1, 1e-16f, 260.01562f);
             s->D[1] = cascaded_tanks_clamp(D2, 5.6e-15f, 27.926996f);
         }
+    } else {
+        for (unsigned k = 0u; k < 5u; ++k) {
+            cascaded_tanks_predictor *const predictor = &s->predictor[k];
+            /* from the estimate */
+            predictor->z[0] = s->z[0];
+            predictor->z[1] = s->z[1];
+        }
     }
     /* remember the input */
     s->u = u;
@@ -448,7 +462,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
         if (t1) {
             status |= CASCADED_TANKS_OUTSIDE_BOX;
         }
-        doubtful = cascaded_tanks_abs(innovation) > 1.0f || t1 || s->doubt_sum > 0.0f || !valid;
+        doubtful = cascaded_tanks_abs(innovation) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
     }
     if (doubtful) {
         /* is there a sample to judge by? */
@@ -456,9 +470,17 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
-                const float t1 = s->patience_y - 23.0f + s->doubt_y
-                    + (s->patience_range - 23.0f + s->doubt_range) - s->doubt_sum;
-                spoiled = !(cascaded_tanks_abs(t1) < 0.5f);
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = cascaded_tanks_abs(patience_y - 23.0f + doubt_y
+                    + (patience_range - 23.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 23552.0f && patience_y >= 23.0f
+                    && patience_y <= 23552.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 23552.0f
+                    && patience_range >= 23.0f && patience_range <= 23552.0f;
+                spoiled = !t3;
             }
             if (spoiled) {
                 /* as after a reset */
@@ -517,7 +539,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
             lost = over_y || over_range;
             if (lost) {
                 if (over_y) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
                         s->doubt_y = cascaded_tanks_clamp(patience_y, 23.0f, 11776.0f);
@@ -525,7 +547,7 @@ unsigned cascaded_tanks_update_y(cascaded_tanks_state *s, const cascaded_tanks_p
                     }
                 }
                 if (over_range) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
                         s->doubt_range = cascaded_tanks_clamp(patience_range, 23.0f, 11776.0f);

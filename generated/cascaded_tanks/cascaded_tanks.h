@@ -89,10 +89,10 @@
  * however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible value is not
  * noticed. A plausible sample adds to a doubt: one at which y is off by 10% of its span to s.doubt_y, and one
  * at which the estimate is out of a range by 5% of it to s.doubt_range; another takes as much away. When a
- * doubt reaches its patience, after 92 s of such samples at the least, all of the state restarts from the
- * sample, and the next time waits twice as long, up to 47000 s, until its doubt is 0 again: after a fault
- * that has lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the bits
- * below.
+ * doubt reaches its patience, after 92 s of such samples at the least, all of the state but doubt restarts
+ * from the sample. The doubt stays and its patience doubles, so that such samples restart it again when they
+ * have come for twice as long in all, later every 47000 s, until the doubt is 0 again: after a fault that has
+ * lasted long, a restart may take as long once more. The status is 0 for ok, else an or of the bits below.
  *
  * cascaded_tanks_step is predict, update_y, adapt: in this order, each once a period. Call them one by one,
  * and or their statuses, where a sample comes later than the input. Without a sample leave its update out;
@@ -102,19 +102,23 @@
  * Ranges are those of the model: to widen one, generate anew. Whether dt is short enough was judged with
  * gains and parameters at their nominal values, which proves nothing: others may ask for a shorter one. A
  * gain whose largest value is its nominal one can only go down. The state may be copied, saved and restored,
- * by the same version of this file; write s.z after init or reset to start from an estimate of yours.
+ * by the same version of this file. To start from an estimate of yours write s.z, in the coordinates named
+ * beside it in the struct, after init or reset and before the first call, which takes it as it stands; what
+ * else a step remembers of the estimate starts there too.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
  * where FLT_EVAL_METHOD of <float.h> is 0: elsewhere intermediate results are rounded otherwise; never with
- * -ffast-math, which takes the guards against NaN away.
+ * -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused. No macro tells
+ * of clang's -fno-honor-nans, which does the same: optimised with it, the self-check fails. Run it as you
+ * compile.
  */
 
 /* Status bits: what happened, and what it asks of you. */
-/* y is not finite: predicted only. To do: none; watch for a sensor that stays silent. */
+/* y is not finite, or beyond 3e38: predicted only. To do: none; watch for a sensor that stays silent. */
 #define CASCADED_TANKS_MISSING_y             0x0001u
-/* y is implausible, outside its range by more than the range's width: predicted only. To do: check the sensor
- * and the declared range. */
+/* y is implausible, outside -10 .. 20, or 1e+16 off its estimate: predicted only. To do: check the sensor and
+ * the declared range. */
 #define CASCADED_TANKS_REJECTED_y            0x0002u
 /* u is not finite or absurd (beyond 1e15): the last valid one was used. To do: check the source of the
  * input. */
@@ -128,11 +132,11 @@
 /* the estimate was projected to its outer box; the convergence theorem, where it applies, is suspended. To
  * do: none if brief; if it stays, widen the ranges or lower theta_1. */
 #define CASCADED_TANKS_STATE_LIMITED         0x0020u
-/* a value was lost (not finite), and the whole state restarted. To do: treat the estimate as new; check
- * parameters (tune was called?) and ranges. */
+/* a value was lost (not finite, or beyond 1e30), and the whole state restarted. To do: treat the estimate as
+ * new; check parameters (tune was called?) and ranges. */
 #define CASCADED_TANKS_RESTARTED             0x0040u
-/* good samples did not bring the estimate back, and the whole state restarted from the sample. To do: treat
- * the estimate as new; if it comes again without a fault, widen the ranges or lower theta_1 or check the
+/* good samples did not bring the estimate back, and the state restarted from the sample. To do: treat the
+ * estimate as new; if it comes again without a fault, widen the ranges or lower theta_1 or check the
  * model. */
 #define CASCADED_TANKS_RESTARTED_FROM_SAMPLE 0x0080u
 /* tune only: a parameter was out of its range and was limited, or not finite and took its nominal value. To
@@ -178,7 +182,8 @@ typedef struct {
     unsigned samples; /* valid samples in the sum */
 } cascaded_tanks_predictor;
 
-/* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */
+/* what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was
+ * restored from beyond them is limited, or begins anew, where a call next computes with it */
 typedef struct {
     float z[2];                            /* estimate in the form's coordinates: x2, w */
     /* unit lower factor of P, strict lower triangle by columns: L21, -3.27727e+08 .. 3.27727e+08 */

@@ -1,7 +1,8 @@
 /*
  * Self-check of cascaded_tanks.c: 64 recorded samples,
  * a missing, an absurd, a lost and an excessive one among them.
- * cascaded_tanks_check() returns 0, or the number of the first sample that differs. Define
+ * cascaded_tanks_check() returns 0, or the number of the first sample that differs: 21 at once where the
+ * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
  *   CASCADED_TANKS_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
  *                           of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
  *                           without it other roundings, of libm or of contraction, are allowed for
@@ -91,16 +92,16 @@ static const float given[64][2] = { /* in.u, out.y */
 
 static const float wanted[64][4] = { /* x.x1, x.x2, s.theta, s.innovation */
     {5.6150517f, 2.5084267f, 1.0f, 0.0f},
-    {9.430797f, 2.9290655f, 3.0f, 164.6047f},
-    {9.8696785f, 3.3671262f, 3.5f, 225.49883f},
-    {11.116959f, 3.803528f, 3.6666667f, 273.64154f},
-    {11.889368f, 4.2388096f, 3.75f, 310.35968f},
-    {12.512139f, 4.673685f, 3.8f, 337.09445f},
-    {13.10472f, 5.1085005f, 3.8333333f, 355.37247f},
-    {13.681833f, 5.543304f, 3.857143f, 366.77786f},
-    {14.246832f, 5.978102f, 3.875f, 331.48978f},
-    {14.801624f, 6.4128976f, 3.8888888f, 300.3514f},
-    {15.347543f, 6.8476915f, 3.8999999f, 273.4003f},
+    {9.430797f, 2.9290655f, 3.0f, 206.34998f},
+    {9.8696785f, 3.3671262f, 3.5f, 285.9847f},
+    {11.116959f, 3.803528f, 3.6666667f, 351.2372f},
+    {11.889368f, 4.2388096f, 3.75f, 403.29974f},
+    {12.512139f, 4.673685f, 3.8f, 443.4991f},
+    {13.10472f, 5.1085005f, 3.8333333f, 473.26898f},
+    {13.681833f, 5.543304f, 3.857143f, 494.12262f},
+    {14.246832f, 5.978102f, 3.875f, 451.22375f},
+    {14.801624f, 6.4128976f, 3.8888888f, 412.30133f},
+    {15.347543f, 6.8476915f, 3.8999999f, 377.43546f},
     {15.8856f, 7.2824845f, 3.9090908f, 19.941244f},
     {5.3218846f, 7.284794f, 3.9166665f, 22.644426f},
     {0.2704f, 6.850421f, 3.9230769f, 5.102936f},
@@ -164,7 +165,7 @@ static const unsigned expected[64] = { /* status */
 };
 
 #ifndef CASCADED_TANKS_EVERY_BIT
-static const float tolerance[4] = {0.00024233379f, 1.8160441e-05f, 1.0122333e-05f, 0.0035360993f};
+static const float tolerance[4] = {0.00024233379f, 1.8160441e-05f, 1.0122333e-05f, 0.0037789901f};
 #endif
 
 static bool cascaded_tanks_near(float have, unsigned k, unsigned i)
@@ -183,18 +184,15 @@ static bool cascaded_tanks_near(float have, unsigned k, unsigned i)
 
 unsigned cascaded_tanks_check(void)
 {
-    unsigned bad = 0u;
-    const float none = (float)NAN;
+    volatile const float nan_given = (float)NAN;
+    const float none = nan_given;
+    unsigned bad = (none >= none) ? 21u : 0u; /* compiled to take it for a number: sample 21 is lost */
     cascaded_tanks_state s;
     cascaded_tanks_params p;
     cascaded_tanks_input in;
     cascaded_tanks_output out;
     cascaded_tanks_plant x;
     cascaded_tanks_init(&s, &p);
-    for (unsigned k = 0u; k < 5u; ++k) {
-        s.predictor[k].z[0] = 7.2375f;
-        s.predictor[k].z[1] = 2.237495f;
-    }
     s.z[0] = 7.775f;
     s.z[1] = 2.36961f;
     for (unsigned k = 0u; k < 64u && bad == 0u; ++k) {

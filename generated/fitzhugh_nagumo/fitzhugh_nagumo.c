@@ -35,11 +35,18 @@ static float fitzhugh_nagumo_clamp(float v, float low, float high)
     return (raised < high) ? raised : high;
 }
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool fitzhugh_nagumo_within(float v, float limit)
 {
     return v == v && v >= -limit && v <= limit;
 }
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
 
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float fitzhugh_nagumo_keep(float v, float low, float high, float otherwise, float limit)
@@ -394,6 +401,14 @@ unsigned fitzhugh_nagumo_predict(fitzhugh_nagumo_state *s, const fitzhugh_nagumo
             s->D[1] = fitzhugh_nagumo_clamp(D2, 1e-16f, 11820.959f);
             s->D[2] = fitzhugh_nagumo_clamp(D3, 2.3e-18f, 262144.0f);
         }
+    } else {
+        for (unsigned k = 0u; k < 5u; ++k) {
+            fitzhugh_nagumo_predictor *const predictor = &s->predictor[k];
+            /* from the estimate */
+            predictor->z[0] = s->z[0];
+            predictor->z[1] = s->z[1];
+            predictor->z[2] = s->z[2];
+        }
     }
     /* remember the input */
     s->u = u;
@@ -539,7 +554,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         if (t1) {
             status |= FITZHUGH_NAGUMO_OUTSIDE_BOX;
         }
-        doubtful = fitzhugh_nagumo_abs(innovation) > 1.0f || t1 || s->doubt_sum > 0.0f || !valid;
+        doubtful = fitzhugh_nagumo_abs(innovation) > 1.0f || t1 || !(s->doubt_sum <= 0.0f) || !valid;
     }
     if (doubtful) {
         /* is there a sample to judge by? */
@@ -547,9 +562,17 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
-                const float t1 = s->patience_y - 1023.0f + s->doubt_y
-                    + (s->patience_range - 1023.0f + s->doubt_range) - s->doubt_sum;
-                spoiled = !(fitzhugh_nagumo_abs(t1) < 0.5f);
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = fitzhugh_nagumo_abs(patience_y - 1023.0f + doubt_y
+                    + (patience_range - 1023.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 1047552.0f
+                    && patience_y >= 1023.0f && patience_y <= 1047552.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 1047552.0f
+                    && patience_range >= 1023.0f && patience_range <= 1047552.0f;
+                spoiled = !t3;
             }
             if (spoiled) {
                 /* as after a reset */
@@ -610,7 +633,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
             lost = over_y || over_range;
             if (lost) {
                 if (over_y) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
                         s->doubt_y = fitzhugh_nagumo_clamp(patience_y, 1023.0f, 523776.0f);
@@ -618,7 +641,7 @@ unsigned fitzhugh_nagumo_update_y(fitzhugh_nagumo_state *s, const fitzhugh_nagum
                     }
                 }
                 if (over_range) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
                         s->doubt_range = fitzhugh_nagumo_clamp(patience_range, 1023.0f, 523776.0f);

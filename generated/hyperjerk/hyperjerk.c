@@ -18,11 +18,18 @@ static float hyperjerk_clamp(float v, float low, float high)
     return (raised < high) ? raised : high;
 }
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool hyperjerk_within(float v, float limit)
 {
     return v == v && v >= -limit && v <= limit;
 }
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
 
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float hyperjerk_keep(float v, float low, float high, float otherwise, float limit)
@@ -53,7 +60,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         const bool t2 = t1 && y_given >= -9.0f && y_given <= 9.0f && hyperjerk_within(y_given - w1, 1e+16f);
         const float t3 = t2 ? y_given : w1;
         y = t3;
-        y_last = (t2 && (s->y_valid != 0.0f)) ? s->y : t3;
+        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
         valid = t2 ? 1.0f : 0.0f;
         if (!t1) {
             status |= HYPERJERK_MISSING_y;
@@ -224,21 +231,29 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
         if (t1) {
             status |= HYPERJERK_OUTSIDE_BOX;
         }
-        doubtful = hyperjerk_abs(out->y - w1) > 0.6f || t1 || s->doubt_sum > 0.0f || !(valid != 0.0f);
+        doubtful = hyperjerk_abs(out->y - w1) > 0.6f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
     }
     if (doubtful) {
         /* is there a sample to judge by? */
         {
             const float y_given = out->y;
-            sampled = (valid != 0.0f) || (hyperjerk_within(y_given, 3e+38f) && y_given >= -9.0f
+            sampled = valid > 0.0f || (hyperjerk_within(y_given, 3e+38f) && y_given >= -9.0f
                 && y_given <= 9.0f);
         }
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
-                const float t1 = s->patience_y - 7523.0f + s->doubt_y
-                    + (s->patience_range - 7523.0f + s->doubt_range) - s->doubt_sum;
-                spoiled = !(hyperjerk_abs(t1) < 0.5f);
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = hyperjerk_abs(patience_y - 7523.0f + doubt_y
+                    + (patience_range - 7523.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 4194304.0f
+                    && patience_y >= 7523.0f && patience_y <= 4194304.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 4194304.0f
+                    && patience_range >= 7523.0f && patience_range <= 4194304.0f;
+                spoiled = !t3;
             }
             if (spoiled) {
                 /* as after a reset */
@@ -300,7 +315,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
             lost = over_y || over_range;
             if (lost) {
                 if (over_y) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
                         s->doubt_y = hyperjerk_clamp(patience_y, 7523.0f, 2097152.0f);
@@ -308,7 +323,7 @@ unsigned hyperjerk_step(hyperjerk_state *s, const hyperjerk_params *p, const hyp
                     }
                 }
                 if (over_range) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
                         s->doubt_range = hyperjerk_clamp(patience_range, 7523.0f, 2097152.0f);

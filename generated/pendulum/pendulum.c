@@ -25,11 +25,18 @@ static float pendulum_clamp(float v, float low, float high)
     return (raised < high) ? raised : high;
 }
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool pendulum_within(float v, float limit)
 {
     return v == v && v >= -limit && v <= limit;
 }
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
 
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */
 static float pendulum_keep(float v, float low, float high, float otherwise, float limit)
@@ -113,7 +120,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         const bool t2 = t1 && y_given >= -12.0f && y_given <= 12.0f && pendulum_within(y_given - z1, 1e+16f);
         const float t3 = t2 ? y_given : z1;
         y = t3;
-        y_last = (t2 && (s->y_valid != 0.0f)) ? s->y : t3;
+        y_last = (t2 && s->y_valid > 0.0f) ? s->y : t3;
         valid = t2 ? 1.0f : 0.0f;
         if (!t1) {
             status |= PENDULUM_MISSING_y;
@@ -204,21 +211,29 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
         if (t1) {
             status |= PENDULUM_OUTSIDE_BOX;
         }
-        doubtful = pendulum_abs(out->y - z1) > 0.8f || t1 || s->doubt_sum > 0.0f || !(valid != 0.0f);
+        doubtful = pendulum_abs(out->y - z1) > 0.8f || t1 || !(s->doubt_sum <= 0.0f) || !(valid > 0.0f);
     }
     if (doubtful) {
         /* is there a sample to judge by? */
         {
             const float y_given = out->y;
-            sampled = (valid != 0.0f) || (pendulum_within(y_given, 3e+38f) && y_given >= -12.0f
+            sampled = valid > 0.0f || (pendulum_within(y_given, 3e+38f) && y_given >= -12.0f
                 && y_given <= 12.0f);
         }
         if (sampled) {
             /* was doubt or patience spoiled? */
             {
-                const float t1 = s->patience_y - 761.0f + s->doubt_y
-                    + (s->patience_range - 761.0f + s->doubt_range) - s->doubt_sum;
-                spoiled = !(pendulum_abs(t1) < 0.5f);
+                const float doubt_y = s->doubt_y;
+                const float patience_y = s->patience_y;
+                const float doubt_range = s->doubt_range;
+                const float patience_range = s->patience_range;
+                const float t1 = pendulum_abs(patience_y - 761.0f + doubt_y
+                    + (patience_range - 761.0f + doubt_range) - s->doubt_sum);
+                const bool t2 = t1 < 0.5f && doubt_y >= 0.0f && doubt_y <= 779264.0f && patience_y >= 761.0f
+                    && patience_y <= 779264.0f;
+                const bool t3 = t2 && doubt_range >= 0.0f && doubt_range <= 779264.0f
+                    && patience_range >= 761.0f && patience_range <= 779264.0f;
+                spoiled = !t3;
             }
             if (spoiled) {
                 /* as after a reset */
@@ -277,7 +292,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
             lost = over_y || over_range;
             if (lost) {
                 if (over_y) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_y = s->patience_y;
                         s->doubt_y = pendulum_clamp(patience_y, 761.0f, 389632.0f);
@@ -285,7 +300,7 @@ unsigned pendulum_step(pendulum_state *s, const pendulum_params *p, const pendul
                     }
                 }
                 if (over_range) {
-                    /* the next restart waits longer */
+                    /* patience doubles */
                     {
                         const float patience_range = s->patience_range;
                         s->doubt_range = pendulum_clamp(patience_range, 761.0f, 389632.0f);

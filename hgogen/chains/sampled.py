@@ -88,7 +88,7 @@ class Sampled:
             raise NoRealisation(self.name, f"for at most {MOST} outputs, each of which may be missing: take rk4")
         updates = {seen: _update(self, part, clock, seen) for seen in product((False, True), repeat=clock.outputs)}
         flags = [f"work.seen_{j + 1}" for j in range(clock.outputs)] if clock.outputs > 1 else ["work.seen"]
-        named = Block("is there a sample?", {flag: clock.valid[j] != 0 for j, flag in enumerate(flags)})
+        named = Block("is there a sample?", {flag: clock.valid[j] > 0 for j, flag in enumerate(flags)})
         return Pieces(
             fields=part.fields,
             derived=(*part.derived, *(item for update in updates.values() for item in update.derived)),

@@ -7,7 +7,6 @@ from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real, literal
 from hgogen.emit.ctext import arguments, indented, status_type
 from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
-from hgogen.program import lines_of
 from hgogen.step import Step
 
 # CMSIS-DSP interpolates sine and cosine on 512 intervals: an error of (2 pi/512)^2/8, 160 times float's rounding unit
@@ -17,7 +16,8 @@ _TEXT = Template("""
 /*
  * Self-check of $name.c: $count recorded samples,
  * a missing, an absurd, a lost and an excessive one among them.
- * ${name}_check() returns 0, or the number of the first sample that differs. Define
+ * ${name}_check() returns 0, or the number of the first sample that differs: $missing at once where the
+ * compiler was told, as by clang's -fno-honor-nans, that nothing is ever not a number. Define
  *   ${upper}_EXACT    to ask for every bit: bundled functions, -ffp-contract=off, and FLT_EVAL_METHOD
  *   ${blank}          of <float.h> 0, for elsewhere intermediate results are rounded otherwise;
  *   ${blank}          without it other roundings, of libm or of contraction, are allowed for
@@ -70,8 +70,9 @@ static bool ${name}_near($real have, unsigned k, unsigned i)
 
 unsigned ${name}_check(void)
 {
-    unsigned bad = 0u;
-    const $real none = ($real)NAN;
+    volatile const $real nan_given = ($real)NAN;
+    const $real none = nan_given;
+    unsigned bad = (none >= none) ? ${missing}u : 0u; /* compiled to take it for a number: sample $missing is lost */
 $locals
     ${name}_init(&s, &p);
 $start
@@ -128,6 +129,7 @@ def check(step: Step, real: Real) -> list[str]:
         cmsis=literal(CMSIS, real),
         locals="\n".join(indented(_locals(step))),
         start="\n".join(indented(_start(step, real))),
+        missing=MISSING + 1,
         fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
         call=", ".join(["&s", "&p", *(f"&{pointer.rsplit('*', 1)[1]}" for pointer in arguments(step)[2:])]),
         compare="".join(
@@ -149,19 +151,13 @@ def _locals(step: Step) -> list[str]:
 
 
 def _start(step: Step, real: Real) -> list[str]:
-    """Each `z` off its rest."""
-    lines: list[str] = []
-    above = {line[-1].name: line for line in lines_of(step.groups)}
-    for place, values in start(step).items():
-        group, name = place.split(".")
-        line = list(enumerate(above.get(group, ())))
-        member = "".join(["s.", *(f"{g.name}[k{depth or ''}]." for depth, g in line), name])
-        texts = [f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};" for i, v in enumerate(values)]
-        for depth, g in reversed(line):
-            k = f"k{depth or ''}"
-            texts = [f"for (unsigned {k} = 0u; {k} < {g.count}u; ++{k}) {{", *indented(texts), "}"]
-        lines += texts
-    return lines
+    """The estimate off its rest."""
+    members = {place.replace("state.", "s."): values for place, values in start(step).items()}
+    return [
+        f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};"
+        for member, values in members.items()
+        for i, v in enumerate(values)
+    ]
 
 
 def _fill(signals: list[str], first: int, missing: int) -> list[str]:

@@ -18,6 +18,7 @@ from hgogen.program import Field, Group, Section, lines_of
 from hgogen.recheck.file import SHOWN
 from hgogen.signal import Signal
 from hgogen.step import Step
+from hgogen.stepping.members import read_fields
 from hgogen.stepping.sensors import OLDEST, ROUND
 from hgogen.theorem import rows
 from hgogen.time_unit import pace
@@ -130,13 +131,15 @@ Change gains in p.gain, then call ${name}_tune,
 or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
 Whether dt is short enough was judged with gains and parameters at their nominal values, which proves
 nothing: others may ask for a shorter one. A gain whose largest value is its nominal one can only go down.
-The state may be copied, saved and restored, by the same version of this file; write $own after init or
-reset to start from an estimate of yours.
+The state may be copied, saved and restored, by the same version of this file. To start from an estimate of
+yours write $own, in the coordinates named beside it in the struct, after init or reset and before the
+first call, which takes it as it stands; what else a step remembers of the estimate starts there too.
 
 No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
 under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
 where FLT_EVAL_METHOD of <float.h> is 0: elsewhere intermediate results are rounded otherwise; never with
--ffast-math, which takes the guards against NaN away.
+-ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused. No macro tells of
+clang's -fno-honor-nans, which does the same: optimised with it, the self-check fails. Run it as you compile.
 """)
 
 
@@ -175,10 +178,17 @@ def _recovery(step: Step) -> str:
     longest = pace(float(f"{max(sign.longest for sign in step.signs):.2g}"), step.time)
     return (
         f"A plausible sample adds to a doubt: {counts}; another takes as much away. When a doubt reaches its patience, "
-        f"after {times} of such samples at the least, all of the state restarts from the sample, and the next time "
-        f"waits twice as long, up to {longest}, until its doubt is 0 again: after a fault that has lasted long, a "
-        "restart may take as long once more."
+        f"after {times} of such samples at the least, all of the state but {_lasting(step)} restarts from the sample. "
+        "The doubt stays and its patience doubles, so that such samples restart it again when they have come for "
+        f"twice as long in all, later every {longest}, until the doubt is 0 again: after a fault that has lasted long, "
+        "a restart may take as long once more."
     )
+
+
+def _lasting(step: Step) -> str:
+    """What a restart from the sample leaves."""
+    *first, last = ["doubt", *(f"s.{field.name}" for field in step.state if field.lasting)]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _timed(step: Step) -> str:
@@ -206,10 +216,9 @@ def _rates(step: Step) -> str:
 
 
 def _own(step: Step) -> list[str]:
-    """The fields that hold the estimate, in C: of the state, else of the members of a group."""
-    members = ((group.name, field) for group in step.groups for field in group.fields)
-    inside = [f"s.{name}[k].{field.name} of every k" for name, field in members if field.outer]
-    return [f"s.{field.name}" for field in step.state if field.outer] or inside
+    """The fields that the estimate is read from, in C."""
+    shown = read_fields([step.observer.z])
+    return [f"s.{field.name}" for field in step.state if field.name in shown]
 
 
 def _body(step: Step) -> list[str]:
@@ -234,7 +243,7 @@ def _manual(step: Step) -> list[str]:
     text = _MANUAL.substitute(
         name=step.name,
         dt=pace(step.dt, step.time),
-        own=" and ".join(_own(step)) or "the estimates in s",
+        own=" and ".join(_own(step)),
         what="predict, and update where a sample came," if step.timed else "one step",
         body="\n".join(f"        {line}" for line in _body(step)),
         recovery=_recovery(step),
@@ -261,6 +270,10 @@ def _status(step: Step) -> list[str]:
 
 # ---------------------------------------------------------------- structs
 
+_REMEMBERED = (
+    "what a step remembers: yours to copy, save and restore; ranges are limits, which no call leaves; what was "
+    "restored from beyond them is limited, or begins anew, where a call next computes with it"
+)
 _KIND = {
     "input": "the input now",
     "output": "the measurement now",
@@ -280,7 +293,7 @@ def _structs(step: Step, real: Real) -> list[str]:
     members = [_member(step, real, f) for f in step.state] + _arrays(name, step.groups)
     return [
         *lines,
-        "/* what a step remembers: yours to copy, save and restore; ranges are limits, which every call keeps */",
+        comment(_REMEMBERED),
         *struct(f"{name}_state", members),
         "",
     ]

@@ -45,11 +45,18 @@ static $real ${prefix}_clamp($real v, $real low, $real high)
 }
 """),
     "within": Template("""
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wfloat-equal"
+#endif
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
 static bool ${prefix}_within($real v, $real limit)
 {
     return v == v && v >= -limit && v <= limit;
 }
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
 """),
     "keep": Template("""
 /* v in [low, high]; `otherwise` where v is not a number or beyond limit */

@@ -19,7 +19,7 @@ from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real
 from hgogen.emit.exact import machine
 from hgogen.emit.pygraph import DTYPE
-from hgogen.program import address, lines_of
+from hgogen.program import address
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -60,16 +60,10 @@ def record(step: Step, real: Real) -> Vectors:
 
 
 def start(step: Step) -> dict[str, list[float]]:
-    """What the state holds at the first sample, by place: the estimate, and each `z` of a group, off their rest, where
-    a plant may stand still and show nothing of its model."""
+    """What the state holds at the first sample, by place: the estimate off its rest, where a plant may stand still and
+    show nothing of its model."""
     boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
-    groups = [line[-1] for line in lines_of(step.groups)]
-    values = {f"{group.name}.z": _off(boxes, 0.3) for group in groups if any(f.name == "z" for f in group.fields)}
-    return values | _estimate(step, _off(boxes, 0.4))
-
-
-def _off(boxes: list[tuple[float, float]], share: float) -> list[float]:
-    return [low + (0.5 + share / 2) * (high - low) for low, high in boxes]
+    return _estimate(step, [low + 0.7 * (high - low) for low, high in boxes])
 
 
 def _estimate(step: Step, wanted: list[float]) -> dict[str, list[float]]:

@@ -26,9 +26,12 @@ SCOPES = ("state", "input", "output", "plant", "gain", "derived", "work")  # oth
 SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
-    "MISSING": ("{} is not finite: predicted only", "none; watch for a sensor that stays silent"),
+    "MISSING": (
+        "{} is not finite, or beyond 3e38: predicted only",
+        "none; watch for a sensor that stays silent",
+    ),
     "REJECTED": (
-        "{} is implausible, outside its range by more than the range's width: predicted only",
+        "{} is implausible, {beyond}: predicted only",
         "check the sensor and the declared range",
     ),
     "LATE": (
@@ -64,11 +67,11 @@ STEP_BITS: dict[str, tuple[str, str]] = {
         "none if brief; if it stays, widen the ranges{or_lower}",
     ),
     "RESTARTED": (
-        "a value was lost (not finite), and the whole state restarted",
+        "a value was lost (not finite, or beyond 1e30), and the whole state restarted",
         "treat the estimate as new; check parameters (tune was called?) and ranges",
     ),
     "RESTARTED_FROM_SAMPLE": (
-        "good samples did not bring the estimate back, and the whole state restarted from the sample",
+        "good samples did not bring the estimate back, and the state restarted from the sample",
         "treat the estimate as new; if it comes again without a fault, widen the ranges{or_lower} or check the model",
     ),
     "ADAPTED": ("adapt was called again in one period: nothing done", "call it once, after the updates"),
@@ -152,6 +155,14 @@ def plausible(reading: tuple[float, float], raw: Any) -> Any:
     return ca.logic_and(_within(raw, LARGEST_NUMBER), near)
 
 
+def implausible(reading: tuple[float, float]) -> str:
+    """Where a sample is not plausible, in words."""
+    low, high = reading
+    width = high - low
+    place = f"outside {low - width:g} .. {high + width:g}" if width < INF else f"beyond {HUGE:g}"
+    return f"{place}, or {10 * HUGE:g} off its estimate"
+
+
 def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
     """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
     prediction."""
@@ -188,7 +199,7 @@ def measure(observer: Observer, clock: Clock, j: int) -> Block:
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
     """All samples at once for a part that integrates with the measurement: y now, y at the last call, valid."""
     predicted = observer.dynamics.output(observer.z, sym("state.u", clock.inputs))
-    last, had = sym("state.y", clock.outputs), sym("state.y_valid", clock.outputs)
+    last, had = sym("state.y", clock.outputs), sym("state.y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
         raw = sym(f"output.{signal.name}")

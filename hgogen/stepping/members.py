@@ -147,17 +147,33 @@ def fresh(group: str, fields: Iterable[Field]) -> Program:
 def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Any) -> Program:
     """The groups in `above`, a member or the state of these fields, as after a reset, but for what lasts, and but for
     their estimates, which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
+    return tuple(Loop(group.name, group.count, _fresh(above, fields, group, z)) for group in groups)
+
+
+def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Any) -> Program:
+    """The estimates of the groups in `above` become its own, as in `fresh_groups`; what else they hold stays."""
+    loops = []
+    for group in groups:
+        _, start = _copied(above, fields, group, z)
+        body = (*start, *following_groups(group.name, group.fields, group.groups, z))
+        loops += [Loop(group.name, group.count, body)] if body else []
+    return tuple(loops)
+
+
+def _fresh(above: str, fields: Iterable[Field], group: Group, z: Any) -> Program:
+    shown, start = _copied(above, fields, group, z)
+    rest = fresh(group.name, [f for f in group.fields if f not in shown and not f.lasting])
+    return (*start, *rest, *fresh_groups(group.name, group.fields, group.groups, z))
+
+
+def _copied(above: str, fields: Iterable[Field], group: Group, z: Any) -> tuple[list[Field], Program]:
+    """The fields of a group that take the estimate of `above`, and the block that copies it."""
     known = {field.name for field in fields} | {"z"}
-    return tuple(Loop(group.name, group.count, _fresh(above, known, group, z)) for group in groups)
-
-
-def _fresh(above: str, known: set[str], group: Group, z: Any) -> Program:
     own = Moved({f"state.{name}": f"{above}.{name}" for name in read_fields([z])}, {})
     of = {f.name: own.values(z)[0] if f.name == "z" else sym(f"{above}.{f.name}", f.size) for f in group.fields}
     shown = [f for f in group.fields if f.outer and f.name in known]
     start = Block("from the estimate", {f"{group.name}.{f.name}": of[f.name] for f in shown})
-    rest = fresh(group.name, [f for f in group.fields if f not in shown and not f.lasting])
-    return (*((start,) if shown else ()), *rest, *fresh_groups(group.name, group.fields, group.groups, z))
+    return shown, (start,) if shown else ()
 
 
 def read_fields(graphs: Iterable[Any]) -> set[str]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 RESTARTED = Bit(
     "RESTARTED",
-    "a value of a member was lost (not finite), and all of that member restarted",
+    "a value of a member was lost (not finite, or beyond 1e30), and all of that member restarted",
     "treat the estimate as new; check parameters (tune was called?) and ranges",
 )
 SHARE, PREDICTORS = 0.3, 4  # of the restart period the window where none is given, and its predictors

@@ -14,11 +14,12 @@ used for being absurdly far from the prediction among them:
 An estimate that shows a sign at more than half of the samples for as long as T is taken not to converge, but to sit in
 a corner of its outer box, or at a false equilibrium beyond the ranges, where the model is evaluated at the edge. That
 is a judgement by rates at rest and no theorem. It can be wrong: an observer may need longer to converge, a plant may
-rest beyond its declared ranges and the estimate be right. So each restart doubles what the next one waits for, up to
-M = 1024 W, or what can be counted: after a fault that has lasted for longer than T, the next restart comes no later
-than once more that time. w is W again when the samples have been good for as long as w. An estimate that is far at
-fewer samples, as one that swings through the truth, is not told from a sensor with outliers. Counts that are not what
-they were left at, of memory that was spoiled, begin anew: a patience that is too long would not show. A theorem of
+rest beyond its declared ranges and the estimate be right. So each restart doubles w, up to M = 1024 W, or what can be
+counted, and leaves c: it comes again when the sign has shown for twice as long in all, and later every M/2 samples:
+after a fault that has lasted for longer than T, the next restart comes no later than once more that time. w is W again
+when the samples have been good for as long as w. An estimate that is far at fewer samples, as one that swings through
+the truth, is not told from a sensor with outliers. Counts that are out of their ranges, or not what they were left at,
+of memory that was spoiled, begin anew where a sign shows: a patience that is too long would not show. A theorem of
 convergence holds from the last restart on.
 
 Restart from the sample: all memory is as after a reset but for what lasts, and the fields that the estimate is read
@@ -30,7 +31,7 @@ range of a state, nor an output without a range a sign y_j. An observer without 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from math import ceil
 from typing import Any
 
@@ -123,11 +124,11 @@ class Sign:
 
     @property
     def later(self) -> Block:
-        """The next restart by this sign waits for longer."""
+        """The next restart by this sign asks for twice the doubt."""
         limit = sym(f"state.{self.patience}")
         begun = clamp(limit, float(self.wait), self.most / 2)
         return Block(
-            "the next restart waits longer",
+            "patience doubles",
             {f"state.{self.doubt}": begun, f"state.{self.patience}": self.limit(2 * limit)},
         )
 
@@ -204,7 +205,7 @@ class Recovery:
         rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
         sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
         near = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
-        doubtful = any_of([*near, sym("state.doubt_sum") > 0, rejected])
+        doubtful = any_of([*near, ca.logic_not(sym("state.doubt_sum") <= 0), rejected])
         shows = {sign: self._shows(sign, samples) for sign in signs}
         judged_by = Block("is there a sample to judge by?", {"work.sampled": sampled})
         judgement = Block("which signs show?", {f"work.shows_{sign.name}": value for sign, value in shows.items()})
@@ -219,9 +220,12 @@ class Recovery:
 
     @property
     def _checked(self) -> Program:
-        """Doubt and patience as after a reset, where they are not what they were left at."""
+        """Doubt and patience as after a reset, where they are out of their ranges or not what they were left at."""
         same = ca.fabs(self._sum - sym("state.doubt_sum")) < 0.5
-        spoiled = Block("was doubt or patience spoiled?", {"work.spoiled": ca.logic_not(same)})
+        counts = [(sym(f"state.{field.name}"), field) for sign in self.signs for field in sign.fields]
+        inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
+        sound = reduce(ca.logic_and, inside, same)
+        spoiled = Block("was doubt or patience spoiled?", {"work.spoiled": ca.logic_not(sound)})
         return (spoiled, When("work.spoiled", fresh("state", self.fields)))
 
     def _beyond(self, sign: Sign, samples: Samples) -> Any:
