@@ -118,6 +118,21 @@ def test_a_python_model_without_a_tuning(tmp_path: Path) -> None:
     assert made(model, one, tmp_path).observer.form.kind == "triangular"
 
 
+def test_first_gains_of_an_output_without_a_range_are_those_of_what_its_equation_spans(tmp_path: Path) -> None:
+    """Noise, threshold and strip are shares of what the output spans, and the strip stays below its reach."""
+    lines = []
+    for ends in ("", "low = -100, high = 100, "):
+        path = tmp_path / "wide.toml"
+        rows = ['states.x1 = {low = -100, high = 100, flow = "x2"}']
+        rows += ['states.x2 = {low = -100, high = 100, flow = "-x1"}', f'outputs.y = {{{ends}equation = "x1"}}']
+        path.write_text("\n".join(['name = "wide"', *rows, ""]))
+        _, found = asked(path)
+        lines.append({one.observer: one.line for one in found.admitted})
+    assert lines[0] == lines[1]
+    assert "strip = 2.0, reach = 50.0" in lines[0]["lambda_tracking"]
+    assert "threshold = 5.0" in lines[0]["switched_gain"]
+
+
 def test_no_form_at_all(tmp_path: Path) -> None:
     """y shows x1 and x2 together: measured alone either begins a chain; the plant's own coordinates take it."""
     _, found = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))

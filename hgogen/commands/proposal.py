@@ -5,8 +5,8 @@
     Q_i = S_i^2/D,  P_i(0) = S_i^2/4,  R_j = (Y_j/100)^2 dt,   S, Y half of the ranges, D the longest crossing time
 
 so that the error of a high gain decays some times while the plant crosses its range, a step resolves both, a state may
-wander over its range in the time that it takes to cross it, and a sensor errs by 1 % of half its range. Where nothing
-moves, or a range is missing, T = D = 1 and S = Y = 1.
+wander over its range in the time that it takes to cross it, and a sensor errs by 1 % of half its range, the declared
+one, else what the ranges of states and inputs give. Where nothing moves, or no range is known, T = D = 1, S = Y = 1.
 """
 
 import math
@@ -19,6 +19,7 @@ import numpy as np
 from hgogen.form import Form
 from hgogen.sight import NoSight, Pace, pace
 from hgogen.signal import Signal
+from hgogen.stepping.guards import readings
 from hgogen.system import System
 
 Gains = dict[str, Any]
@@ -82,7 +83,7 @@ def scale(form: Form) -> Scale:
     theta = max(2.0, _two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
     dt = min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf)
     states = dict(zip(form.names, map(_half, form.states), strict=True))
-    outputs = {y.name: _half(y) for y in form.system.outputs}
+    outputs = {y.name: _span(*ends) for y, ends in zip(form.system.outputs, readings(form), strict=True)}
     return Scale(theta, _two(dt), rates.longest or 1.0, states, outputs, form.blocks)
 
 
@@ -94,8 +95,13 @@ def _pace(plant: System) -> Pace:
 
 
 def _half(signal: Signal) -> float:
-    low, high = signal.interval
-    return (high - low) / 2 if signal.bounded else 1.0
+    return _span(*signal.interval)
+
+
+def _span(low: float, high: float) -> float:
+    """Half of what lies between two ends, 1 of ends that are not known, and of an output that stands still."""
+    half = (high - low) / 2
+    return half if 0 < half < math.inf else 1.0
 
 
 def _two(value: float) -> float:
@@ -134,7 +140,7 @@ def _tracking(scale: Scale) -> Gains:
         "k_max": _two(10 * scale.theta),
         "gamma": _two((scale.theta / y) ** 2),
         "strip": _two(y / 50),
-        "reach": 0.5,
+        "reach": _two(y / 2),
         "poles": scale.poles,
         "model": True,
     }
