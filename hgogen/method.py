@@ -21,6 +21,13 @@ POINTS = 6  # corners, and as many points inside, at which the covariance equati
 FACTORED = "; the method continuous_discrete keeps it definite at any dt"
 
 
+class InfiniteCore(HgogenError):
+    """A linear error core whose numbers overflow."""
+
+    def __str__(self) -> str:
+        return "the error core has numbers beyond the range of a double; choose smaller gains, or other units"
+
+
 @dataclass(eq=False)
 class NoCovariance(HgogenError):
     """A method for a covariance, asked of an observer that has none."""
@@ -124,10 +131,17 @@ class Explicit:
 
 
 def paced(part: Ode, clock: Clock, tableau: Tableau) -> float:
-    """The largest step length at which the tableau keeps the linear error core stable."""
+    """The largest step length at which the tableau keeps the linear error core stable.
+
+    Raises: `InfiniteCore`, `stability.UnstableCore`.
+    """
     line = core(part, clock.outputs)
     matrix = part.core if line is None else numbers(line.M, clock.nominal)
-    return INF if matrix is None else core_limit(matrix, tableau.polynomial)
+    if matrix is None:
+        return INF
+    if not np.isfinite(matrix).all():
+        raise InfiniteCore
+    return core_limit(matrix, tableau.polynomial)
 
 
 def covariance_limits(part: Riccati, tableau: Tableau, view: Literal["information", "covariance"]) -> list[Limit]:

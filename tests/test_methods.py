@@ -479,3 +479,11 @@ def test_sentences_name_the_rule_that_runs() -> None:
         step.predict(u=0.1 if step.inputs else ())
     with pytest.raises(StepTooLong, match=r"^dt = 10 is too long for classical Runge-Kutta: "):
         hg.sample(pendulum(), dt=10.0)
+
+
+def test_an_error_core_beyond_a_double_is_refused_by_a_sentence() -> None:
+    x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
+    plant = hg.System("p", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[x2, -x1], output=[x1])
+    observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=1e160, poles=(-1, -1))
+    with pytest.raises(hg.HgogenError, match="beyond the range of a double; choose smaller gains"):
+        hg.sample(observer, hg.methods.rk4, dt=1e-3)
