@@ -130,8 +130,8 @@ def test_parameters_stand_at_their_values() -> None:
 @pytest.mark.parametrize(
     ("flow", "output", "inputs", "reason"),
     [
-        ([x2, u**2], [x1], [u], "not affine"),
-        ([x2, u * v], [x1], [u, v], "not affine"),
+        ([x2, u**2], [x1], [u], "not affine in u;"),
+        ([x2, u * v], [x1], [u, v], "not affine in u, v;"),
         ([x2, u], [x1 + u], [u], "output depends on u"),
         ([x2, x1], [x1], [], "no input"),
         ([x2, u], [x1, x2], [u], "one output"),
@@ -141,7 +141,7 @@ def test_where_it_does_not_apply(flow, output, inputs, reason: str) -> None:
     found = gauthier_bornard(flow, output, [x1, x2], inputs)
     assert found.answer is None
     assert not found.applies
-    assert reason in found.reason
+    assert reason in f"{found.reason};"
 
 
 def test_what_cancels_is_affine() -> None:

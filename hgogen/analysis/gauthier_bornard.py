@@ -15,6 +15,7 @@ no proof. The theorem is of every real input: it does not know of declared range
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from typing import Any
 
 import sympy as sp
@@ -94,7 +95,9 @@ def _outside(
     if not inputs:
         return UniformObservability(None, False, "there is no input")
     slopes = [(output[0].diff(u), f"the output depends on {u}") for u in inputs]
-    slopes += [(e.diff(u).diff(v), f"the flow is not affine in {u}, {v}") for e in flow for u in inputs for v in inputs]
+    pairs = combinations_with_replacement(inputs, 2)
+    named = [(u, v, f"{u}" if u == v else f"{u}, {v}") for u, v in pairs]
+    slopes += [(e.diff(u).diff(v), f"the flow is not affine in {names}") for e in flow for u, v, names in named]
     for slope, what in slopes:
         zero = is_zero(slope)
         if zero is None:
