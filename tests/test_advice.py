@@ -133,6 +133,12 @@ def test_first_gains_of_an_output_without_a_range_are_those_of_what_its_equation
     assert "threshold = 5.0" in lines[0]["switched_gain"]
 
 
+def test_first_gains_beyond_a_double_are_not_offered(tmp_path: Path) -> None:
+    _, found = asked(write(tmp_path, {"x1": "x2", "x2": "1e300*x1"}, "x1"))
+    told = {one.observer for one in found.admitted}
+    assert not told & {"high_gain", "lambda_tracking"}
+
+
 def test_no_form_at_all(tmp_path: Path) -> None:
     """y shows x1 and x2 together: measured alone either begins a chain; the plant's own coordinates take it."""
     _, found = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))

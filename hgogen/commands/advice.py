@@ -226,7 +226,10 @@ def _on(kind: str, proposal: Proposal, row: Row, model: Model) -> Admitted | Non
     if form is None or proposal.gains is None or refuted(form.checks):
         return None
     numbers = scale(form)
-    gains, dt = proposal.gains(numbers), numbers.dt
+    try:
+        gains, dt = proposal.gains(numbers), numbers.dt
+    except ArithmeticError:  # they are beyond a double
+        return None
     method = "continuous_discrete" if proposal.filtering else "rk4"
     try:
         observer = getattr(observers, kind)(form, **gains)
