@@ -111,6 +111,14 @@ def test_what_jumps_itself_stays_unknown(row: Any) -> None:
     assert check(forms.uniform(made), "lipschitz").verdict is Verdict.UNKNOWN
 
 
+@pytest.mark.parametrize("row", [sp.log, lambda v: sp.atanh(v - 1)])
+def test_a_slope_of_what_is_real_nowhere_is_not_proved(row: Any) -> None:
+    """d log(v)/dv = 1/v has a value where log(v) has none."""
+    found = check(forms.uniform(plant(lambda _, x2, u: row(x2), low=-2, high=-1)), "slope_2")
+    assert found.verdict is Verdict.UNKNOWN
+    assert "real" in found.reason
+
+
 def test_the_sides_of_a_kink_that_only_touches_zero_are_one() -> None:
     square = sp.Abs(x**2 - x + sp.Rational(1, 4))
     assert one_sided(square, {x: (Fraction(0), Fraction(1))}) == x**2 - x + sp.Rational(1, 4)

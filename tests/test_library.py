@@ -133,6 +133,9 @@ def test_a_bad_query_leaves_the_other_answers() -> None:
             {"f": ["Piecewise((E, E < 0), (E - 1, True))", "0"], "x_box": {"x1": [-1, 1], "E": [-1, 1]}},
             {"uof": None, "mimo_uof": None, "uof_structure": True},
         ),
+        ({"f": ["log(E)", "0"], "x_box": {"x1": [-1, 1], "E": [1, 2]}}, {"uof": True, "mimo_uof": True}),
+        ({"f": ["log(E)", "0"], "x_box": {"x1": [-1, 1], "E": [-2, -1]}}, {"uof": None, "mimo_uof": None}),  # no real
+        ({"f": ["atanh(E)", "0"], "x_box": {"x1": [-1, 1], "E": [2, 3]}}, {"uof": None, "mimo_uof": None}),
         ({"f": ["u*E + sign(x1)*E", "0"], "u_box": {"u": [2, 3]}}, {"triangular": False, "uof": True}),
         ({"f": ["0", "E"]}, {"triangular": False, "uof_structure": False, "uof": False}),
         ({"h": ["x1 + u"]}, {"triangular": None, "uof_structure": True, "uof": True}),

@@ -32,6 +32,7 @@ from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.entry import Entry
 from hgogen.reading.expression import parse
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise
+from hgogen.structure.defined import beyond
 from hgogen.structure.several import cascade
 
 FIELDS = (
@@ -188,11 +189,12 @@ def _uniform(forms: _Forms) -> Iterator[Answer]:
 
 def _bent(chains: Chains, forms: _Forms) -> bool | None:
     """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
-    where a row may jump in that state, which its slope does not see."""
+    where a row may jump in that state, or be real nowhere, which its slope does not see."""
     links = [link for chain in chains.links for link in chain]
     kept = _signed(map(_slope, links), forms)
     if kept:
-        return None if any(link.jumps for link in links) else True
+        hidden = any(link.jumps or beyond(link.row, link.state, forms.entry.outer) for link in links)
+        return None if hidden else True
     return kept if forms.entry.boxed else None
 
 

@@ -1,16 +1,19 @@
 """The hypothesis that a known function of inputs and parameters is a finite real number on the whole box."""
 
+import math
+
 import sympy as sp
 
 from hgogen.algebra.points import exact, kind, points, settled, witness
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, Verdict
-from hgogen.intervals.bounds import bound, box
+from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.proof import Proof
 from hgogen.intervals.singular import singular
 from hgogen.system import System
 
 _BOXES = 2000
+_SLOPED_BEYOND = (sp.log, sp.atanh)  # their derivatives have a real value where they have none
 
 
 def defined(id: str, name: str, c: sp.Expr, system: System) -> Check:
@@ -41,3 +44,11 @@ def defined(id: str, name: str, c: sp.Expr, system: System) -> Check:
     poles = singular([c], around)
     reason = f"holds where {' and '.join(sorted(set(poles.values())))}" if poles else found.note
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
+
+
+def beyond(row: sp.Expr, state: sp.Symbol, around: Box) -> str:
+    """A logarithm or atanh of the state in the row that is not shown to be real anywhere on the box, though the row's
+    slope in the state may be; "" without."""
+    nodes = sorted((node for node in row.atoms(*_SLOPED_BEYOND) if node.has(state)), key=str)
+    ranges = ((node, bound(node, around)) for node in nodes)
+    return next((str(node) for node, r in ranges if not r.defined and -r.low == r.high == math.inf), "")
