@@ -6,7 +6,7 @@ from inspect import Parameter, signature
 from typing import Any
 
 from hgogen import innovation, theta
-from hgogen.observer import BadGain
+from hgogen.given import BadGain
 
 _VALUES: dict[str, tuple[Callable[..., Any], ...]] = {  # arguments that a table with `kind` makes
     "theta": (theta.constant, theta.decaying, theta.adaptive),

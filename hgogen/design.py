@@ -33,8 +33,8 @@ from hgogen.convergence.lmi import gains, solver
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
 from hgogen.form import Form
+from hgogen.given import BadGain, positive, real, reals
 from hgogen.intervals.digits import down, up
-from hgogen.observer import BadGain, positive, real, reals
 from hgogen.structure.polytope import chains, corners
 
 _FORM = "a form: hg.forms.triangular(plant)"

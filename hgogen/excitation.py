@@ -14,11 +14,11 @@ import numpy as np
 
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
+from hgogen.given import BadGain, reals
+from hgogen.given import positive as above
 from hgogen.gramian import Gramian, Steps, window
 from hgogen.kalman.kalman import positive
 from hgogen.named import of_outputs
-from hgogen.observer import BadGain, reals
-from hgogen.observer import positive as above
 from hgogen.program import sym
 from hgogen.structure.affine import known
 from hgogen.structure.dynamics import Dynamics

@@ -16,22 +16,20 @@ several outputs I_d is the sum of weights_j |y_j - yhat_j|^2, each with its own 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import casadi as ca
 
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.given import real, reals
 from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
 from hgogen.named import Values, of_outputs
-from hgogen.observer import HUGE, Clock, Part, Pieces, real, reals
+from hgogen.part import Clock, Part, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.runge_kutta import HEUN, Tableau, advance
 from hgogen.stability import EVERYWHERE, decay_limits
-from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.dynamics import HUGE, Dynamics
 from hgogen.theorem import Hypothesis
-
-if TYPE_CHECKING:
-    from hgogen.method import Method
 
 Weights: TypeAlias = tuple[float, ...] | Mapping[str, float]
 
@@ -98,15 +96,12 @@ class Predictor:
 
 
 @dataclass(frozen=True, eq=False)
-class Predictors:
-    """Copies of the model without correction as a part of an observer; `build` makes its pieces."""
+class Predictors(Part):
+    """Copies of the model without correction as a part of an observer; `build` makes its pieces, the same whatever the
+    method: the predictors have their own."""
 
     predictor: Predictor
     build: Callable[[Predictor, Clock], Pieces]
-
-    def pieces(self, method: "Method", clock: Clock) -> Pieces:
-        """The same whatever the method: the predictors have their own."""
-        return self.build(self.predictor, clock)
 
 
 def kept(field: Field, value: Any) -> Any:

@@ -11,7 +11,7 @@ from hgogen.growth import polynomial
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import near_view
 from hgogen.kalman.riccati import Riccati
-from hgogen.observer import Clock, Ode, Pieces
+from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
 from hgogen.runge_kutta import Tableau, advance
 from hgogen.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace

@@ -26,7 +26,8 @@ from hgogen.graph import CVODES
 from hgogen.innovation import Predictors
 from hgogen.kalman.covariance import information_ode
 from hgogen.kalman.riccati import HighGain, Riccati
-from hgogen.observer import Clock, Observer, Ode, Part, Pieces
+from hgogen.observer import Observer
+from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Block, sym
 from hgogen.runge_kutta import RK4, repeated
 from hgogen.samples import Run, table

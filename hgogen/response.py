@@ -20,7 +20,9 @@ import numpy as np
 from hgogen.chains.core import Core, core, nominal, numbers
 from hgogen.door import Misfit
 from hgogen.errors import HgogenError
-from hgogen.observer import Clock, Observer, Ode, reals
+from hgogen.given import reals
+from hgogen.observer import Observer
+from hgogen.part import Clock, Ode
 from hgogen.program import address, scope, sym
 from hgogen.step import Step
 from hgogen.stepping.machine import Reading

@@ -18,7 +18,8 @@ import casadi as ca
 from hgogen.chains.core import nominal
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.method import Method
-from hgogen.observer import HUGE, Clock, Observer, Pieces, tunable
+from hgogen.observer import Observer, tunable
+from hgogen.part import Clock, Pieces
 from hgogen.program import (
     INF,
     Bit,
@@ -38,7 +39,7 @@ from hgogen.program import (
     walk,
 )
 from hgogen.signal import Signal, resting
-from hgogen.stepping import sensors
+from hgogen.stepping import discretise, sensors
 from hgogen.stepping.guards import (
     SIGNAL_BITS,
     STEP_BITS,
@@ -56,6 +57,7 @@ from hgogen.stepping.guards import (
 from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled, Sign
 from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
+from hgogen.structure.dynamics import HUGE
 from hgogen.time_unit import of_time, plural
 
 
@@ -200,7 +202,7 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
     system = observer.form.system
     every = () if periods is None else multiples(periods, system, float(dt))
     clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer), every, observer)
-    pieces = tuple(part.pieces(method, clock) for part in observer.parts)
+    pieces = tuple(discretise.pieces(part, method, clock) for part in observer.parts)
     tightest = min(pieces, key=lambda piece: piece.limit)
     advised = min(pieces, key=lambda piece: piece.take)
     if dt > tightest.limit:

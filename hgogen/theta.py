@@ -18,12 +18,14 @@ from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 
+from hgogen.given import BadGain, positive, real
 from hgogen.innovation import Innovation
 from hgogen.intervals.digits import same
 from hgogen.kalman.decay import error_bound as error_bound
 from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
 from hgogen.kalman.riccati import HighGain
-from hgogen.observer import BadGain, Clock, Jump, Part, Pieces, gain, positive, real
+from hgogen.observer import gain
+from hgogen.part import Clock, Jump, Part, Pieces
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.scaling import SCALED, Scaled
 from hgogen.structure.dynamics import Dynamics

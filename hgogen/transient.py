@@ -22,7 +22,8 @@ import numpy as np
 
 from hgogen.chains.frozen import Frozen, frozen
 from hgogen.growth import FOUND, GROWTH, WIDER, continuous, growth, longest
-from hgogen.observer import Clock, Observer, Ode
+from hgogen.observer import Observer
+from hgogen.part import Clock, Ode
 from hgogen.stability import AXIS, Limit, pace
 from hgogen.stepping.kernels import balance
 

@@ -18,8 +18,8 @@ from hgogen.chains.core import core_numbers, nominal
 from hgogen.check import Refuted, Verdict
 from hgogen.commands import figure
 from hgogen.design import adaptive_gain, slope
+from hgogen.given import BadGain
 from hgogen.model import load
-from hgogen.observer import BadGain
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate
 

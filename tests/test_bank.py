@@ -19,9 +19,9 @@ from plants import MODELS, chain, model, pendulum, two_outputs
 
 import hgogen as hg
 from hgogen.emit.native import run_check
+from hgogen.given import BadGain
 from hgogen.kalman.decay import log_growth
 from hgogen.model import load
-from hgogen.observer import BadGain
 from hgogen.program import Block, Loop, address, walk
 from hgogen.stepping.parallel import BadPeriod
 

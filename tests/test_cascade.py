@@ -17,7 +17,7 @@ import hgogen as hg
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles
 from hgogen.emit import native
-from hgogen.observer import BadGain
+from hgogen.given import BadGain
 from hgogen.theorem import rows
 
 NAN = float("nan")

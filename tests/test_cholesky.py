@@ -13,8 +13,8 @@ from plants import chain, fitzhugh_nagumo, kalman, two_outputs
 import hgogen as hg
 from hgogen.emit.exact import machine
 from hgogen.emit.native import run_check
+from hgogen.given import BadGain
 from hgogen.kalman.square_root import carlson, triangle
-from hgogen.observer import BadGain
 from hgogen.stability import Limit
 
 EPS = np.finfo(float).eps

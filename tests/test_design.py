@@ -15,8 +15,8 @@ from hgogen.check import Verdict
 from hgogen.convergence.lmi import NoSolver
 from hgogen.design import Design, Infeasible, adaptive_gain, slope
 from hgogen.door import Misfit
+from hgogen.given import BadGain
 from hgogen.model import load
-from hgogen.observer import BadGain
 
 pytest.importorskip("clarabel")
 pytest.importorskip("cvxpy")

@@ -22,8 +22,8 @@ from hgogen.emit import native
 from hgogen.emit.cprint import Real
 from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
+from hgogen.given import BadGain
 from hgogen.model import Model, load
-from hgogen.observer import BadGain
 from hgogen.trial import Trial, try_out
 from hgogen.tuning import Tuning
 

@@ -16,8 +16,9 @@ from hgogen.chains.core import core as linear_core
 from hgogen.chains.core import core_numbers, nominal, numbers
 from hgogen.chains.gains import BadPoles, OutsideParabola, coefficients, filtered_spectrum
 from hgogen.emit import native
+from hgogen.given import BadGain
 from hgogen.model import load
-from hgogen.observer import BadGain, Ode
+from hgogen.part import Ode
 from hgogen.theorem import rows
 
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)

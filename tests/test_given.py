@@ -11,8 +11,8 @@ from plants import model, two_outputs
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.forms.original import BadOrder
+from hgogen.given import BadGain
 from hgogen.named import BadNames
-from hgogen.observer import BadGain
 from hgogen.reading.record import Record
 from hgogen.samples import BadShape
 

@@ -23,7 +23,7 @@ from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Verdict
 from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles
 from hgogen.emit import native
-from hgogen.observer import BadGain
+from hgogen.given import BadGain
 from hgogen.runge_kutta import RK4
 from hgogen.scaling import exponents
 from hgogen.stability import core_limit

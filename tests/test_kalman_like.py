@@ -22,10 +22,10 @@ from hgogen.certificate import certificate
 from hgogen.check import Check, Refuted, Verdict
 from hgogen.emit import layout, native
 from hgogen.emit.native import run_check
+from hgogen.given import BadGain
 from hgogen.kalman.covariance import unpack
 from hgogen.kalman.persistence import persistent
 from hgogen.model import load
-from hgogen.observer import BadGain
 from hgogen.recheck.recheck import recheck
 from hgogen.stability import Limit
 from hgogen.structure.affine import measurements

@@ -22,7 +22,7 @@ from hgogen.chains.gains import BadPoles
 from hgogen.chains.integrators import integrators
 from hgogen.chains.pairs import from_poles
 from hgogen.emit import native
-from hgogen.observer import BadGain
+from hgogen.given import BadGain
 from hgogen.program import sym
 from hgogen.theorem import rows
 

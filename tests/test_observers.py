@@ -22,10 +22,11 @@ from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
+from hgogen.given import BadGain
 from hgogen.innovation import BadWindow, BadWindowSize
 from hgogen.model import load
 from hgogen.named import BadNames
-from hgogen.observer import BadGain, Clock
+from hgogen.part import Clock
 from hgogen.structure.dynamics import Singular
 from hgogen.theta import rise
 
@@ -47,7 +48,7 @@ def adaptive(theta_1: float = 4.0, **changes: Any) -> hg.theta.Adaptive:
 @cache
 def law(theta: hg.theta.Adaptive, dt: float) -> Callable[[float, float], float]:
     """The law as the step has it: theta after a sample, of theta and the innovation."""
-    (block,) = theta.parts(None, None)[-1].pieces(None, Clock(dt, "line", 1, 1)).adapt
+    (block,) = theta.parts(None, None)[-1].build(Clock(dt, "line", 1, 1)).adapt
     gains = {f"gain.{g.name}": g.initial[0] for g in theta.gains}
 
     def after(value: float, innovation: float) -> float:

@@ -18,8 +18,8 @@ from test_hyperjerk import OMEGA, TABLES
 import hgogen as hg
 from hgogen.commands import figure
 from hgogen.door import Misfit
+from hgogen.given import BadGain
 from hgogen.model import load
-from hgogen.observer import BadGain
 from hgogen.response import BadFrequency, NoResponse
 
 HYPERJERK = str(MODELS / "hyperjerk.py")

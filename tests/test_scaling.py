@@ -13,9 +13,9 @@ from oracle import block_ekf as oracle
 from plants import MODELS, fitzhugh_nagumo, model
 
 import hgogen as hg
+from hgogen.given import BadGain
 from hgogen.innovation import BadWindowSize
 from hgogen.model import load
-from hgogen.observer import BadGain
 from hgogen.runge_kutta import RK4
 from hgogen.scaling import SCALED, Scaling
 from hgogen.stability import Limit, covariance_limit, steady_covariance

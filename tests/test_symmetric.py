@@ -11,8 +11,8 @@ import hgogen as hg
 from hgogen.algebra.symmetric import symmetric
 from hgogen.convergence.adaptive_gain import candidate
 from hgogen.error_system import BadErrorSystem
+from hgogen.given import BadGain
 from hgogen.kalman.kalman import spd
-from hgogen.observer import BadGain
 
 
 def fractions(M: np.ndarray) -> list[list[Fraction]]:

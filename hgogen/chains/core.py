@@ -12,7 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.observer import Observer, Ode, tunable
+from hgogen.observer import Observer, tunable
+from hgogen.part import Ode
 from hgogen.program import Block, address, sym
 
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from hgogen.chains.core import core, nominal
 from hgogen.form import Form
-from hgogen.observer import Observer, Ode
+from hgogen.observer import Observer
+from hgogen.part import Ode
 from hgogen.program import address, sym
 
 Array = np.ndarray

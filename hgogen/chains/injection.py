@@ -16,8 +16,9 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.integrators import Integrators, shifted
 from hgogen.form import Form
+from hgogen.given import BadGain, reals
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, Clock, Jump, Ode, Pieces, reals
+from hgogen.part import Clock, Jump, Ode, Pieces
 from hgogen.program import Bit, Block, Field, sym
 
 GAIN_LIMITED = Bit(

@@ -19,7 +19,7 @@ import numpy as np
 from hgogen.chains.core import Core, core
 from hgogen.errors import HgogenError
 from hgogen.kalman.riccati import Riccati
-from hgogen.observer import Clock, Ode, Pieces
+from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Field, Kernel, Program, When, sym
 from hgogen.stability import Limit
 from hgogen.transient import first_unstable, lengths

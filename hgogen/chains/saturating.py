@@ -17,7 +17,8 @@ import numpy as np
 from hgogen.chains.core import core_numbers
 from hgogen.chains.integrators import Integrators
 from hgogen.form import Form
-from hgogen.observer import BadGain, Ode
+from hgogen.given import BadGain
+from hgogen.part import Ode
 from hgogen.program import Field
 
 Saturate = Callable[[Any, int], Any]  # an SX scalar to the range of w_i

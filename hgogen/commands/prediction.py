@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import to_casadi
-from hgogen.observer import on_line
+from hgogen.part import on_line
 from hgogen.program import column, sym
 from hgogen.runge_kutta import RK4, advance
 from hgogen.samples import Run

@@ -51,9 +51,9 @@ from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
 from hgogen.convergence.certified import Nothing, Steep, slope
+from hgogen.given import BadGain, reals
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds
-from hgogen.observer import BadGain, reals
 from hgogen.structure.polytope import chains
 
 _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)

@@ -24,9 +24,9 @@ from hgogen.chains.integrators import demand_divisor, no_chain
 from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles
 from hgogen.convergence.lmi import NoSolver
 from hgogen.form import Form
+from hgogen.given import BadGain, reals
 from hgogen.graph import to_casadi
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, reals
 from hgogen.program import sym
 from hgogen.structure.polytope import Corner, chains, corners
 

@@ -20,11 +20,11 @@ from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, Verdict
 from hgogen.convergence.certified import Steep
 from hgogen.convergence.lmi import Lyapunov, lyapunov
+from hgogen.given import BadGain
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds, Proof
-from hgogen.observer import BadGain
 
 BOXES = 500  # sup Gamma need not be the least
 

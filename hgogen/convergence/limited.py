@@ -19,8 +19,11 @@ from hgogen.chains.integrators import Integrators, integrators, observer_on, shi
 from hgogen.convergence.certified import checks
 from hgogen.convergence.sector import Adaptation, Shape, core_check, decays, theta_bound
 from hgogen.form import Form
-from hgogen.observer import HUGE, BadGain, Observer, Ode, founded, gain, high_gain_parameter, positive, real
+from hgogen.given import BadGain, positive, real
+from hgogen.observer import Observer, founded, gain, high_gain_parameter
+from hgogen.part import Ode
 from hgogen.program import Block, Field, scalar, sym
+from hgogen.structure.dynamics import HUGE
 from hgogen.theorem import Theorem
 
 REFERENCE = (

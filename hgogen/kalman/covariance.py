@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.kalman.riccati import Riccati
-from hgogen.observer import Ode
+from hgogen.part import Ode
 from hgogen.program import Field
 
 

@@ -20,7 +20,7 @@ import casadi as ca
 from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
 from hgogen.kalman.riccati import Riccati
 from hgogen.method import FACTORED, Explicit
-from hgogen.observer import Clock, Ode, Pieces
+from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Bit, Block, Field, Program, When, sym
 from hgogen.runge_kutta import RK4
 
@@ -33,28 +33,12 @@ VIEWS = {"information": ("S", information_ode), "covariance": ("P", covariance_o
 
 
 @dataclass(frozen=True, eq=False)
-class Curved:
+class Curved(Part):
     """A Riccati observer at theta = 1 with the term; `rate` (1/s): SX scalar, at most `fastest`."""
 
     plain: Riccati
     rate: Any
     fastest: float
-
-    def pieces(self, method: Any, clock: Clock) -> Pieces:
-        """By an explicit method in its own view; by classical Runge-Kutta on (z, P) where the method is another."""
-        explicit = method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
-        plain = explicit.riccati(self.plain, clock)
-        plain = replace(plain, why=plain.why.removesuffix(FACTORED))  # not with the term
-        moves = explicit.step(self.equation(explicit.view), clock)
-        if 1 / self.fastest < plain.limit:
-            why = "beyond it the second derivatives of the output can take all of Pi in one step"
-            plain = replace(plain, limit=1 / self.fastest, why=why)
-        covariance = next(field for field in plain.fields if field.name == VIEWS[explicit.view][0])
-        return replace(
-            plain,
-            bits=(*plain.bits, RESTARTED),
-            predict=(*moves.predict, *_kept_definite(covariance, self.plain.dynamics.n)),
-        )
 
     def equation(self, view: str) -> Ode:
         """z and Pi (its name is S), or z and P."""
@@ -80,6 +64,23 @@ class Curved:
             (pull[j] * slope for j, slope in enumerate(dynamics.output_curvature(z, u))),
             ca.SX(dynamics.n, dynamics.n),
         )
+
+
+def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
+    """By an explicit method in its own view; by classical Runge-Kutta on (z, P) where the method is another."""
+    explicit = method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
+    plain = explicit.riccati(part.plain, clock)
+    plain = replace(plain, why=plain.why.removesuffix(FACTORED))  # not with the term
+    moves = explicit.step(part.equation(explicit.view), clock)
+    if 1 / part.fastest < plain.limit:
+        why = "beyond it the second derivatives of the output can take all of Pi in one step"
+        plain = replace(plain, limit=1 / part.fastest, why=why)
+    covariance = next(field for field in plain.fields if field.name == VIEWS[explicit.view][0])
+    return replace(
+        plain,
+        bits=(*plain.bits, RESTARTED),
+        predict=(*moves.predict, *_kept_definite(covariance, part.plain.dynamics.n)),
+    )
 
 
 def _kept_definite(covariance: Field, n: int) -> Program:

@@ -9,11 +9,12 @@ import numpy as np
 
 from hgogen.algebra import definite
 from hgogen.algebra.symmetric import symmetric, unsymmetric
-from hgogen.observer import HUGE, BadGain, gain, reals
+from hgogen.given import BadGain, reals
+from hgogen.observer import gain
 from hgogen.program import Bit, Field
 from hgogen.scaling import Scaling
 from hgogen.stability import steady_covariance
-from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.dynamics import HUGE, Dynamics
 
 
 def cap(

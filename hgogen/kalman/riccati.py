@@ -10,18 +10,15 @@ Middleton, International Journal of Control 47 (1988).
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
-from hgogen.observer import Clock, Pieces
+from hgogen.part import Part
 from hgogen.program import Bit, Field, sym
 from hgogen.scaling import Scaled, Scaling, scaling
 from hgogen.structure.dynamics import Dynamics
-
-if TYPE_CHECKING:
-    from hgogen.method import Method
 
 
 class HighGain(Protocol):
@@ -58,7 +55,7 @@ class HighGain(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Riccati:
+class Riccati(Part):
     """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
 
     z' = f(z, u, y) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta + rho (P - P S_0 P) - P C' R_theta^-1 C P,
@@ -84,10 +81,6 @@ class Riccati:
     forgetting: Field | None = None
     known: Callable[[Any, Any, Any, Any], Any] | None = None
     period: float | None = None
-
-    def pieces(self, method: "Method", clock: Clock) -> Pieces:
-        """By the method's rule for the covariance."""
-        return method.riccati(self, clock)
 
     @cached_property
     def scaling(self) -> Scaling:

@@ -17,11 +17,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.given import BadGain
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
 from hgogen.kalman.prior import near
 from hgogen.kalman.riccati import Riccati
-from hgogen.observer import BadGain, Clock, Pieces
+from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Program, column, sym
 
 LARGEST = 7  # states: beyond, straight-line code fills the flash

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from hgogen.kalman.riccati import Riccati
 from hgogen.kalman.square_root import square_root
 from hgogen.method import NoCovariance
-from hgogen.observer import Clock, Ode, Pieces
+from hgogen.part import Clock, Ode, Pieces
 
 
 @dataclass(frozen=True)

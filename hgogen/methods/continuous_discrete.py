@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from hgogen.kalman.factored import looped, unrolled
 from hgogen.kalman.riccati import Riccati
 from hgogen.method import Explicit
-from hgogen.observer import Clock, Ode, Pieces
+from hgogen.part import Clock, Ode, Pieces
 from hgogen.runge_kutta import RK4
 
 UNROLLED = 7  # states up to which the covariance is straight-line code: at 10 it would be 30 kB of flash

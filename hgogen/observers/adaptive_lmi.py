@@ -29,8 +29,10 @@ from hgogen.convergence.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.convergence.adaptive_gain import disturbance as as_disturbance
 from hgogen.convergence.certified import Nothing
 from hgogen.form import Form
+from hgogen.given import BadGain, positive, reals
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, Observer, Ode, founded, gain, positive, reals
+from hgogen.observer import Observer, founded, gain
+from hgogen.part import Ode
 from hgogen.program import Field, scalar, sym
 from hgogen.structure.dynamics import clamp
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

@@ -27,9 +27,10 @@ from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.check import Verdict
 from hgogen.form import Form
+from hgogen.given import BadGain, reals
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
-from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, reals, tunable
+from hgogen.observer import Observer, founded, high_gain_parameter, tunable
 from hgogen.program import INF, Field, column, sym
 from hgogen.signal import resting
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

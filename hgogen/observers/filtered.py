@@ -27,8 +27,10 @@ from hgogen.check import Verdict
 from hgogen.convergence.certified import checks
 from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
+from hgogen.given import BadGain, positive, reals
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, positive, reals
+from hgogen.observer import Observer, founded, high_gain_parameter
+from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -20,6 +20,7 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
+from hgogen.given import BadGain, real
 from hgogen.intervals.slope import JUMPS
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.curvature import Curved
@@ -27,7 +28,8 @@ from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
 from hgogen.kalman.riccati import Riccati
 from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
-from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, linearised, real, state_field
+from hgogen.observer import Observer, founded, gain, linearised, state_field
+from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, sym
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics

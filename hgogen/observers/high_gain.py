@@ -24,7 +24,9 @@ from hgogen.check import Verdict
 from hgogen.convergence.certified import checks
 from hgogen.convergence.constant_gain import ConstantGain, constant_gain
 from hgogen.form import Form
-from hgogen.observer import BadGain, Observer, Ode, founded, high_gain_parameter, real, state_field
+from hgogen.given import BadGain, real
+from hgogen.observer import Observer, founded, high_gain_parameter, state_field
+from hgogen.part import Ode
 from hgogen.program import Block, Field, sym
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics

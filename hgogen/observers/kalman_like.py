@@ -43,15 +43,16 @@ import numpy as np
 
 from hgogen.check import Verdict, demand
 from hgogen.form import Form
+from hgogen.given import BadGain
 from hgogen.intervals.digits import same
 from hgogen.kalman.kalman import limited, positive, spd, wide
 from hgogen.kalman.persistence import persistent, seconds
 from hgogen.kalman.riccati import Riccati
 from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs
-from hgogen.observer import HUGE, BadGain, Observer, founded, gain, state_field
+from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import sym
 from hgogen.structure.affine import known
-from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.dynamics import HUGE, Dynamics
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
 from hgogen.theta import constant
 

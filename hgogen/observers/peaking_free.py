@@ -29,8 +29,9 @@ from hgogen.check import Verdict
 from hgogen.convergence.certified import checks
 from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
+from hgogen.given import BadGain, positive
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, Observer, founded, high_gain_parameter, positive
+from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.program import sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

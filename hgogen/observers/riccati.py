@@ -17,12 +17,13 @@ import numpy as np
 
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
+from hgogen.given import BadGain
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import of_form
 from hgogen.kalman.riccati import Riccati
 from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
-from hgogen.observer import BadGain, Observer, founded, linearised, state_field
+from hgogen.observer import Observer, founded, linearised, state_field
 from hgogen.program import sym
 from hgogen.scaling import ALIGNED, noise_equation, scaling
 from hgogen.structure.clamped import clamped

@@ -20,8 +20,10 @@ from hgogen.check import Verdict
 from hgogen.convergence.certified import of_poles
 from hgogen.convergence.dwell import switching
 from hgogen.form import Form
+from hgogen.given import BadGain, positive
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, high_gain_parameter, positive
+from hgogen.observer import Observer, founded, gain, high_gain_parameter
+from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -30,8 +30,10 @@ from hgogen.check import Verdict
 from hgogen.convergence.gain_update import checks
 from hgogen.convergence.lmi import STATES
 from hgogen.form import Form
+from hgogen.given import BadGain, positive
 from hgogen.intervals.digits import same
-from hgogen.observer import BadGain, Clock, Jump, Observer, Pieces, founded, gain, positive
+from hgogen.observer import Observer, founded, gain
+from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, scalar, sym
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -15,10 +15,11 @@ from hgogen.check import Verdict
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
-from hgogen.observer import HUGE, Clock, Observer
+from hgogen.observer import Observer
+from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Program, When, address, column, scope, sym, walk
 from hgogen.signal import Signal
-from hgogen.structure.dynamics import widened
+from hgogen.structure.dynamics import HUGE, widened
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.observer import Pieces
+from hgogen.part import Pieces
 from hgogen.program import (
     Block,
     Call,

@@ -18,10 +18,11 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import numbers
-from hgogen.observer import HUGE, Clock, Observer
+from hgogen.observer import Observer
+from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Program, column, sym
 from hgogen.stepping.guards import readings
-from hgogen.structure.dynamics import clamp
+from hgogen.structure.dynamics import HUGE, clamp
 
 SWEEPS = 3
 FLAT = 1e-2  # of what an output can span: a slope that moves it by less over the whole outer box tells nothing

@@ -4,22 +4,21 @@ The copies are the members of one group, run in loops. A member has the fields a
 those of its score, by which the members are compared: `score`, the smaller the better, and `score_*`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
 from hgogen.chains.core import nominal, numbers
 from hgogen.errors import HgogenError
 from hgogen.innovation import Innovation, staggered
-from hgogen.observer import HUGE, Clock, Observer, Pieces, state_field
+from hgogen.observer import Observer, state_field
+from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Program, When, scalar, sym
 from hgogen.stepping.guards import kept
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
-
-if TYPE_CHECKING:
-    from hgogen.method import Method
+from hgogen.structure.dynamics import HUGE
 
 RESTARTED = Bit(
     "RESTARTED",
@@ -43,7 +42,7 @@ class BadPeriod(HgogenError):
 
 
 @dataclass(frozen=True, eq=False)
-class Parallel:
+class Parallel(Part):
     """`count` copies of `member`, the oldest restarted every `period` (s).
 
     They are compared by the output error of the newest sample, or by `innovation`, by default over a share of the
@@ -62,130 +61,141 @@ class Parallel:
         notices = (value for block in self.member.notices for value in block.writes.values())
         return read_fields([self.member.z, *notices]) | set(self.member.traces)
 
-    def pieces(self, method: "Method", clock: Clock) -> Pieces:
-        """The members by the method, in loops."""
-        own = replace(clock, nominal=nominal(self.member), of=self.member)
-        period = self._samples(clock.dt)
-        alone = joined(part.pieces(method, own) for part in self.member.parts)
-        score = self._score(method, own, alone.fields)
-        every = joined((alone, score))
-        shown = tuple(field for field in alone.fields if field.name in self.shown)
-        show = _show(shown)
-        moved = Moved({f"state.{f.name}": f"member.{f.name}" for f in every.fields}, {})
 
-        def loop(program: Program) -> Program:
-            return (Loop("member", self.count, moved.program((*program, *kept(program, every.fields)))),)
+def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part, Clock], Pieces]) -> Pieces:
+    """The members in loops, with the pieces of their parts."""
+    own = replace(clock, nominal=nominal(part.member), of=part.member)
+    period = _samples(part, clock.dt)
+    alone = joined(pieces(each, own) for each in part.member.parts)
+    score = _score(part, own, alone.fields, pieces)
+    every = joined((alone, score))
+    shown = tuple(field for field in alone.fields if field.name in part.shown)
+    show = _show(shown)
+    moved = Moved({f"state.{f.name}": f"member.{f.name}" for f in every.fields}, {})
 
-        updates = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
-        return replace(
-            every,
-            fields=(*map(_copy, shown), *self._counters(period)),
-            bits=(*every.bits, RESTARTED),
-            groups=(Group("member", self.count, every.fields, "the observers in parallel", every.groups),),
-            predict=(*loop(every.predict), show),
-            update=tuple((*loop(self._update(clock, j, *both)), show) for j, both in enumerate(updates)),
-            adapt=(*(loop(every.adapt) if every.adapt else ()), *self._choose(period), *self._restart(alone), show),
-        )
+    def loop(program: Program) -> Program:
+        return (Loop("member", part.count, moved.program((*program, *kept(program, every.fields)))),)
 
-    def _update(self, clock: Clock, j: int, correct: Program, score: Program) -> Program:
-        """A member's correction by output j, left out where its error is absurd, then its score."""
-        error = sym("work.sample") - self.member.dynamics.output(self.member.z, clock.u_now)[j]
-        if not correct:
-            return score
-        judge = Block("the member's innovation", {"work.e": error, "work.near": ca.fabs(error) <= 10 * HUGE})
-        return (judge, When("work.near", correct), *score)
+    updates = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
+    return replace(
+        every,
+        fields=(*map(_copy, shown), *_counters(part, period)),
+        bits=(*every.bits, RESTARTED),
+        groups=(Group("member", part.count, every.fields, "the observers in parallel", every.groups),),
+        predict=(*loop(every.predict), show),
+        update=tuple((*loop(_update(part, clock, j, *both)), show) for j, both in enumerate(updates)),
+        adapt=(*(loop(every.adapt) if every.adapt else ()), *_choose(part, period), *_restart(part, alone), show),
+    )
 
-    # ------------------------------------------------------------ the score
 
-    def _score(self, method: "Method", clock: Clock, fields: Iterable[Field]) -> Pieces:
-        if self.newest:
-            return self._newest(clock)
-        start = {f"state.{field.name}": field.initial for field in fields}
-        values = nominal(self.member) | {place: ca.DM(value).full()[:, 0] for place, value in start.items()}
-        z = next((field for field in fields if field.name == "z"), None) or replace(
-            state_field(self.member.form, None, 1.0),
-            initial=tuple(float(value) for value in numbers(self.member.z, values)[:, 0]),
-        )
-        share = PREDICTORS * clock.dt
-        innovation = self.innovation or staggered(max(1, round(SHARE * self.period / share)) * share, PREDICTORS)
-        pieces = innovation.part(self.member.dynamics, z).pieces(method, clock)
-        names = {"innovation": "score"}
-        return renamed(pieces, lambda name: names.get(name, f"score_{name}"), {"state.z": self.member.z})
+def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
+    """A member's correction by output j, left out where its error is absurd, then its score."""
+    error = sym("work.sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+    if not correct:
+        return score
+    judge = Block("the member's innovation", {"work.e": error, "work.near": ca.fabs(error) <= 10 * HUGE})
+    return (judge, When("work.near", correct), *score)
 
-    def _newest(self, clock: Clock) -> Pieces:
-        worst = HUGE * HUGE  # a member that is lost restarts with
 
-        def add(j: int) -> Program:
-            error = sym("work.sample") - self.member.dynamics.output(self.member.z, clock.u_now)[j]
-            total = sym("state.score") + ca.fmin(ca.fabs(error), HUGE) ** 2
-            return (Block("its squared output error", {"state.score": ca.fmin(total, worst)}),)
+# --- the score
 
-        return Pieces(
-            fields=(scalar("score", worst, low=0.0, high=worst, unit="y^2", meaning="squared output error"),),
-            predict=(Block("no sample yet", {"state.score": ca.SX(0)}),),
-            update=tuple(add(j) for j in range(clock.outputs)),
-        )
 
-    # ------------------------------------------------------------ choice and restart
+def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callable[[Part, Clock], Pieces]) -> Pieces:
+    if part.newest:
+        return _newest(part, clock)
+    start = {f"state.{field.name}": field.initial for field in fields}
+    values = nominal(part.member) | {place: ca.DM(value).full()[:, 0] for place, value in start.items()}
+    z = next((field for field in fields if field.name == "z"), None) or replace(
+        state_field(part.member.form, None, 1.0),
+        initial=tuple(float(value) for value in numbers(part.member.z, values)[:, 0]),
+    )
+    share = PREDICTORS * clock.dt
+    innovation = part.innovation or staggered(max(1, round(SHARE * part.period / share)) * share, PREDICTORS)
+    scored = pieces(innovation.part(part.member.dynamics, z), clock)
+    names = {"innovation": "score"}
+    return renamed(scored, lambda name: names.get(name, f"score_{name}"), {"state.z": part.member.z})
 
-    def _counters(self, period: int) -> tuple[Field, ...]:
-        return (
-            scalar("selected", 0, kind="index", high=self.count - 1, meaning="index of the selected member"),
-            scalar("oldest", 0, kind="index", high=self.count - 1, meaning="index of the oldest member"),
-            scalar("tick", 0, kind="index", high=period - 1, meaning="samples since the last restart"),
-        )
 
-    def _samples(self, dt: float) -> int:
-        count = round(self.period / dt)
-        if count < 1 or abs(count * dt - self.period) > 1e-9 * self.period:
-            raise BadPeriod(self.period, dt)
-        return count
+def _newest(part: Parallel, clock: Clock) -> Pieces:
+    worst = HUGE * HUGE  # a member that is lost restarts with
 
-    def _choose(self, period: int) -> Program:
-        """Of the members that stay the one with the smallest score, if it is better by the hysteresis."""
-        tick, selected, score = sym("state.tick") + 1, sym("state.selected"), sym("member.score")
-        best, after = sym("work.best"), self._after_the_oldest()
-        clock = {"work.due": tick >= period, "state.tick": ca.if_else(tick >= period, 0, tick)}
-        every = {"work.first": ca.SX(0), "work.staying": ca.SX(self.count)}
-        others = {
-            "work.first": after,
-            "work.staying": ca.SX(self.count - 1),
-            "state.selected": ca.if_else(selected == sym("state.oldest"), after, selected),
-        }
-        compare = (
-            Block("is it better than the best so far?", {"work.better": score < best}),
-            When(
-                "work.better",
-                (Block("its score", {"work.best": score}), Block("its number", {"work.choice": sym("work.at")})),
-            ),
-        )
-        clearly = Block("by the hysteresis", {"work.clear": best < sym("gain.hysteresis") * score})
-        return (
-            Block(f"one member restarts every {period} samples", clock),
-            Block("every member may be chosen", every),
-            When("work.due", (Block("but the one that restarts", others),)),
-            Block("none is chosen yet", {"work.choice": selected}),
-            Block("any score is better", {"work.best": ca.SX(2 * HUGE * HUGE)}),
-            Loop("member", self.count, compare, "work.first", "work.staying", "work.at"),
-            Loop("member", 1, (clearly,), "state.selected"),
-            When("work.clear", (Block("the better one is selected", {"state.selected": sym("work.choice")}),)),
-        )
+    def add(j: int) -> Program:
+        error = sym("work.sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+        total = sym("state.score") + ca.fmin(ca.fabs(error), HUGE) ** 2
+        return (Block("its squared output error", {"state.score": ca.fmin(total, worst)}),)
 
-    def _restart(self, alone: Pieces) -> Program:
-        """The oldest member, if it is due: the selected one's estimate and score, the rest as after a reset."""
-        carried = read_fields([self.member.z])
-        renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
-        begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, self.member.z))
-        restart = (
-            Copy("member", "state.selected", "state.oldest"),
-            *((Loop("member", 1, begin, "state.oldest"),) if begin else ()),
-            Block("the next one is the oldest", {"state.oldest": self._after_the_oldest()}),
-        )
-        return (When("work.due", restart),)
+    return Pieces(
+        fields=(scalar("score", worst, low=0.0, high=worst, unit="y^2", meaning="squared output error"),),
+        predict=(Block("no sample yet", {"state.score": ca.SX(0)}),),
+        update=tuple(add(j) for j in range(clock.outputs)),
+    )
 
-    def _after_the_oldest(self) -> Any:
-        after = sym("state.oldest") + 1
-        return ca.if_else(after >= self.count, 0, after)
+
+# --- choice and restart
+
+
+def _counters(part: Parallel, period: int) -> tuple[Field, ...]:
+    return (
+        scalar("selected", 0, kind="index", high=part.count - 1, meaning="index of the selected member"),
+        scalar("oldest", 0, kind="index", high=part.count - 1, meaning="index of the oldest member"),
+        scalar("tick", 0, kind="index", high=period - 1, meaning="samples since the last restart"),
+    )
+
+
+def _samples(part: Parallel, dt: float) -> int:
+    count = round(part.period / dt)
+    if count < 1 or abs(count * dt - part.period) > 1e-9 * part.period:
+        raise BadPeriod(part.period, dt)
+    return count
+
+
+def _choose(part: Parallel, period: int) -> Program:
+    """Of the members that stay the one with the smallest score, if it is better by the hysteresis."""
+    tick, selected, score = sym("state.tick") + 1, sym("state.selected"), sym("member.score")
+    best, after = sym("work.best"), _after_the_oldest(part)
+    clock = {"work.due": tick >= period, "state.tick": ca.if_else(tick >= period, 0, tick)}
+    every = {"work.first": ca.SX(0), "work.staying": ca.SX(part.count)}
+    others = {
+        "work.first": after,
+        "work.staying": ca.SX(part.count - 1),
+        "state.selected": ca.if_else(selected == sym("state.oldest"), after, selected),
+    }
+    compare = (
+        Block("is it better than the best so far?", {"work.better": score < best}),
+        When(
+            "work.better",
+            (Block("its score", {"work.best": score}), Block("its number", {"work.choice": sym("work.at")})),
+        ),
+    )
+    clearly = Block("by the hysteresis", {"work.clear": best < sym("gain.hysteresis") * score})
+    return (
+        Block(f"one member restarts every {period} samples", clock),
+        Block("every member may be chosen", every),
+        When("work.due", (Block("but the one that restarts", others),)),
+        Block("none is chosen yet", {"work.choice": selected}),
+        Block("any score is better", {"work.best": ca.SX(2 * HUGE * HUGE)}),
+        Loop("member", part.count, compare, "work.first", "work.staying", "work.at"),
+        Loop("member", 1, (clearly,), "state.selected"),
+        When("work.clear", (Block("the better one is selected", {"state.selected": sym("work.choice")}),)),
+    )
+
+
+def _restart(part: Parallel, alone: Pieces) -> Program:
+    """The oldest member, if it is due: the selected one's estimate and score, the rest as after a reset."""
+    carried = read_fields([part.member.z])
+    renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
+    begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, part.member.z))
+    restart = (
+        Copy("member", "state.selected", "state.oldest"),
+        *((Loop("member", 1, begin, "state.oldest"),) if begin else ()),
+        Block("the next one is the oldest", {"state.oldest": _after_the_oldest(part)}),
+    )
+    return (When("work.due", restart),)
+
+
+def _after_the_oldest(part: Parallel) -> Any:
+    after = sym("state.oldest") + 1
+    return ca.if_else(after >= part.count, 0, after)
 
 
 def _copy(field: Field) -> Field:

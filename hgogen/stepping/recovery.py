@@ -39,7 +39,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import numbers
-from hgogen.observer import Clock, Observer, Pieces
+from hgogen.observer import Observer
+from hgogen.part import Clock, Pieces
 from hgogen.program import INF, Block, Field, Program, When, scalar, sym
 from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups, read_fields

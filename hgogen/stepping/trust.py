@@ -11,7 +11,8 @@ import numpy as np
 
 from hgogen.kalman.curvature import Curved
 from hgogen.kalman.riccati import Riccati
-from hgogen.observer import Clock, Observer
+from hgogen.observer import Observer
+from hgogen.part import Clock
 from hgogen.stepping.guards import readings
 from hgogen.stepping.parallel import Parallel
 

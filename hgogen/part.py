@@ -1,0 +1,129 @@
+"""The parts of an observer as data: what memory a part has and what it does, in continuous time or at a sample.
+
+Of the parts that are differential equations a method (`method.py`) makes statements. Places that every part may use:
+`state.u` the input at the last call, `work.u` the input now, `work.e` the innovation y_j - h_j(z, u) of the output
+under update.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hgogen.program import INF, Bit, Field, Group, Program, sym
+
+if TYPE_CHECKING:
+    from hgogen.observer import Observer
+
+
+def on_line(c: float, last: Any, now: Any) -> Any:
+    """What runs on the line from `last` to `now`, at the fraction c of the step; the ends as they are."""
+    return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Sampling as a part sees it: the step length, what the input does between samples, and the numbers of all places
+    of parameters and gains as declared; `of`: the observer whose part it is, where it is known."""
+
+    dt: float
+    between: str
+    inputs: int
+    outputs: int
+    nominal: Mapping[str, np.ndarray] = field(default_factory=dict)
+    every: tuple[int, ...] = ()
+    of: "Observer | None" = None
+
+    def period(self, output: int) -> float:
+        """The time (s) between two samples of an output: dt, or `every` so many of them."""
+        return self.dt * self.every[output] if self.every else self.dt
+
+    def u(self, c: float) -> Any:
+        """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
+        return self.between_samples(c, sym("state.u", self.inputs), sym("work.u", self.inputs))
+
+    def between_samples(self, c: float, last: Any, now: Any) -> Any:
+        """The input (m) at the fraction c of a step between two samples of it."""
+        return now if self.between == "hold" else on_line(c, last, now)
+
+    @property
+    def u_now(self) -> Any:
+        """The input (m) that `predict` has just stored, for the sections after it."""
+        return sym("state.u", self.inputs)
+
+    def y(self, c: float) -> Any:
+        """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
+        return on_line(c, sym("work.y_last", self.outputs), sym("work.y", self.outputs))
+
+    @property
+    def valid(self) -> Any:
+        """1 for each output (p) whose sample can be used, else 0."""
+        return sym("work.valid", self.outputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """What a part adds to a step: memory, and statements for each section.
+
+    `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
+    the measurement; above the step length `limit` it is refused, `why` says what happens there; up to `take` it is
+    advised, `found` says how that was found; `bits`: its own, or its words for the step's; `rule`: what carries the
+    part out, where the method leaves that to another.
+    """
+
+    fields: tuple[Field, ...] = ()
+    groups: tuple[Group, ...] = ()
+    derived: tuple[Field, ...] = ()
+    bits: tuple[Bit, ...] = ()
+    tune: Program = ()
+    predict: Program = ()
+    update: tuple[Program, ...] = ()
+    adapt: Program = ()
+    uses_output: bool = False
+    limit: float = INF
+    take: float = INF
+    why: str = ""
+    found: str = ""
+    rule: str = ""
+
+
+class Part:
+    """A piece of an observer: data, of which `discretisation.pieces` makes memory and statements."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ode(Part):
+    """Any continuous estimator: field' = linear(values, y - offset(u), valid) + rest(values, u, y, valid), by field
+    name, of u (m), y (p), valid (p).
+
+    `linear`: the terms linear in the fields and the measurement with coefficients free of states and inputs, the error
+    core; None where there is none. `frozen`: fields that those coefficients may hold, such as a gain that adapts, each
+    with the values at which the core is the fastest. `core`: the error core as numbers, of an estimator that has one in
+    other coordinates only, or (k, n, n) where it moves with the input. An invalid output must leave no trace in the
+    right-hand side.
+    """
+
+    fields: tuple[Field, ...]
+    rest: Callable[[Mapping[str, Any], Any, Any, Any], Mapping[str, Any]]
+    linear: Callable[[Mapping[str, Any], Any, Any], Mapping[str, Any]] | None = None
+    offset: Callable[[Any], Any] | None = None
+    frozen: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    derived: tuple[Field, ...] = ()
+    tune: Program = ()
+    core: np.ndarray | None = None
+
+    def rhs(self, values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        """The whole right-hand side."""
+        rest = dict(self.rest(values, u, y, valid))
+        if self.linear is None:
+            return rest
+        lines = self.linear(values, y if self.offset is None else y - self.offset(u), valid)
+        return {name: lines[name] + rest[name] if name in lines else rest[name] for name in rest}
+
+
+@dataclass(frozen=True, eq=False)
+class Jump(Part):
+    """An exact map per sample: its fields and the statements of `tune` and `adapt`."""
+
+    build: Callable[[Clock], Pieces]
