@@ -23,6 +23,7 @@ import casadi as ca
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.given import real, reals
 from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
+from hgogen.lengths import Lengths
 from hgogen.named import Values, of_outputs
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Program, When, scalar, sym
@@ -66,7 +67,7 @@ class Innovation(Protocol):
         """What is known of it as the integral of the theorem."""
         ...
 
-    def part(self, dynamics: Dynamics, z: Field) -> Part:
+    def part(self, dynamics: Dynamics, z: Field) -> "Predictors":
         """The part that computes it, for the observer state of field `z`."""
         ...
 
@@ -83,11 +84,11 @@ class Predictor:
     tableau: Tableau
 
     @property
-    def paced(self) -> dict[str, Any]:
+    def lengths(self) -> Lengths:
         """The step lengths at which the tableau follows the model's decay."""
         limits = decay_limits(self.dynamics.linearised(POINTS)[0], self.tableau.polynomial)
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
-        return {"limit": float(limits.max()), "take": float(limits.min()), "why": why, "found": EVERYWHERE}
+        return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
     def moved(self, z: Any, u: Callable[[float], Any], dt: float) -> Any:
         """z one step later without correction, kept in the box of the observer's state; z(0) where it is lost."""
@@ -134,7 +135,7 @@ class Staggered:
     weights: Weights = field(default=(), hash=False)
     hypothesis: Hypothesis = STAGGERED
 
-    def part(self, dynamics: Dynamics, z: Field) -> Part:
+    def part(self, dynamics: Dynamics, z: Field) -> Predictors:
         """M + 1 copies of the model in the group `predictor`."""
         own = replace(self, weights=_weighed(self.weights, dynamics))
         return Predictors(Predictor(dynamics, z, self.tableau), own._pieces)
@@ -178,7 +179,6 @@ class Staggered:
         rotate = Block("the next one is the oldest", {"state.oldest": ca.if_else(after >= members, 0, after)})
         oldest = "state.oldest"
         return Pieces(
-            **predictor.paced,
             fields=(
                 scalar("innovation", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="innovation I_d"),
                 scalar("oldest", 0, kind="index", high=members - 1, meaning="index of the oldest predictor"),
@@ -229,7 +229,7 @@ class Window:
     weights: Weights = field(default=(), hash=False)
     hypothesis: Hypothesis = WINDOW
 
-    def part(self, dynamics: Dynamics, z: Field) -> Part:
+    def part(self, dynamics: Dynamics, z: Field) -> Predictors:
         """A ring of N + 1 samples in the group `past`."""
         own = replace(self, weights=_weighed(self.weights, dynamics))
         return Predictors(Predictor(dynamics, z, self.tableau), own._pieces)
@@ -271,7 +271,6 @@ class Window:
         past += [Field("u", (0.0,) * m, meaning="input")] if m else []
         past += [Field("y", zeros, meaning="measurement"), Field("valid", zeros, meaning="1 where it counts")]
         return Pieces(
-            **predictor.paced,
             fields=(
                 scalar("innovation", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="innovation I_d"),
                 scalar("newest", 0, kind="index", high=size - 1, meaning="index of the newest sample"),

@@ -1,16 +1,19 @@
-"""A method turns the differential equations of an observer into the statements of a step."""
+"""A method turns the differential equations of an observer into the statements of a step, and says how long a step may
+be."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from hgogen.chains.core import core, numbers
+from hgogen.chains.core import core, nominal, numbers
 from hgogen.errors import HgogenError
 from hgogen.growth import polynomial
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import near_view
 from hgogen.kalman.riccati import Riccati
+from hgogen.lengths import Lengths
+from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
 from hgogen.runge_kutta import Tableau, advance
@@ -18,7 +21,7 @@ from hgogen.stability import EVERYWHERE, Limit, core_limit, covariance_limit, de
 from hgogen.transient import lengths
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
-FACTORED = "; the method continuous_discrete keeps it definite at any dt"
+FACTORED = "the method continuous_discrete keeps it definite at any dt"
 
 
 class InfiniteCore(HgogenError):
@@ -54,6 +57,14 @@ class Method(Protocol):
         """The Riccati observer over one step."""
         ...
 
+    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
+        """The step lengths for a part of the observer, as far as `dt` asks for them."""
+        ...
+
+    def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
+        """The step lengths for the Riccati observer, as far as `dt` asks for them."""
+        ...
+
 
 @dataclass(frozen=True)
 class Explicit:
@@ -72,9 +83,12 @@ class Explicit:
         """One step of every field of the part at once. Raises: `NoCovariance` in the view (z, P)."""
         if self.view == "covariance":
             raise NoCovariance(self.name)
+        return self.step(part, clock)
+
+    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
+        """Of the linear core, and of the core with the model's Jacobian."""
         why = f"beyond it the linear error core leaves the stability region of {self.tableau.name}"
-        core = Limit(paced(part, clock, self.tableau), why)
-        return replace(self.step(part, clock), **lengths(part, clock, self, core))
+        return lengths(part, observer, dt, self, Limit(paced(part, observer, self.tableau), why), self.tableau.name)
 
     @property
     def exact(self) -> bool:
@@ -115,7 +129,6 @@ class Explicit:
         """z and S, or z and P, as one differential equation."""
         views = {"information": information_ode, "covariance": covariance_ode}
         pieces = self.step(views[self.view](part), clock)
-        limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         forgets = part.forgetting is not None
         return Pieces(
             fields=pieces.fields,
@@ -123,20 +136,28 @@ class Explicit:
             predict=(*pieces.predict, near_view(part, self.view)) if forgets else pieces.predict,
             uses_output=True,
             rule=self.name,
-            limit=limits[-1].dt,
+        )
+
+    def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
+        """Of the covariance equation; `take` also follows the model's motion."""
+        limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
+        return Lengths(
+            refused=limits[-1].dt,
             take=min(limits[0].dt, pace(part.dynamics.linearised(POINTS)[0])),
-            found=EVERYWHERE,
-            why=f"even where the declared box admits the longest, {limits[-1].why}{FACTORED}",
+            why=f"even where the declared box admits the longest, {limits[-1].why}",
+            other=FACTORED,
+            basis=EVERYWHERE,
+            rule=self.name,
         )
 
 
-def paced(part: Ode, clock: Clock, tableau: Tableau) -> float:
+def paced(part: Ode, observer: Observer, tableau: Tableau) -> float:
     """The largest step length at which the tableau keeps the linear error core stable.
 
     Raises: `InfiniteCore`, `stability.UnstableCore`.
     """
-    line = core(part, clock.outputs)
-    matrix = part.core if line is None else numbers(line.M, clock.nominal)
+    line = core(part, len(observer.form.system.outputs))
+    matrix = part.core if line is None else numbers(line.M, nominal(observer))
     if matrix is None:
         return INF
     if not np.isfinite(matrix).all():

@@ -7,14 +7,11 @@ under update.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from hgogen.program import INF, Bit, Field, Group, Program, sym
-
-if TYPE_CHECKING:
-    from hgogen.observer import Observer
+from hgogen.program import Bit, Field, Group, Program, sym
 
 
 def on_line(c: float, last: Any, now: Any) -> Any:
@@ -24,16 +21,14 @@ def on_line(c: float, last: Any, now: Any) -> Any:
 
 @dataclass(frozen=True)
 class Clock:
-    """Sampling as a part sees it: the step length, what the input does between samples, and the numbers of all places
-    of parameters and gains as declared; `of`: the observer whose part it is, where it is known."""
+    """Sampling as a part sees it: the step length, what the input does between samples, how many inputs and outputs
+    there are, and every how many steps each output is sampled, where that is not at all of them."""
 
     dt: float
     between: str
     inputs: int
     outputs: int
-    nominal: Mapping[str, np.ndarray] = field(default_factory=dict)
     every: tuple[int, ...] = ()
-    of: "Observer | None" = None
 
     def period(self, output: int) -> float:
         """The time (s) between two samples of an output: dt, or `every` so many of them."""
@@ -67,9 +62,8 @@ class Pieces:
     """What a part adds to a step: memory, and statements for each section.
 
     `update` has one program for each output, run when its sample is valid; `uses_output` says that `predict` reads
-    the measurement; above the step length `limit` it is refused, `why` says what happens there; up to `take` it is
-    advised, `found` says how that was found; `bits`: its own, or its words for the step's; `rule`: what carries the
-    part out, where the method leaves that to another.
+    the measurement; `bits`: its own, or its words for the step's; `rule`: what carries the part out, where the method
+    leaves that to another.
     """
 
     fields: tuple[Field, ...] = ()
@@ -81,10 +75,6 @@ class Pieces:
     update: tuple[Program, ...] = ()
     adapt: Program = ()
     uses_output: bool = False
-    limit: float = INF
-    take: float = INF
-    why: str = ""
-    found: str = ""
     rule: str = ""
 
 

@@ -26,6 +26,7 @@ from hgogen.graph import CVODES
 from hgogen.innovation import Predictors
 from hgogen.kalman.covariance import information_ode
 from hgogen.kalman.riccati import HighGain, Riccati
+from hgogen.lengths import Lengths
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Block, sym
@@ -103,6 +104,14 @@ class Continuous:
             return ca.substitute(graph, part.theta.value, _after(part.theta, time))
 
         return self._moved(information_ode(part), clock, now)
+
+    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
+        """None: CVODES chooses its steps."""
+        return Lengths()
+
+    def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
+        """None: CVODES chooses its steps."""
+        return Lengths()
 
     def _moved(self, part: Ode, clock: Clock, now: Callable[[Any, Any], Any]) -> Pieces:
         time, start = sym(TIME), {field.name: sym(f"state.{field.name}", field.size) for field in part.fields}

@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 import casadi as ca
 
-from hgogen.chains.core import nominal
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.lengths import Lengths
 from hgogen.method import Method
 from hgogen.observer import Observer, tunable
 from hgogen.part import Clock, Pieces
@@ -201,22 +201,23 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
         raise BadStep(f"between = {between!r}", 'must be "line" or "hold"')
     system = observer.form.system
     every = () if periods is None else multiples(periods, system, float(dt))
-    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), nominal(observer), every, observer)
+    clock = Clock(float(dt), between, len(system.inputs), len(system.outputs), every)
     pieces = tuple(discretise.pieces(part, method, clock) for part in observer.parts)
-    tightest = min(pieces, key=lambda piece: piece.limit)
-    advised = min(pieces, key=lambda piece: piece.take)
-    if dt > tightest.limit:
-        rule, take = tightest.rule or method.name, min(tightest.limit, advised.take)
-        raise StepTooLong(dt, tightest.limit, take, rule, tightest.why, advised.found, system.time)
+    lengths = (Lengths(), *discretise.lengths(observer, method, dt))
+    tightest, advised = min(lengths, key=lambda each: each.refused), min(lengths, key=lambda each: each.take)
+    if dt > tightest.refused:
+        rule, take = tightest.rule or method.name, min(tightest.refused, advised.take)
+        why = "; ".join(filter(None, (tightest.why, tightest.other)))
+        raise StepTooLong(dt, tightest.refused, take, rule, why, advised.basis, system.time)
     if dt > advised.take:
-        rule, above = advised.rule or method.name, f"; above {_time(tightest.limit, system.time)} it is refused"
+        rule, above = advised.rule or method.name, f"; above {_time(tightest.refused, system.time)} it is refused"
         warnings.warn(
-            f"dt = {dt:g} may fail in a part of the declared box by {rule}{above * (tightest.limit < INF)}; "
-            f"{_advice(advised.take, system.time, advised.found)}",
+            f"dt = {dt:g} may fail in a part of the declared box by {rule}{above * (tightest.refused < INF)}; "
+            f"{_advice(advised.take, system.time, advised.basis)}",
             StepMayFail,
             stacklevel=3,
         )
-    step = _assembled(observer, method, clock, pieces, tightest.limit)
+    step = _assembled(observer, method, clock, pieces, tightest.refused)
     if every and not step.apart:
         raise CannotUpdate(observer.name, step.rule)
     return step

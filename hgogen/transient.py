@@ -16,14 +16,15 @@ model where it oscillates or grows, 1/|lambda| of its own Jacobian. A filter's `
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from hgogen.chains.frozen import Frozen, frozen
 from hgogen.growth import FOUND, GROWTH, WIDER, continuous, growth, longest
+from hgogen.lengths import Lengths
 from hgogen.observer import Observer
-from hgogen.part import Clock, Ode
+from hgogen.part import Ode
 from hgogen.stability import AXIS, Limit, pace
 from hgogen.stepping.kernels import balance
 
@@ -56,22 +57,20 @@ class Way(Protocol):
         ...
 
 
-def lengths(part: Ode, clock: Clock, way: Way, core: Limit) -> dict[str, Any]:
-    """`limit`, `why`, `take` and `found` of the part's `Pieces`; `core`: what its linear core alone admits.
+def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rule: str = "") -> Lengths:
+    """Those of a part of the observer; `core`: what its linear core alone admits, `rule` as in `Lengths`.
 
     A step that is shorter than any `take` can be is not asked for it.
     """
-    if clock.of is None:
-        return {"limit": core.dt, "why": core.why}
-    errors, limits = _judged(part, clock.of), _limits(part, clock.of, way)
+    errors, limits = _judged(part, observer), _limits(part, observer, way)
     tightest, at = core, int(limits.argmin()) if len(limits) else -1
     if limits.min(initial=math.inf) < core.dt:
         why = f"beyond it errors grow that decay in continuous time, of the estimate {errors.at(at)}"
         tightest = Limit(float(limits[at]), why, at)
-    near = clock.dt > SHARE * _shortest(errors.M, tightest.dt)
-    take = _advised(part, clock.of, way, tightest.dt) if near else math.inf
+    near = dt > SHARE * _shortest(errors.M, tightest.dt)
+    take = _advised(part, observer, way, tightest.dt) if near else math.inf
     take = min(take, SHARE * pace(errors.blind)) if way.exact else take
-    return {"limit": tightest.dt, "why": tightest.why, "take": take, "found": FOUND}
+    return Lengths(refused=tightest.dt, take=take, why=tightest.why, basis=FOUND, rule=rule)
 
 
 @lru_cache(maxsize=16)

@@ -19,6 +19,8 @@ import numpy as np
 from hgogen.chains.core import Core, core
 from hgogen.errors import HgogenError
 from hgogen.kalman.riccati import Riccati
+from hgogen.lengths import Lengths
+from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Field, Kernel, Program, When, sym
 from hgogen.stability import Limit
@@ -95,8 +97,11 @@ class Sampled:
             tune=(*part.tune, *(statement for update in updates.values() for statement in update.tune)),
             predict=(named, *_chosen(flags, (), updates)),
             uses_output=True,
-            **lengths(part, clock, self, Limit(INF, "")),
         )
+
+    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
+        """Of the nonlinear rest: the core sets no limit."""
+        return lengths(part, observer, dt, self, Limit(INF, ""))
 
     @property
     def exact(self) -> bool:
@@ -116,6 +121,10 @@ class Sampled:
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Refused. Raises: `NoRealisation`."""
         raise NoRealisation(self.name, "that of a Riccati observer moves with its covariance: take continuous_discrete")
+
+    def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
+        """None: the observer is refused by `riccati`."""
+        return Lengths()
 
 
 def _chosen(flags: list[str], known: Pattern, updates: Mapping[Pattern, _Update]) -> Program:

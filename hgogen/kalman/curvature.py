@@ -19,7 +19,8 @@ import casadi as ca
 
 from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
 from hgogen.kalman.riccati import Riccati
-from hgogen.method import FACTORED, Explicit
+from hgogen.lengths import Lengths
+from hgogen.method import Explicit
 from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Bit, Block, Field, Program, When, sym
 from hgogen.runge_kutta import RK4
@@ -68,19 +69,26 @@ class Curved(Part):
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
     """By an explicit method in its own view; by classical Runge-Kutta on (z, P) where the method is another."""
-    explicit = method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
+    explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
-    plain = replace(plain, why=plain.why.removesuffix(FACTORED))  # not with the term
     moves = explicit.step(part.equation(explicit.view), clock)
-    if 1 / part.fastest < plain.limit:
-        why = "beyond it the second derivatives of the output can take all of Pi in one step"
-        plain = replace(plain, limit=1 / part.fastest, why=why)
     covariance = next(field for field in plain.fields if field.name == VIEWS[explicit.view][0])
     return replace(
         plain,
         bits=(*plain.bits, RESTARTED),
         predict=(*moves.predict, *_kept_definite(covariance, part.plain.dynamics.n)),
     )
+
+
+def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
+    """Those of the observer without the term, and of the term, which no other method is free of."""
+    plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
+    why = "beyond it the second derivatives of the output can take all of Pi in one step"
+    return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)
+
+
+def _explicit(method: Any) -> Explicit:
+    return method if isinstance(method, Explicit) else Explicit(RK4, "covariance")
 
 
 def _kept_definite(covariance: Field, n: int) -> Program:

@@ -24,6 +24,7 @@ from hgogen.kalman.closed_loop import advised
 from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.kalman.prior import near
 from hgogen.kalman.riccati import Riccati
+from hgogen.lengths import Lengths
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
 from hgogen.runge_kutta import RK4, Stages, advance
@@ -100,18 +101,19 @@ def entries(name: str, matrix: Any) -> dict[str, Any]:
 
 
 def common(part: Riccati, clock: Clock) -> dict[str, Any]:
-    """What the pieces of every factored covariance have: the status bit, what a step forgets, and the step lengths,
-    which are of the closed loop."""
-    limit, take = advised(part, clock.dt)
+    """What the pieces of every factored covariance have: the status bit, and what a step forgets."""
     return {
-        "limit": limit,
-        "take": take,
-        "why": "beyond it no error settles, wherever in the declared box it was tried",
-        "found": FOUND,
         "bits": (part.limited,),
         "uses_output": part.known is not None,
         **({} if part.forgetting is None else _forgotten(part, clock)),
     }
+
+
+def factored_lengths(part: Riccati, dt: float) -> Lengths:
+    """Those of the closed loop, for every factored covariance."""
+    refused, take = advised(part, dt)
+    why = "beyond it no error settles, wherever in the declared box it was tried"
+    return Lengths(refused=refused, take=take, why=why, basis=FOUND)
 
 
 def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:

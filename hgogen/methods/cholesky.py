@@ -11,9 +11,12 @@ covariance; its numbers span half the decades, for 2n square roots, and n (n + 1
 
 from dataclasses import dataclass
 
+from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati import Riccati
 from hgogen.kalman.square_root import square_root
+from hgogen.lengths import Lengths
 from hgogen.method import NoCovariance
+from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 
 
@@ -30,6 +33,14 @@ class Cholesky:
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Predict, then one scalar update for each output."""
         return square_root(part, clock)
+
+    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
+        """None: the part is refused by `ode`."""
+        return Lengths()
+
+    def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
+        """Those of the closed loop."""
+        return factored_lengths(part, dt)
 
 
 cholesky = Cholesky()

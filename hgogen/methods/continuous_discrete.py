@@ -13,9 +13,11 @@ Bierman's.
 
 from dataclasses import dataclass
 
-from hgogen.kalman.factored import looped, unrolled
+from hgogen.kalman.factored import factored_lengths, looped, unrolled
 from hgogen.kalman.riccati import Riccati
+from hgogen.lengths import Lengths
 from hgogen.method import Explicit
+from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.runge_kutta import RK4
 
@@ -35,6 +37,14 @@ class ContinuousDiscrete:
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """Predict, then one scalar update for each output; loops where there are too many states to unroll."""
         return (unrolled if part.dynamics.n <= UNROLLED else looped)(part, clock)
+
+    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
+        """Those of classical Runge-Kutta."""
+        return Explicit(RK4, "information").ode_lengths(part, observer, dt)
+
+    def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
+        """Those of the closed loop."""
+        return factored_lengths(part, dt)
 
 
 continuous_discrete = ContinuousDiscrete()

@@ -1,11 +1,16 @@
-"""The one place that knows all kinds of parts: which rule makes memory and statements of each."""
+"""The one place that knows all kinds of parts: which rule makes memory and statements of each, and how long a step may
+be."""
+
+from collections.abc import Iterator
 
 from hgogen.innovation import Predictors
-from hgogen.kalman.curvature import Curved, curved
+from hgogen.kalman.curvature import Curved, curved, curved_lengths
 from hgogen.kalman.riccati import Riccati
+from hgogen.lengths import Lengths
 from hgogen.method import Method
+from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
-from hgogen.stepping.parallel import Parallel, parallel
+from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 
 
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
@@ -27,3 +32,19 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
         case Parallel():
             return parallel(part, clock, lambda each, own: pieces(each, method, own))
     raise TypeError(f"no rule makes statements of a {type(part).__name__}")
+
+
+def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
+    """The step lengths of each part that has some, as far as `dt` asks for them."""
+    for part in observer.parts:
+        match part:
+            case Ode():
+                yield method.ode_lengths(part, observer, dt)
+            case Riccati():
+                yield method.riccati_lengths(part, dt)
+            case Curved():
+                yield from curved_lengths(part, method, dt)
+            case Predictors(predictor=predictor):
+                yield predictor.lengths
+            case Parallel(member=member):
+                yield from (*lengths(member, method, dt), *judge_lengths(part, dt))

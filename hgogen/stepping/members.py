@@ -110,7 +110,6 @@ def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[str, Any
 def joined(pieces: Iterable[Pieces]) -> Pieces:
     """Parts one after the other as one."""
     pieces = tuple(pieces)
-    tightest, advised = min(pieces, key=lambda piece: piece.limit), min(pieces, key=lambda piece: piece.take)
     correcting = [piece for piece in pieces if piece.update]
 
     def every(part: Callable[[Pieces], tuple[Any, ...]]) -> tuple[Any, ...]:
@@ -127,10 +126,6 @@ def joined(pieces: Iterable[Pieces]) -> Pieces:
         update=tuple(tuple(s for piece in correcting for s in piece.update[j]) for j in outputs),
         adapt=every(lambda piece: piece.adapt),
         uses_output=any(piece.uses_output for piece in pieces),
-        limit=tightest.limit,
-        take=advised.take,
-        why=tightest.why,
-        found=advised.found,
         rule=next((piece.rule for piece in pieces if piece.rule), ""),
     )
 

@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.core import numbers
+from hgogen.chains.core import nominal, numbers
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Program, column, sym
@@ -97,7 +97,7 @@ def _start(
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
     places = [f"state.{field.name}" for field in shown]
     sizes = np.cumsum([field.size for field in shown])[:-1]
-    rest = {"state.u": np.zeros(len(observer.form.system.inputs)), **clock.nominal}
+    rest = {"state.u": np.zeros(len(observer.form.system.inputs)), **nominal(observer)}
 
     def seen(point: np.ndarray) -> int:
         values = {**rest, **dict(zip(places, np.split(point, sizes), strict=True))}

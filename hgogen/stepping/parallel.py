@@ -13,6 +13,7 @@ import casadi as ca
 from hgogen.chains.core import nominal, numbers
 from hgogen.errors import HgogenError
 from hgogen.innovation import Innovation, staggered
+from hgogen.lengths import Lengths
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Program, When, scalar, sym
@@ -64,10 +65,9 @@ class Parallel(Part):
 
 def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part, Clock], Pieces]) -> Pieces:
     """The members in loops, with the pieces of their parts."""
-    own = replace(clock, nominal=nominal(part.member), of=part.member)
     period = _samples(part, clock.dt)
-    alone = joined(pieces(each, own) for each in part.member.parts)
-    score = _score(part, own, alone.fields, pieces)
+    alone = joined(pieces(each, clock) for each in part.member.parts)
+    score = _score(part, clock, alone.fields, pieces)
     every = joined((alone, score))
     shown = tuple(field for field in alone.fields if field.name in part.shown)
     show = _show(shown)
@@ -109,11 +109,23 @@ def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callab
         state_field(part.member.form, None, 1.0),
         initial=tuple(float(value) for value in numbers(part.member.z, values)[:, 0]),
     )
-    share = PREDICTORS * clock.dt
-    innovation = part.innovation or staggered(max(1, round(SHARE * part.period / share)) * share, PREDICTORS)
-    scored = pieces(innovation.part(part.member.dynamics, z), clock)
+    judged = pieces(_judge(part, clock.dt).part(part.member.dynamics, z), clock)
     names = {"innovation": "score"}
-    return renamed(scored, lambda name: names.get(name, f"score_{name}"), {"state.z": part.member.z})
+    return renamed(judged, lambda name: names.get(name, f"score_{name}"), {"state.z": part.member.z})
+
+
+def _judge(part: Parallel, dt: float) -> Innovation:
+    """What the members are compared by; where none is given, over a share of the period."""
+    share = PREDICTORS * dt
+    return part.innovation or staggered(max(1, round(SHARE * part.period / share)) * share, PREDICTORS)
+
+
+def judge_lengths(part: Parallel, dt: float) -> tuple[Lengths, ...]:
+    """The step lengths of the predictors by which the members are compared, if they are."""
+    if part.newest:
+        return ()
+    judge = _judge(part, dt).part(part.member.dynamics, state_field(part.member.form, None, 1.0))
+    return (judge.predictor.lengths,)
 
 
 def _newest(part: Parallel, clock: Clock) -> Pieces:

@@ -56,24 +56,24 @@ def _typical(decays: np.ndarray) -> float | None:
 
 def rate(observer: Observer, clock: Clock) -> float:
     """mu of the observer's slowest part; that of ten samples where none is known."""
-    known = [found for part in observer.parts if (found := _rate(part, clock)) is not None]
+    known = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
     return min(known, default=1 / (SAMPLES * clock.dt))
 
 
-def _rate(part: Any, clock: Clock) -> float | None:
+def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
     match part:
         case Ode():
             firsts = {field.name: np.array(field.initial) for field in part.fields}
             middle = {name: tuple(np.sqrt(firsts[name] * most)) for name, most in part.frozen.items()}
             line = core(replace(part, frozen=middle), clock.outputs)
-            matrix = part.core if line is None else numbers(line.M, clock.nominal)
+            matrix = part.core if line is None else numbers(line.M, nominal(observer))
             decays = np.zeros(0) if matrix is None else -np.linalg.eigvals(matrix).real.ravel()
             return min(decays[decays > 0].tolist(), default=None)
         case Riccati():
             decays = closed_loop_rates(*part.linearised(POINTS), *part.nominal, part.theta.late, part.scaling)
             return _typical(decays[decays[:, 0] > HIDDEN * decays[:, -1]])
         case Curved():
-            return _rate(part.plain, clock)
+            return _rate(part.plain, observer, clock)
         case Parallel():
-            return rate(part.member, replace(clock, nominal=nominal(part.member)))
+            return rate(part.member, clock)
     return None

@@ -38,7 +38,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.chains.core import numbers
+from hgogen.chains.core import nominal, numbers
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import INF, Block, Field, Program, When, scalar, sym
@@ -288,7 +288,7 @@ class Recovery:
         shown = self._shown()
         x = ca.vertcat(*(sym(f"state.{field.name}", field.size) for field in shown))
         values = {f"state.{field.name}": np.array(field.initial) for field in shown}
-        values |= {"state.u": np.zeros(len(self.observer.form.system.inputs)), **self.clock.nominal}
+        values |= {"state.u": np.zeros(len(self.observer.form.system.inputs)), **nominal(self.observer)}
         slope = np.abs(numbers(ca.jacobian(self.observer.z, x), values))
         outer = np.array([high - low for field in shown for low, high in field.box])
         inner = np.array([high - low for low, high in self.observer.dynamics.box])
