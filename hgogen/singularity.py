@@ -27,7 +27,7 @@ from hgogen.door import asks_a_plant
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.sign import nonzero
-from hgogen.intervals.singular import singular
+from hgogen.intervals.singular import minimal, singular
 from hgogen.structure.chain import on_box
 from hgogen.system import System
 
@@ -330,7 +330,7 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     readable = _open(plant, (jet.shown and jet.shown.factors) or ()) if doubtful else ()
     conditions = [f"{_brief(e)} != 0" for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
-    conditions += sorted(set(singular(map(exact, jet.parts), box).values()))
+    conditions += map(str, minimal(singular(map(exact, jet.parts), box).values()))
     if not conditions:
         return Check(id, claim, Verdict.PROVED, f"{reason}, which has no zero on the box")
     return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}; {reason}")

@@ -1,6 +1,7 @@
 """Where, on a box, an expression may be undefined or not smooth: roots, poles, logarithms, the unknown."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from fractions import Fraction
 
 import sympy as sp
@@ -9,21 +10,50 @@ from hgogen.intervals.box import Box
 from hgogen.intervals.glance import Interval, contains_zero, enclose
 
 _ONE, _THREE_HALVES = Fraction(1), Fraction(3, 2)
+POSITIVE, NONZERO = "{} > 0", "{} != 0"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What must hold for a part of an expression to be smooth: a `relation`, with {} for the expression `of`."""
+
+    relation: str
+    of: sp.Expr
+
+    def __str__(self) -> str:
+        return self.relation.format(self.of)
+
+    @property
+    def failure(self) -> str:
+        """Where it fails, in words."""
+        return f"at {self.of} = 0" if self.relation == NONZERO else f"unless {self}"
+
+    def implies(self, other: "Condition") -> bool:
+        """Whether the other one, which is not the same, says less."""
+        return self.of == other.of and (self.relation, other.relation) == (POSITIVE, NONZERO)
 
 
 def _inside(end: Fraction) -> Callable[[Interval], bool]:
     return lambda t: -end < t[0] and t[1] < end
 
 
-# (index of the argument, whether its range keeps clear of singular points, what must hold)
-_SINGULAR: dict[type, tuple[int, Callable[[Interval], bool], str]] = {
-    sp.log: (0, lambda t: t[0] > 0, "{} > 0"),
-    sp.tan: (0, _inside(_THREE_HALVES), "cos({}) != 0"),
-    sp.asin: (0, _inside(_ONE), "-1 < {} < 1"),
-    sp.acos: (0, _inside(_ONE), "-1 < {} < 1"),
-    sp.atanh: (0, _inside(_ONE), "-1 < {} < 1"),
-    sp.acosh: (0, lambda t: t[0] > _ONE, "{} > 1"),
-    sp.atan2: (1, lambda t: t[0] > 0, "{} > 0"),
+def _positive(argument: sp.Expr) -> Condition:
+    return Condition(POSITIVE, argument)
+
+
+def _within_one(argument: sp.Expr) -> Condition:
+    return Condition("-1 < {} < 1", argument)
+
+
+# index of the argument, whether its range keeps clear of singular points, what must hold of it
+_SINGULAR: dict[type, tuple[int, Callable[[Interval], bool], Callable[[sp.Expr], Condition]]] = {
+    sp.log: (0, lambda t: t[0] > 0, _positive),
+    sp.tan: (0, _inside(_THREE_HALVES), lambda angle: Condition(NONZERO, sp.cos(angle))),
+    sp.asin: (0, _inside(_ONE), _within_one),
+    sp.acos: (0, _inside(_ONE), _within_one),
+    sp.atanh: (0, _inside(_ONE), _within_one),
+    sp.acosh: (0, lambda t: t[0] > _ONE, lambda argument: Condition("{} > 1", argument)),
+    sp.atan2: (1, lambda t: t[0] > 0, _positive),
 }
 # Defined everywhere; those that jump are the business of whoever needs continuity.
 _ENTIRE = (
@@ -32,23 +62,29 @@ _ENTIRE = (
 )
 
 
-def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, str]:
+def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Condition]:
     """Parts that may be singular somewhere on the box, each with what must hold to exclude it."""
     nodes = {node for expression in expressions for node in expression.atoms(sp.Pow, sp.Function)}
     found = {node: _condition(node, box) for node in sorted(nodes, key=str)}
     return {node: condition for node, condition in found.items() if condition}
 
 
-def _condition(node: sp.Expr, box: Box) -> str:
-    """What must hold for `node` to be smooth; empty if outward-rounded intervals show that it does on the whole box."""
+def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
+    """Each once, in the order of their texts, without those that another one implies."""
+    every = sorted(set(conditions), key=str)
+    return tuple(each for each in every if not any(other.implies(each) for other in every))
+
+
+def _condition(node: sp.Expr, box: Box) -> Condition | None:
+    """What must hold for `node` to be smooth; None if outward-rounded intervals show that it does on the whole box."""
     if type(node) in _SINGULAR:
-        index, clear, text = _SINGULAR[type(node)]
-        return "" if clear(enclose(node.args[index], box)) else text.format(node.args[index])
+        index, clear, condition = _SINGULAR[type(node)]
+        return None if clear(enclose(node.args[index], box)) else condition(node.args[index])
     if not isinstance(node, sp.Pow):
-        return "" if type(node) in _ENTIRE else f"{node} is smooth"
+        return None if type(node) in _ENTIRE else Condition("{} is smooth", node)
     base = enclose(node.base, box)
     if node.exp.is_Integer:
-        return f"{node.base} != 0" if node.exp < 0 and contains_zero(base) else ""
+        return Condition(NONZERO, node.base) if node.exp < 0 and contains_zero(base) else None
     if base[0] > 0 or (node.exp.is_Rational and node.exp > 0 and base[0] >= 0):
-        return ""
-    return f"{node.base} > 0"
+        return None
+    return Condition(POSITIVE, node.base)

@@ -9,7 +9,7 @@ from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, Verdict
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.proof import Proof
-from hgogen.intervals.singular import singular
+from hgogen.intervals.singular import minimal, singular
 from hgogen.system import System
 
 _BOXES = 2000
@@ -42,7 +42,7 @@ def defined(id: str, name: str, c: sp.Expr, system: System) -> Check:
         if kind(c, point) == "undefined":
             return Check(id, claim, Verdict.REFUTED, f"{name} is not a finite real number", witness(point), fix)
     poles = singular([c], around)
-    reason = f"holds where {' and '.join(sorted(set(poles.values())))}" if poles else found.note
+    reason = f"holds where {' and '.join(map(str, minimal(poles.values())))}" if poles else found.note
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
 
 

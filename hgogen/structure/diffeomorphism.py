@@ -20,7 +20,7 @@ from hgogen.intervals.box import Box
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.glance import Interval, enclose, finite
-from hgogen.intervals.singular import singular
+from hgogen.intervals.singular import minimal, singular
 from hgogen.signal import Signal
 from hgogen.structure.lipschitz import JUMPS, KINKS
 from hgogen.system import System
@@ -114,7 +114,7 @@ def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> str:
             return f"{s} = {e} may not be smooth, for {rough[0]}"
         poles = singular([e, *(e.diff(x) for x in signals)], box_of(signals))
         if poles:
-            return f"{s} = {e} is smooth where {' and '.join(sorted(set(poles.values())))}"
+            return f"{s} = {e} is smooth where {' and '.join(map(str, minimal(poles.values())))}"
     return ""
 
 

@@ -16,7 +16,7 @@ from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
-from hgogen.intervals.singular import singular
+from hgogen.intervals.singular import minimal, singular
 from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
 from hgogen.system import System
 
@@ -58,20 +58,14 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") ->
     if names:
         return answer(Verdict.UNKNOWN, f"no bound without a range for {names}", f"Declare low= and high= for {names}.")
     if poles:
-        conditions = set(poles.values())
-        conditions -= {positive.replace(" > 0", " != 0") for positive in conditions if " > 0" in positive}
+        conditions = minimal(poles.values())
         fix = "Narrow the ranges so that it stays away from there."
         if any(node.has(*system.states) for node in poles):
-            there = " or ".join(_where_not(condition) for condition in sorted(conditions))
+            there = " or ".join(condition.failure for condition in conditions)
             return answer(Verdict.UNKNOWN, f"no uniform bound is shown; it may be singular {there}", fix)
-        holds = " and ".join(sorted(conditions))
+        holds = " and ".join(map(str, conditions))
         return answer(Verdict.WHERE, f"holds on every closed part of the box where {holds}", fix)
     return answer(Verdict.UNKNOWN, found.reason)
-
-
-def _where_not(condition: str) -> str:
-    """Where a condition of `singular` fails."""
-    return f"at {condition.replace(' != 0', ' = 0')}" if " != 0" in condition else f"unless {condition}"
 
 
 def _loose(system: System) -> set[sp.Symbol]:
