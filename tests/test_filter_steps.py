@@ -57,6 +57,44 @@ def neuron(x: np.ndarray) -> np.ndarray:
     return np.array([w - v**3 + 3 * v**2 - z + 1, 1 - 5 * v**2 - w, 0.006 * (4 * (v + 1.6) - z)])
 
 
+def test_no_step_is_advised_at_which_a_motor_at_full_speed_is_lost() -> None:
+    """In field weakening, i_d = -14 A, the motor turns at 285 rad/s within its voltages; its trial reaches 150, and
+    settles by steps six times as long as is advised."""
+    own = load(MODELS / "pmsm.toml").step("riccati")
+    (part,) = (part for part in own.observer.parts if isinstance(part, Riccati))
+    take = advised(part, 10.0)[1]
+    assert 0.003 < take < 0.0035
+    assert weakened(own.observer, take) < 1
+    assert weakened(own.observer, 4 * take) > 40
+
+
+def weakened(observer: hg.Observer, dt: float) -> float:
+    """The largest late error of w (rad/s), in 2 s at full speed, from an error of 40."""
+    speed, i_d = 285.0, -14.0
+    i_q = 0.5 * speed / 500
+    now, true, voltages = np.array([i_d, i_q, speed]), [], []
+    for k in range(int(2 / dt)):
+        ripple = 300 * np.sin(5 * k * dt)
+        u = np.array([200 * i_d - speed * i_q, 200 * i_q + speed * i_d + 30 * speed + ripple])
+        true.append(now)
+        voltages.append(u)
+        for _ in range(200):
+            middle = now + dt / 400 * motor(now, u)
+            now = now + dt / 200 * motor(middle, u)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepMayFail)
+        started = observer.started(lambda form: {"i_d": i_d, "i_q": i_q, "w": speed - 40})
+        step = hg.sample(started, dt=dt, between="hold")
+    run = step.run(u=np.array(voltages), y=np.array(true)[:, :2])
+    return float(np.abs(run.x - np.array(true))[len(true) // 2 :, 2].max())
+
+
+def motor(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """That of pmsm.toml."""
+    i_d, i_q, w = x
+    return np.array([-200 * i_d + w * i_q + u[0], -200 * i_q - w * i_d - 30 * w + u[1], 500 * i_q - 0.5 * w])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "name"),
