@@ -29,21 +29,12 @@ def tree(name: str) -> ast.Module:
     return ast.parse(FILES[name].read_text(), str(FILES[name]))
 
 
-def runtime(node: ast.AST) -> list[ast.AST]:
-    """Every node that runs: not what stands under `if TYPE_CHECKING`."""
-    found = [node]
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
-            continue
-        found += runtime(child)
-    return found
-
-
 @cache
 def imports(name: str) -> frozenset[str]:
-    """The modules of the package that a module imports, anywhere in it; a folder imports its cases."""
+    """The modules of the package that a module imports, anywhere in it, for types as well; a folder imports its
+    cases."""
     found = set()
-    for node in ast.walk(tree(name)) if name == "hgogen" else runtime(tree(name)):  # the package imports when asked
+    for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
