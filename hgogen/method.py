@@ -24,6 +24,7 @@ POINTS = 6  # corners, and as many points inside, at which the covariance equati
 FACTORED = "the method continuous_discrete keeps it definite at any dt"
 
 
+@dataclass(eq=False)
 class InfiniteCore(HgogenError):
     """A linear error core whose numbers overflow."""
 
