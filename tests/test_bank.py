@@ -345,14 +345,14 @@ def text_of(made: Any, folder: Any) -> int:
 @pytest.mark.parametrize(
     ("name", "place"),
     [
-        ("decaying", "s.member[k].z of every k"),
-        ("low_power", "s.member[k].xi_p of every k and s.member[k].xi_q of every k"),
+        ("decaying", "s.z"),
+        ("low_power", "s.xi_p and s.xi_q"),
     ],
 )
 def test_the_header_says_where_the_estimate_starts(name: str, place: str) -> None:
     made = around(name)
     text = hg.targets.c99(made, check=False)[f"{made.name}.h"]
-    assert f"write {place} after init or reset" in re.sub(r"\s+\*\s+", " ", text)
+    assert f"write {place}, in the coordinates that the struct names" in re.sub(r"\s+\*\s+", " ", text)
 
 
 def test_every_place_of_a_member_is_in_its_struct() -> None:

@@ -1,6 +1,7 @@
 """The link of a certificate with the C: one digest of the model; and what of a file is refused, or fails alone."""
 
 import json
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,6 @@ from plants import pendulum
 from typer.testing import CliRunner
 
 import hgogen as hg
-from hgogen import certificate as certificates
 from hgogen import cli
 from hgogen.certificate import NotCertifiable, certificate, fingerprint
 from hgogen.recheck.file import SHOWN, digest, model_digest
@@ -119,9 +119,10 @@ def test_the_banner_computes_no_evidence(monkeypatch: pytest.MonkeyPatch) -> Non
     def never(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(certificates, "of_form", never)
-    monkeypatch.setattr(certificates, "of_observer", never)
-    monkeypatch.setattr(certificates, "recheck", never)
+    file = sys.modules["hgogen.certificate"]  # hgogen.certificate is the function
+    monkeypatch.setattr(file, "of_form", never)
+    monkeypatch.setattr(file, "of_observer", never)
+    monkeypatch.setattr(file, "recheck", never)
     text = hg.targets.c99(emitted.step("pendulum"), check=False)["pendulum.h"]
     assert "Model: " in text
     with pytest.raises(AssertionError):

@@ -77,9 +77,9 @@
  * those of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and
  * parameters at their nominal values, which proves nothing: others may ask for a shorter one. A gain whose
  * largest value is its nominal one can only go down. The state may be copied, saved and restored, by the same
- * version of this file. To start from an estimate of yours write s.z, in the coordinates named beside it in
- * the struct, after init or reset and before the first call, which takes it as it stands; what else a step
- * remembers of the estimate starts there too.
+ * version of this file. To start from an estimate of yours write s.z, in the coordinates that the struct
+ * names, after init or reset and before the first call, which takes the estimate as it stands; what else a
+ * step remembers of it starts there too.
  *
  * No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
  * under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
