@@ -246,8 +246,9 @@ def _level(floor: Fraction | None, asked: Dissipates) -> Check:
     return Check("dissipation.level", claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}", proofs=proofs)
 
 
-def _check(what: str, claim: str, answer: Answer, value: str, asked: Dissipates) -> Check:
-    reason = answer.reason.replace("it is", f"{value} is", 1) if answer.verdict is Verdict.REFUTED else answer.reason
+def _check(what: str, claim: str, answer: Answer, side: str, asked: Dissipates) -> Check:
+    """`side`: the name of what must be negative."""
+    reason = answer.reason if answer.value is None else f"{side} is {answer.value:.3g} there"
     witness = {s.name: float(number) for s, number in answer.point.items()}
     proofs = (replace(asked, answer=answer),)
     return Check(f"dissipation.{what}", claim, answer.verdict, reason, witness, proofs=proofs)

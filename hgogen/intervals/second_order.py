@@ -57,15 +57,16 @@ class SecondOrder:
 
 @dataclass(frozen=True)
 class Answer:
-    """PROVED with the proofs, REFUTED with an exact point and the value there, or UNKNOWN; `reason` says how.
+    """PROVED with the proofs, REFUTED with an exact point and the `value` there, or UNKNOWN; `reason` says how.
 
     Of what is proved, `share` of the box of errors is that where N is definite, T'N T nearly the unit matrix with T =
     `basis`; the proofs are the one of that, and one for each slab.
     """
 
     verdict: Verdict
-    reason: str
+    reason: str = ""
     point: Mapping[sp.Symbol, Fraction] = field(default_factory=dict, hash=False)
+    value: float | None = None
     proofs: tuple[Proof, ...] = ()
     share: Fraction = Fraction(1)
     basis: sp.Matrix | None = None
@@ -122,7 +123,7 @@ class _Program:
         symbols = (*asked.errors, *others)
         return cls(asked, symbols, tape([asked.value], symbols), sp.lambdify(symbols, asked.value, "numpy"))
 
-    def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, str]]:
+    def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
         """Those of the points where S >= 0 is proved and e is not 0, with the value there."""
         everything = {**self.asked.box, **self.asked.around}
         sides = Sides(self.symbols, tuple(everything[s] for s in self.symbols))
@@ -131,7 +132,7 @@ class _Program:
                 continue
             (ball,) = values(self.exactly, [point[s] for s in self.symbols], _BITS)
             if ball >= 0:
-                yield point, f"{float(ball.mid()):.3g}"
+                yield point, float(ball.mid())
 
     def ratio(self, x: np.ndarray) -> np.ndarray:
         """S/|e|^2 at points (number of symbols, k), -inf where it is not a number."""
@@ -141,9 +142,9 @@ class _Program:
         return np.where(np.isfinite(found), found, -np.inf)
 
 
-def _refuted(found: tuple[Point, str]) -> Answer:
-    point, value = found
-    return Answer(Verdict.REFUTED, f"it is {value} there", point)
+def _refuted(violation: tuple[Point, float]) -> Answer:
+    point, value = violation
+    return Answer(Verdict.REFUTED, point=point, value=value)
 
 
 def _samples(program: _Program) -> Iterator[Point]:
