@@ -144,3 +144,12 @@ def test_a_refuted_form_is_not_wrapped(tmp_path: Path):
     assert said.startswith(f"{path}, tuning.decaying: refuted: triangular.a_2")
     assert said.count("accept") == said.count("accept=('triangular.a_2',)") == 1
     assert said.endswith("The plant is state-affine, which is proved: kalman_like takes its form state_affine.")
+
+
+def test_a_tuning_and_a_certificate_without_the_command_line(tmp_path: Path) -> None:
+    step = hg.load(MODELS / "pendulum.py").step("riccati")
+    assert step.observer.name == "riccati"
+    content = hg.certificate(step.observer.form, step.observer.checks, step.observer.name)
+    assert content["observer"]["name"] == "riccati"
+    with pytest.raises(hg.HgogenError, match="there is no such model file"):
+        hg.load(tmp_path / "nothing.py")
