@@ -22,6 +22,7 @@ from hgogen.program import sym
 from hgogen.runge_kutta import EULER, HEUN, RK4, Tableau, repeated
 from hgogen.stability import Limit, core_limit
 from hgogen.step import BadStep, CannotUpdate, StepMayFail, StepTooLong
+from hgogen.stepping import kernels
 
 EPS = np.finfo(float).eps
 Signal = Callable[[np.ndarray], np.ndarray]
@@ -260,6 +261,24 @@ def test_the_measurement_update_is_the_dense_one(n: int, seed: int, full: bool) 
     assert gain == pytest.approx(K, abs=100 * n**2 * EPS * (scale[:, None] * np.sqrt(1 / alpha)).max())
     if not full:
         assert np.array_equal(lower, L)
+
+
+@given(sizes, seeds)
+@settings(deadline=None, max_examples=60)
+def test_the_loops_of_the_measurement_update_are_the_dense_one(n: int, seed: int) -> None:
+    """The same of the kernel, which has L by columns and ends with K."""
+    rng = np.random.default_rng(seed)
+    (L, d), c, r = factors(rng, n, 2), rng.standard_normal(n), np.array([10 ** rng.uniform(-2, 2)])
+    columns, diagonal, gain = L.T.copy(), d.copy(), np.zeros(n)
+    kernels.correct(columns, diagonal, c, r, gain)
+    lower = np.tril(columns.T, -1) + np.eye(n)
+    P = L @ np.diag(d) @ L.T
+    alpha = r[0] + c @ P @ c
+    K = P @ c / alpha
+    scale = np.sqrt(np.diag(P))
+    error = np.abs(lower @ np.diag(diagonal) @ lower.T - (P - np.outer(K, c @ P))) / np.outer(scale, scale)
+    assert error.max() < 100 * n**2 * EPS
+    assert gain == pytest.approx(K, abs=100 * n**2 * EPS * (scale * np.sqrt(1 / alpha)).max())
 
 
 @given(sizes, seeds)

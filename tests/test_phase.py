@@ -422,3 +422,15 @@ def test_a_derivative_of_an_input_wants_a_range() -> None:
         form = hg.forms.phase(plant("driven", x, [x[1] + u, -x[0]], x[0], inputs=(u,)))
         verdicts += [check.verdict for check in form.checks if check.id == "phase.inputs"]
     assert verdicts == [Verdict.UNKNOWN, Verdict.PROVED]
+
+
+def test_near_a_singular_state_there_is_no_correction() -> None:
+    """x1' = x2^2/2, y = x1: det dPhi/dx = x2, through which (1, 1) is pulled to (1, 1/x2), or to 0 up to the least."""
+    x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
+    plant = hg.System("fold", states=(x1, x2), outputs=(y,), flow=[x2**2 / 2, -x2], output=[x1])
+    dynamics, z = Dynamics(hg.forms.phase(plant, original=True)), ca.SX.sym("z", 2)
+    pulled = ca.Function("pulled", [z], [dynamics.pulled(ca.SX([1, 1]), z, ca.SX(0, 1), 0.05)])
+    for value, wanted in ((0.051, 1 / 0.051), (-0.2, -5), (1, 1)):
+        assert np.array(pulled([0, value]))[:, 0] == pytest.approx([1, wanted])
+    for value in (0, 0.01, -0.049):
+        assert np.array(pulled([0, value]))[:, 0].tolist() == [0, 0]
