@@ -79,7 +79,7 @@ class Pieces:
 
 
 class Part:
-    """A piece of an observer: data, of which `discretisation.pieces` makes memory and statements."""
+    """A piece of an observer: data, of which `stepping.discretise.pieces` makes memory and statements."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -427,6 +427,7 @@ def test_a_gain_of_a_parameter_that_is_zero() -> None:
         (sp.sqrt(u) * X1, "where", "holds on every closed part of the box where u > 0"),
         (X1 / u, "refuted", "no bound towards u = 0"),
         (1 / u, "where", "holds on every closed part of the box where u != 0"),
+        (1 / u + sp.sqrt(u) * X1, "where", "holds on every closed part of the box where u > 0"),
         (sp.tan(X1), "unknown", "no uniform bound is shown; it may be singular at cos(x1) = 0"),
         (X1 * sp.sin(1 / X1), "unknown", "no uniform bound is shown; it may be singular at x1 = 0"),
         (sp.asin(X1), "refuted", "no bound towards x1 = 1"),

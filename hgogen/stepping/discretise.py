@@ -30,7 +30,7 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
         case Jump(build=build):
             return build(clock)
         case Parallel():
-            return parallel(part, clock, lambda each, own: pieces(each, method, own))
+            return parallel(part, clock, lambda each: pieces(each, method, clock))
     raise TypeError(f"no rule makes statements of a {type(part).__name__}")
 
 

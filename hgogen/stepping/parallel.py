@@ -63,10 +63,10 @@ class Parallel(Part):
         return read_fields([self.member.z, *notices]) | set(self.member.traces)
 
 
-def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part, Clock], Pieces]) -> Pieces:
+def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> Pieces:
     """The members in loops, with the pieces of their parts."""
     period = _samples(part, clock.dt)
-    alone = joined(pieces(each, clock) for each in part.member.parts)
+    alone = joined(map(pieces, part.member.parts))
     score = _score(part, clock, alone.fields, pieces)
     every = joined((alone, score))
     shown = tuple(field for field in alone.fields if field.name in part.shown)
@@ -100,7 +100,7 @@ def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Progr
 # --- the score
 
 
-def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callable[[Part, Clock], Pieces]) -> Pieces:
+def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callable[[Part], Pieces]) -> Pieces:
     if part.newest:
         return _newest(part, clock)
     start = {f"state.{field.name}": field.initial for field in fields}
@@ -109,7 +109,7 @@ def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callab
         state_field(part.member.form, None, 1.0),
         initial=tuple(float(value) for value in numbers(part.member.z, values)[:, 0]),
     )
-    judged = pieces(_judge(part, clock.dt).part(part.member.dynamics, z), clock)
+    judged = pieces(_judge(part, clock.dt).part(part.member.dynamics, z))
     names = {"innovation": "score"}
     return renamed(judged, lambda name: names.get(name, f"score_{name}"), {"state.z": part.member.z})
 
