@@ -107,6 +107,10 @@ def answers(folder: Path, models: list[str]) -> dict[str, Any]:
 # --- two versions
 
 
+class Unknown(Exception):
+    """A commit or a model that is not there, as a sentence."""
+
+
 def asked(folder: Path, models: list[str]) -> dict[str, Any]:
     """The answers of the version in a folder, from a process of its own."""
     command = [sys.executable, str(Path(__file__).resolve()), "--answers", str(folder), "--models", ",".join(models)]
@@ -120,7 +124,10 @@ def asked(folder: Path, models: list[str]) -> dict[str, Any]:
 
 def before(revision: str, models: list[str]) -> dict[str, Any]:
     """The answers of a commit, stored by its hash."""
-    commit = _git("rev-parse", "--verify", f"{revision}^{{commit}}").decode().strip()
+    try:
+        commit = _git("rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}").decode().strip()
+    except subprocess.CalledProcessError:
+        raise Unknown(f"{revision} is no commit of {ROOT}; name one, such as HEAD~1") from None
     key = hashlib.sha256(Path(__file__).read_bytes() + ",".join(models).encode()).hexdigest()[:12]
     store = STORE / f"{commit}-{key}.json"
     if not store.exists():
@@ -166,10 +173,16 @@ def main() -> None:
     parser.add_argument("--answers", metavar="FOLDER", help="print the answers of the version in a folder, as JSON")
     options = parser.parse_args()
     models = [name for name in options.models.split(",") if name]
+    there = {path.stem for path in (ROOT / "models").glob("*.[pt]*")}
+    if missing := sorted({*models} - there):
+        parser.error(f"there is no model {', '.join(missing)}; the models are {', '.join(sorted(there))}")
     if options.answers:
         print(json.dumps(answers(Path(options.answers), models)))
         return
-    old, new = before(options.revision, models), asked(ROOT, models)
+    try:
+        old, new = before(options.revision, models), asked(ROOT, models)
+    except Unknown as error:
+        parser.error(str(error))
     told = list(differences(old, new, options.sentences))
     print("\n".join([*told, f"{len(new)} answers, {len(told)} differences from {options.revision}"]))
     raise SystemExit(bool(told))
