@@ -20,6 +20,7 @@ from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.certificate import certificate
 from hgogen.check import Verdict
+from hgogen.intervals.bounds import bound
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.slope import lipschitz_bound
@@ -253,6 +254,15 @@ def test_without_kinks_it_is_the_same_function(e: sp.Expr, first: Any, second: A
         assert np.allclose(
             np.where(np.isnan(want), np.nan, seen), np.where(np.isnan(seen), np.nan, want), equal_nan=True
         )
+
+
+@pytest.mark.parametrize("at", [0, 1])
+def test_a_direction_at_a_face_leaves_the_other_factor_its_range(at: int) -> None:
+    """Its slope is 0 within the box: of a box with both ends exchanged y sign(x) would be 0."""
+    box = {x: (Fraction(0), Fraction(1)), y: (Fraction(-1), Fraction(1))}
+    found = bound(y * Direction(sp.Integer(0), x - at), box)
+    assert (found.low, found.high) == (-1, 1)
+    assert nonzero(slope(x * y * sp.sign(x) + x, x), box).verdict is not Verdict.PROVED
 
 
 @settings(max_examples=60, deadline=None)

@@ -293,7 +293,8 @@ def _mean_value(here: Pair, box: Pair, centre: Array, slope: Pair) -> Pair:
 def _on_faces(problem: _Problem, box: Pair, slope: Pair, sound: Flags, value: Pair) -> Pair:
     """The lower and upper bounds on the faces where the expression is least and most."""
     low, high = box
-    rising, falling = sound & (slope[0] >= 0), sound & (slope[1] <= 0)
+    rising = sound & (slope[0] >= 0)
+    falling = sound & (slope[1] <= 0) & ~rising  # not both, of a slope that is 0: one face is as good as the other
     some = (rising | falling).any(axis=0)
     if not some.any():
         return value
