@@ -3,67 +3,72 @@
 plant : System --form--> Form --observer--> Observer --method, dt--> Step --target--> files
                                                                        --call------> numbers
 
-What is public is imported when it is first asked for, so that `import hgogen` takes no time. A file that holds a
-function of its own name (`response.py`: `response`) gives its function, whoever imports the file first: where Python
-binds the file to the package, the function is bound in its place.
+What is public is imported when it is first asked for, so that `import hgogen` takes no time.
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 
 TYPE_CHECKING = False
-if TYPE_CHECKING:  # the same as in _FILES, for what reads types; a test compares the two
-    from hgogen import design, forms, innovation, methods, observers, targets, theta, trial
+if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a test compares them
+    from hgogen import forms, methods, observers, targets, trial
+    from hgogen.analysis.observability import observability
+    from hgogen.analysis.query import bound, nonzero
+    from hgogen.analysis.singularity import singularity
     from hgogen.call import sample
-    from hgogen.casadi_model import from_casadi
-    from hgogen.certificate import certificate
+    from hgogen.calling.samples import Run, Sample
+    from hgogen.certificates.certificate import certificate
     from hgogen.check import Check, Verdict
-    from hgogen.dissipation import Dissipation, dissipation
-    from hgogen.error_system import ErrorSystem, error_system
     from hgogen.errors import HgogenError
     from hgogen.form import Form
-    from hgogen.gramian import gramian
+    from hgogen.guarantees import design
+    from hgogen.guarantees.dissipation import Dissipation, dissipation
+    from hgogen.guarantees.error_system import ErrorSystem, error_system
+    from hgogen.guarantees.observer_errors import observer_errors
+    from hgogen.kalman import innovation, theta
     from hgogen.model import Model, load
-    from hgogen.observability import observability
     from hgogen.observer import Observer
-    from hgogen.observer_errors import observer_errors
-    from hgogen.query import bound, nonzero
-    from hgogen.recast import recast
-    from hgogen.reference import reference
-    from hgogen.response import response
-    from hgogen.samples import Run, Sample
+    from hgogen.reading.casadi_model import from_casadi
     from hgogen.signal import Signal
-    from hgogen.singularity import singularity
     from hgogen.step import Step
-    from hgogen.survey import survey
+    from hgogen.structure.recast import recast
     from hgogen.system import System
     from hgogen.target import write
+    from hgogen.trials import excitation
+    from hgogen.trials.gramian import gramian
+    from hgogen.trials.reference import reference
+    from hgogen.trials.response import response
+    from hgogen.which_forms import survey
 
-_FILES = {  # a public name, and the file that holds it, "" for a file or folder itself
-    **dict.fromkeys(("design", "forms", "innovation", "methods", "observers", "targets", "theta", "trial"), ""),
-    **dict.fromkeys(("Run", "Sample"), "samples"),
+_MODULES = {  # public files and folders
+    **{name: name for name in ("forms", "methods", "observers", "targets", "trial")},
+    "design": "guarantees.design",
+    "excitation": "trials.excitation",
+    "innovation": "kalman.innovation",
+    "theta": "kalman.theta",
+}
+_NAMES = {  # what else is public, and the file that holds it
+    **dict.fromkeys(("Run", "Sample"), "calling.samples"),
     "sample": "call",
-    "from_casadi": "casadi_model",
-    "certificate": "certificate",
+    "from_casadi": "reading.casadi_model",
+    "certificate": "certificates.certificate",
     **dict.fromkeys(("Check", "Verdict"), "check"),
-    **dict.fromkeys(("Dissipation", "dissipation"), "dissipation"),
-    **dict.fromkeys(("ErrorSystem", "error_system"), "error_system"),
+    **dict.fromkeys(("Dissipation", "dissipation"), "guarantees.dissipation"),
+    **dict.fromkeys(("ErrorSystem", "error_system"), "guarantees.error_system"),
     "HgogenError": "errors",
     "Form": "form",
-    "gramian": "gramian",
+    "gramian": "trials.gramian",
     **dict.fromkeys(("Model", "load"), "model"),
-    "observability": "observability",
+    "observability": "analysis.observability",
     "Observer": "observer",
-    "observer_errors": "observer_errors",
-    **dict.fromkeys(("bound", "nonzero"), "query"),
-    "recast": "recast",
-    "reference": "reference",
-    "response": "response",
+    "observer_errors": "guarantees.observer_errors",
+    **dict.fromkeys(("bound", "nonzero"), "analysis.query"),
+    "recast": "structure.recast",
+    "reference": "trials.reference",
+    "response": "trials.response",
     "Signal": "signal",
-    "singularity": "singularity",
+    "singularity": "analysis.singularity",
     "Step": "step",
-    "survey": "survey",
+    "survey": "which_forms",
     "System": "system",
     "write": "target",
 }
@@ -87,6 +92,7 @@ __all__ = [
     "design",
     "dissipation",
     "error_system",
+    "excitation",
     "forms",
     "from_casadi",
     "gramian",
@@ -110,23 +116,16 @@ __all__ = [
 ]
 
 
-class _Package(ModuleType):
-    """This package, with what it does when a name is asked for and when a file is bound to it."""
-
-    def __getattr__(self, name: str) -> object:
-        if name not in _FILES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=self)
-        found: object = import_module(f"{__name__}.{_FILES[name] or name}")
-        found = getattr(found, name) if _FILES[name] else found
-        setattr(self, name, found)
-        return found
-
-    def __setattr__(self, name: str, value: object) -> None:
-        own = isinstance(value, ModuleType) and _FILES.get(name) == name
-        super().__setattr__(name, getattr(value, name) if own else value)
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *__all__})
+def __getattr__(name: str) -> object:
+    if name in _MODULES:
+        value: object = import_module(f"{__name__}.{_MODULES[name]}")
+    elif name in _NAMES:
+        value = getattr(import_module(f"{__name__}.{_NAMES[name]}"), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
+    globals()[name] = value
+    return value
 
 
-sys.modules[__name__].__class__ = _Package
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from hgogen import methods
-from hgogen.emit import native
+from hgogen.calling import native
+from hgogen.calling.readers import Kept
+from hgogen.calling.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
 from hgogen.emit.pystep import Entry
 from hgogen.form import Form
-from hgogen.kept import Kept
 from hgogen.method import Method
-from hgogen.named import in_order
 from hgogen.observer import Observer
 from hgogen.program import dangling
-from hgogen.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
+from hgogen.reading.named import in_order
+from hgogen.reading.time_unit import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, plan
 from hgogen.stepping.sensors import AT, ROUND
-from hgogen.time_unit import plural
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,18 +7,18 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from hgogen.chains.core import core, nominal, numbers
+from hgogen.chains.transient import lengths
+from hgogen.discretisation.growth import polynomial
+from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.runge_kutta import Tableau, advance
+from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
-from hgogen.growth import polynomial
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import near_view
-from hgogen.kalman.riccati import Riccati
-from hgogen.lengths import Lengths
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, sym
-from hgogen.runge_kutta import Tableau, advance
-from hgogen.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
-from hgogen.transient import lengths
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 FACTORED = "the method continuous_discrete keeps it definite at any dt"

@@ -15,20 +15,21 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any
 
-from hgogen import filename, observers
-from hgogen.arguments import arguments
+from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
-from hgogen.dissipation import Dissipation
 from hgogen.errors import HgogenError
+from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
-from hgogen.modelfile import READERS, BadModelFile, PlainModel, read
+from hgogen.modelfiles.arguments import arguments
+from hgogen.modelfiles.recipe import trial_of
+from hgogen.modelfiles.storage import stored
+from hgogen.modelfiles.tuning import Start, Tuning
+from hgogen.reading import filename
 from hgogen.reading.folding import Fold
-from hgogen.recipe import trial_of
-from hgogen.storage import stored
+from hgogen.reading.text_model import READERS, BadModelFile, PlainModel, read
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.tuning import Start, Tuning
 
 FOLDER = Path("models")
 _NO_MODELS = f"give the path of a model file: a bare name is sought in ./{FOLDER}, and there is none here"

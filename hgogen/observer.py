@@ -11,13 +11,13 @@ import sympy as sp
 
 from hgogen.check import Check, Refuted, demand
 from hgogen.form import Form
-from hgogen.given import BadGain, real, reals
-from hgogen.named import Values, in_order, names_of
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
-from hgogen.scaling import exponents
+from hgogen.reading.given import BadGain, real, reals
+from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
 from hgogen.structure.dynamics import Dynamics, Singular
+from hgogen.structure.scaling import exponents
 from hgogen.theorem import Theorem
 
 STARTS = ("initial", "start")  # the arguments of an observer that say where its estimate starts

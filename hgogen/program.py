@@ -175,7 +175,7 @@ class Copy:
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """A matrix operation too large to unroll: `name` of `stepping.kernels`, on places in its argument order.
+    """A matrix operation too large to unroll: `name` of `discretisation.kernels`, on places in its argument order.
 
     The first is a group's field of columns, None for a kernel that has none, the others arrays, or numbers that are
     only read; `result` is the flag that takes what the kernel returns.

@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 import casadi as ca
 
+from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import BadArgument, HgogenError
-from hgogen.lengths import Lengths
 from hgogen.method import Method
 from hgogen.observer import Observer, tunable
 from hgogen.part import Clock, Pieces
@@ -38,6 +38,7 @@ from hgogen.program import (
     sym,
     walk,
 )
+from hgogen.reading.time_unit import of_time, plural
 from hgogen.signal import Signal, resting
 from hgogen.stepping import discretise, sensors
 from hgogen.stepping.guards import (
@@ -58,7 +59,6 @@ from hgogen.stepping.members import following_groups, fresh, fresh_groups, joine
 from hgogen.stepping.recovery import Recovery, Sampled, Sign
 from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
 from hgogen.structure.dynamics import HUGE
-from hgogen.time_unit import of_time, plural
 
 
 class BadStep(BadArgument):

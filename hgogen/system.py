@@ -7,12 +7,12 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen import filename
 from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.check import Check
 from hgogen.errors import HgogenError
+from hgogen.reading import filename
+from hgogen.reading.time_unit import is_unit
 from hgogen.signal import Signal, check_name
-from hgogen.time_unit import is_unit
 
 
 @dataclass(eq=False)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from hgogen.errors import HgogenError
-from hgogen.filename import same, shown
+from hgogen.reading.filename import same, shown
 
 LONGEST = 255  # bytes of a name, on most file systems
 _KINDS = {

@@ -20,13 +20,13 @@ import numpy as np
 import sympy as sp
 
 from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine
 from hgogen.form import Form
 from hgogen.graph import CVODES, to_casadi
-from hgogen.samples import Engine
-from hgogen.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
+from hgogen.modelfiles.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
+from hgogen.reading.time_unit import plural
 from hgogen.signal import resting
 from hgogen.system import System
-from hgogen.time_unit import plural
 
 __all__ = [
     "BadTrial",

@@ -13,7 +13,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.emit.native import WARNINGS
+from hgogen.calling.native import WARNINGS
 from hgogen.model import load
 from hgogen.program import Field, lines_of
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hgogen import targets
-from hgogen.emit import layout, native
+from hgogen.calling import native
+from hgogen.emit import layout
 from hgogen.emit.cprint import Real
 from hgogen.step import Step
 

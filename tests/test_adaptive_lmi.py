@@ -16,12 +16,12 @@ import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.check import Refuted, Verdict
-from hgogen.commands import figure
-from hgogen.design import adaptive_gain, slope
-from hgogen.given import BadGain
+from hgogen.guarantees.design import adaptive_gain, slope
 from hgogen.model import load
+from hgogen.reading.given import BadGain
 from hgogen.theorem import rows
 from hgogen.trial import Trial, simulate
+from hgogen.trials import figures as figure
 
 NAN = float("nan")
 GIVEN: dict[str, Any] = {

@@ -12,10 +12,11 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli, model
-from hgogen.commands import alarm, jobs, noise
-from hgogen.commands.metrics import Summary
-from hgogen.emit import native
+from hgogen.calling import native
+from hgogen.commands import jobs
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, t
+from hgogen.trials import alarm, noise
+from hgogen.trials.metrics import Summary
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")
 SIGMA, DT, D = 0.05, 0.01, 1.0

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 import hgogen as hg
-from hgogen.arguments import faults, poles
 from hgogen.model import load
-from hgogen.modelfile import BadModelFile
+from hgogen.modelfiles.arguments import faults, poles
+from hgogen.reading.text_model import BadModelFile
 
 CART = """
 name = "cart"

@@ -18,11 +18,11 @@ from oracle import fitzhugh_nagumo as trial
 from plants import MODELS, chain, model, pendulum, two_outputs
 
 import hgogen as hg
-from hgogen.emit.native import run_check
-from hgogen.given import BadGain
+from hgogen.calling.native import run_check
 from hgogen.kalman.decay import log_growth
 from hgogen.model import load
 from hgogen.program import Block, Loop, address, walk
+from hgogen.reading.given import BadGain
 from hgogen.stepping.parallel import BadPeriod
 
 NAN = float("nan")

@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.emit import native
+from hgogen.calling import native
 from hgogen.model import load
 from hgogen.trial import try_out
 

@@ -12,7 +12,8 @@ from native_step import NUMBER, NativeStep, unpack_state
 from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
-from hgogen.emit import layout, native
+from hgogen.calling import native
+from hgogen.emit import layout
 from hgogen.emit.cprint import Real, literal
 from hgogen.emit.exact import machine
 from hgogen.program import lines_of

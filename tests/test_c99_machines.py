@@ -11,8 +11,8 @@ import pytest
 from emitted import M4F, M7, files, run, step, tool
 
 import hgogen as hg
+from hgogen.calling.native import WARNINGS
 from hgogen.emit.cprint import literal
-from hgogen.emit.native import WARNINGS
 from hgogen.signal import resting
 from tests.sweep import by_turns
 

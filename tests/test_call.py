@@ -14,8 +14,8 @@ from plants import chain, fitzhugh_nagumo, kalman, pendulum, two_outputs, van_de
 
 import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
-from hgogen.emit import native
-from hgogen.emit.native import CompilerFailed, NoCompiler, NoCompilerWarning
+from hgogen.calling import native
+from hgogen.calling.native import CompilerFailed, NoCompiler, NoCompilerWarning
 from hgogen.step import BadStep
 
 NAN, INF = float("nan"), float("inf")

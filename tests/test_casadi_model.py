@@ -8,8 +8,8 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.casadi_model import BadGraph, from_casadi
 from hgogen.graph import NoSymbols, to_casadi, to_sympy
+from hgogen.reading.casadi_model import BadGraph, from_casadi
 
 q, w, tau, y = (hg.Signal(name) for name in ("q", "w", "tau", "y"))
 g = hg.Signal("g", nominal=9.81)

@@ -14,10 +14,10 @@ from plants import chain, fitzhugh_nagumo, model, two_outputs
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
+from hgogen.calling import native
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles
-from hgogen.emit import native
-from hgogen.given import BadGain
+from hgogen.reading.given import BadGain
 from hgogen.theorem import rows
 
 NAN = float("nan")

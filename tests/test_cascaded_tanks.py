@@ -8,8 +8,8 @@ import pytest
 import sympy as sp
 
 from hgogen.check import Verdict
-from hgogen.commands.prediction import Prediction, predictions
 from hgogen.model import load
+from hgogen.trials.prediction import Prediction, predictions
 
 ROOT = Path(__file__).parent.parent
 RECORD = Path(os.environ.get("HGOGEN_DATA", ROOT / "../shared/data")) / "cascaded_tanks.csv"

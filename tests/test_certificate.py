@@ -22,10 +22,10 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
-from hgogen.certificate import NotCertifiable, certificate
+from hgogen.certificates.certificate import NotCertifiable, certificate
+from hgogen.certificates.of_forms import outward
 from hgogen.check import Check, Verdict
 from hgogen.commands import jobs
-from hgogen.evidence.form import outward
 from hgogen.model import load
 from hgogen.recheck.file import VERSION, digest, model_digest, read
 from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck

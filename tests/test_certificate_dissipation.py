@@ -12,7 +12,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.certificate import certificate
+from hgogen.certificates.certificate import certificate
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
-from hgogen.certificate import NotCertifiable, certificate, fingerprint
+from hgogen.certificates.certificate import NotCertifiable, certificate, fingerprint
 from hgogen.recheck.file import SHOWN, digest, model_digest
 from hgogen.recheck.recheck import NoCertificate, Row, recheck
 
@@ -119,7 +119,7 @@ def test_the_banner_computes_no_evidence(monkeypatch: pytest.MonkeyPatch) -> Non
     def never(*_: object) -> None:
         raise AssertionError
 
-    file = sys.modules["hgogen.certificate"]  # hgogen.certificate is the function
+    file = sys.modules["hgogen.certificates.certificate"]  # hgogen.certificate is the function
     monkeypatch.setattr(file, "of_form", never)
     monkeypatch.setattr(file, "of_observer", never)
     monkeypatch.setattr(file, "recheck", never)

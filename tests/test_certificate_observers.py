@@ -14,9 +14,9 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.certificate import certificate
+from hgogen.certificates.certificate import certificate
 from hgogen.commands import jobs
-from hgogen.convergence.lmi import common
+from hgogen.guarantees.lmi import common
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck

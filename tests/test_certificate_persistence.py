@@ -12,7 +12,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.certificate import certificate
+from hgogen.certificates.certificate import certificate
 from hgogen.commands import jobs
 from hgogen.kalman.persistence import persistent
 from hgogen.model import load

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import hgogen as hg
 from hgogen.chains.gains import coefficients
 from hgogen.check import Check, Verdict
-from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles, up
+from hgogen.guarantees.certified import Nothing, ThetaBound, of_gains, of_poles, up
 from tests.sweep import sweep
 
 

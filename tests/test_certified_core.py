@@ -15,8 +15,8 @@ import hgogen as hg
 from hgogen.chains.core import core_numbers
 from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
-from hgogen.convergence.certified import Nothing, of_gains
-from hgogen.convergence.certified_core import CoreBound, Layout, of_core
+from hgogen.guarantees.certified import Nothing, of_gains
+from hgogen.guarantees.certified_core import CoreBound, Layout, of_core
 from hgogen.theorem import rows
 
 pytest.importorskip("cvxpy")

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, kalman, two_outputs
 
 import hgogen as hg
+from hgogen.calling.native import run_check
+from hgogen.discretisation.stability import Limit
 from hgogen.emit.exact import machine
-from hgogen.emit.native import run_check
-from hgogen.given import BadGain
 from hgogen.kalman.square_root import carlson, triangle
-from hgogen.stability import Limit
+from hgogen.reading.given import BadGain
 
 EPS = np.finfo(float).eps
 NAN = float("nan")

@@ -14,11 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from hgogen import cli
+from hgogen.calling import native
 from hgogen.commands import jobs
 from hgogen.commands import process as process_
-from hgogen.commands.agreement import Agreement
-from hgogen.emit import native
 from hgogen.model import summary
+from hgogen.trials.agreement import Agreement
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"

@@ -8,8 +8,8 @@ import pytest
 from emitted import tool
 
 import hgogen as hg
+from hgogen.calling.native import WARNINGS
 from hgogen.emit.cnames import HidesHeader, SameInC, c_name, renamed
-from hgogen.emit.native import WARNINGS
 
 C_HEADERS = """
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic

@@ -15,14 +15,15 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.cli import app
-from hgogen.commands import figure, tables
-from hgogen.commands.compare import measured, rises
-from hgogen.commands.metrics import SHARE, criterion
+from hgogen.commands import tables
 from hgogen.emit.cost import cost
 from hgogen.model import load
 from hgogen.program import Block, Kernel, Loop, Statement, When, sym
 from hgogen.step import Step
 from hgogen.trial import Jump, Trajectory, Trial, Truth, try_out
+from hgogen.trials import figures as figure
+from hgogen.trials.comparison import measured, rises
+from hgogen.trials.metrics import SHARE, criterion
 
 ROOT = Path(__file__).resolve().parents[1]
 HYPERJERK = load(ROOT / "models" / "hyperjerk.py")

@@ -13,7 +13,7 @@ from quadratic import falls
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.given import BadGain
+from hgogen.reading.given import BadGain
 
 GAINS: dict[str, Any] = {"theta": 20, "decay": 1, "r": 0.3, "poles": (-1, -1)}
 

@@ -12,11 +12,11 @@ from oracle.adaptive_lmi import SIGMA, K
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.check import Verdict
-from hgogen.convergence.lmi import NoSolver
-from hgogen.design import Design, Infeasible, adaptive_gain, slope
-from hgogen.door import Misfit
-from hgogen.given import BadGain
+from hgogen.guarantees.design import Design, Infeasible, adaptive_gain, slope
+from hgogen.guarantees.lmi import NoSolver
 from hgogen.model import load
+from hgogen.reading.door import Misfit
+from hgogen.reading.given import BadGain
 
 pytest.importorskip("clarabel")
 pytest.importorskip("cvxpy")

@@ -9,9 +9,9 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.convergence import certified
-from hgogen.door import Misfit
 from hgogen.errors import HgogenError
+from hgogen.guarantees import certified
+from hgogen.reading.door import Misfit
 
 x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
 PLANT = hg.System("plant", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[x1])

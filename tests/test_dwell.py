@@ -10,8 +10,8 @@ from plants import model
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
-from hgogen.convergence.certified import Nothing, ThetaBound, of_poles
-from hgogen.convergence.dwell import switching
+from hgogen.guarantees.certified import Nothing, ThetaBound, of_poles
+from hgogen.guarantees.dwell import switching
 
 HIGH, LOW, POLES = 40.0, 20.0, (3.0, 3.0, 1.0)  # s^3 + 3 s^2 + 3 s + 1
 

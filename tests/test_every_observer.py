@@ -17,15 +17,15 @@ from plants import chain
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.calling import native
 from hgogen.check import Refuted
-from hgogen.emit import native
 from hgogen.emit.cprint import Real
 from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
-from hgogen.given import BadGain
 from hgogen.model import Model, load
+from hgogen.modelfiles.tuning import Tuning
+from hgogen.reading.given import BadGain
 from hgogen.trial import Trial, try_out
-from hgogen.tuning import Tuning
 
 FOLDER = Path(__file__).resolve().parents[1] / "models"
 FIRST = "pendulum"  # small, and with nearly every observer: its pairs run always

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import hgogen as hg
-from hgogen.filename import LONGEST, BadFileName, fault, same
 from hgogen.model import MissingPart, load
-from hgogen.modelfile import BadModelFile
-from hgogen.scenario import BadTrial
+from hgogen.modelfiles.scenario import BadTrial
+from hgogen.reading.filename import LONGEST, BadFileName, fault, same
+from hgogen.reading.text_model import BadModelFile
 from hgogen.target import CannotWrite
 from hgogen.trial import Trial
 

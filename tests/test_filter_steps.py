@@ -9,7 +9,7 @@ from step_lengths import pairs, row
 
 import hgogen as hg
 from hgogen.kalman.closed_loop import advised
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.model import load
 from hgogen.step import StepMayFail
 

@@ -12,13 +12,13 @@ from plants import MODELS, chain, fitzhugh_nagumo, model, two_outputs
 
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
+from hgogen.calling import native
 from hgogen.chains.core import core as linear_core
 from hgogen.chains.core import core_numbers, nominal, numbers
 from hgogen.chains.gains import BadPoles, OutsideParabola, coefficients, filtered_spectrum
-from hgogen.emit import native
-from hgogen.given import BadGain
 from hgogen.model import load
 from hgogen.part import Ode
+from hgogen.reading.given import BadGain
 from hgogen.theorem import rows
 
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)

@@ -15,7 +15,7 @@ from forger import ODD, damaged, forged, places, put, sealed
 from typer.testing import CliRunner
 
 from hgogen import cli
-from hgogen.certificate import certificate
+from hgogen.certificates.certificate import certificate
 from hgogen.commands import jobs
 from hgogen.model import load
 from hgogen.recheck.file import VERSION

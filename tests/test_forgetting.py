@@ -20,14 +20,15 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 import hgogen as hg
-from hgogen.emit import layout, native
+from hgogen.calling import native
+from hgogen.discretisation.stability import Limit
+from hgogen.emit import layout
 from hgogen.emit.cprint import Real
 from hgogen.emit.exact import machine
 from hgogen.kalman.covariance import unpack
 from hgogen.kalman.factored import largest
 from hgogen.model import load
 from hgogen.observer import Observer
-from hgogen.stability import Limit
 from hgogen.trial import t, try_out
 
 NAN = float("nan")

@@ -11,7 +11,7 @@ from hgogen import forms
 from hgogen.check import Refuted, demand
 from hgogen.forms.block_triangular import NoAlignment
 from hgogen.forms.uniform import OneOutputOnly
-from hgogen.given import BadGain
+from hgogen.reading.given import BadGain
 from hgogen.signal import Signal
 from hgogen.system import System
 from tests.sweep import sweep

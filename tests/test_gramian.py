@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.commands.tables import windows
-from hgogen.gramian import BadWindows, gramian
 from hgogen.model import load
 from hgogen.trial import Jump, Trial, t
+from hgogen.trials.gramian import BadWindows, gramian
 
 
 def neuron() -> tuple[hg.System, Trial]:

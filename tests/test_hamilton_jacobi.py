@@ -15,7 +15,7 @@ from plants import model, two_outputs
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.given import BadGain
+from hgogen.reading.given import BadGain
 from hgogen.step import StepTooLong
 from tests.sweep import by_turns
 

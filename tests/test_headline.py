@@ -11,7 +11,7 @@ import hgogen as hg
 from hgogen.commands import jobs
 from hgogen.commands.headline import headline
 from hgogen.model import load
-from hgogen.survey import Survey
+from hgogen.which_forms import Survey
 
 FILES = sorted(path for path in MODELS.glob("*.*") if path.is_file())
 QUICK = ("sir", "fitzhugh_nagumo", "cascaded_tanks", "pmsm")  # none, another form, a recast plant, two outputs

@@ -18,17 +18,17 @@ from scipy.linalg import block_diag
 
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
+from hgogen.calling import native
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Verdict
-from hgogen.convergence.certified import Nothing, ThetaBound, of_gains, of_poles
-from hgogen.emit import native
-from hgogen.given import BadGain
-from hgogen.runge_kutta import RK4
-from hgogen.scaling import exponents
-from hgogen.stability import core_limit
+from hgogen.discretisation.runge_kutta import RK4
+from hgogen.discretisation.stability import core_limit
+from hgogen.guarantees.certified import Nothing, ThetaBound, of_gains, of_poles
+from hgogen.modelfiles.tuning import Tuning
+from hgogen.reading.given import BadGain
+from hgogen.structure.scaling import exponents
 from hgogen.theorem import rows
-from hgogen.tuning import Tuning
 
 NAN = float("nan")
 

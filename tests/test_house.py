@@ -12,6 +12,11 @@ from hgogen.errors import HgogenError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hgogen"
+COLUMN = (  # the folders, each standing on those before it only
+    *("algebra", "intervals", "recheck", "reading", "analysis", "structure", "discretisation", "forms", "kalman"),
+    *("chains", "guarantees", "stepping", "methods", "observers", "certificates", "emit", "targets", "calling"),
+    *("modelfiles", "trials", "commands"),
+)
 FOLDERS = ("forms", "observers", "methods", "targets")  # of cases; the contract is the singular file
 CONTRACTS = ("form", "observer", "method", "target", "step")
 WRITERS = {"hgogen.target"}  # emission is pure; the rest hands text to `target.write`
@@ -97,12 +102,23 @@ def rooms(folder: str) -> set[str]:
 
 
 def test_folders_stand_one_on_the_other() -> None:
-    """In the order in which the README lists them, each imports only those before it."""
-    order = re.findall(r"^\| `(\w+)/` \|", (ROOT / "README.md").read_text(), re.MULTILINE)
-    assert set(order) == {*ROOMS, *FOLDERS}
+    """Each imports only those before it in the column, which the README lists."""
+    assert set(COLUMN) == {*ROOMS, *FOLDERS}
     assert "algebra" in rooms("intervals")
-    for k, folder in enumerate(order):
-        assert rooms(folder) <= set(order[:k]), folder
+    for k, folder in enumerate(COLUMN):
+        assert rooms(folder) <= set(COLUMN[:k]), folder
+    assert tuple(re.findall(r"^\| `(\w+)/` \|", (ROOT / "README.md").read_text(), re.MULTILINE)) == COLUMN
+
+
+def test_no_two_files_have_one_name() -> None:
+    """But for a contract and its folder; the checker of certificates stands alone."""
+    names = [name.split(".")[1:] for name in FILES if not name.startswith("hgogen.recheck")]
+    last = [name[-1] for name in names if name]
+    assert not {name for name in last if last.count(name) > 1}
+
+
+def test_the_root_holds_the_contracts_and_little_else() -> None:
+    assert len([name for name in FILES if name.count(".") == 1 and FILES[name].name != "__init__.py"]) <= 21
 
 
 def test_a_room_says_what_it_holds() -> None:

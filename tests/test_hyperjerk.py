@@ -9,7 +9,7 @@ import sympy as sp
 from plants import MODELS
 
 import hgogen as hg
-from hgogen.emit import native
+from hgogen.calling import native
 from hgogen.model import load
 from hgogen.trial import BadTrial, Sine, Truth, noisy, simulate
 

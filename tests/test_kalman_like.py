@@ -18,16 +18,17 @@ from plants import MODELS, chain, model
 
 import hgogen as hg
 from hgogen import excitation
-from hgogen.certificate import certificate
+from hgogen.calling import native
+from hgogen.calling.native import run_check
+from hgogen.certificates.certificate import certificate
 from hgogen.check import Check, Refuted, Verdict
-from hgogen.emit import layout, native
-from hgogen.emit.native import run_check
-from hgogen.given import BadGain
+from hgogen.discretisation.stability import Limit
+from hgogen.emit import layout
 from hgogen.kalman.covariance import unpack
 from hgogen.kalman.persistence import persistent
 from hgogen.model import load
+from hgogen.reading.given import BadGain
 from hgogen.recheck.recheck import recheck
-from hgogen.stability import Limit
 from hgogen.structure.affine import measurements
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, t, try_out

@@ -18,7 +18,7 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.kinks import Direction, bent, slope
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
-from hgogen.certificate import certificate
+from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.one_sided import one_sided

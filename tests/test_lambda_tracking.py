@@ -17,9 +17,9 @@ import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.chains.injection import companion
 from hgogen.check import Verdict
-from hgogen.convergence.lmi import lyapunov
-from hgogen.given import BadGain
+from hgogen.guarantees.lmi import lyapunov
 from hgogen.model import load
+from hgogen.reading.given import BadGain
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, try_out
 

@@ -8,8 +8,8 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.commands.leaving import left, notes
 from hgogen.trial import Jump, Trial, t, try_out
+from hgogen.trials.leaving import left, notes
 
 ESCAPING = """name = "escaping"
 states.x1 = {unit = "V", low = -3, high = 3, flow = "x1 + u"}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 
 from hgogen.algebra.definite import Matrix
-from hgogen.convergence.lmi import Lyapunov, NoSolver, common, gains, lyapunov, verified
+from hgogen.guarantees.lmi import Lyapunov, NoSolver, common, gains, lyapunov, verified
 
 try:
     import clarabel

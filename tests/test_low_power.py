@@ -17,13 +17,13 @@ from scipy.integrate import solve_ivp
 
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz, hurwitz
+from hgogen.calling import native
 from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles
 from hgogen.chains.integrators import integrators
 from hgogen.chains.pairs import from_poles
-from hgogen.emit import native
-from hgogen.given import BadGain
 from hgogen.program import sym
+from hgogen.reading.given import BadGain
 from hgogen.theorem import rows
 
 NAN = float("nan")

@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 from plants import chain, fitzhugh_nagumo, pendulum
 
 import hgogen as hg
+from hgogen.discretisation import kernels
+from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau, repeated
+from hgogen.discretisation.stability import Limit, core_limit
 from hgogen.emit.exact import evaluate, machine
 from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import NoCovariance
 from hgogen.program import sym
-from hgogen.runge_kutta import EULER, HEUN, RK4, Tableau, repeated
-from hgogen.stability import Limit, core_limit
 from hgogen.step import BadStep, CannotUpdate, StepMayFail, StepTooLong
-from hgogen.stepping import kernels
 
 EPS = np.finfo(float).eps
 Signal = Callable[[np.ndarray], np.ndarray]

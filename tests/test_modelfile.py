@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen.check import Refuted
 from hgogen.cli import app
 from hgogen.model import MissingPart, NoModel, listed, load
-from hgogen.modelfile import BadModelFile, NoText, from_table, read, to_text
+from hgogen.reading.text_model import BadModelFile, NoText, from_table, read, to_text
 
 ROOT = Path(__file__).resolve().parents[1]
 TOML = """

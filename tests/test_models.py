@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hgogen as hg
-from hgogen.emit import native
+from hgogen.calling import native
 from hgogen.emit.cprint import Real
 from hgogen.model import Model, load
 from hgogen.trial import try_out

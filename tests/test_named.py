@@ -16,10 +16,10 @@ from plants import model, two_outputs
 
 import hgogen as hg
 from hgogen.commands.jobs import checked
-from hgogen.given import BadGain
 from hgogen.model import load
-from hgogen.modelfile import BadModelFile
-from hgogen.named import BadNames, in_order, of_coordinates
+from hgogen.reading.given import BadGain
+from hgogen.reading.named import BadNames, in_order, of_coordinates
+from hgogen.reading.text_model import BadModelFile
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 X1, X2, S1, S2 = (

@@ -14,7 +14,7 @@ from forger import sealed
 from scipy.integrate import solve_ivp
 
 import hgogen as hg
-from hgogen.certificate import certificate
+from hgogen.certificates.certificate import certificate
 from hgogen.check import Verdict
 from hgogen.commands import jobs
 from hgogen.errors import HgogenError

@@ -12,9 +12,9 @@ from test_rank import here, library
 import hgogen as hg
 from hgogen.algebra.rank import NowhereDefined
 from hgogen.algebra.rank import observability as ranks
+from hgogen.analysis.observability import observability
 from hgogen.analysis.symmetry import symmetries
 from hgogen.check import Verdict
-from hgogen.observability import observability
 
 a, b, c = (hg.Signal(name, "m", "") for name in "abc")
 u, y = hg.Signal("u", "", ""), hg.Signal("y", "", "")

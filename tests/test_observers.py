@@ -22,13 +22,13 @@ from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
-from hgogen.given import BadGain
-from hgogen.innovation import BadWindow, BadWindowSize
+from hgogen.kalman.innovation import BadWindow, BadWindowSize
+from hgogen.kalman.theta import rise
 from hgogen.model import load
-from hgogen.named import BadNames
 from hgogen.part import Clock
+from hgogen.reading.given import BadGain
+from hgogen.reading.named import BadNames
 from hgogen.structure.dynamics import Singular
-from hgogen.theta import rise
 
 NAN = float("nan")
 MODELS = Path(__file__).resolve().parents[1] / "models"

@@ -19,7 +19,8 @@ from oracle import adaptive_ekf as ekf
 from oracle import fitzhugh_nagumo as fn
 
 import hgogen as hg
-from hgogen.emit import exact, layout, native
+from hgogen.calling import native
+from hgogen.emit import exact, layout
 
 REFERENCE = fn.Scenario(((50.0, -6.0),), 70.0)
 SHORT = fn.Scenario(((12.0, -6.0),), 26.0)  # the same jump as soon as the first estimate has settled

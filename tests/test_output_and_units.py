@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.emit import native
+from hgogen.calling import native
 from hgogen.program import Block, dangling, sym
 
 SAMPLES = 400

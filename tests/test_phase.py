@@ -16,7 +16,7 @@ from hgogen.algebra.variants import variants
 from hgogen.analysis.determinant import Determinant
 from hgogen.check import Check, Refuted, Verdict
 from hgogen.forms.phase import NoPhase
-from hgogen.given import BadGain
+from hgogen.reading.given import BadGain
 from hgogen.structure.dynamics import Dynamics, NoDeterminant
 from hgogen.structure.inverse import inverse
 from hgogen.theorem import rows

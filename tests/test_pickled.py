@@ -16,8 +16,8 @@ from plants import MODELS, pendulum, two_outputs, van_der_pol
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.given import BadGain
 from hgogen.model import Model, load
+from hgogen.reading.given import BadGain
 from hgogen.step import StepMayFail, StepTooLong
 
 FORMS: dict[str, Callable[[], hg.Form]] = {

@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.emit import native
+from hgogen.calling import native
 from hgogen.model import load
 from hgogen.trial import simulate, try_out
 

@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 import hgogen as hg
+from hgogen.calling import native
 from hgogen.cli import app
 from hgogen.commands.answers import answers
-from hgogen.emit import native
 from hgogen.emit.cost import cost
 from hgogen.model import load
 from hgogen.reading.entry import entry

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.commands import noise
-from hgogen.commands.prediction import predictions
+from hgogen.calling.samples import Run
 from hgogen.reading.log import BadRecord, table
-from hgogen.reading.record import Record, mapping, read
-from hgogen.samples import Run
+from hgogen.reading.measured import Record, mapping, read
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
+from hgogen.trials import noise
+from hgogen.trials.prediction import predictions
 
 U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")
 

@@ -14,7 +14,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import rows
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.call import CallableStep
-from hgogen.emit import native
+from hgogen.calling import native
 from hgogen.model import load
 from hgogen.observer import Observer
 from hgogen.stepping.patience import FINE

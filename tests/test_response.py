@@ -16,11 +16,11 @@ from test_every_observer import step
 from test_hyperjerk import OMEGA, TABLES
 
 import hgogen as hg
-from hgogen.commands import figure
-from hgogen.door import Misfit
-from hgogen.given import BadGain
 from hgogen.model import load
-from hgogen.response import BadFrequency, NoResponse
+from hgogen.reading.door import Misfit
+from hgogen.reading.given import BadGain
+from hgogen.trials import figures as figure
+from hgogen.trials.response import BadFrequency, NoResponse
 
 HYPERJERK = str(MODELS / "hyperjerk.py")
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)

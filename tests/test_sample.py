@@ -26,12 +26,12 @@ from test_call import BUILD, NAN, STEPS, built, needs_compiler, record
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.calling.samples import BadShape
+from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import pygraph
 from hgogen.emit.cprint import CALLS
-from hgogen.named import BadNames
-from hgogen.samples import BadShape
+from hgogen.reading.named import BadNames
 from hgogen.step import BadStep
-from hgogen.stepping.kernels import KERNELS
 
 OURS = "D I B V array status shown tune one zero inf nan floor divided source target bytes tolist"
 LIBRARIES = tuple(str(Path(module.__file__).parent) for module in (sp, ca))

@@ -16,11 +16,11 @@ from scipy.linalg import expm
 from test_every_observer import MODELS, kind, record, step
 
 import hgogen as hg
+from hgogen.calling import native
 from hgogen.chains.core import core, nominal, numbers
 from hgogen.chains.sampled import NoRealisation
-from hgogen.emit import native
+from hgogen.discretisation.kernels import balance, exponential, resolvent
 from hgogen.step import StepTooLong
-from hgogen.stepping.kernels import balance, exponential, resolvent
 
 METHODS = {"exponential": oracle.exact, "bilinear": oracle.bilinear}
 POLES = (-1 + 1j, -1 - 1j, -2 + 1j, -2 - 1j)

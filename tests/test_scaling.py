@@ -13,12 +13,12 @@ from oracle import block_ekf as oracle
 from plants import MODELS, fitzhugh_nagumo, model
 
 import hgogen as hg
-from hgogen.given import BadGain
-from hgogen.innovation import BadWindowSize
+from hgogen.discretisation.runge_kutta import RK4
+from hgogen.discretisation.stability import Limit, covariance_limit, steady_covariance
+from hgogen.kalman.innovation import BadWindowSize
 from hgogen.model import load
-from hgogen.runge_kutta import RK4
-from hgogen.scaling import SCALED, Scaling
-from hgogen.stability import Limit, covariance_limit, steady_covariance
+from hgogen.reading.given import BadGain
+from hgogen.structure.scaling import SCALED, Scaling
 from hgogen.theorem import rows
 
 EPS = np.finfo(float).eps

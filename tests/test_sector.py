@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
-from hgogen.convergence.sector import (
+from hgogen.guarantees.sector import (
     DEAD_ZONE,
     SATURATION,
     Adaptation,

@@ -10,8 +10,8 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 
 import hgogen as hg
 from hgogen.model import load
-from hgogen.sight import HOPELESS, NoSight, Sight, sight
 from hgogen.trial import BadTrial, Jump, Trial, t
+from hgogen.trials.sight import HOPELESS, NoSight, Sight, sight
 
 
 def integrator(rate: float = 2.0, low: float = -1.0) -> hg.System:

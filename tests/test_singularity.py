@@ -13,9 +13,9 @@ from hgogen.algebra.points import exact
 from hgogen.analysis.determinant import determinant, independent
 from hgogen.analysis.lie import along, derivatives, input_derivatives, rates
 from hgogen.analysis.singular_set import singular_set
+from hgogen.analysis.singularity import singularity
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.singularity import singularity
 
 X, Y, Z = sp.symbols("x y z", real=True)
 SIGMA, RHO, BETA = sp.symbols("sigma rho beta", real=True)

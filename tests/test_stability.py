@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hgogen.runge_kutta import EULER, HEUN, RK4, Tableau
-from hgogen.stability import NotDefinite, UnstableCore, core_limit, covariance_limit
+from hgogen.discretisation.runge_kutta import EULER, HEUN, RK4, Tableau
+from hgogen.discretisation.stability import NotDefinite, UnstableCore, core_limit, covariance_limit
 
 # --- models -------------------------------------------------------------------------------------------------
 

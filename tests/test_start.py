@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen.cli import app
-from hgogen.given import BadGain
 from hgogen.model import load
+from hgogen.reading.given import BadGain
 from hgogen.trial import try_out
 
 PENDULUM = str(Path(__file__).resolve().parents[1] / "models" / "pendulum.py")

@@ -14,14 +14,14 @@ from step_lengths import pairs, row
 
 import hgogen as hg
 from hgogen.chains.frozen import frozen
-from hgogen.growth import growth, polynomial
+from hgogen.chains.transient import advised, first_unstable, stable
+from hgogen.discretisation.growth import growth, polynomial
+from hgogen.discretisation.runge_kutta import EULER, RK4
+from hgogen.discretisation.stability import core_limit
 from hgogen.kalman.closed_loop import loops
 from hgogen.method import Method
 from hgogen.model import load
-from hgogen.runge_kutta import EULER, RK4
-from hgogen.stability import core_limit
 from hgogen.step import StepMayFail, StepTooLong
-from hgogen.transient import advised, first_unstable, stable
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 WAYS = ("euler", "heun", "rk4", "exponential", "bilinear")

@@ -12,11 +12,11 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.check import Verdict
 from hgogen.commands import jobs
-from hgogen.door import Misfit
-from hgogen.error_system import BadErrorSystem
 from hgogen.errors import HgogenError
+from hgogen.guarantees.error_system import BadErrorSystem
 from hgogen.model import MissingPart, load
-from hgogen.storage import stored
+from hgogen.modelfiles.storage import stored
+from hgogen.reading.door import Misfit
 
 ROOT = Path(__file__).resolve().parents[1]
 x, u, y = hg.Signal("x", low=-1, high=1), hg.Signal("u", low=-1, high=1), hg.Signal("y")

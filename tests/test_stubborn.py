@@ -15,7 +15,7 @@ import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.chains.gains import BadPoles
 from hgogen.check import Verdict
-from hgogen.given import BadGain
+from hgogen.reading.given import BadGain
 
 GAINS: dict[str, Any] = {"theta": 20, "decay": 0.5, "r": 3, "poles": (-1, -1)}
 NAN = float("nan")

@@ -11,7 +11,7 @@ import hgogen as hg
 from hgogen import forms
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.survey import CASES, DEAR, Survey
+from hgogen.which_forms import CASES, DEAR, Survey
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 X = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 5))

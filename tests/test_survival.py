@@ -16,8 +16,9 @@ from oracle import fitzhugh_nagumo as oracle
 
 import hgogen as hg
 from hgogen import method
-from hgogen.emit import layout, native
-from hgogen.stability import Limit
+from hgogen.calling import native
+from hgogen.discretisation.stability import Limit
+from hgogen.emit import layout
 from hgogen.step import StepMayFail, StepTooLong
 from hgogen.stepping import recovery
 

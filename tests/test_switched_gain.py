@@ -14,7 +14,7 @@ from plants import two_outputs
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
 from hgogen.chains.gains import BadPoles
-from hgogen.given import BadGain
+from hgogen.reading.given import BadGain
 
 GAINS: dict[str, Any] = {"theta": 40, "theta_low": 10, "threshold": 0.01, "hold": 0.2, "poles": (-1, -1)}
 NAN = float("nan")

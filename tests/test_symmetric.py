@@ -9,10 +9,10 @@ from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
 from hgogen.algebra.symmetric import symmetric
-from hgogen.convergence.adaptive_gain import candidate
-from hgogen.error_system import BadErrorSystem
-from hgogen.given import BadGain
-from hgogen.kalman.kalman import spd
+from hgogen.guarantees.adaptive_gain import candidate
+from hgogen.guarantees.error_system import BadErrorSystem
+from hgogen.kalman.weights import spd
+from hgogen.reading.given import BadGain
 
 
 def fractions(M: np.ndarray) -> list[list[Fraction]]:

@@ -10,8 +10,8 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.commands.answers import FIELDS, answers
 from hgogen.intervals.box import box
-from hgogen.modelfile import PlainModel, read
 from hgogen.reading.entry import Entry
+from hgogen.reading.text_model import PlainModel, read
 
 FILES = sorted((Path(__file__).resolve().parents[1] / "models").glob("*.toml"))
 BOOKS = {

@@ -8,10 +8,10 @@ import pytest
 import hgogen as hg
 from hgogen.errors import HgogenError
 from hgogen.model import load
-from hgogen.modelfile import BadModelFile, from_table, read, to_text
+from hgogen.reading.text_model import BadModelFile, from_table, read, to_text
+from hgogen.reading.time_unit import of_time, pace, plural
 from hgogen.system import BadSystem
 from hgogen.targets import c99
-from hgogen.time_unit import of_time, pace, plural
 from hgogen.trial import Trial
 
 MODELS = Path(__file__).parent.parent / "models"

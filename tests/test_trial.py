@@ -12,11 +12,11 @@ from oracle import fitzhugh_nagumo as oracle
 
 import hgogen as hg
 from hgogen import model
-from hgogen.commands.agreement import agreement
-from hgogen.commands.metrics import crossings, metrics, settling, summary
-from hgogen.emit import native
-from hgogen.scenario import read_field
+from hgogen.calling import native
+from hgogen.modelfiles.scenario import read_field
 from hgogen.trial import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Trial, noisy, simulate, t, try_out
+from hgogen.trials.agreement import agreement
+from hgogen.trials.metrics import crossings, metrics, settling, summary
 
 NEURON = model.load(Path(__file__).resolve().parents[1] / "models" / "fitzhugh_nagumo.py")
 ONE_JUMP = NEURON.trials()[0]

@@ -14,8 +14,8 @@ from scipy.linalg import solve_continuous_lyapunov
 
 import hgogen as hg
 from hgogen.check import Verdict
-from hgogen.given import BadGain
 from hgogen.part import Clock
+from hgogen.reading.given import BadGain
 
 GAINS: dict[str, Any] = {"p_1": 0.15, "p_2": 5, "p_3": 6, "cap": 200, "poles": (-1, -1)}
 

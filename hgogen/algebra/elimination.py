@@ -9,9 +9,9 @@ from dataclasses import field as attribute
 from functools import reduce
 from typing import Any
 
-from hgogen.algebra.algebra import reduced
 from hgogen.algebra.field import Field
 from hgogen.algebra.quotient import Quotient
+from hgogen.algebra.relations import reduced
 from hgogen.algebra.rewrite import TooLarge
 
 Product = list[tuple[Any, int]]  # polynomials and their powers

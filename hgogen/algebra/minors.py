@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from itertools import combinations
 from typing import Any
 
-from hgogen.algebra.algebra import reduced
 from hgogen.algebra.elimination import Work
 from hgogen.algebra.field import Field
 from hgogen.algebra.quotient import Quotient, add, multiply
+from hgogen.algebra.relations import reduced
 
 
 def expanded(field: Field, rows: Sequence[Sequence[Quotient]], work: Work) -> Quotient:

@@ -14,9 +14,9 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.algebra.algebra import reduced
 from hgogen.algebra.elimination import Product
 from hgogen.algebra.field import Field, Root, number
+from hgogen.algebra.relations import reduced
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""What a plant's equations tell: Lie derivatives, observability determinants and their zeros, symmetries."""
+"""What a plant's equations tell: Lie derivatives, determinants and their zeros, symmetries, what outputs observe."""

@@ -16,10 +16,10 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.integrators import Integrators, shifted
 from hgogen.form import Form
-from hgogen.given import BadGain, reals
 from hgogen.intervals.digits import same
 from hgogen.part import Clock, Jump, Ode, Pieces
 from hgogen.program import Bit, Block, Field, sym
+from hgogen.reading.given import BadGain, reals
 
 GAIN_LIMITED = Bit(
     "GAIN_LIMITED",

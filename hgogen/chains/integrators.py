@@ -18,11 +18,11 @@ import sympy as sp
 
 from hgogen.check import Check
 from hgogen.form import Form
-from hgogen.given import BadGain
 from hgogen.graph import to_casadi
 from hgogen.observer import Observer, state_field
 from hgogen.part import Part
 from hgogen.program import Field, sym
+from hgogen.reading.given import BadGain
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Theorem

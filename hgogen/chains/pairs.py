@@ -23,7 +23,7 @@ import mpmath
 import numpy as np
 
 from hgogen.chains.gains import BadPoles, coefficients
-from hgogen.given import BadGain, reals
+from hgogen.reading.given import BadGain, reals
 
 _DIGITS = 60  # of the roots: close ones are less certain than the polynomial by many digits
 _REAL = 1e-20  # the imaginary part, as a share of the largest root, of what is real

@@ -17,14 +17,14 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import Core, core
+from hgogen.chains.transient import first_unstable, lengths
+from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.stability import Limit
 from hgogen.errors import HgogenError
-from hgogen.kalman.riccati import Riccati
-from hgogen.lengths import Lengths
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import INF, Block, Field, Kernel, Program, When, sym
-from hgogen.stability import Limit
-from hgogen.transient import first_unstable, lengths
 
 MOST = 3  # outputs: each may be missing, and every pattern of samples has matrices of its own
 MEANINGS = {  # of the matrices, of which the elements are stored that are not 0 by their structure

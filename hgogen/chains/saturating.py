@@ -17,9 +17,9 @@ import numpy as np
 from hgogen.chains.core import core_numbers
 from hgogen.chains.integrators import Integrators
 from hgogen.form import Form
-from hgogen.given import BadGain
 from hgogen.part import Ode
 from hgogen.program import Field
+from hgogen.reading.given import BadGain
 
 Saturate = Callable[[Any, int], Any]  # an SX scalar to the range of w_i
 Model = Callable[[Any], Any]  # c (n) of w (n)

@@ -1,1 +1,1 @@
-"""The commands of the command line, and what they measure, compare, print and draw."""
+"""The commands of the command line, and what they print."""

@@ -14,6 +14,7 @@ from itertools import chain
 from typing import Any
 
 from hgogen import forms, methods, observers
+from hgogen.analysis.observability import Observability
 from hgogen.call import CallableStep, sample
 from hgogen.check import Verdict, refuted
 from hgogen.commands.jobs import Checked
@@ -22,12 +23,11 @@ from hgogen.emit.cost import Cost, cost
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.model import Model
-from hgogen.observability import Observability
 from hgogen.registry import summaries
 from hgogen.signal import Signal
-from hgogen.survey import Row, Survey
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
+from hgogen.which_forms import Row, Survey
 
 _MANY = 6  # states: of more it is not asked which of them to measure, and first gains are given of a few observers
 _FEW = ("cascade", "riccati")  # whose theorems have no number to search for, which of many states takes seconds

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from hgogen.call import CallableStep
+from hgogen.calling import native
+from hgogen.calling.samples import Engine
 from hgogen.commands import jobs, tables
-from hgogen.commands.agreement import Disagree
 from hgogen.commands.command import (
     Bar,
     Folder,
@@ -30,15 +31,14 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.process import console, note
-from hgogen.emit import native
 from hgogen.emit.cnames import renamed, says
-from hgogen.filename import same
 from hgogen.model import load
-from hgogen.named import by_name, written
-from hgogen.samples import Engine
+from hgogen.reading.filename import same
+from hgogen.reading.named import by_name, written
 from hgogen.step import Step
 from hgogen.targets.c99 import c99
 from hgogen.trial import Trial
+from hgogen.trials.agreement import Disagree
 
 
 class Precision(StrEnum):

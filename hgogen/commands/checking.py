@@ -22,9 +22,9 @@ from hgogen.commands.process import note, results
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Range
 from hgogen.model import Model, load
-from hgogen.sight import Sight, sight
 from hgogen.target import demand as demand_place
 from hgogen.trial import Trial
+from hgogen.trials.sight import Sight, sight
 
 CertificateFile = Annotated[
     Path | None, typer.Option("--certificate", metavar="FILE", help="Write what is proved as a certificate, JSON.")
@@ -212,7 +212,7 @@ def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:
 
 
 def _certify(claims: jobs.Checked, path: Path) -> None:
-    from hgogen.certificate import asserted, certificate, stated
+    from hgogen.certificates.certificate import asserted, certificate, stated
 
     found = certificate(claims.form, claims.checks, claims.observer)
     hg.write({path.name: json.dumps(found, indent=1, ensure_ascii=True) + "\n"}, path.parent)

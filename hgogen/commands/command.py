@@ -16,17 +16,17 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from typer.core import TyperCommand
 
+from hgogen.calling import native
+from hgogen.calling.samples import Engine
 from hgogen.check import Refuted
-from hgogen.commands.agreement import Disagree
 from hgogen.commands.process import INTERRUPTED, console, dropped, interrupted, listen, note, printing, results
-from hgogen.emit import native
 from hgogen.errors import HgogenError
 from hgogen.model import Model, ends_python
+from hgogen.modelfiles.scenario import SEEDS
 from hgogen.recheck.recheck import NothingVerified, NotVerified
-from hgogen.samples import Engine
-from hgogen.scenario import SEEDS
 from hgogen.target import demand, write
 from hgogen.trial import Trial
+from hgogen.trials.agreement import Disagree
 
 # what exits with 1; other errors with 2
 FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed)
@@ -156,7 +156,7 @@ def _finite(value: Any) -> Any:
 
 def rendered(drawn: Mapping[str, Any]) -> dict[str, bytes]:
     """The files of figures by name, made with a progress bar."""
-    from hgogen.commands import figure  # here, because matplotlib is slow to import
+    from hgogen.trials import figures as figure
 
     files: dict[str, bytes] = {}
     with Bar("figures", len(drawn)) as bar:

@@ -21,13 +21,13 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.compare import Measured, measured
-from hgogen.commands.leaving import Left, left, notes
-from hgogen.commands.metrics import criterion
 from hgogen.commands.process import note
 from hgogen.model import MissingPart, Model, load
 from hgogen.system import System
 from hgogen.trial import Trial
+from hgogen.trials.comparison import Measured, measured
+from hgogen.trials.leaving import Left, left, notes
+from hgogen.trials.metrics import criterion
 
 Names = Annotated[
     str | None, typer.Option("--observers", metavar="A,B,..", help="Tunings of the model; by default all of them.")

@@ -6,11 +6,11 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from hgogen.analysis.observability import Answer, Observability
 from hgogen.check import Verdict
 from hgogen.commands.advice import Advice
 from hgogen.commands.tables import COLOURS, few
-from hgogen.observability import Answer, Observability
-from hgogen.sight import Sight
+from hgogen.trials.sight import Sight
 
 _PLAIN: Any = {"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)}
 _LINES = {False: "with the gains of the model's tuning", True: "with first gains, read off the ranges, untried"}

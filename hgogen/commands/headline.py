@@ -6,13 +6,13 @@ none of those that are proved.
 
 from collections.abc import Iterable, Iterator
 
+from hgogen.analysis.observability import Observability
 from hgogen.check import Check, Verdict
 from hgogen.commands.jobs import Checked
 from hgogen.form import Form
-from hgogen.observability import Observability
-from hgogen.sight import Sight
-from hgogen.survey import Survey
 from hgogen.theorem import convergence
+from hgogen.trials.sight import Sight
+from hgogen.which_forms import Survey
 
 _PROVED, _REFUTED = Verdict.PROVED, Verdict.REFUTED
 

@@ -11,22 +11,22 @@ import numpy as np
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine, Run
 from hgogen.check import Check, Refuted, refuted
-from hgogen.commands import alarm
-from hgogen.commands.agreement import Agreement, agreement
-from hgogen.commands.compare import Measured
-from hgogen.commands.leaving import Left, left, notes
-from hgogen.commands.metrics import Metrics, Summary, metrics, summary
 from hgogen.form import Form
 from hgogen.model import MissingPart, Model
-from hgogen.named import by_name, written
 from hgogen.program import Field
-from hgogen.reading.record import Record
-from hgogen.samples import Engine, Run
+from hgogen.reading.measured import Record
+from hgogen.reading.named import by_name, written
 from hgogen.signal import Signal
-from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem, rows
 from hgogen.trial import Trajectory, Trial, try_out
+from hgogen.trials import alarm
+from hgogen.trials.agreement import Agreement, agreement
+from hgogen.trials.comparison import Measured
+from hgogen.trials.leaving import Left, left, notes
+from hgogen.trials.metrics import Metrics, Summary, metrics, summary
+from hgogen.which_forms import Survey
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -207,7 +207,7 @@ def agreements(c: Iterable[Tried], python: Iterable[Tried], dt: float) -> tuple[
 
 def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:
     """Two figures a trial, by file name without ending: the states, and what theta did."""
-    from hgogen.commands import figure  # here, because matplotlib is slow to import
+    from hgogen.trials import figures as figure
 
     drawn = {}
     for one in done:
@@ -219,7 +219,7 @@ def figures(step: CallableStep, done: Iterable[Tried]) -> dict[str, "Figure"]:
 
 def errors(each: Sequence[Measured], unit: str) -> "Figure":
     """The errors of several observers on the first seed of one trial; `unit`: that of the plant's time."""
-    from hgogen.commands import figure
+    from hgogen.trials import figures as figure
 
     first = each[0].first
     of = {one.name: one.first.error for one in each}
@@ -228,7 +228,7 @@ def errors(each: Sequence[Measured], unit: str) -> "Figure":
 
 def record_figures(step: CallableStep, name: str, record: Record, run: Run) -> dict[str, "Figure"]:
     """The figures of a measured record, by file name without ending."""
-    from hgogen.commands import figure
+    from hgogen.trials import figures as figure
 
     drawn = {f"{name}_states": figure.record(step, record.t, run.x, record.of(step.outputs))}
     if run.traces:

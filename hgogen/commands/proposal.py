@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from hgogen.form import Form
-from hgogen.sight import NoSight, Pace, pace
 from hgogen.signal import Signal
 from hgogen.stepping.guards import readings
 from hgogen.system import System
+from hgogen.trials.sight import NoSight, Pace, pace
 
 Gains = dict[str, Any]
 

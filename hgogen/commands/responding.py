@@ -12,7 +12,7 @@ from hgogen.commands import tables
 from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, rendered, show
 from hgogen.commands.process import note
 from hgogen.model import load
-from hgogen.response import Response, pace
+from hgogen.trials.response import Response, pace
 
 COUNT = 6  # frequencies of the table, unless they are given
 POINTS = 200  # frequencies of the figure
@@ -42,7 +42,7 @@ def response_(
     continuous, sampled = hg.response(step.observer, given), hg.response(step, given)
     paths: list[Path] = []
     if out is not None:
-        from hgogen.commands import figure  # here, because matplotlib is slow to import
+        from hgogen.trials import figures as figure
 
         folder = Folder(out)
         folder.demand("response.svg")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hgogen.call import CallableStep
-from hgogen.commands import jobs, noise, tables
+from hgogen.commands import jobs, tables
 from hgogen.commands.command import (
     Json,
     ModelArgument,
@@ -19,11 +19,12 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.prediction import predictions
-from hgogen.filename import fault
 from hgogen.model import load
-from hgogen.reading.record import Record, mapping, read
+from hgogen.reading.filename import fault
+from hgogen.reading.measured import Record, mapping, read
 from hgogen.signal import Signal
+from hgogen.trials import noise
+from hgogen.trials.prediction import predictions
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]

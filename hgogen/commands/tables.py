@@ -11,23 +11,23 @@ from rich.table import Table
 from rich.text import Text
 
 from hgogen.check import Check, Verdict
-from hgogen.commands.agreement import Agreement
-from hgogen.commands.alarm import ITSELF
-from hgogen.commands.compare import Measured
-from hgogen.commands.metrics import Summary
-from hgogen.commands.noise import Suggestion
-from hgogen.commands.prediction import Prediction
 from hgogen.commands.process import console
-from hgogen.gramian import Gramian
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
 from hgogen.program import Bit
-from hgogen.reading.record import Report
+from hgogen.reading.measured import Report
 from hgogen.recheck.file import SHOWN
 from hgogen.recheck.recheck import Rechecked
-from hgogen.response import Response
-from hgogen.survey import Survey
 from hgogen.theorem import Row, Theorem
+from hgogen.trials.agreement import Agreement
+from hgogen.trials.alarm import ITSELF
+from hgogen.trials.comparison import Measured
+from hgogen.trials.gramian import Gramian
+from hgogen.trials.metrics import Summary
+from hgogen.trials.noise import Suggestion
+from hgogen.trials.prediction import Prediction
+from hgogen.trials.response import Response
+from hgogen.which_forms import Survey
 
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
 _ALIKE = 4  # rows that say the same, before they are one

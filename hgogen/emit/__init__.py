@@ -1,1 +1,1 @@
-"""A step as C text: the printer, structs, functions, header and self-check; compiled and called on this machine."""
+"""A step as C text: the printer, structs, functions, header and self-check, and what a call costs."""

@@ -6,22 +6,22 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from string import Template
 
-from hgogen.certificate import NotCertifiable, fingerprint
+from hgogen.certificates.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.emit.cnames import c_name, renamed, says
 from hgogen.emit.cprint import Real
 from hgogen.emit.ctext import arguments, beside, comment, harmless, indented, member, named, status_type, struct
 from hgogen.intervals.digits import same
-from hgogen.named import written
 from hgogen.observer import Observer
 from hgogen.program import Field, Group, Section, lines_of
+from hgogen.reading.named import written
+from hgogen.reading.time_unit import pace
 from hgogen.recheck.file import SHOWN
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.members import read_fields
 from hgogen.stepping.sensors import OLDEST, ROUND
 from hgogen.theorem import rows
-from hgogen.time_unit import pace
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
-"""The kernels of `stepping.kernels` as C functions with loops; words in capitals are filled in."""
+"""The kernels of `discretisation.kernels` as C functions with loops; words in capitals are filled in."""
 
 from collections.abc import Collection
 
+from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
 from hgogen.emit.cprint import Real, literal
-from hgogen.stepping.kernels import DEGREE, HALVINGS, SWEEPS
 
 _VALUES = {"ZERO": 0, "ONE": 1, "TWO": 2, "FOUR": 4, "HALF": 0.5}
 _C: dict[str, str] = {

@@ -13,11 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit.cprint import CALLS, Real
 from hgogen.emit.layout import params_type, state_type
 from hgogen.program import Block, Kernel, Loop, Statement, When
 from hgogen.step import Step
-from hgogen.stepping.kernels import KERNELS
 
 _FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
 _CHEAP = (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FLOOR, ca.OP_SIGN)  # calls in C, one instruction on a processor

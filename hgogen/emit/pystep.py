@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import layout, pygraph
 from hgogen.emit.cnode import Node, boolean
 from hgogen.emit.cprint import Number
@@ -32,7 +33,6 @@ from hgogen.program import (
     walk,
 )
 from hgogen.step import Step
-from hgogen.stepping.kernels import KERNELS
 
 Entry = Callable[[], int]
 SIZE = {"D": 8, "I": 4}

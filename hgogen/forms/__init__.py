@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from hgogen.door import asks_a_plant
+from hgogen.reading.door import asks_a_plant
 from hgogen.registry import load
 
 if TYPE_CHECKING:

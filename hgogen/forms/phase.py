@@ -21,6 +21,7 @@ from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
+from hgogen.analysis.on_box import on_box
 from hgogen.check import Check, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
@@ -29,7 +30,6 @@ from hgogen.intervals.digits import down
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import singular
 from hgogen.signal import Signal
-from hgogen.structure.chain import on_box
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
 from hgogen.structure.lipschitz import JUMPS, lipschitz

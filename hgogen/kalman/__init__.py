@@ -1,1 +1,1 @@
-"""What observers with a covariance share: the Riccati part, its forms, what is known of them, persistence."""
+"""What observers with a covariance share: the Riccati part and its forms, theta and what moves it, persistence."""

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hgogen.growth import GROWTH, WIDER, continuous, growth, longest, polynomial
-from hgogen.kalman.riccati import Riccati
-from hgogen.runge_kutta import HEUN, RK4
-from hgogen.scaling import Scaling
-from hgogen.stability import pace, steady_covariance
+from hgogen.discretisation.growth import GROWTH, WIDER, continuous, growth, longest, polynomial
+from hgogen.discretisation.runge_kutta import HEUN, RK4
+from hgogen.discretisation.stability import pace, steady_covariance
+from hgogen.kalman.riccati_part import Riccati
+from hgogen.structure.scaling import Scaling
 
 Array = np.ndarray
 Flags = NDArray[np.bool_]

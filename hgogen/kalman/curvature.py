@@ -17,13 +17,13 @@ from typing import Any
 
 import casadi as ca
 
+from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.runge_kutta import RK4
 from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
-from hgogen.kalman.riccati import Riccati
-from hgogen.lengths import Lengths
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
 from hgogen.part import Clock, Ode, Part, Pieces
 from hgogen.program import Bit, Block, Field, Program, When, sym
-from hgogen.runge_kutta import RK4
 
 RESTARTED = Bit(
     "COVARIANCE_RESTARTED",

@@ -9,7 +9,7 @@ so they are arguments here. The slides print 0 <= lambda, but at lambda = 0 ther
 
 import math
 
-from hgogen.given import BadGain, positive, real
+from hgogen.reading.given import BadGain, positive, real
 
 
 def log_growth(theta_0: float, t: float, rate: float, *, n: int, a: float) -> float:

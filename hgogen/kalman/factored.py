@@ -18,16 +18,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.given import BadGain
-from hgogen.growth import FOUND
+from hgogen.discretisation.growth import FOUND
+from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.runge_kutta import RK4, Stages, advance
 from hgogen.kalman.closed_loop import advised
 from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.kalman.prior import near
-from hgogen.kalman.riccati import Riccati
-from hgogen.lengths import Lengths
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
-from hgogen.runge_kutta import RK4, Stages, advance
+from hgogen.reading.given import BadGain
 from hgogen.structure.dynamics import HUGE
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.

@@ -27,11 +27,11 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
-from hgogen.given import BadGain
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.expression import parse
+from hgogen.reading.given import BadGain
 from hgogen.reading.tokens import BadExpression
 from hgogen.signal import Signal
 

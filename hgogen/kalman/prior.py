@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.kalman.covariance import pivots, unpack
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.program import Block, column, sym
 
 SHARE = 0.5

@@ -17,13 +17,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.given import BadGain
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
 from hgogen.kalman.prior import near
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Program, column, sym
+from hgogen.reading.given import BadGain
 
 LARGEST = 7  # states: beyond, straight-line code fills the flash
 

@@ -11,10 +11,10 @@ covariance; its numbers span half the decades, for 2n square roots, and n (n + 1
 
 from dataclasses import dataclass
 
+from hgogen.discretisation.lengths import Lengths
 from hgogen.kalman.factored import factored_lengths
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.square_root import square_root
-from hgogen.lengths import Lengths
 from hgogen.method import NoCovariance
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces

@@ -13,13 +13,13 @@ Bierman's.
 
 from dataclasses import dataclass
 
+from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.runge_kutta import RK4
 from hgogen.kalman.factored import factored_lengths, looped, unrolled
-from hgogen.kalman.riccati import Riccati
-from hgogen.lengths import Lengths
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
-from hgogen.runge_kutta import RK4
 
 UNROLLED = 7  # states up to which the covariance is straight-line code: at 10 it would be 30 kB of flash
 

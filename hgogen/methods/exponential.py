@@ -12,8 +12,8 @@ import numpy as np
 
 from hgogen.chains.core import Core
 from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
+from hgogen.discretisation import kernels
 from hgogen.program import Kernel
-from hgogen.stepping import kernels
 
 
 def _matrices(line: Core, h: float) -> Matrices:

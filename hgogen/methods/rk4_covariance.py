@@ -3,7 +3,7 @@
 An observer without a covariance is refused.
 """
 
+from hgogen.discretisation.runge_kutta import RK4
 from hgogen.method import Explicit
-from hgogen.runge_kutta import RK4
 
 rk4_covariance = Explicit(RK4, "covariance")

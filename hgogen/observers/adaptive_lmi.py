@@ -25,15 +25,15 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import companion, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.check import Verdict, demand
-from hgogen.convergence.adaptive_gain import Given, candidate, checks, steepness
-from hgogen.convergence.adaptive_gain import disturbance as as_disturbance
-from hgogen.convergence.certified import Nothing
 from hgogen.form import Form
-from hgogen.given import BadGain, positive, reals
+from hgogen.guarantees.adaptive_gain import Given, candidate, checks, steepness
+from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
+from hgogen.guarantees.certified import Nothing
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Ode
 from hgogen.program import Field, scalar, sym
+from hgogen.reading.given import BadGain, positive, reals
 from hgogen.structure.dynamics import clamp
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -17,10 +17,10 @@ from dataclasses import replace
 from typing import Literal
 
 from hgogen.check import Verdict
-from hgogen.given import BadGain, positive, real
-from hgogen.innovation import Innovation
 from hgogen.intervals.digits import same
+from hgogen.kalman.innovation import Innovation
 from hgogen.observer import Observer, gain
+from hgogen.reading.given import BadGain, positive, real
 from hgogen.stepping.parallel import Parallel
 from hgogen.theorem import Hypothesis
 

@@ -27,11 +27,11 @@ from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.given import BadGain, reals
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.observer import Observer, founded, high_gain_parameter, tunable
 from hgogen.program import INF, Field, column, sym
+from hgogen.reading.given import BadGain, reals
 from hgogen.signal import resting
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -13,9 +13,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from hgogen.check import Verdict
-from hgogen.convergence.limited import REFERENCE, limited
-from hgogen.convergence.sector import DEAD_ZONE
 from hgogen.form import Form
+from hgogen.guarantees.limited import REFERENCE, limited
+from hgogen.guarantees.sector import DEAD_ZONE
 from hgogen.observer import Observer
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 

@@ -20,13 +20,13 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import listed, scaled
 from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Verdict
-from hgogen.convergence.certified import checks
-from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
-from hgogen.given import BadGain, reals
+from hgogen.guarantees.certified import checks
+from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Field, sym
+from hgogen.reading.given import BadGain, reals
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"

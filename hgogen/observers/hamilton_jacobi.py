@@ -20,21 +20,21 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
-from hgogen.given import BadGain, real
 from hgogen.intervals.slope import JUMPS
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.curvature import Curved
-from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import KALMAN, OTHER_COORDINATES
-from hgogen.kalman.riccati import Riccati
-from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.theta import constant
+from hgogen.kalman.weights import cap, limited, positive, spd, wide
 from hgogen.observer import Observer, founded, gain, linearised, state_field
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, sym
+from hgogen.reading.given import BadGain, real
+from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis
-from hgogen.theta import constant
 
 REFERENCE = (
     "Alessandri, On Hamilton-Jacobi approaches to state reconstruction for dynamic systems, "

@@ -21,13 +21,13 @@ import casadi as ca
 import numpy as np
 
 from hgogen.check import Verdict
-from hgogen.convergence.certified import checks
-from hgogen.convergence.constant_gain import ConstantGain, constant_gain
 from hgogen.form import Form
-from hgogen.given import BadGain, real
+from hgogen.guarantees.certified import checks
+from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
 from hgogen.observer import Observer, founded, high_gain_parameter, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, sym
+from hgogen.reading.given import BadGain, real
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem

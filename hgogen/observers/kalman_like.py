@@ -43,18 +43,18 @@ import numpy as np
 
 from hgogen.check import Verdict, demand
 from hgogen.form import Form
-from hgogen.given import BadGain
 from hgogen.intervals.digits import same
-from hgogen.kalman.kalman import limited, positive, spd, wide
 from hgogen.kalman.persistence import persistent, seconds
-from hgogen.kalman.riccati import Riccati
-from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs
+from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.theta import constant
+from hgogen.kalman.weights import limited, positive, spd, wide
 from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import sym
+from hgogen.reading.given import BadGain
+from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs
 from hgogen.structure.affine import known
 from hgogen.structure.dynamics import HUGE, Dynamics
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
-from hgogen.theta import constant
 
 REFERENCE = "Hammouri, de Leon Morales, Observer synthesis for state-affine systems, CDC 1990"
 EQUATIONS = (

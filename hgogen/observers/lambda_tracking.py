@@ -45,11 +45,11 @@ from hgogen.chains.injection import (
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.given import BadGain, positive, reals
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import INF, Block, Field, When, scalar, sym
+from hgogen.reading.given import BadGain, positive, reals
 from hgogen.stepping.guards import readings
 from hgogen.stepping.patience import FINE
 from hgogen.stepping.recovery import SHARE

@@ -24,13 +24,13 @@ from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
 from hgogen.check import Verdict
-from hgogen.convergence.certified import checks
-from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
-from hgogen.given import BadGain
+from hgogen.guarantees.certified import checks
+from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import sym
+from hgogen.reading.given import BadGain
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, A high-gain nonlinear observer with limited gain power, IEEE TAC 60 (2015)"

@@ -26,13 +26,13 @@ from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
 from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating, vertices
 from hgogen.check import Verdict
-from hgogen.convergence.certified import checks
-from hgogen.convergence.certified_core import Layout, of_core
 from hgogen.form import Form
-from hgogen.given import BadGain, positive
+from hgogen.guarantees.certified import checks
+from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.program import sym
+from hgogen.reading.given import BadGain, positive
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, Praly, Teel, Low-power peaking-free high-gain observers, Automatica 98 (2018)"

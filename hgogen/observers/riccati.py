@@ -17,18 +17,18 @@ import numpy as np
 
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
-from hgogen.given import BadGain
 from hgogen.kalman.covariance import factor
-from hgogen.kalman.kalman import cap, limited, positive, spd, wide
 from hgogen.kalman.kalman_theorems import of_form
-from hgogen.kalman.riccati import Riccati
-from hgogen.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.theta import Theta, constant
+from hgogen.kalman.weights import cap, limited, positive, spd, wide
 from hgogen.observer import Observer, founded, linearised, state_field
 from hgogen.program import sym
-from hgogen.scaling import ALIGNED, noise_equation, scaling
+from hgogen.reading.given import BadGain
+from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
-from hgogen.theta import Theta, constant
+from hgogen.structure.scaling import ALIGNED, noise_equation, scaling
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
 EQUATIONS = (

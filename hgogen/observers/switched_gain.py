@@ -17,14 +17,14 @@ import numpy as np
 from hgogen.chains.injection import injection_gains, last_error, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
-from hgogen.convergence.certified import of_poles
-from hgogen.convergence.dwell import switching
 from hgogen.form import Form
-from hgogen.given import BadGain, positive
+from hgogen.guarantees.certified import of_poles
+from hgogen.guarantees.dwell import switching
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, scalar, sym
+from hgogen.reading.given import BadGain, positive
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = (

@@ -27,14 +27,14 @@ import numpy as np
 from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Verdict
-from hgogen.convergence.gain_update import checks
-from hgogen.convergence.lmi import STATES
 from hgogen.form import Form
-from hgogen.given import BadGain, positive
+from hgogen.guarantees.gain_update import checks
+from hgogen.guarantees.lmi import STATES
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, scalar, sym
+from hgogen.reading.given import BadGain, positive
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = (

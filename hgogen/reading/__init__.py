@@ -1,1 +1,1 @@
-"""Text at the door: expressions by a grammar of their own, library entries, log files, measured records."""
+"""What comes in at the door: text, expressions, tables, names, numbers, plain-text models and CasADi graphs."""

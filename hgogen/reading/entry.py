@@ -3,8 +3,8 @@
     {"name", "states", "inputs", "outputs", "known_params", "unknown_params": [name, ..], "f", "h": [expression, ..],
      "x_box", "u_box", "param_ranges": {name: [low, high], ..}, "bound_queries": [expression, ..]}
 
-or a plain-text model as `hgogen.modelfile` reads it, with "bound_queries" beside its tables. There a parameter with a
-range is unknown, one without is known and has its value.
+or a plain-text model as `hgogen.reading.text_model` reads it, with "bound_queries" beside its tables. There a parameter
+with a range is unknown, one without is known and has its value.
 
 An expression means what SymPy makes of it: x/x is 1. Every listed name is a symbol, whatever it means elsewhere. Ends
 are numbers or texts without names, such as "pi/3"; "oo" and "-oo" are infinite.
@@ -23,8 +23,8 @@ from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.errors import HgogenError
 from hgogen.intervals.box import EVERYTHING, Box, End, box
-from hgogen.modelfile import from_table
 from hgogen.reading.expression import parse
+from hgogen.reading.text_model import from_table
 
 FORMAT = (
     '{"name": "osc", "states": ["x1", "x2"], "f": ["x2", "-a*x1 + u"], "outputs": ["y"], "h": ["x1"], "inputs": ["u"], '

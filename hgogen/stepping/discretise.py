@@ -3,10 +3,10 @@ be."""
 
 from collections.abc import Iterator
 
-from hgogen.innovation import Predictors
+from hgogen.discretisation.lengths import Lengths
 from hgogen.kalman.curvature import Curved, curved, curved_lengths
-from hgogen.kalman.riccati import Riccati
-from hgogen.lengths import Lengths
+from hgogen.kalman.innovation import Predictors
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces

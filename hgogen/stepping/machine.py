@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from hgogen.discretisation.kernels import KERNELS
 from hgogen.program import (
     Bit,
     Block,
@@ -22,7 +23,6 @@ from hgogen.program import (
     walk,
 )
 from hgogen.step import Step
-from hgogen.stepping.kernels import KERNELS
 
 Action = Callable[[], None]
 Bound = tuple[Action, list[np.ndarray]]

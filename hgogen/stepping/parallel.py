@@ -11,9 +11,9 @@ from typing import Any
 import casadi as ca
 
 from hgogen.chains.core import nominal, numbers
+from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import HgogenError
-from hgogen.innovation import Innovation, staggered
-from hgogen.lengths import Lengths
+from hgogen.kalman.innovation import Innovation, staggered
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Program, When, scalar, sym

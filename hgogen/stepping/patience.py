@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from hgogen.chains.core import core, nominal, numbers
+from hgogen.discretisation.stability import closed_loop_rates
 from hgogen.kalman.curvature import Curved
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
-from hgogen.stability import closed_loop_rates
 from hgogen.stepping.parallel import Parallel
 from hgogen.structure.dynamics import Singular
 

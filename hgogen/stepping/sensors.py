@@ -16,9 +16,9 @@ import casadi as ca
 
 from hgogen.errors import BadArgument
 from hgogen.program import Block, Call, Field, Program, Section, When, scalar, sym
+from hgogen.reading.time_unit import plural
 from hgogen.signal import Signal
 from hgogen.system import System
-from hgogen.time_unit import plural
 
 ROUND = 1 << 16  # periods after which the count begins again: what the smallest `unsigned` of C holds
 OLDEST = ROUND // 2  # periods back that still count as late

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hgogen.kalman.curvature import Curved
-from hgogen.kalman.riccati import Riccati
+from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.stepping.guards import readings

@@ -1,1 +1,1 @@
-"""What forms are made of: orders of states, coordinates, and the hypotheses on a_i, b and the output."""
+"""What forms are made of: orders of states, coordinates and their changes, the hypotheses on a_i, b and the output."""

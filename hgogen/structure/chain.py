@@ -10,7 +10,7 @@ False only where that is proved, else None.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
@@ -20,8 +20,8 @@ from hgogen.algebra.identity import Box, dependence, free_of, is_zero
 from hgogen.algebra.kinks import bent
 from hgogen.algebra.kinks import slope as slope_of
 from hgogen.algebra.points import put
+from hgogen.analysis.on_box import on_box
 from hgogen.intervals.box import box
-from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.slope import JUMPS
 from hgogen.system import System
 
@@ -70,13 +70,6 @@ def of_plant(plant: System) -> Rows:
     value."""
     plain, around = on_box(plant), box(plant.signals, plant.nominal)
     return Rows(plant.states, plain.flow, tuple(y.name for y in plant.outputs), plain.output, around)
-
-
-def on_box(plant: System) -> System:
-    """The plant without kinks and jumps whose side its box decides."""
-    around = box(plant.signals, plant.nominal)
-    flow, output = (tuple(one_sided(row, around) for row in rows) for rows in (plant.flow, plant.output))
-    return plant if (flow, output) == (plant.flow, plant.output) else replace(plant, flow=flow, output=output)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,125 @@
+"""Rigorous answers about an expression that a user asks, on the declared box of a plant or on one of his own."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from numbers import Rational, Real
+from typing import Any
+
+import sympy as sp
+
+from hgogen.check import Verdict
+from hgogen.errors import HgogenError
+from hgogen.intervals import bounds, sign
+from hgogen.intervals.bounds import LIMIT, Box, End, Range, box
+from hgogen.intervals.sign import Sign
+from hgogen.reading.door import limits, scalar
+from hgogen.reading.expression import read
+from hgogen.reading.folding import Fold
+from hgogen.system import System
+
+
+@dataclass(eq=False)
+class NotInBox(HgogenError):
+    """An expression with a symbol that has no place in the box."""
+
+    symbol: str
+    known: tuple[str, ...]
+    alike: bool
+
+    def __str__(self) -> str:
+        if self.alike:
+            return f"{self.symbol} is not the symbol declared with that name; use the Signal itself, or write text"
+        return f"{self.symbol} is not in the box, which has {', '.join(self.known) or 'no symbols'}; declare it there"
+
+
+@dataclass(eq=False)
+class BadRange(HgogenError):
+    """What is given in the place of a box, or of one of its ranges."""
+
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"the box: {self.name} {self.reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
+
+
+def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
+    """The range of an expression, rigorous on the whole closed box, wider than the true one by at most `relative` of
+    its width, or its `note` says why; so it does of a text from which SymPy folded away places without a value.
+
+    Args: `expression`: SymPy, or text in the names of the box, read by the grammar of plain-text models; `where`: a
+    plant, for the box of its declared ranges, parameters without a range at their values, outputs standing for their
+    equations, or a mapping from symbols or names to closed ranges (low, high), exact or float, infinite if unbounded.
+
+    Raises: `BadExpression` for text outside the grammar; `Misfit` for what is no expression, and for limits out of
+    range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function without a rule.
+    """
+    limits("bound", boxes, relative)
+    asked, box, folded = _question("bound", expression, where)
+    found = bounds.bound(asked, box, boxes=boxes, relative=relative)
+    return replace(found, defined=False, note="; ".join(filter(None, (folded, found.note)))) if folded else found
+
+
+def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign:
+    """Whether an expression is finite and has one sign on the whole closed box; arguments and errors as of `bound`.
+
+    Of a text from which SymPy folded away places of the box without a value it is not proved.
+    """
+    limits("nonzero", boxes)
+    asked, box, folded = _question("nonzero", expression, where)
+    found = sign.nonzero(asked, box, boxes=boxes)
+    if folded and found.verdict is Verdict.PROVED:
+        return replace(found, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded, exact=None)
+    return found
+
+
+def _question(what: str, given: Any, where: System | Box) -> tuple[sp.Expr, Box, str]:
+    """The expression, the box, and what the text says otherwise than its expression, or ""."""
+    plant = where if isinstance(where, System) else None
+    around = _declared(plant) if plant else _given(where)
+    equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
+    names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
+    fold = read(given, names) if isinstance(given, str) else Fold("", scalar(given, what), ())
+    expression = fold.reading
+    for symbol in sorted(expression.free_symbols - {*around, *equations}, key=str):
+        raise NotInBox(str(symbol), tuple(names), symbol.name in names)
+    written = replace(fold, lost=tuple(one._replace(of=one.of.xreplace(equations)) for one in fold.lost))
+    return expression.xreplace(equations), around, written.on(around)
+
+
+def _declared(plant: System) -> Box:
+    return box((*plant.states, *plant.inputs, *plant.parameters), plant.nominal)
+
+
+def _given(where: Any) -> Box:
+    if not isinstance(where, Mapping):
+        raise BadRange(str(where), "is neither a plant nor a mapping")
+    return {_symbol(key): _ends(key, value) for key, value in where.items()}
+
+
+def _symbol(key: Any) -> sp.Symbol:
+    if not isinstance(key, sp.Symbol | str):
+        raise BadRange(str(key), "is no name")
+    return key if isinstance(key, sp.Symbol) else sp.Symbol(key)
+
+
+def _ends(key: Any, value: Any) -> tuple[End, End]:
+    if not isinstance(value, Sequence) or len(value) != 2:
+        raise BadRange(str(key), f"has {value!r} for its range")
+    low, high = (_end(key, end) for end in value)
+    return low, high
+
+
+def _end(key: Any, end: Any) -> End:
+    """A float is the number that its shortest decimal says, as in a Signal."""
+    if isinstance(end, sp.Rational):
+        return Fraction(end)
+    if isinstance(end, bool) or not isinstance(end, Real):
+        raise BadRange(str(key), f"has the end {end!r}, which is no number")
+    return Fraction(repr(float(end))) if isinstance(end, float) and math.isfinite(end) else _kept(end)
+
+
+def _kept(end: Any) -> End:
+    return Fraction(end) if isinstance(end, Rational) else float(end)

@@ -1,0 +1,336 @@
+"""Where a plant is not observable: the zero set of the determinant of d(h, h', ..)/dx, and the next jet there.
+
+    O(x, u, u', ..) = d(y, y', .., y^(k))/dx,   singular where n chosen rows of O have determinant 0
+
+On the zero set of a factor, such as u = 0, later rows may have full rank: the state is then observable by the next
+jet, which reads higher derivatives of the input. That rank n at a point suffices for local observability there:
+R. Hermann, A. Krener, "Nonlinear controllability and observability", IEEE TAC 22 (1977).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+import sympy as sp
+from sympy.combinatorics import Permutation
+
+from hgogen.algebra.branches import ROUGH
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.points import exact
+from hgogen.algebra.rewrite import TooLarge
+from hgogen.algebra.tape import NoTape
+from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
+from hgogen.analysis.lie import along, length, rates, size, without_derivative
+from hgogen.analysis.on_box import on_box
+from hgogen.check import Check, Verdict
+from hgogen.intervals.box import box as box_of
+from hgogen.intervals.glance import Interval
+from hgogen.intervals.sign import nonzero
+from hgogen.intervals.singular import minimal, singular
+from hgogen.reading.door import asks_a_plant
+from hgogen.system import System
+
+# An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
+LIMIT = 4000
+# Of the derivatives of an output too, counted as they are written out: the next one has a term for each node.
+_WRITTEN = 30_000
+# Derivatives beyond y^(n-1) that a jet on a zero set may use, and how many zero sets one inside the other are followed.
+_FURTHER, _DEPTH = 2, 2
+_BOXES = 500  # of the question whether a factor is 0
+_SHOWN = 8  # terms of a sum that are shown
+Row = tuple[int, int]  # (output, order of the derivative), both from 0
+Where = tuple[tuple[sp.Symbol, sp.Expr], ...]
+_STATES, _NAME = "singularity.regular", "singularity.jet_{}"
+
+
+@dataclass(frozen=True)
+class Jet:
+    """On the zero set `where` (symbol to value): the rows that are independent there, and their determinant's factors.
+
+    `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, itself where nothing is
+    known; None where no choice of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of
+    the outputs and the entries of the Jacobian, which must be smooth for the determinant to tell anything; `shown`: the
+    determinant with its factors to be read, where that is another text.
+    """
+
+    where: Where
+    rows: tuple[Row, ...]
+    determinant: sp.Expr
+    factors: tuple[sp.Expr, ...] | None
+    order: int
+    parts: tuple[sp.Expr, ...] = ()
+    shown: Determinant | None = None
+
+    @property
+    def text(self) -> sp.Expr:
+        """The determinant as it is read."""
+        return self.shown.value if self.shown else self.determinant
+
+
+@dataclass(frozen=True)
+class Singularity:
+    """Where the plant is not observable by its first derivatives, and what the next ones show there.
+
+    `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix is
+    too large, or the plant jumps, as `reason` says.
+    """
+
+    plant: System
+    jets: tuple[Jet, ...]
+    reason: str = ""
+
+    @property
+    def factors(self) -> tuple[sp.Expr, ...] | None:
+        """Of the generic determinant: their zero sets together are the singular set; None where it is not known."""
+        return self.jets[0].factors if self.jets else None
+
+    @property
+    def inputs(self) -> tuple[sp.Expr, ...]:
+        """The factors of inputs and parameters alone that may be 0 on the box: singular inputs, whatever the state."""
+        return tuple(e for e in self.open_factors if e.free_symbols.isdisjoint(self.plant.states))
+
+    @property
+    def open_factors(self) -> tuple[sp.Expr, ...]:
+        """The generic determinant's factors that may be 0 on the box of states, inputs and parameters."""
+        return _open(self.plant, self.factors or ())
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """One for the generic jet and one for each zero set; what they claim holds where the factors are not 0."""
+        if not self.jets:
+            return (Check(_STATES, "the state is observable", Verdict.UNKNOWN, self.reason),)
+        return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
+
+    @property
+    def head(self) -> str:
+        """A title, and a line for the singular inputs if there are any."""
+        title = f"{self.plant.name}: where the outputs determine the state, and where not"
+        return "\n".join([title, *(f"  singular input: {e} = 0" for e in self.inputs)])
+
+    def __str__(self) -> str:
+        return "\n".join([self.head, *(f"  {check}" for check in self.checks)])
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, where nothing is abbreviated; `determinants`: one a check."""
+        known = None if self.factors is None else [str(e) for e in self.factors]
+        inputs, whole = ([str(e) for e in row] for row in (self.inputs, (jet.text for jet in self.jets)))
+        checks = [check.as_dict() for check in self.checks]
+        return {"factors": known, "inputs": inputs, "determinants": whole, "checks": checks}
+
+    def latex(self) -> str:
+        """The determinants as LaTeX, one line of an align environment a jet."""
+        rows, dots = [], _latex_dots(self.plant)
+        for jet in self.jets:
+            names = ", ".join(_latex_name(self.plant, row) for row in jet.rows)
+            at = ", ".join(
+                f"{sp.latex(s, symbol_names=dots)} = {sp.latex(value, symbol_names=dots)}" for s, value in jet.where
+            )
+            left = rf"\det \frac{{\partial ({names})}}{{\partial x}}" if jet.rows else r"\operatorname{rank} O"
+            right = f"= {sp.latex(jet.text, symbol_names=dots)}" if jet.rows else f"< {len(self.plant.states)}"
+            rows.append(f"{left} &{right}" + (rf" && \text{{at }} {at}" if at else ""))
+        return "\\begin{align*}\n" + " \\\\\n".join(rows) + "\n\\end{align*}"
+
+
+@asks_a_plant
+def singularity(plant: System, limit: int = LIMIT) -> Singularity:
+    """The plant's singular set with the derivatives of its inputs, and the next jets on it.
+
+    Parameters stay symbols. A zero set is followed where a factor is linear, with a constant slope, in one of the
+    inputs, their derivatives or the states: that symbol is put to its root. `limit` counts nodes of expressions.
+    """
+    plain = on_box(plant)
+    derived = _Derived(plain, rates(plain, len(plant.states) - 1 + _FURTHER), limit)
+    try:
+        generic = _triangle(plain) or _jet((), derived, len(plant.states) - 1)
+        return Singularity(plant, (generic, *_followed(generic, derived, _DEPTH)))
+    except (TooLarge, NoTape) as error:
+        rough = without_derivative((*plant.flow, *plant.output)) if isinstance(error, NoTape) else ""
+        reason = f"not known: {rough}, and the derivatives of the outputs ask for it" if rough else str(error)
+        return Singularity(plant, (), reason)
+
+
+@dataclass(frozen=True)
+class _Derived:
+    """The outputs' derivatives (`chains`, one an output) and their gradients with themselves behind (`rows`), made as
+    they are asked for, because each is longer than the one before.
+    """
+
+    plant: System
+    flow: Mapping[sp.Symbol, sp.Expr]
+    limit: int
+    chains: dict[int, tuple[sp.Expr, ...]] = field(default_factory=dict)
+    rows: dict[Row, list[sp.Expr]] = field(default_factory=dict)
+
+    def order(self, k: int) -> dict[Row, list[sp.Expr]]:
+        """All rows up to the k-th derivatives.
+
+        Raises: `TooLarge` beyond `limit` nodes.
+        """
+        for j, h in enumerate(self.plant.output):
+            chain = self.chains.get(j, (h,))
+            while len(chain) <= k:
+                if (written := length(chain[-1])) > _WRITTEN:
+                    raise TooLarge(
+                        f"a derivative of an output, written out with {written} nodes, more than {_WRITTEN},"
+                    )
+                chain = (*chain, along(chain[-1], self.flow))
+                self._small(chain)
+            self.chains[j] = chain
+            for i in range(k + 1):
+                if (j, i) not in self.rows:
+                    self.rows[j, i] = [*(chain[i].diff(x) for x in self.plant.states), chain[i]]
+        self._small(e for row in self.rows.values() for e in row)
+        return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
+
+    def _small(self, expressions: Iterable[sp.Expr]) -> None:
+        nodes = size(expressions)
+        if nodes > self.limit:
+            raise TooLarge(f"the observability matrix, of {nodes} nodes, more than {self.limit},")
+
+
+def _box(plant: System) -> dict[sp.Symbol, Interval]:
+    """Of all signals and the inputs' derivatives; a parameter without a range has its value."""
+    orders = range(1, len(plant.states) + _FURTHER)
+    box = box_of((*plant.signals, *(u.derivative(k) for u in plant.inputs for k in orders)))
+    values = {p: Fraction(v) for p, v in plant.nominal.items() if not p.bounded}
+    return {**box, **{p: (value, value) for p, value in values.items()}}
+
+
+def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
+    """Those that are not proved to be 0 nowhere on the box."""
+    box = _box(plant)
+    return tuple(e for e in factors if not nonzero(e, box, boxes=_BOXES, refute=False).never)
+
+
+def _jet(where: Where, derived: _Derived, last: int) -> Jet:
+    """The first n rows (gradient, then the derivative itself) that are independent on the zero set, by order."""
+    n = len(derived.plant.states)
+    for order in range((n - 1) // len(derived.plant.outputs), last + 1):
+        gradients = derived.order(order)
+        there = {row: [e.subs(where) for e in entries[:n]] for row, entries in gradients.items()}
+        chosen = independent(there, n)
+        if len(chosen) == n:
+            square = [there[row] for row in chosen]
+            found = determinant(square)
+            parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
+            factors = (found.value,) if found.factors is None else found.factors
+            return Jet(where, chosen, found.value, factors, order, parts, as_written(square, found))
+    return Jet(where, (), sp.S.Zero, None, last)
+
+
+def _triangle(plant: System) -> Jet | None:
+    """The generic jet of a chain, without a derivative: y reads z_1 alone, the rate of z_i no state beyond z_(i+1).
+
+    Then y^(k) reads no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i = dz_i'/dz_(i+1), and
+    d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). None of another plant, of one with kinks,
+    and of one with roots, whose derivatives are singular where the root is not.
+    """
+    order: list[sp.Symbol] = []
+    slopes, row, n = list[sp.Expr](), plant.output[0], len(plant.states)
+    rows = []
+    while len(order) < n:
+        new = [x for x in plant.states if row.has(x) and x not in order]
+        powers = row.atoms(sp.Pow)
+        if len(plant.output) > 1 or len(new) != 1 or row.has(*ROUGH) or any(not p.exp.is_Integer for p in powers):
+            return None
+        rows.append(row)
+        slopes.append(row.diff(new[0]))
+        order += new
+        row = plant.flow[plant.states.index(new[0])]
+    if any(is_zero(slope) is not False for slope in slopes):
+        return None
+    sign = Permutation([plant.states.index(x) for x in order]).signature()
+    each = [determinant([[slope]]) for slope in slopes]
+    found = _powers(each, sign)
+    shown = _powers([as_written([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
+    factors = (found.value,) if found.factors is None else found.factors
+    return Jet((), tuple((0, k) for k in range(n)), found.value, factors, n - 1, (*rows, *slopes), shown)
+
+
+def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
+    """sign prod_i s_i^(n-i) of slopes, i = 0, .., n - 1, and its factors."""
+    value = sign * sp.Mul(*(one.value ** (len(each) - i) for i, one in enumerate(each)))
+    known = [one.factors for one in each if one.factors is not None]
+    every = tuple(sorted({e for part in known for e in part}, key=sp.default_sort_key))
+    return Determinant(value, every if len(known) == len(each) else None)
+
+
+def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
+    """The jets on the zero sets of a jet's factors; none where they would be too large."""
+    found: list[Jet] = []
+    last = len(derived.plant.states) - 1 + _FURTHER
+    for factor in _open(derived.plant, jet.factors or ()) if depth else ():
+        root = _root(factor)
+        if root is not None and root[0] not in dict(jet.where):
+            try:
+                deeper = _jet((*jet.where, root), derived, last)
+            except (TooLarge, NoTape):
+                continue
+            found += [deeper, *_followed(deeper, derived, depth - 1)]
+    return found
+
+
+def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
+    """The symbol in which the factor is linear with a constant slope, and its root."""
+    for symbol in sorted(factor.free_symbols, key=str):
+        slope = factor.diff(symbol)
+        if slope.is_number and slope != 0:
+            return symbol, sp.expand(symbol - factor / slope)
+    return None
+
+
+# ---------------------------------------------------------------- words
+
+
+def _brief(e: sp.Expr) -> str:
+    """As text; a sum of many terms by its first ones and their number."""
+    sums = [a for a in e.atoms(sp.Add) if len(a.args) > _SHOWN]
+    stands = {a: sp.Symbol(f"({_first(a)} + .., {len(a.args)} terms)") for a in sums}
+    return str(e.xreplace(stands))
+
+
+def _first(e: sp.Add) -> str:
+    return str(sp.Add(*e.as_ordered_terms()[:2], evaluate=False))
+
+
+def _primes(k: int) -> str:
+    return "'" * k if k < 4 else f"^({k})"
+
+
+def _latex_dots(plant: System) -> dict[sp.Symbol, str]:
+    """Names of the inputs' derivatives, with dots or orders above."""
+    marks = (r"\dot{{{}}}", r"\ddot{{{}}}", r"\dddot{{{}}}")
+    return {
+        u.derivative(k): (marks[k - 1] if k <= len(marks) else "{{{}}}^{{(" + str(k) + ")}}").format(sp.latex(u))
+        for u in plant.inputs
+        for k in range(1, len(plant.states) + _FURTHER)
+    }
+
+
+def _latex_name(plant: System, row: Row) -> str:
+    output, order = row
+    return f"{sp.latex(plant.outputs[output])}^{{({order})}}" if order else sp.latex(plant.outputs[output])
+
+
+def _check(plant: System, jet: Jet, k: int) -> Check:
+    """proved: the determinant has no zero on the box; where: it may have; unknown: no full rank was found."""
+    rows = ", ".join(f"{plant.outputs[j]}{_primes(order)}" for j, order in jet.rows)
+    at = " and ".join(f"{symbol} = {value}" for symbol, value in jet.where)
+    id = _NAME.format(k) if k else _STATES
+    claim = f"{'at ' + at + ' ' if at else ''}{rows or 'derivatives of the outputs'} determine the state locally"
+    if jet.factors is None:
+        reason = f"derivatives up to order {jet.order} leave the generic rank below {len(plant.states)}"
+        return Check(id, claim, Verdict.UNKNOWN, reason)
+    reason = f"the determinant of their Jacobian is {_brief(jet.text)}"
+    rough = sorted({str(node) for part in jet.parts for node in part.atoms(*ROUGH)})
+    if rough:
+        return Check(id, claim, Verdict.UNKNOWN, f"{rough[0]} may not be smooth; {reason}")
+    doubtful = _open(plant, jet.factors)
+    readable = _open(plant, (jet.shown and jet.shown.factors) or ()) if doubtful else ()
+    conditions = [f"{_brief(e)} != 0" for e in readable or doubtful]
+    box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
+    conditions += map(str, minimal(singular(map(exact, jet.parts), box).values()))
+    if not conditions:
+        return Check(id, claim, Verdict.PROVED, f"{reason}, which has no zero on the box")
+    return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}; {reason}")

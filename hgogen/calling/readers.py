@@ -1,0 +1,98 @@
+"""What a step that is called keeps between two samples, and its readers: the compiled C, and the program in Python.
+
+All of it is one record in the layout of the C (`emit.layout`), on which both readers work where it lies. They compute
+the same bits, so they may take turns at any sample.
+"""
+
+import ctypes
+from collections.abc import Mapping
+from functools import cached_property, partial
+
+import numpy as np
+
+from hgogen import targets
+from hgogen.calling import native
+from hgogen.calling.samples import BadShape, Engine
+from hgogen.emit import layout, pystep
+from hgogen.emit.pystep import Entry
+from hgogen.program import Field, lines_of
+from hgogen.step import Step
+
+
+class Kept:
+    """The memory of one step, `places` of it by name, and what can be called on it.
+
+    `given`: u, then y, of a sample, as doubles; `shown`: the estimate, then the traces.
+    """
+
+    def __init__(self, step: Step) -> None:
+        kept = layout.kept_type(step)
+        self._step, self.record = step, np.zeros(1, kept)
+        self.places = layout.places(step, self.record)
+        self._readers: dict[Engine, Mapping[str, Entry]] = {}
+        self.whole = self.record.view(np.uint8).data
+        self.state = self.whole[: layout.state_type(step).itemsize]
+        shown, given = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.outputs)
+        self.given, self.shown = np.split(self.record.view(np.float64)[-given - shown :], [given])
+        for kind, fields in (("plant", step.plant), ("gain", step.gains), ("state", step.state)):
+            self._fill(kind, fields)
+        for *_, group in lines_of(step.groups):
+            self._fill(group.name, group.fields)
+        self._new = bytes(self.state)
+
+    def reset(self) -> None:
+        """The state as before the first call."""
+        self.state[:] = self._new
+
+    def entries(self, engine: Engine) -> Mapping[str, Entry]:
+        """What a reader can be called for; made at the first time.
+
+        Raises: `NoCompiler`, `CompilerFailed`.
+        """
+        if engine not in self._readers:
+            entries = self._compiled() if engine == "c" else pystep.entries(self._step, self.record)
+            entries["tune"]()
+            self._readers[engine] = entries
+        return self._readers[engine]
+
+    def run(self, engine: Engine, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
+        n, traces = len(self._step.states), len(self._step.observer.traces)
+        step, status = self.entries(engine)["step"], np.zeros(len(y), np.uint32)
+        if engine == "c":
+            x, traced = np.zeros((len(y), n)), np.zeros((len(y), traces))
+            self._record(u, y, x, traced, status)
+            return x, traced, status
+        found = np.zeros((len(y), n + traces))
+        for k, row in enumerate(np.hstack([u, y])):
+            self.given[:] = row
+            status[k] = step()
+            found[k] = self.shown
+        return found[:, :n], found[:, n:], status
+
+    def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
+        for field in fields:
+            self.places[f"{kind}.{field.name}"][:] = field.initial
+
+    @cached_property
+    def _library(self) -> ctypes.CDLL:
+        return native.library({**targets.c99(self._step, real="double", check=False), **targets.record(self._step)})
+
+    def _compiled(self) -> dict[str, Entry]:
+        """A call of one address each, which a thread finishes before another has its turn."""
+        step, library = self._step, self._library
+        size = getattr(library, f"{step.name}_kept_size")
+        size.restype = ctypes.c_size_t
+        if size() != self.record.itemsize:
+            raise BadShape(f"the C struct {step.name}_kept", f"has {size()} bytes, Python's {self.record.itemsize}")
+        names = ["step", "estimate", "tune"]
+        names += [section.name for section in (*step.sections, *step.timed)] if step.apart else []
+        kind = ctypes.PYFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
+        found = {name: kind((f"{step.name}_kept_{name}", library)) for name in names}
+        return {name: partial(call, self.record.ctypes.data) for name, call in found.items()}
+
+    def _record(self, *arrays: np.ndarray) -> None:
+        step = self._step
+        pointers = [ctypes.c_void_p(self.record[part].ctypes.data) for part in ("state", "params")]
+        call = getattr(self._library, f"{step.name}_record")
+        call(*pointers, ctypes.c_size_t(len(arrays[1])), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))

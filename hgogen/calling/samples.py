@@ -1,0 +1,200 @@
+"""What goes into a step and what comes out of it: numbers at the door, one sample, a record."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, cast
+
+import numpy as np
+
+from hgogen.errors import BadArgument
+from hgogen.reading.given import unmasked
+from hgogen.reading.named import in_order, names_of
+from hgogen.signal import Signal
+
+Engine = Literal["c", "python"]
+Take = Callable[[Any], None]
+
+
+class BadShape(BadArgument):
+    """An input or output array of the wrong shape or kind."""
+
+
+def _position(name: str, names: tuple[str, ...]) -> int:
+    if name not in names:
+        raise BadShape(f"{name!r}", f"names no state; the states are {', '.join(names)}")
+    return names.index(name)
+
+
+class Legend(NamedTuple):
+    """What the numbers of a sample are called: the states, the bits of its status, the traces."""
+
+    names: tuple[str, ...]
+    bits: tuple[str, ...]
+    traces: tuple[str, ...]
+
+    def flags(self, status: int) -> tuple[str, ...]:
+        """The names of the bits that a status holds."""
+        return tuple(name for k, name in enumerate(self.bits) if int(status) >> k & 1)
+
+
+class Sample:
+    """What one call returns: the estimate `x` (n) of the states `names`, the status, its bits' names, and traces.
+
+    It holds the bytes that a call left, and makes arrays and names of them when it is asked.
+    """
+
+    __slots__ = ("_legend", "_numbers", "_status", "_x")
+
+    def __init__(self, legend: Legend, numbers: bytes, status: int) -> None:
+        """`numbers`: the doubles of the estimate, then of the traces."""
+        self._legend = legend
+        self._numbers = numbers
+        self._status = status
+        self._x: np.ndarray | None = None
+
+    @property
+    def x(self) -> np.ndarray:
+        """The estimate (n)."""
+        if self._x is None:
+            self._x = np.frombuffer(self._numbers, count=len(self.names)).copy()
+        return self._x
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The states' names."""
+        return self._legend.names
+
+    @property
+    def status(self) -> int:
+        """A bit mask, 0 for ok."""
+        return self._status
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The names of the bits that the status holds."""
+        return self._legend.flags(self._status)
+
+    @property
+    def traces(self) -> dict[str, float]:
+        """What the observer shows of its state, by name."""
+        values = memoryview(self._numbers).cast("d")[len(self.names) :].tolist()
+        return dict(zip(self._legend.traces, values, strict=True))
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.x[_position(name, self.names)])
+
+    def __repr__(self) -> str:
+        return f"<sample: {self}>"
+
+    def __str__(self) -> str:
+        values = [f"{name} = {value:.6g}" for name, value in zip(self.names, self.x, strict=True)]
+        values += [f"{name} = {value:.6g}" for name, value in self.traces.items()]
+        return f"{', '.join(values)} ({', '.join(self.flags) or 'ok'})"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a record gives: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine."""
+
+    t: np.ndarray
+    x: np.ndarray
+    names: tuple[str, ...]
+    traces: Mapping[str, np.ndarray]
+    status: np.ndarray
+    engine: Engine | Literal["cvodes"]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return np.asarray(self.x[:, _position(name, self.names)])
+
+
+# --- the door -----------------------------------------------------------------------------------------------
+
+
+def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Take:
+    """Takes a sample of signals, called `name` where it is refused, to their place in an array of doubles, from `at`
+    on. Floats go there as they are, a mapping by the signals' names, anything else by numpy. What it takes may raise
+    `BadShape` or `BadNames`, and then nothing is written."""
+    size, values = len(signals), cast(Any, array.data)  # an item of which is set in a third of the time
+
+    def convert(value: Any) -> None:
+        demand_given(name, value, signals)
+        array[at : at + size] = numbers(name, in_order(name, value, names_of(signals)), size, listed(signals))
+
+    def none(value: Any) -> None:
+        if type(value) is not tuple or value:
+            convert(value)
+
+    def one(value: Any) -> None:
+        if isinstance(value, float):
+            values[at] = value
+        else:
+            convert(value)
+
+    def several(value: Any) -> None:
+        if type(value) in (tuple, list) and len(value) == size and all(isinstance(each, float) for each in value):
+            for place, each in enumerate(value, at):
+                values[place] = each
+        else:
+            convert(value)
+
+    return {0: none, 1: one}.get(size, several)
+
+
+def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
+    """An array (size) of what was given, NaN where an entry is masked. Raises: `BadShape`."""
+    try:
+        array = np.asarray(unmasked(value), dtype=float).reshape(-1)
+    except OverflowError:
+        raise BadShape(name, "has a number beyond the range of a double") from None
+    except (TypeError, ValueError):
+        raise BadShape(f"{name} = {value!r}", "is not an array of numbers") from None
+    if array.shape != (size,):
+        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have {size} element{'s' * (size != 1)}{order}")
+    return array
+
+
+def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> np.ndarray:
+    """An array (N, number of signals) of what was given for a record, or of a column (N) for each by name; NaN where an
+    entry is masked.
+
+    Raises: `BadShape`, `BadNames`.
+    """
+    width = len(signals)
+    if rows != 0:
+        demand_given(name, value, signals)
+    if isinstance(value, Mapping):
+        columns = in_order(name, value, names_of(signals))
+        lengths = dict(zip(names_of(signals), map(np.size, columns), strict=True))
+        if len(set(lengths.values())) > 1:
+            told = ", ".join(f"{signal} {length}" for signal, length in lengths.items())
+            raise BadShape(f"{name} with columns of different lengths ({told})", "must have one length for all")
+        value = np.stack(
+            [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)], 1
+        )
+    try:
+        array = np.asarray(unmasked(value), dtype=float)
+    except OverflowError:
+        raise BadShape(name, "has a number beyond the range of a double") from None
+    except (TypeError, ValueError):
+        raise BadShape(name, "is not an array of numbers") from None
+    if array.ndim == 1 and width == 1:
+        array = array[:, None]
+    if width == 0 and array.size == 0:
+        array = np.zeros((rows or 0, 0))
+    if array.ndim != 2 or array.shape[1] != width or (rows is not None and len(array) != rows):
+        wanted = f"({'N' if rows is None else rows}, {width})" + (
+            f" or ({'N' if rows is None else rows},)" if width == 1 else ""
+        )
+        raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{listed(signals)}")
+    return np.ascontiguousarray(array)
+
+
+def demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
+    """Raise `BadShape` for the empty tuple that stands for nothing, where there are signals."""
+    if isinstance(value, tuple) and not value and signals:
+        raise BadShape(name, f"is missing; give {name}=, the values of {', '.join(s.name for s in signals)}")
+
+
+def listed(signals: Sequence[Signal]) -> str:
+    """The order of several signals, which may be more than the plant's: a form can take an input's derivatives too."""
+    return f": {', '.join(s.name for s in signals)}" if len(signals) > 1 else ""

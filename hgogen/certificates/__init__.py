@@ -1,0 +1,1 @@
+"""Certificates: what was proved of a model, and the evidence with which `hgogen recheck` verifies it again."""

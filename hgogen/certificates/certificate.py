@@ -1,0 +1,204 @@
+"""Certificates: what was proved of a model, as a JSON value that `recheck.recheck` verifies again.
+
+    {"format": "hgogen certificate", "version": "2", "hgogen": its version,
+     "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
+               "output"},
+     "form": {"kind", "states", "to_form", "from_form", "A", "b", "output", "blocks", "alignment"},
+     "observer": {"name"}, and the numbers that it is built with where something is proved of it; or null,
+     "model": SHA-256 of plant, form and observer,
+     "claims": [{"id", "verdict", "evidence"}],
+     "digest": SHA-256 of all the rest}
+
+Numbers are exact and texts, "7/2" or "0.05"; an infinite end of a range is null; a parameter without a range has its
+value as both ends. x' = flow(x, u), y = output(x, u) is the plant as first declared, z = to_form(x), x = from_form(z),
+z' = A z + b, y = output the form, with the number of states of each output's chain, and how chains may read each other.
+A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
+the box; of a form "phase.recovered" b is taken at the recovered state instead. from_form is the plain inverse: what an
+observer evaluates is the same on the image of the plant's ranges, and beyond keeps its denominators off 0. The
+equations of the others, with their numbers, stand where they are verified (`hgogen.recheck.core`, ..). `model` stands
+in the banner of the C as well. The digests find accidents; they are no signature.
+
+Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
+the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
+form: "chain" (y, y', ..) in the plant's states; of the convergence of a high_gain observer: "scale" S, "core" N = S (A
+- gains C) S^-1, or "ranges", the enclosures of the a_i, at whose ends N is taken, "P" with N'P + P N <= -I, "peak" >=
+lambda_max(P), and the Lipschitz bound of b in the coordinates S z. Of other observers: "units" s_i, "scale" s_i a_1 ..
+a_i, and what their modules say. Of inequality (38): the "gain" of the observer, the disturbances "G1" and "G2" and the
+ranges of the "errors", of which the system is rebuilt, with V and mu; on which "share" of the box of errors its second
+order is definite in which "basis"; "slabs" cover the rest, "floor" is V's on the faces. A tree is
+a bisection in prefix order: a name cuts its side of the box at the midpoint (an unbounded side at 0, beyond 0 at twice
+its end and one), a dot is a leaf.
+
+A claim is "proved" or "refuted" here only if its evidence is verified by `hgogen recheck`; what has no such evidence is
+"stated", with a reason, and so are open verdicts as they are: they assert nothing.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from importlib.metadata import version
+from typing import Any
+
+import sympy as sp
+
+from hgogen.certificates.of_errors import evidence as of_error
+from hgogen.certificates.of_errors import given
+from hgogen.certificates.of_forms import end, text
+from hgogen.certificates.of_forms import evidence as of_form
+from hgogen.certificates.of_observers import evidence as of_observer
+from hgogen.check import Check, Verdict
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.intervals.box import box
+from hgogen.intervals.proof import Grounds
+from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest, read
+from hgogen.recheck.recheck import recheck
+from hgogen.recheck.text import Unreadable
+from hgogen.signal import Signal
+
+
+@dataclass(eq=False)
+class NotCertifiable(HgogenError):
+    """A model that a certificate cannot carry."""
+
+    plant: str
+    reason: str
+
+    def __str__(self) -> str:
+        return (
+            f"no certificate of {self.plant!r}: {self.reason}; a certificate holds + - * / **, the elementary "
+            "functions, Abs, sign, Min and Max: write the model by them"
+        )
+
+
+def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
+    """The certificate of a form's checks, and of the observer of that name.
+
+    What `recheck.recheck` does not verify is "stated" in it, not "proved".
+
+    Raises: `NotCertifiable` for a model with functions that the certificate's grammar has not (Piecewise, floor).
+    """
+    checks = tuple(checks)
+    claims = [_claim(form, check) for check in checks]
+    found = _sealed({**_model(form, checks, observer), "claims": claims})
+    try:
+        rows = recheck(json.dumps(found)).rows
+    except Unreadable as error:
+        raise NotCertifiable(form.system.name, error.fault) from None
+    failed = {row.id: row.sentence for row in rows if row.found == "fails"}
+    return _sealed({**found, "claims": [_demoted(claim, failed) for claim in claims]})
+
+
+def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
+    """The certificate's `model`, found without its evidence.
+
+    Raises: `NotCertifiable`.
+    """
+    content = _sealed({**_model(form, checks, observer), "claims": []})
+    try:
+        return read(json.dumps(content)).model
+    except Unreadable as error:
+        raise NotCertifiable(form.system.name, error.fault) from None
+
+
+def asserted(content: Mapping[str, Any]) -> int:
+    """How many claims of a certificate say something that `recheck.recheck` verifies."""
+    return sum(claim["verdict"] in ("proved", "refuted") for claim in content["claims"])
+
+
+def stated(content: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """The ids and reasons of the claims that were proved or refuted, and that a certificate could not give evidence
+    of."""
+    return tuple(
+        (claim["id"], claim["evidence"]["reason"]) for claim in content["claims"] if claim["verdict"] == "stated"
+    )
+
+
+def _sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+    return {**content, "digest": digest(content)}
+
+
+def _demoted(claim: Mapping[str, Any], failed: Mapping[str, str]) -> dict[str, Any]:
+    if claim["id"] not in failed:
+        return dict(claim)
+    reason = f"{claim['verdict']}, but a second arithmetic does not show it: {failed[claim['id']]}"
+    return {"id": claim["id"], "verdict": "stated", "evidence": {"reason": reason}}
+
+
+# --- the model
+
+
+def _model(form: Form, checks: Iterable[Check], observer: str) -> dict[str, Any]:
+    """The head of a certificate, and what it is about."""
+    about = {"plant": _plant(form), "form": _form(form), "observer": _observer(form, checks, observer)}
+    return {"format": FORMAT, "version": VERSION, "hgogen": version("hgogen"), **about, "model": model_digest(about)}
+
+
+def _plant(form: Form) -> dict[str, Any]:
+    system = form.system
+    plant = system if system.origin is None else system.origin.plant
+
+    return {
+        "name": plant.name,
+        "states": _ranges(plant.states),
+        "inputs": _ranges(system.inputs),
+        "parameters": _ranges(system.parameters, system.nominal),
+        "outputs": [y.name for y in plant.outputs],
+        "flow": _written(form, plant.flow),
+        "output": _written(form, plant.output),
+    }
+
+
+def _form(form: Form) -> dict[str, Any]:
+    return {
+        "kind": form.kind if form.behind is None else f"{form.kind}.recovered",
+        "states": _ranges(form.states),
+        "to_form": _written(form, form.entry),
+        "from_form": _written(form, (expression for _, expression in form.estimates)),
+        "A": [_written(form, form.A.row(i)) for i in range(form.n)],
+        "b": _written(form, form.b),
+        "output": _written(form, form.output),
+        "blocks": list(map(str, form.blocks)),
+        "alignment": form.alignment,
+    }
+
+
+def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
+    return [text(form, row) for row in rows]
+
+
+def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
+    """Its name, and the numbers that something was found of; what is claimed of a bank's member is of no bank's."""
+    if not name:
+        return None
+    own = (proof for check in checks if check.id.startswith(f"{name}.") for proof in check.proofs)
+    found = next((proof for proof in own if isinstance(proof, Grounds)), None)
+    numbers = found.numbers if found else {}
+    return {"name": name, **{key: _built(form, value) for key, value in numbers.items()}}
+
+
+def _built(form: Form, value: Any) -> Any:
+    """A number, an expression, or a sequence of them."""
+    if isinstance(value, Iterable):
+        return [_built(form, each) for each in value]
+    return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
+
+
+def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:
+    return [{"name": s.name, "low": end(low), "high": end(high)} for s, (low, high) in box(signals, nominal).items()]
+
+
+# --- the claims
+
+
+def _claim(form: Form, check: Check) -> dict[str, Any]:
+    found = of_form(form, check)
+    found = of_observer(form, check) if found is None else found
+    found = of_error(check) if found is None else found
+    if found is None:
+        open_ = check.verdict not in (Verdict.PROVED, Verdict.REFUTED)
+        verdict, prefix = (str(check.verdict), "") if open_ else ("stated", f"{check.verdict}: ")
+        of = ", of an error system that is given and not made of the plant" if given(check) else ""
+        return {"id": check.id, "verdict": verdict, "evidence": {"reason": f"{prefix}{check.reason}{of}"}}
+    return {"id": check.id, "verdict": str(check.verdict), "evidence": found}

@@ -1,1 +1,0 @@
-"""Constant and moving high gains, and the bounds above which their convergence is proved."""

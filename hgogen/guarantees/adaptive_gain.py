@@ -1,0 +1,314 @@
+"""A high gain that moves, and the quadratic Lyapunov function that allows it: verified in exact arithmetic.
+
+    what' = A what + c(what, u) + T K (y - what_1),   T = diag(gamma, .., gamma^n),   D = diag(1, .., n)
+    e = T^-1 (w - what):   e' = gamma (A - K C) e - (gamma'/gamma) D e + T^-1 (c(w) - c(what)) + (T^-1 G_1 - K G_2) v
+
+    P > 0,   D P + P D >= 0,   (A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0                    (54)
+    gamma'/gamma^2 >= -sigma                                                                                    (55)
+    gamma >= gamma_inf > max(1, 2 k lambda_max(P)/lambda)                                                   (56), (62)
+
+A, C a chain of integrators, v a disturbance of the plant by G_1 and of the measurement by G_2, k >= |T^-1 dc/dw T| for
+every gamma >= gamma_inf. V = e'P e has V' <= -(gamma lambda - 2 k lambda_max(P)) |e|^2 without v. The paper leaves out
+D P + P D >= 0, without which (55) does not bound the term with gamma'. With v, and
+
+    lambda >= (4 k lambda_max(P) + 1)/(2 gamma_inf),   gamma <= gamma_sup                                   (70), (71)
+    (A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I + P P/alpha_1 + P K K'P/alpha_2 <= 0                  (87)
+
+the L2 gain from v to w - what is at most mu, mu^2 = 2 gamma_sup^(2n) max(delta_1 alpha_1, delta_2 alpha_2), where
+delta_1 = 1 + |G_1|^2 and delta_2 = G_2 (I + G_1'G_1) G_2'. (79) may fail, and (72) wants delta_1 I in the place of its
+matrix, since T^-1 G_1 G_1'T^-1 <= |G_1|^2 I for gamma >= 1; (85) lacks the delta_i. k may be taken at gamma_inf: c_i
+reads w_1, .., w_i, so that T^-1 dc/dw T is a polynomial in 1/gamma, whose norm on a disc is largest at its edge, where
+it is the one at gamma_inf up to a similarity by a diagonal of modulus 1. Source: Alessandri, "On Hamilton-Jacobi
+approaches to state reconstruction for dynamic systems" (2020), theorems 5-7.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from flint import fmpq, fmpq_mat
+
+from hgogen.algebra.definite import (
+    Matrix,
+    exact,
+    floats,
+    fraction,
+    largest,
+    nonnegative,
+    number,
+    positive,
+    rationals,
+    root,
+    smallest,
+    unit,
+)
+from hgogen.algebra.symmetric import symmetric, unsymmetric
+from hgogen.chains.injection import companion
+from hgogen.chains.integrators import Integrators
+from hgogen.check import Check, Verdict
+from hgogen.guarantees.certified import Nothing, Steep, slope
+from hgogen.intervals.digits import down, up
+from hgogen.intervals.proof import Grounds
+from hgogen.reading.given import BadGain, reals
+from hgogen.structure.polytope import chains
+
+_SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """K (n), P (n, n) symmetric, sigma >= 0: what may satisfy (54)."""
+
+    K: tuple[Fraction, ...]
+    P: Matrix
+    sigma: Fraction
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.K)
+
+    @cached_property
+    def shrink(self) -> Any:
+        """D P + P D, FLINT's."""
+        return fmpq_mat([[number(value) * (i + j + 2) for j, value in enumerate(row)] for i, row in enumerate(self.P)])
+
+    @cached_property
+    def rate(self) -> Any:
+        """-(A - K C)'P - P (A - K C) - sigma (D P + P D), FLINT's."""
+        P, N = exact(self.P), exact(companion(np.array(self.K)))
+        return -(N.transpose() * P + P * N + self.shrink * number(self.sigma))
+
+    @cached_property
+    def decay(self) -> Fraction:
+        """A proved lambda of (54), all but the largest; not positive where there is none."""
+        return smallest(self.rate)[0]
+
+    @cached_property
+    def peak(self) -> Fraction:
+        """A proved upper bound of lambda_max(P), all but the smallest."""
+        return largest(exact(self.P))[1]
+
+    @cached_property
+    def injection(self) -> Any:
+        """P K K'P, FLINT's."""
+        Y = exact(self.P) * fmpq_mat([[number(value)] for value in self.K])
+        return Y * Y.transpose()
+
+    def least(self, slope: Fraction, decay: Fraction | None = None) -> Fraction:
+        """(70), (88): max(1, (4 k lambda_max(P) + 1)/(2 lambda)), from above."""
+        return max(Fraction(1), (4 * slope * self.peak + 1) / (2 * (self.decay if decay is None else decay)))
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """G_1 (n, m) and G_2 (m), rational, in the coordinates of integrators."""
+
+    plant: Matrix
+    measurement: tuple[Fraction, ...]
+
+    @cached_property
+    def deltas(self) -> tuple[Fraction, Fraction]:
+        """delta_1, from above, and delta_2."""
+        G, g = exact(self.plant), fmpq_mat([[number(value) for value in self.measurement]])
+        second = (g * (unit(len(self.measurement)) + G.transpose() * G) * g.transpose())[0, 0]
+        return 1 + largest(G * G.transpose())[1], fraction(second)
+
+
+@dataclass(frozen=True)
+class Given:
+    """What an observer gives: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, found as
+    `steep`; None where no k is known, for the `reason`."""
+
+    low: Fraction
+    high: Fraction
+    slope: Fraction | None
+    reason: str = ""
+    disturbance: Disturbance | None = None
+    steep: Steep | None = None
+
+
+@dataclass(frozen=True)
+class Adapting:
+    """What shows a claim of the observer: `found` with all that is `given`."""
+
+    found: Candidate
+    given: Given
+
+
+@dataclass(frozen=True)
+class Attenuating(Adapting):
+    """The same of the L2 gain."""
+
+
+def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
+    """K, P, sigma as rationals, which floats are; of a P that is symmetric but for rounding, (P + P')/2 (`symmetric`).
+
+    Raises: `BadGain` for other than n numbers K, a matrix P that is less symmetric, sigma < 0, or what is not finite.
+    """
+    gain, matrix, shrink = reals("K", K), reals("P", P), reals("sigma", sigma)
+    n = gain.size if n is None else n
+    if gain.shape != (n,):
+        raise BadGain(f"K of shape {gain.shape}", f"must have {n} numbers, one for each state")
+    if matrix.shape != (n, n):
+        raise BadGain(f"P of shape {matrix.shape}", f"must be a {n} x {n} matrix")
+    for name, values in (("K", gain), ("P", matrix), ("sigma", shrink)):
+        if not np.isfinite(values).all():
+            raise BadGain(name, "must be finite")
+    even = symmetric(rationals(matrix))
+    if even is None:
+        raise BadGain("P", unsymmetric("P"))
+    if shrink.ndim or shrink < 0:
+        raise BadGain(f"sigma = {sigma!r}", "must be a number, at least 0")
+    return Candidate(tuple(map(Fraction, gain.tolist())), even, Fraction(float(shrink)))
+
+
+def disturbance(given: Any, n: int) -> Disturbance:
+    """(G_1, G_2) as rationals. Raises: `BadGain` for shapes other than (n, m) and (m)."""
+    if not isinstance(given, Sequence) or len(given) != 2:
+        raise BadGain("disturbance", "must be a pair, G_1 of the plant and G_2 of the measurement")
+    G, g = reals("G_1", given[0]), reals("G_2", given[1])
+    if G.ndim != 2 or G.shape[0] != n or not G.shape[1] or g.shape != (G.shape[1],):
+        reason = f"must be ({n}, m) and (m,), a column for each disturbance"
+        raise BadGain(f"G_1 of shape {G.shape} and G_2 of shape {g.shape}", reason)
+    if not (np.isfinite(G).all() and np.isfinite(g).all()):
+        raise BadGain("G_1 and G_2", "must be finite")
+    return Disturbance(rationals(G), tuple(map(Fraction, g.tolist())))
+
+
+def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
+    """k >= |T^-1 dc/dw T| on the box for every gamma from this one on, by outward-rounded intervals; or why there is
+    none."""
+    units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
+    (a,) = chains(chain.form)
+    scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
+    found = slope(chain.form, scale)
+    return found if isinstance(found, Nothing) else Steep(units, scale, found)
+
+
+def attenuation(found: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
+    """The block matrix of (87), FLINT's, times -1."""
+    n, P = found.n, exact(found.P)
+    M = found.rate - unit(n) * number(decay)
+    Y = P * fmpq_mat([[number(value)] for value in found.K])
+    size = 2 * n + 1
+    block = [[fmpq(0)] * size for _ in range(size)]
+    for i in range(n):
+        block[n + i][n + i] = number(alpha_1)
+        block[i][2 * n] = block[2 * n][i] = -Y[i, 0]
+        for j in range(n):
+            block[i][j] = M[i, j]
+            block[i][n + j] = block[n + j][i] = -P[i, j]
+    block[2 * n][2 * n] = number(alpha_2)
+    return fmpq_mat(block)
+
+
+def facts(id: str, found: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
+    """`ID.definite`, `ID.shrink`, `ID.decay`: what is asked of K, P and sigma alone."""
+    more = "" if decay is None else f" + {float(decay):g} I"
+    rate = found.rate if decay is None else found.rate - unit(found.n) * number(decay)
+    return (
+        judged(f"{id}.definite", "P > 0", exact(found.P)),
+        judged(f"{id}.shrink", "D P + P D >= 0, D = diag(1, .., n)", found.shrink, strict=False),
+        judged(
+            f"{id}.decay",
+            f"(A - K C)'P + P (A - K C) + {float(found.sigma):g} (D P + P D){more} < 0",
+            rate,
+            sign=-1,
+        ),
+    )
+
+
+def judged(id: str, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
+    """Whether M > 0, or M >= 0; the claim is about `sign` M."""
+    low, high = smallest(M)
+    extreme = "smallest" if sign > 0 else "largest"
+    if (positive if strict else nonnegative)(M):
+        bound = f"at least {down(low)}" if sign > 0 else f"at most {up(-low)}"
+        return Check(id, claim, Verdict.PROVED, f"the {extreme} eigenvalue is {bound}, in exact arithmetic")
+    bound = f"below {up(high)}" if sign > 0 else f"above {down(-high)}"
+    reason = f"the {extreme} eigenvalue is {bound}, in exact arithmetic"
+    return Check(
+        id,
+        claim,
+        Verdict.REFUTED,
+        reason,
+        witness={"eigenvalue": float(sign * high)},
+        fix="Take them of hgogen.design.",
+    )
+
+
+def checks(id: str, found: Candidate, given: Given) -> tuple[Check, ...]:
+    """`facts`; `ID.convergence`, that gamma_inf is above the bound (62); with a disturbance `ID.attenuation`, a bound
+    of the L2 gain."""
+    known = facts(id, found)
+    sound = all(check.verdict is Verdict.PROVED for check in known)
+    lost = "" if sound else "P proves nothing"
+    lost = lost or ("" if given.slope is not None else given.reason)
+    whole: list[tuple[Check, Candidate | Adapting]] = [(check, found) for check in known]
+    whole += [(_above(id, found, given, lost), Adapting(found, given))]
+    whole += [(_gain(id, found, given, lost), Attenuating(found, given))] if given.disturbance else []
+    numbers = {"gamma": (given.low, given.high), "sigma": found.sigma, "gains": found.K}
+    return tuple(replace(check, proofs=(Grounds(numbers, fact),)) for check, fact in whole)
+
+
+def _above(id: str, found: Candidate, given: Given, lost: str) -> Check:
+    claim = "in continuous time, without noise, the error converges exponentially, whatever the law makes of gamma"
+    if lost or given.slope is None:
+        return Check(f"{id}.convergence", claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
+    bound = max(Fraction(1), 2 * given.slope * found.peak / found.decay)
+    numbers = f"k <= {up(given.slope)}, lambda_max(P) <= {up(found.peak)}, lambda >= {down(found.decay)}"
+    least = f"{up(bound)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
+    if not given.low > bound:
+        low = f"not shown: gamma_inf = {float(given.low):g} is not above {least}; this is sufficient, not necessary"
+        return Check(f"{id}.convergence", claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials.")
+    speed = (given.low * found.decay - 2 * given.slope * found.peak) / (2 * found.peak)
+    rate = f"the error decays at least like exp(-{down(speed, 2)} t) while the estimate keeps to its outer box"
+    above = f"gamma_inf = {float(given.low):g} is above {least}; {rate}"
+    return Check(f"{id}.convergence", claim, Verdict.PROVED, above)
+
+
+def _gain(id: str, found: Candidate, given: Given, lost: str) -> Check:
+    claim = "the L2 gain from the disturbance to the error has a bound"
+    if lost:
+        return Check(f"{id}.attenuation", claim, Verdict.UNKNOWN, lost)
+    mu = gain(found, given)
+    if mu is None:
+        low = f"not shown: (70) asks for gamma_inf above {up(found.least(given.slope or Fraction(0)))} at least"
+        return Check(f"{id}.attenuation", claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
+    return Check(f"{id}.attenuation", claim, Verdict.PROVED, f"mu <= {up(mu)}, in the coordinates of integrators")
+
+
+def gain(found: Candidate, given: Given) -> Fraction | None:
+    """A proved mu for gamma in its range, near the smallest that (87) gives; None where (70) or (87) fails."""
+    share = share_given(found, given)
+    return None if share is None else root(2 * share, bits=52) * given.high**found.n
+
+
+def share_given(found: Candidate, given: Given) -> Fraction | None:
+    """s of `share_of` with lambda of (70)."""
+    if given.slope is None or given.disturbance is None:
+        return None
+    return share_of(found, (4 * given.slope * found.peak + 1) / (2 * given.low), given.disturbance)
+
+
+def share_of(found: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
+    """A small s = delta_1 alpha_1 = delta_2 alpha_2 that satisfies (87) with lambda = `decay`, proved; None where none
+    is found."""
+    M = found.rate - unit(found.n) * number(decay)
+    if not positive(M):
+        return None
+    first, second = disturbance.deltas
+    P = exact(found.P)
+    load = P * P * number(first) + found.injection * number(second)
+    try:
+        factor = np.linalg.inv(np.linalg.cholesky(floats(M)))
+    except np.linalg.LinAlgError:  # positive definite, but not to a float
+        return None
+    least = Fraction(float(np.linalg.eigvalsh(factor @ floats(load) @ factor.T).max()))
+    tried = (least * (1 + slack) for slack in _SLACKS)
+    return next((s for s in tried if s > 0 and nonnegative(M - load * (1 / number(s)))), None)

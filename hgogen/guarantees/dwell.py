@@ -1,0 +1,66 @@
+"""How long a high gain must hold so that switching between two gains keeps the error's decay.
+
+    V_l = eps_l'P eps_l,   eps_l = diag(1, 1/l, .., 1/l^(n-1)) S e:   V_l' <= -a(l) V_l,   a(l) = (l - 2 p L_b)/p > 0
+
+by the bound of `certified`, p >= lambda_max(P), for both gains l. From theta to theta_low V is multiplied by
+kappa (theta/theta_low)^(2 (n - 1)) at most, kappa = p/lambda_min(P), back by kappa. With at least a time T in theta
+between two switches down, V falls from cycle to cycle by a factor below 1 where
+
+    a(theta) T > log(kappa^2 (theta/theta_low)^(2 (n - 1)))
+
+whatever makes the gains switch, and the error converges exponentially. Average dwell time: Hespanha, Morse, "Stability
+of switched systems with average dwell-time", CDC 1999.
+"""
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+from flint import arb
+
+from hgogen.algebra.definite import exact, number, smallest
+from hgogen.check import Check, Verdict
+from hgogen.guarantees.certified import Nothing, ThetaBound, checks
+from hgogen.intervals.digits import up
+from hgogen.intervals.proof import Grounds
+
+
+@dataclass(frozen=True)
+class Held:
+    """What shows that a time is long enough: `least` <= lambda_min(P)."""
+
+    least: Fraction
+
+
+def switching(id: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> tuple[Check, ...]:
+    """`ID.convergence`, that there is a bound on a gain, `ID.theta`, that `low` is above it, and `ID.hold`, that the
+    time `hold` is long enough."""
+    convergence, above = checks(id, low, found, "theta_low")
+    above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
+    held = _held(f"{id}.hold", theta, low, hold, found)
+    if isinstance(found, Nothing):
+        return convergence, above, held
+    numbers = {"theta": theta, "theta_low": low, "hold": hold, **found.numbers}
+    facts = ((convergence, found), (above, None), (held, *held.proofs))
+    return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in each)) for check, *each in facts)
+
+
+def _held(id: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> Check:
+    claim = f"hold = {hold:g} is long enough: switching keeps the error's decay"
+    unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Validate by trials.")
+    if isinstance(found, Nothing) or not Fraction(low) > found.theta:
+        return replace(unknown, reason="theta_low is not above a proved bound")
+    P, peak = found.lyapunov.P, found.lyapunov.peak
+    least_of_P = smallest(exact(P))[0]
+    condition = peak / least_of_P
+    speed = (Fraction(theta) - 2 * peak * found.lipschitz) / peak
+    growth = condition**2 * (Fraction(theta) / Fraction(low)) ** (2 * (len(P) - 1))
+    least = arb(number(growth)).log() / arb(number(speed))
+    if arb(number(Fraction(hold))) > least:
+        reason, proofs = f"above {_up(least)} s, by outward-rounded balls", (Held(least_of_P),)
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
+    reason = f"not shown: {_up(least)} s is, and is sufficient, not necessary"
+    return replace(unknown, reason=reason, fix=f"Take hold > {_up(least)}, or validate by trials.")
+
+
+def _up(value: arb) -> str:
+    return up(float(value.upper()) * (1 + 1e-12))

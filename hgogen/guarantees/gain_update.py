@@ -1,0 +1,128 @@
+"""What lets a gain move by L' = L (p_1 (p_2 - L) + p_3 Gamma): inequalities proved in rationals, bounds by intervals.
+
+    N'P + P N <= -I,  N = A - K C,   D = diag(b, .., b + n - 1)
+    D P + P D > 0,   N'P + P N + p_1 (D P + P D) < 0,   p_3 (D P + P D) >= 2 lambda_max(P)
+
+and L never passes a cap above p_2 + (p_3/p_1) sup Gamma(cap): there L' < 0. Where they come from: `updated_gain`.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+import sympy as sp
+
+from hgogen.algebra.definite import Matrix, exact, positive, root
+from hgogen.algebra.tape import NoTape
+from hgogen.chains.injection import companion
+from hgogen.chains.integrators import Integrators
+from hgogen.check import Check, Verdict
+from hgogen.guarantees.certified import Steep
+from hgogen.guarantees.lmi import Lyapunov, lyapunov
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.box import box
+from hgogen.intervals.digits import down, up
+from hgogen.intervals.proof import Grounds, Proof
+from hgogen.reading.given import BadGain
+
+BOXES = 500  # sup Gamma need not be the least
+
+
+def weighted(K: np.ndarray, b: float) -> tuple[Lyapunov, np.ndarray]:
+    """P with N'P + P N <= -I, and D P + P D in rationals.
+
+    Raises: `BadGain` where it is not proved to be positive definite.
+    """
+    exactly = np.array([Fraction(float(k)) for k in K])
+    proof = lyapunov(tuple(map(tuple, companion(exactly))))
+    assert proof is not None  # N is Hurwitz
+    P, n = np.array(proof.P), len(K)
+    spread = _spread(P, [Fraction(b) + i for i in range(n)])
+    if not positive(exact(spread)):
+        pencil = np.linalg.solve(P.astype(float), _spread(P, [Fraction(i) for i in range(n)]).astype(float))
+        least = -np.linalg.eigvals(pencil).real.min() / 2
+        raise BadGain(
+            f"b = {b:g}", f"leaves D P + P D not positive definite; take b = {up(1.01 * float(least))} or more"
+        )
+    return proof, spread
+
+
+def _spread(P: np.ndarray, D: list[Fraction]) -> np.ndarray:
+    return np.array([[(D[i] + D[j]) * P[i, j] for j in range(len(D))] for i in range(len(D))])
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """P with b of D; `peak` >= lambda_max(P) where that counts."""
+
+    P: Matrix
+    b: Fraction
+    peak: Fraction | None = None
+
+
+def checks(
+    chain: Integrators, K: np.ndarray, b: float, p_1: float, p_2: float, p_3: float, cap: float
+) -> tuple[Check, ...]:
+    """`updated_gain.p_1`, `.p_3` and `.cap`, of the gains K (n).
+
+    Raises: `BadGain` where D P + P D is not proved to be positive definite.
+    """
+    proof, spread = weighted(K, b)
+    numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
+    fall, rise = Weighted(proof.P, Fraction(b)), Weighted(proof.P, Fraction(b), proof.peak)
+    stay = stays(chain, p_1, p_2, p_3, cap)
+    each = ((falls(proof, spread, p_1), fall), (rises(proof, spread, p_3), rise), (stay, *stay.proofs))
+    return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
+
+
+def falls(proof: Lyapunov, spread: np.ndarray, p_1: float) -> Check:
+    """N'P + P N + p_1 (D P + P D) < 0."""
+    P, N = np.array(proof.P), np.array(proof.vertices[0])
+    gap = -(N.T @ P + P @ N)
+    most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
+    id, claim = "updated_gain.p_1", "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
+    if positive(exact(gap - Fraction(p_1) * spread)):
+        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
+    reason = "not for the P of N'P + P N = -I; another P may do"
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_1 <= {down(0.99 * float(most))}.")
+
+
+def rises(proof: Lyapunov, spread: np.ndarray, p_3: float) -> Check:
+    """p_3 (D P + P D) >= 2 lambda_max(P)."""
+    least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
+    id, claim = "updated_gain.p_3", "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
+    room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
+    if positive(exact(room)):
+        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
+    reason = "not for the P of N'P + P N = -I; another P may do, or a gain that stays far above Gamma"
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_3 >= {up(1.01 * float(least))}.")
+
+
+def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
+    """p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 at every point of the declared ranges, to which Gamma is clamped."""
+    id, claim = "updated_gain.cap", "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap"
+    form, n = chain.form, chain.n
+    unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Raise cap, or watch the status GAIN_LIMITED.")
+    if form.behind is not None:
+        return replace(
+            unknown, reason="c is taken at Psi(z), in the plant's ranges: no bound of its slope was sought there"
+        )
+    units = tuple(Fraction(cap) ** -(i + 1) for i in range(n))
+    scale = tuple(product * sp.Rational(s) for product, s in zip(chain.products, units, strict=True))
+    slopes = (scale[i] * form.b[i].diff(form.states[j]) / scale[j] for i in range(n) for j in range(n))
+    around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
+    try:
+        squares = bound(sp.Add(*(slope**2 for slope in slopes)), around, boxes=BOXES)
+    except NoTape as missing:
+        return replace(unknown, reason=f"{missing.what} may jump or be singular")
+    if not (squares.defined and math.isfinite(squares.high)):
+        return replace(unknown, reason="no bound of Gamma was found")
+    above = Fraction(p_1) * (Fraction(cap) - Fraction(p_2)) / Fraction(p_3)
+    gamma = up(math.sqrt(max(squares.high, 0.0)) * (1 + 1e-12))
+    most = Fraction(max(squares.high, 0.0))
+    if above > 0 and above**2 > most:
+        steep = Proof("slope", form.b, around, None, root(most), squares.variables, squares.tree, form.states)
+        reason = f"Gamma(cap) <= {gamma}, by outward-rounded intervals"
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(Steep(units, scale, steep),))
+    return replace(unknown, reason=f"Gamma(cap) may be {gamma}")

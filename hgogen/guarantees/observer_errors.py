@@ -1,0 +1,111 @@
+"""The error of an observer of any equations as a system of its own, driven by inputs that the observer does not know.
+
+    x' = f(x, u, w),   y = h(x, u, w),   xhat' = g(xhat, y, u),   e = x - xhat
+    e' = f(x, u, w) - g(x - e, h(x, u, w), u) = F(e, x, u) + G(e, x, u) w
+
+It may hold on a set x_k = a_k(x) alone, which the plant keeps to: f_k = sum_j da_k/dx_j f_j on it. It holds wherever
+both sides have a value; nothing is saturated. Source: Alessandri, "On Hamilton-Jacobi approaches to state
+reconstruction for dynamic systems", Mathematical Problems in Engineering (2020), (19), (29), (30).
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import sympy as sp
+
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.points import exact
+from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem
+from hgogen.intervals.box import box
+from hgogen.reading.door import asks_a_plant
+from hgogen.reading.named import BadNames, in_order, names_of
+from hgogen.signal import Signal
+from hgogen.system import System
+
+
+@asks_a_plant
+def observer_errors(
+    plant: System, observer: Any, *, unknown: Iterable[Any], along: Mapping[Any, Any] | None = None
+) -> ErrorSystem:
+    """The error system of xhat' = observer on the plant, its errors named e_STATE.
+
+    Args: `observer` (n) expressions of the plant's states, which stand for the estimate, outputs, known inputs and
+    parameters, in the order of the states or by their names; `unknown` inputs, or their names: they are the
+    disturbances w; `along` the states that others tell while the plant runs, by name, such as {"x2": x1**2}.
+
+    Raises: `Misfit`; `BadNames`; `BadErrorSystem` where the plant does not keep to `along`, or the error system is not
+    affine in w.
+    """
+    states, inputs = names_of(plant.states), {u.name: u for u in plant.inputs}
+    rows = [_expression("observer", row) for row in in_order("observer", observer, states)]
+    if len(rows) != len(states):
+        raise BadErrorSystem(f"observer of length {len(rows)}", f"must have a row for each of {', '.join(states)}")
+    names = [str(getattr(u, "name", u)) for u in ((unknown,) if isinstance(unknown, str) else unknown)]
+    if strange := [name for name in names if name not in inputs]:
+        raise BadNames("unknown", f"names {strange[0]!r}, which is none of the inputs {', '.join(inputs) or '(none)'}")
+    w = tuple(u for u in plant.inputs if u.name in names)
+    told = _along(plant, along or {})
+    known = {*plant.states, *plant.outputs, *plant.parameters, *plant.inputs} - {*w}
+    if strange := sorted(map(str, sp.Tuple(*rows).free_symbols - known)):
+        raise BadErrorSystem("observer", f"uses {strange[0]}, which is no state, output, known input or parameter")
+    made = Equations(tuple(rows), tuple(plant.outputs), w, told)
+    return _made(plant, made)
+
+
+def _made(plant: System, made: Equations) -> ErrorSystem:
+    fixed = {s: value for s, value in plant.nominal.items() if not s.bounded}
+    errors = tuple(sp.Symbol(f"e_{x}", real=True) for x in plant.states)
+    estimate = {x: x - e for x, e in zip(plant.states, errors, strict=True)}
+    seen = dict(zip(plant.outputs, plant.output, strict=True))
+    behind = [g.xreplace({**estimate, **seen}) for g in made.observer]
+    on, signals = dict(made.along), (*plant.states, *plant.inputs, *plant.parameters)
+    real = {s: _dummy(s) for s in plant.signals}
+    plain = {dummy: s for s, dummy in real.items()}
+
+    def reduced(e: sp.Expr) -> sp.Expr:
+        return sp.cancel(exact(e.xreplace(fixed).xreplace(on)).xreplace(real)).xreplace(plain)
+
+    for x, a in made.along:
+        drift = plant.flow[plant.states.index(x)] - sum(
+            a.diff(other) * rate for other, rate in zip(plant.states, plant.flow, strict=True)
+        )
+        if reduced(drift) != 0:
+            raise BadErrorSystem(f"along {x} = {a}", "is not kept by the plant: its flow leaves it")
+    rates = [reduced(f - g) for f, g in zip(plant.flow, behind, strict=True)]
+    still = dict.fromkeys(made.unknown, sp.S.Zero)
+    flow = [reduced(rate.xreplace(still)) for rate in rates]
+    noise = [[reduced(rate.diff(w)) for w in made.unknown] for rate in rates]
+    around = {s: ends for s, ends in box(signals, plant.nominal).items() if s not in fixed}
+    for x, rate, drift, pushed in zip(plant.states, rates, flow, noise, strict=True):
+        moved = sum(p * w for p, w in zip(pushed, made.unknown, strict=True))
+        if not is_zero(rate - drift - moved, around):
+            raise BadErrorSystem(f"e_{x}' = {rate}", "is not shown to be affine in the unknown inputs")
+    away = {*made.unknown, *on}
+    shown = {s: ends for s, ends in around.items() if s not in away}
+    return ErrorSystem(plant.name, errors, tuple(flow), sp.ImmutableDenseMatrix(noise), shown, origin=made)
+
+
+def _dummy(s: Signal) -> sp.Dummy:
+    """A symbol of which is known what the range says of its sign, so that the root of a square is known."""
+    above = s.low is not None and s.low >= 0
+    return sp.Dummy(s.name, nonnegative=True) if above else sp.Dummy(s.name, real=True)
+
+
+def _along(plant: System, along: Mapping[Any, Any]) -> tuple[tuple[Signal, sp.Expr], ...]:
+    states = {x.name: x for x in plant.states}
+    given = {str(getattr(key, "name", key)): _expression("along", value) for key, value in along.items()}
+    if strange := [name for name in given if name not in states]:
+        raise BadNames("along", f"names {strange[0]!r}, which is none of the states {', '.join(states)}")
+    free = {*plant.states, *plant.parameters} - {states[name] for name in given}
+    for name, value in given.items():
+        if strange := sorted(map(str, value.free_symbols - free)):
+            raise BadErrorSystem(f"along {name}", f"uses {strange[0]}, which is no other state or parameter")
+    return tuple((states[name], value) for name, value in given.items())
+
+
+def _expression(what: str, value: Any) -> sp.Expr:
+    try:
+        found = exact(sp.sympify(value, strict=True))
+    except (sp.SympifyError, TypeError, AttributeError):
+        raise BadErrorSystem(f"{what}: {value!r}", "is no expression") from None
+    return found

@@ -1,0 +1,128 @@
+"""The structure of a Riccati observer as a part of an observer, and what it needs to know of theta.
+
+    z' = f(z, u) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta - P C' R_theta^-1 C P
+
+The views S = P^-1, P and its factors are the methods' choice. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010),
+(4); with forgetting and measured coefficients, Hammouri, de Leon Morales, CDC 1990; with S_0 and Q_0, Salgado, Goodwin,
+Middleton, International Journal of Control 47 (1988).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+
+from hgogen.part import Part
+from hgogen.program import Bit, Field, sym
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.scaling import Scaled, Scaling, scaling
+
+
+class HighGain(Protocol):
+    """What a Riccati observer needs to know of theta."""
+
+    @property
+    def value(self) -> Any:
+        """SX scalar."""
+        ...
+
+    @property
+    def peak(self) -> float:
+        """The largest value it takes."""
+        ...
+
+    @property
+    def late(self) -> float:
+        """Its value while a large error lasts."""
+        ...
+
+    @property
+    def rest(self) -> float | None:
+        """Where it rests, if it comes back to its peak from there."""
+        ...
+
+    @property
+    def scaled(self) -> Scaled:
+        """Which noise it scales."""
+        ...
+
+    def rise(self, theta: float, dt: float) -> float:
+        """theta a time dt later when it rises as fast as its law lets it."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Riccati(Part):
+    """The structure of a Riccati observer; S, P and L D L' are views of it, and the method chooses.
+
+    z' = f(z, u, y) + P C' R_theta^-1 (y - h),   P' = F P + P F' + Q_theta + rho (P - P S_0 P) - P C' R_theta^-1 C P,
+    Q_theta = theta^(1+g) Delta^-1 G diag(weights) G' Delta^-1, R_theta = theta^(g-1) delta R delta by `scaling`, where
+    `weights` (k) and `R` (p) are SX, `factor` G (n, k), unit lower triangular where k = n; k = 0 is no noise.
+    `z`: the field of the state (its box is the outer one); `covariance`: P(0); `cap`: the largest P_ii, and where the
+    past is forgotten the diagonal of S_0^-1; `limited`: the bit that tells of it; `nominal`: (Q, R) as numbers.
+    `forgetting`: the gain rho. `known`: of (z, u, y, valid), z with what is measured in the place of its estimate,
+    where A(u, z) and b(z, u) are taken and F = A; without it F is the Jacobian. `period`: that of the inputs, where it
+    is declared.
+    """
+
+    dynamics: Dynamics
+    z: Field
+    theta: HighGain
+    weights: Any
+    factor: np.ndarray
+    R: Any
+    covariance: np.ndarray
+    cap: np.ndarray
+    limited: Bit
+    nominal: tuple[np.ndarray, np.ndarray]
+    forgetting: Field | None = None
+    known: Callable[[Any, Any, Any, Any], Any] | None = None
+    period: float | None = None
+
+    @cached_property
+    def scaling(self) -> Scaling:
+        """How theta enters Q_theta and R_theta."""
+        return scaling(self.dynamics.form, self.theta.scaled)
+
+    def flow(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
+        """f (n)."""
+        if self.known is None:
+            return self.dynamics.flow(z, u)
+        A, b = self.dynamics.affine(self.known(z, u, y, valid), u)
+        return A @ z + b
+
+    def jacobian(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
+        """F, n x n SX."""
+        if self.known is None:
+            return self.dynamics.jacobian(z, u)
+        return self.dynamics.affine(self.known(z, u, y, valid), u)[0]
+
+    def slopes(self, samples: int, edge: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """F (k, n, n) and dh/dz (k, p, n) at points of the box, its corners by `edge` of each range inside."""
+        return self.dynamics.linearised(samples, affine=self.known is not None, edge=edge)
+
+    def linearised(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """F + rho/2 (k, n, n) and dh/dz (k, p, n) at points of the box: of P, rho is a growth of the model."""
+        F, C = self.slopes(samples)
+        return (F if self.forgetting is None else F + self.forgetting.initial[0] / 2 * np.eye(len(self.covariance))), C
+
+    @property
+    def rho(self) -> Any:
+        """The rate at which the past is forgotten, SX scalar; 0 for none."""
+        return sym(f"gain.{self.forgetting.name}") if self.forgetting else ca.SX(0)
+
+    def noise(self) -> Any:
+        """Q_theta, n x n SX."""
+        factor = self.scaled_factor()
+        return factor @ ca.diag(self.scaling.process(self.theta.value) * self.weights) @ factor.T
+
+    def scaled_factor(self) -> Any:
+        """Delta^-1 G, n x k SX."""
+        return ca.diag(self.spread()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
+
+    def spread(self) -> Any:
+        """The diagonal of Delta^-1, as SX column."""
+        return ca.vertcat(*self.scaling.spread(self.theta.value))

@@ -1,0 +1,396 @@
+"""The high-gain parameter theta of a Riccati observer: constant, decaying, or adaptive; values for observers.riccati.
+
+    constant(theta)              theta = 1 is the plain extended Kalman filter
+    decaying(theta_0, rate)      theta(t) = 1 + (theta_0 - 1) exp(-rate t)
+    adaptive(theta_1, ...)       theta' = mu(I) F_0(theta) + rate (1 - mu(I)) (1 - theta),
+                                 F_0 = theta^2/rise_time if theta <= theta_1, else (theta - 2 theta_1)^2/rise_time
+
+The adaptive law is stepped by its exact sub-flows, because explicit Euler lets theta pass 2 theta_1, where F_0 > 0, and
+escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by exp(-rate
+(1 - mu) dt), then a clamp to [1, 2 theta_1]. A decaying theta scales the process noise alone, as its theorem asks,
+unless it is told otherwise (`scaling`); the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
+decaying: Busvelle's slides. mu is a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the
+paper's logistic, which is never 0 and so holds theta a little above 1.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import casadi as ca
+
+from hgogen.intervals.digits import same
+from hgogen.kalman.decay import error_bound as error_bound
+from hgogen.kalman.innovation import Innovation
+from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN, LOGISTIC, SCALED_AS, SMOOTHSTEP
+from hgogen.kalman.riccati_part import HighGain
+from hgogen.observer import gain
+from hgogen.part import Clock, Jump, Part, Pieces
+from hgogen.program import Block, Field, scalar, sym
+from hgogen.reading.given import BadGain, positive, real
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.scaling import SCALED, Scaled
+from hgogen.theorem import Hypothesis, Theorem
+
+
+@runtime_checkable
+class Theta(HighGain, Protocol):
+    """A high-gain parameter."""
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """Its tunable gains."""
+        ...
+
+    def law(self, unit: str) -> str:
+        """What it does, for the banner; `unit`: that of time."""
+        ...
+
+    @property
+    def traces(self) -> tuple[str, ...]:
+        """Scalar fields of the state worth recording."""
+        ...
+
+    @property
+    def theorem(self) -> Theorem:
+        """What is known of the Riccati observer with it."""
+        ...
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """The parts that move it, for the observer state of field `z`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Constant:
+    """See the module."""
+
+    theta: float
+    scaled: Scaled = "both"
+
+    @property
+    def peak(self) -> float:
+        """theta."""
+        return self.theta
+
+    @property
+    def late(self) -> float:
+        """theta."""
+        return self.theta
+
+    @property
+    def rest(self) -> None:
+        """It never comes back to its peak."""
+
+    def rise(self, theta: float, dt: float) -> float:
+        """It never rises."""
+        return theta
+
+    @property
+    def value(self) -> Any:
+        """1, or the gain."""
+        return ca.SX(1) if self.theta == 1 else sym("gain.theta")
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """theta, unless it is 1; step lengths are judged at its nominal value, which is its largest, alone."""
+        if self.theta == 1:
+            return ()
+        return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
+
+    def law(self, unit: str) -> str:
+        """For the banner."""
+        return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
+
+    @property
+    def theorem(self) -> Theorem:
+        """Of the extended Kalman filter, or of the one with a high gain."""
+        return KALMAN if self.theta == 1 else HIGH_GAIN
+
+    @property
+    def traces(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """None."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Decaying:
+    """See the module."""
+
+    theta_0: float
+    rate: float
+    scaled: Scaled = "process"
+    traces: tuple[str, ...] = ("theta",)
+
+    def law(self, unit: str) -> str:
+        """For the banner."""
+        return "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
+
+    @property
+    def theorem(self) -> Theorem:
+        """The slides' theorem, with what it asks of the scaling."""
+        return DECAYING.under(SCALED_AS[self.scaled])
+
+    @property
+    def peak(self) -> float:
+        """theta_0."""
+        return self.theta_0
+
+    @property
+    def late(self) -> float:
+        """1."""
+        return 1.0
+
+    @property
+    def rest(self) -> None:
+        """It never comes back to its peak."""
+
+    def rise(self, theta: float, dt: float) -> float:
+        """It never rises."""
+        return theta
+
+    @property
+    def value(self) -> Any:
+        """The place `state.theta`."""
+        return sym("state.theta")
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """The rate, which stays above 0; theta_0 is the initial value of the state."""
+        return (gain("rate", self.rate, 1e-3 * self.rate, 1e3 * self.rate, "rate at which theta decays to 1", "1/s"),)
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """The exact decay."""
+        return (Jump(self._pieces),)
+
+    def _pieces(self, clock: Clock) -> Pieces:
+        theta, decay = sym("state.theta"), sym("derived.decay")
+        factor = ca.exp(-sym("gain.rate") * clock.dt)
+        return Pieces(
+            fields=(_theta_field(self.theta_0, self.theta_0),),
+            derived=(scalar("decay", 0.0, meaning="exp(-rate dt)"),),
+            tune=(Block("decay of theta over one step", {"derived.decay": factor}),),
+            adapt=(Block("theta decays to 1", {"state.theta": 1 + (theta - 1) * decay}),),
+        )
+
+
+@dataclass(frozen=True)
+class Smoothstep:
+    """mu = x^2 (3 - 2 x), x = (I - gamma_0)/(gamma_1 - gamma_0) clamped to [0, 1]: C1, satisfies (6) exactly."""
+
+    gamma_0: float
+    gamma_1: float
+    equation: str = "mu 0 below gamma_0, 1 above gamma_1, a smoothstep between"
+    hypothesis: Hypothesis = SMOOTHSTEP
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """The two thresholds."""
+        top = 1e6 * self.gamma_1
+        return (
+            gain("gamma_0", self.gamma_0, 0.0, top, "innovation below which theta decays", "y^2 s"),
+            gain("gamma_1", self.gamma_1, 0.0, top, "innovation above which theta rises fully", "y^2 s"),
+        )
+
+    def of(self, innovation: Any) -> Any:
+        """SX mu(I)."""
+        low, high = sym("gain.gamma_0"), sym("gain.gamma_1")
+        x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
+        return x * x * (3 - 2 * x)
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """mu = 1/(1 + exp(-slope (I - centre))): the paper's sigmoid, never exactly 0 or 1."""
+
+    centre: float
+    slope: float
+    equation: str = "mu = 1/(1 + exp(-slope (I_d - centre)))"
+    hypothesis: Hypothesis = LOGISTIC
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """Centre and slope."""
+        return (
+            gain("centre", self.centre, 0.0, 1e6 * self.centre, "innovation at which mu = 1/2", "y^2 s"),
+            gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
+        )
+
+    def of(self, innovation: Any) -> Any:
+        """SX mu(I); the exponent is clamped to +-80, where exp still is a float."""
+        exponent = sym("gain.slope") * (sym("gain.centre") - innovation)
+        return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """See the module."""
+
+    theta_1: float
+    rise_time: float
+    rate: float
+    mu: Smoothstep | Logistic
+    innovation: Innovation
+    scaled: Scaled = "both"
+    traces: tuple[str, ...] = ("theta", "innovation")
+
+    def law(self, unit: str) -> str:
+        """For the banner."""
+        return (
+            "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
+            "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "
+            + self.mu.equation
+            + f"; I_d over d = {same(self.innovation.d)} {unit}"
+        )
+
+    @property
+    def theorem(self) -> Theorem:
+        """Theorem 5, with what it asks of mu and of the innovation."""
+        return ADAPTIVE.under(self.mu.hypothesis, self.innovation.hypothesis)
+
+    @property
+    def peak(self) -> float:
+        """2 theta_1."""
+        return 2 * self.theta_1
+
+    @property
+    def late(self) -> float:
+        """The peak, to which a large innovation drives it."""
+        return self.peak
+
+    @property
+    def rest(self) -> float:
+        """1."""
+        return 1.0
+
+    def rise(self, theta: float, dt: float) -> float:
+        """By the exact sub-flow at mu = 1."""
+        return float(rise(theta, dt / self.rise_time, self.theta_1))
+
+    @property
+    def value(self) -> Any:
+        """The place `state.theta`."""
+        return sym("state.theta")
+
+    @property
+    def gains(self) -> tuple[Field, ...]:
+        """theta_1, rise_time, rate and mu's; by the default method, step lengths are judged where theta rests, at
+        twice the nominal theta_1, its largest, and at their geometric mean; by an explicit one at both ends and on the
+        way of its fastest rise."""
+        return (
+            gain("theta_1", self.theta_1, 1.0, self.theta_1, "half the largest theta"),
+            gain("rise_time", self.rise_time, 1e-3 * self.rise_time, 1e3 * self.rise_time, "Delta T", "s"),
+            gain("rate", self.rate, 0.0, 1e3 * self.rate, "lambda, rate at which theta decays to 1", "1/s"),
+            *self.mu.gains,
+        )
+
+    def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
+        """The innovation, then the law."""
+        return (self.innovation.part(dynamics, z), Jump(self._pieces))
+
+    def _pieces(self, clock: Clock) -> Pieces:
+        theta, mu = sym("state.theta"), self.mu.of(sym("state.innovation"))
+        risen = rise(theta, mu * clock.dt / sym("gain.rise_time"), sym("gain.theta_1"))
+        decay = ca.exp(-sym("gain.rate") * clock.dt * (1 - mu))
+        fallen = 1 + (risen - 1) * decay
+        top = 2 * sym("gain.theta_1")
+        block = Block(
+            "theta by the exact sub-flows of its law: rise, then decay",
+            {"state.theta": ca.fmin(ca.fmax(fallen, 1), top)},
+            {"mu": mu, "risen": risen, "decay": decay},
+        )
+        return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=(block,))
+
+
+def rise(theta: Any, s: Any, theta_1: Any) -> Any:
+    """theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2 theta_1 - theta)^2; exact.
+
+    `room` is the time to theta_1, 0 above it.
+    """
+    room = ca.fmax(1 / theta - 1 / theta_1, 0)
+    below = 1 / ca.fmax(1 / theta - s, 1 / theta_1)
+    gap = 2 * theta_1 - ca.fmax(theta, theta_1)
+    above = 2 * theta_1 - gap / (1 + gap * (s - room))
+    return ca.if_else(ca.logic_and(s <= room, theta <= theta_1), below, above)
+
+
+def _theta_field(initial: float, peak: float) -> Field:
+    return scalar("theta", initial, low=1.0, high=peak, meaning="high-gain parameter, 1: Kalman mode")
+
+
+def constant(theta: float = 1.0, *, scaled: Scaled = "both") -> Constant:
+    """A constant theta >= 1; `scaled`: as in `decaying`, of no effect on the gain. Raises: `BadGain`."""
+    _at_least("theta", theta, 1.0)
+    _known(scaled)
+    return Constant(float(theta), scaled)
+
+
+def decaying(theta_0: float, rate: float, *, scaled: Scaled = "process") -> Decaying:
+    """theta decays from theta_0 >= 1 to 1 at `rate` > 0 (1/s).
+
+    `scaled`: what theta scales, "process" noise alone, Q_theta = theta^2 Delta^-1 Q Delta^-1, as the slides' theorem
+    asks, or "both", Q_theta = theta Delta^-1 Q Delta^-1 and R_theta = R/theta, as with any other theta. `error_bound`
+    is the theorem's, for constants of which it says only that they exist.
+
+    Raises: `BadGain`.
+    """
+    _at_least("theta_0", theta_0, 1.0)
+    positive("rate", rate)
+    _known(scaled)
+    return Decaying(float(theta_0), float(rate), scaled)
+
+
+def smoothstep(gamma_0: float, gamma_1: float) -> Smoothstep:
+    """mu for `adaptive`: 0 below gamma_0 > 0, 1 above gamma_1 > gamma_0 (y^2 s). Raises: `BadGain`."""
+    positive("gamma_0", gamma_0)
+    positive("gamma_1", gamma_1)
+    if not gamma_0 < gamma_1:
+        raise BadGain(f"gamma_0 = {gamma_0:g}", f"must be below gamma_1 = {gamma_1:g}")
+    return Smoothstep(float(gamma_0), float(gamma_1))
+
+
+def logistic(centre: float, slope: float) -> Logistic:
+    """mu for `adaptive`: the paper's sigmoid, `centre` (y^2 s) and `slope` (1/(y^2 s)) positive. Raises: `BadGain`."""
+    positive("centre", centre)
+    positive("slope", slope)
+    return Logistic(float(centre), float(slope))
+
+
+def adaptive(
+    theta_1: float,
+    *,
+    mu: Smoothstep | Logistic | tuple[float, float],
+    innovation: Innovation,
+    rise_time: float = 0.1,
+    rate: float = 1.0,
+) -> Adaptive:
+    """theta between 1 and 2 theta_1 by the innovation.
+
+    Args: `mu` a `smoothstep` or `logistic`, or the thresholds (gamma_0, gamma_1) of a smoothstep (y^2 s);
+    `innovation` a value of `hgogen.innovation`; `rise_time` the paper's Delta T (s); `rate` its lambda (1/s).
+
+    Raises: `BadGain`.
+    """
+    if isinstance(mu, tuple) and len(mu) == 2:
+        mu = smoothstep(*mu)
+    if not isinstance(mu, Smoothstep | Logistic):
+        raise BadGain(f"mu = {mu!r}", "must be thresholds (gamma_0, gamma_1), theta.smoothstep or theta.logistic")
+    if not isinstance(innovation, Innovation):
+        raise BadGain(f"innovation = {innovation!r}", "must be innovation.staggered(...) or innovation.window(...)")
+    _at_least("theta_1", theta_1, 1.0)
+    positive("rise_time", rise_time)
+    positive("rate", rate)
+    return Adaptive(float(theta_1), float(rise_time), float(rate), mu, innovation)
+
+
+def _known(scaled: str) -> None:
+    if scaled not in SCALED:
+        raise BadGain(f"scaled = {scaled!r}", f"must be one of {', '.join(map(repr, SCALED))}: what theta scales")
+
+
+def _at_least(name: str, value: float, low: float) -> None:
+    if not low <= real(name, value) < float("inf"):
+        raise BadGain(f"{name} = {value!r}", f"must be a finite number, at least {low:g}")

@@ -1,0 +1,93 @@
+"""What observers with a covariance have in common: matrices that must be positive definite, and when a variance is
+absurd."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hgogen.algebra import definite
+from hgogen.algebra.symmetric import symmetric, unsymmetric
+from hgogen.discretisation.stability import steady_covariance
+from hgogen.observer import gain
+from hgogen.program import Bit, Field
+from hgogen.reading.given import BadGain, reals
+from hgogen.structure.dynamics import HUGE, Dynamics
+from hgogen.structure.scaling import Scaling
+
+
+def cap(
+    dynamics: Dynamics,
+    z: Field,
+    noise: np.ndarray,
+    variances: Sequence[float],
+    start: np.ndarray,
+    peak: float,
+    scaling: Scaling | None = None,
+) -> np.ndarray:
+    """The largest P_ii (n) that is not absurd: the square of the outer box's half-width, a hundred times the steady
+    variance at the largest theta wherever in the box there is one, and four times P(0); without a range, 1e12 P(0).
+    """
+    half = np.array([(high - low) / 2 for low, high in z.box])
+    cap = np.where(np.isfinite(half), half**2, 1e12 * np.diag(start))
+    F, C = dynamics.linearised(12)
+    steady = np.diagonal(steady_covariance(F, C, noise, np.array(variances), peak, scaling), axis1=1, axis2=2)
+    largest = np.where(np.isfinite(steady), steady, 0.0).max(axis=0)
+    return np.asarray(np.minimum(np.maximum.reduce([cap, 100 * largest, 4 * np.diag(start)]), HUGE * HUGE))
+
+
+def limited(meaning: str, action: str) -> Bit:
+    """The bit of a covariance at its cap, in the words of the observer."""
+    return Bit("COVARIANCE_LIMITED", meaning, action)
+
+
+def spd(name: str, value: Any, n: int) -> np.ndarray:
+    """A diagonal (n) or a matrix (n, n) as symmetric positive definite matrix; rounding is taken off (`symmetric`).
+
+    Raises: `BadGain`.
+    """
+    matrix = reals(name, value)
+    if matrix.ndim == 1:
+        matrix = np.diag(matrix)
+    if matrix.shape != (n, n):
+        raise BadGain(f"{name} of shape {np.shape(value)}", f"must be a diagonal of {n} numbers or a {n} x {n} matrix")
+    if not (np.abs(matrix) <= HUGE**2).all():
+        raise BadGain(name, f"must be finite, none of its numbers beyond {HUGE**2:g}")
+    even = symmetric(definite.rationals(matrix))
+    if even is None:
+        raise BadGain(name, unsymmetric(name))
+    matrix = np.array(even, dtype=float)
+    if not _definite(matrix):
+        raise BadGain(name, "must be positive definite; a state believed constant takes a small positive number")
+    return matrix
+
+
+def _definite(matrix: np.ndarray) -> bool:
+    """Exactly: a float eigenvalue near 0 may have the wrong sign."""
+    if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+        return bool((np.diag(matrix) > 0).all())
+    return definite.positive(definite.exact(definite.rationals(matrix)))
+
+
+def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
+    """A number, or one for each of `outputs` outputs, all positive, as one for each.
+
+    Raises: `BadGain`.
+    """
+    given = reals(name, value)
+    numbers = tuple(map(float, given if given.ndim else [given] * outputs))
+    if given.ndim > 1 or len(numbers) != outputs:
+        raise BadGain(f"{name} of shape {given.shape}", f"must have one number for each of {outputs} outputs")
+    if any(not HUGE**-2 <= number <= HUGE**2 for number in numbers):
+        raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {HUGE**2:g}")
+    return numbers
+
+
+def wide(
+    name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
+) -> Field:
+    """A gain of positive numbers, tunable by six decades either way; `labels`: what they are of."""
+    numbers = tuple(map(float, values))
+    found = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)
+    return replace(found, labels=labels)

@@ -1,0 +1,176 @@
+"""What a trial is made of, and as what each of its fields may be given.
+
+noise     n_{k+1} = rho n_k + sigma sqrt(1 - rho^2) g_k,  rho = exp(-dt/tau),  n_0 = sigma g_0;  or a sin(omega t)
+jump      x_i becomes a value at a time
+settled   |error of x_i| <= band for a while
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from hgogen.errors import HgogenError
+from hgogen.reading import filename
+from hgogen.reading.door import scalar
+from hgogen.reading.expression import parse
+from hgogen.signal import Signal
+
+SEEDS = 1000  # at most
+t = Signal("t", "", "time")  # inputs of a trial are expressions of this
+
+
+@dataclass(eq=False)
+class BadTrial(HgogenError):
+    """A trial that does not fit its plant, or that cannot be integrated."""
+
+    trial: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"trial {filename.shown(self.trial)}: {self.reason}"
+
+
+@dataclass(frozen=True)
+class OrnsteinUhlenbeck:
+    """Noise of standard deviation `sigma` (the output's unit) and correlation time `tau`, 0 for white."""
+
+    sigma: float
+    tau: float = 0.0
+
+    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """The noise at evenly spaced `times` (N)."""
+        return _ornstein_uhlenbeck(self, rng.standard_normal(len(times)), times[1] - times[0])
+
+
+@dataclass(frozen=True)
+class Sine:
+    """A tone of `amplitude` (the output's unit) and frequency `omega` (rad per time), the same for every seed."""
+
+    amplitude: float
+    omega: float
+
+    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """The noise at `times` (N)."""
+        return np.asarray(self.amplitude * np.sin(self.omega * times))
+
+
+@dataclass(frozen=True)
+class Jump:
+    """At `time` the state `state` becomes `value`."""
+
+    time: float
+    state: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Settled:
+    """What "settled" means: |error of `state`| <= `band` for `hold` from then on."""
+
+    state: str
+    band: float
+    hold: float
+
+
+def _ornstein_uhlenbeck(noise: OrnsteinUhlenbeck, normal: np.ndarray, dt: float) -> np.ndarray:
+    rho = math.exp(-dt / noise.tau) if noise.tau > 0 else 0.0
+    scaled = noise.sigma * normal
+    scaled[1:] *= math.sqrt(1.0 - rho * rho)
+    values = scaled.tolist()
+    for k in range(1, len(values)):
+        values[k] += rho * values[k - 1]
+    return np.array(values)
+
+
+# --- as what a field may be given ---------------------------------------------------------------------------
+
+
+def read_field(trial: Any, key: str, given: Any) -> Any:
+    """A trial's field `key` of what is given for it: a count of seeds, one jump alone, and a standard deviation for a
+    noise are turned into what they stand for.
+
+    Raises: `BadTrial`.
+    """
+    if key not in _FIELDS:
+        return given
+    reader, wanted = _FIELDS[key]
+    try:
+        return reader(given)
+    except HgogenError as error:
+        raise BadTrial(str(trial), f"{key}: {error}") from None
+    except (TypeError, ValueError):
+        raise BadTrial(str(trial), f"{key} = {filename.shown(given)} must be {wanted}") from None
+
+
+def _text(given: Any) -> str:
+    if not isinstance(given, str):
+        raise TypeError
+    return given
+
+
+def _number(given: Any) -> Any:
+    if isinstance(given, bool | str):
+        raise TypeError
+    float(given)
+    return given
+
+
+def _each(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A reader of values by name."""
+    return lambda given: {_text(name): reader(value) for name, value in dict(given).items()}
+
+
+def _input(given: Any) -> Any:
+    return parse(given, {"t": t}) if isinstance(given, str) else scalar(given, "an input")
+
+
+def _noise(given: Any) -> Any:
+    found = OrnsteinUhlenbeck(_number(given)) if isinstance(given, Real) else given
+    return _of(found, OrnsteinUhlenbeck | Sine)
+
+
+def _jumps(given: Any) -> tuple[Jump, ...]:
+    return tuple(_of(one, Jump) for one in ((given,) if isinstance(given, Jump) else given))
+
+
+def _of(given: Any, kind: Any) -> Any:
+    """A value of a class above, whose fields are numbers, but for the name of a state."""
+    if not isinstance(given, kind):
+        raise TypeError
+    for key, value in vars(given).items():
+        (_text if key == "state" else _number)(value)
+    return given
+
+
+def _seeds(given: Any) -> tuple[int, ...]:
+    if isinstance(given, Integral) and not isinstance(given, bool):
+        if int(given) > SEEDS:
+            raise ValueError
+        given = range(int(given))
+    found = tuple(given)
+    if not all(isinstance(seed, Integral) and not isinstance(seed, bool) and int(seed) >= 0 for seed in found):
+        raise ValueError
+    return tuple(map(int, found))
+
+
+def _unless_none(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return lambda given: None if given is None else reader(given)
+
+
+_STATE = "a number for each state by name, such as {'x1': 1.0}"
+_FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "name": (lambda given: filename.demand(_text(given)), "text"),
+    "duration": (_number, "a number"),
+    "start": (_each(_number), _STATE),
+    "estimate": (_each(_number), _STATE),
+    "inputs": (_each(_input), "an expression of hgogen.trial.t, or a number, for each input by name"),
+    "noise": (_each(_noise), "a standard deviation, an OrnsteinUhlenbeck or a Sine for each output by name"),
+    "jumps": (_jumps, "a Jump(time, state, value), or several in a tuple"),
+    "settled": (_unless_none(lambda given: _of(given, Settled)), "a Settled(state, band, hold), or None"),
+    "steady": (_unless_none(_number), "a number, or None"),
+    "seeds": (_seeds, f"a count from 1 to {SEEDS}, or whole numbers from 0 in a tuple, such as (0, 1)"),
+}

@@ -1,0 +1,54 @@
+"""What a model declares of its errors: V and mu of inequality (38), as data that `check` proves or refutes.
+
+    dissipation = {"gain": {"x1": 6, "x2": 12, "x3": 8}, "V": P, "mu": 30, "within": {"x1": 1, "x2": 3, "x3": 3}}
+
+`gain`, with `G1` and `G2` if there are any, makes the error system of the plant as `error_system` does; in their place
+Python may give a `system` of its own. `V`, `mu` and `within` are those of `dissipation`. A text, as plain-text models
+have them, is an expression: of the errors in V, which have the names e_STATE, else of the plant's signals.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import sympy as sp
+
+from hgogen.guarantees.dissipation import Dissipation, dissipation
+from hgogen.guarantees.error_system import BadErrorSystem, error_system
+from hgogen.reading.door import Misfit
+from hgogen.reading.expression import parse
+from hgogen.system import System
+
+_SYSTEM = ("gain", "G1", "G2")
+_STORED = ("V", "mu", "within")
+
+
+def stored(plant: System, declared: Any) -> Dissipation:
+    """What a model's `dissipation` says of its plant, proved or not.
+
+    Raises: `BadErrorSystem` for keys that are missing or unknown, or values that do not fit; `Misfit` for no mapping;
+    `BadExpression`.
+    """
+    if not isinstance(declared, Mapping):
+        raise Misfit("dissipation", declared, "a mapping with the keys gain, V, mu and within")
+    own = ("system",) if "system" in declared else _SYSTEM
+    for key in declared.keys() - {*own, *_STORED}:
+        raise BadErrorSystem(f"dissipation has a key {key!r}", f"that is none of {', '.join((*own, *_STORED))}")
+    for key in (own[0], *_STORED):
+        if key not in declared:
+            raise BadErrorSystem("dissipation", f"has no key {key!r}; add it")
+    signals = {s.name: s for s in plant.signals}
+    system = declared.get("system") or error_system(
+        plant, **{key: _read(declared[key], signals) for key in _SYSTEM if key in declared}
+    )
+    errors = {str(e): e for e in getattr(system, "errors", ())}
+    V, mu, within = (_read(declared[key], errors) for key in _STORED)
+    return dissipation(system, V, mu=mu, within=within)
+
+
+def _read(value: Any, names: Mapping[str, sp.Symbol]) -> Any:
+    """Texts as expressions of these names, also in lists and by name."""
+    if isinstance(value, str):
+        return parse(value, names)
+    if isinstance(value, Mapping):
+        return {key: _read(each, names) for key, each in value.items()}
+    return [_read(each, names) for each in value] if isinstance(value, list | tuple) else value

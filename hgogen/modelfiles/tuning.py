@@ -1,0 +1,208 @@
+"""Observers on a plant by name, with the gains that a model's `tuning` holds.
+
+    tuning = {"high_gain": {"theta": 20, "poles": (-1, -1)}}      # Python: an observer's name, and its arguments
+
+    [tuning.high_gain]                # plain text; a complex pole is [re, im]
+    theta = 20
+    poles = [[-1, 0.5], [-1, -0.5]]   # of a form with a chain for each of several outputs, a list for each chain
+    form = "triangular"               # one of hg.forms, or {kind = "original", order = ["x2", "x1"]} with its arguments
+    method = "rk4"                    # one of hg.methods
+    dt = 1e-3                         # s; by default that of the model's own step
+    between = "line"                  # or "hold"
+    periods = {y = 1e-2}              # s; between two samples of a slower sensor, by default dt
+
+    [tuning.filter]                   # kind: one of hg.observers, where the name is none
+    kind = "riccati"
+    Q = {x1 = 1, x2 = 1}              # by the names of the form's coordinates, or a list in their order
+    R = 1
+    theta = {kind = "adaptive", theta_1 = 4, mu = [0.16, 0.32], innovation = {kind = "staggered", d = 1}}
+
+    [tuning.bank]                     # an observer around another one, which has its own tuning, with its method, dt,
+                                      # between and periods, where it has none of its own
+    member = "filter"
+    count = 5
+
+In Python `form` may be a function of the plant, and every value may be what the text stands for.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import lru_cache
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+from hgogen import forms, methods, observers
+from hgogen.call import CallableStep, sample
+from hgogen.check import Refuted, Verdict
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.modelfiles.arguments import faults, poles, value
+from hgogen.observer import STARTS, Observer
+from hgogen.reading import filename
+from hgogen.reading.text_model import NUMBER, READERS, TEXT, BadModelFile, demand_keys
+from hgogen.system import System
+
+_OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
+_SAMPLING = ("method", "dt", *_OPTIONS)
+_PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
+_KEPT = 16  # forms
+Start = Callable[[Form], Mapping[str, float]]
+_TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The tunings of a plant by name; `default` is the name of the one that stands in the table `observer`."""
+
+    file: str
+    plant: System
+    tables: Mapping[str, Mapping[str, Any]]
+    default: str = ""
+
+    def where(self, name: str) -> str:
+        """The path of keys to a table in its file."""
+        return "observer" if name == self.default else f"tuning.{name}"
+
+    def step(
+        self, name: str, default: Callable[[], float], dt: float | None = None, start: Start | None = None
+    ) -> CallableStep:
+        """The step of a tuning at the period `dt` (s), else at the table's, else at what `default` gives; `start` as in
+        `observer`.
+
+        Raises: `BadModelFile` for a table that makes none; `Refuted`.
+        """
+        where, table = self.where(name), self._sampling(name)
+        method = self._case(f"{where}.method", methods, table.get("method", "continuous_discrete"))
+        observer = self.observer(name, start=start)
+        period = dt if dt is not None else table["dt"] if "dt" in table else default()
+        options = {key: table[key] for key in _OPTIONS if key in table}
+        step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
+        return step
+
+    def observer(self, name: str, around: tuple[str, ...] = (), start: Start | None = None) -> Observer:
+        """The observer of a tuning; `around`: those it is a member of; `start`: from its form to
+        the `initial` in the place of the tuning's own start. Raises: as `step`."""
+        where, table, gains = self.where(name), self.table(name), self.gains(name)
+        make = self._case(f"{where}.kind", observers, table.get("kind", name))
+        self._arguments(where, make, gains)
+        if "member" in signature(make).parameters:
+            base: Any = self._member(name, table, (*around, name), start)
+        elif "member" in table:
+            raise BadModelFile(self.file, f"{where}.member", f"{make.__name__} is no observer around another one")
+        else:
+            base = self._form(f"{where}.form", table.get("form", "triangular"))
+            if start is not None and isinstance(base, Form):
+                gains = {key: value for key, value in gains.items() if key not in STARTS}
+                gains |= {"initial": start(base)}
+        if "poles" in gains:
+            gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "blocks", ())))}
+        observer: Observer = self._refusals(where, lambda: make(base, **gains))
+        return observer
+
+    def period(self, name: str) -> float:
+        """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
+        table = self._sampling(name)
+        if "dt" not in table:
+            reason = "the key 'dt' is missing; add dt, the time in seconds between two calls of the observer"
+            raise BadModelFile(self.file, self.where(name), reason)
+        return float(table["dt"])
+
+    def gains(self, name: str) -> Mapping[str, Any]:
+        """The arguments that a tuning gives its observer. Raises: `BadModelFile`."""
+        told = {key: value for key, value in self.table(name).items() if key not in _PLACED}
+        gains: Mapping[str, Any] = self._refusals(
+            self.where(name), lambda: {key: value(key, given) for key, given in told.items()}
+        )
+        return gains
+
+    def table(self, name: str) -> Mapping[str, Any]:
+        """A tuning's table. Raises: `BadModelFile` where its own keys are not of their kind."""
+        table, where = self.tables[name], self.where(name)
+        if not isinstance(table, Mapping):
+            kind = type(table).__name__
+            raise BadModelFile(self.file, where, f"is of type {kind}; write a table of the observer's arguments")
+        if not name.isidentifier():
+            raise BadModelFile(self.file, where, "must be a name of letters, digits and underscores")
+        self._refusals(where, lambda: filename.demand(name))
+        if twins := [key for key in self.tables if key != name and filename.same(key) == filename.same(name)]:
+            raise BadModelFile(self.file, where, f"{twins[0]} is the same name on some systems; rename one of the two")
+        needed = "kind" if name == self.default else None
+        demand_keys(self.file, where, {key: table[key] for key in _TYPES if key in table}, _TYPES, needed)
+        return table
+
+    def _sampling(self, name: str) -> Mapping[str, Any]:
+        """How a tuning is sampled: by its own keys, else by those of the tuning that it is around."""
+        found: dict[str, Any] = {}
+        passed: list[str] = []
+        while name in self.tables and name not in passed:
+            table = self.table(name)
+            found = {key: table[key] for key in _SAMPLING if key in table} | found
+            passed.append(name)
+            name = str(table.get("member", ""))
+        return found
+
+    def _member(self, name: str, table: Mapping[str, Any], around: tuple[str, ...], start: Start | None) -> Observer:
+        where, member = f"{self.where(name)}.member", table.get("member")
+        others = [other for other in self.tables if other not in around]
+        if member not in others:
+            listed = f"the other tunings are {', '.join(others)}" if others else "write another tuning"
+            raise BadModelFile(self.file, where, f"is {member!r}, which must be the name of another tuning; {listed}")
+        return self.observer(str(member), around, start)
+
+    def _form(self, where: str, given: Any) -> Any:
+        told = {key: value for key, value in given.items() if key != "kind"} if isinstance(given, Mapping) else {}
+        options = {key: tuple(value) if isinstance(value, list) else value for key, value in told.items()}
+        kind = given.get("kind", "triangular") if isinstance(given, Mapping) else given
+        make = self._case(where, forms, kind)
+        if callable(make):
+            self._arguments(where, make, options)
+        return self._refusals(where, lambda: _formed(make, self.plant, options))
+
+    def _case(self, where: str, folder: Any, name: Any) -> Any:
+        """A case of a plural folder by name; what is no text stands for itself."""
+        if not isinstance(name, str):
+            return name
+        if name not in folder.__all__:
+            near = get_close_matches(name[:60], folder.__all__, n=1)
+            known = f"did you mean {near[0]}?" if near else f"there are {', '.join(folder.__all__)}"
+            raise BadModelFile(self.file, where, f"there is no {name[:60]!r}; {known}")
+        return getattr(folder, name)
+
+    def _arguments(self, where: str, make: Callable[..., Any], gains: Iterable[str]) -> None:
+        """Every argument known, and none missing."""
+        for key, said in faults(make, gains, _PLACED, first=1):
+            raise BadModelFile(self.file, f"{where}.{key}" if key else where, said)
+
+    def _refusals(self, where: str, function: Callable[[], Any]) -> Any:
+        """What `function` returns; a refusal keeps its sentence and gets the file and the key."""
+        try:
+            return function()
+        except Refuted as error:
+            plain, at = Path(self.file).suffix in READERS, f"{self.file}, {where}"
+            raise replace(error, where=at, plain=plain, other=self._other(error.form)) from None
+        except (HgogenError, TypeError, ValueError) as error:
+            raise BadModelFile(self.file, where, str(error)) from None
+
+    def _other(self, refused: Any) -> str:
+        """The observer that takes the plant as it is, in a sentence, where that is known."""
+        form = forms.state_affine(self.plant)
+        if getattr(refused, "kind", "") == form.kind or any(c.verdict is not Verdict.PROVED for c in form.checks[:1]):
+            return ""
+        return "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
+
+
+def _formed(make: Callable[..., Any], plant: System, options: Mapping[str, Any]) -> Any:
+    """The form, made once for all the tunings that ask for it, where its arguments can be compared."""
+    told = tuple(options.items())
+    try:
+        hash((make, told))
+    except TypeError:
+        return make(plant, **options)
+    return _once(make, plant, told)
+
+
+@lru_cache(maxsize=_KEPT)
+def _once(make: Callable[..., Any], plant: System, options: tuple[tuple[str, Any], ...]) -> Any:
+    return make(plant, **dict(options))

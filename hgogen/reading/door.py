@@ -1,0 +1,60 @@
+"""What a question takes: a plant, an expression, limits; anything else is met with a sentence."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, TypeVar, cast
+
+import sympy as sp
+
+from hgogen.errors import HgogenError
+from hgogen.reading.filename import shown
+from hgogen.system import System
+
+Asked = TypeVar("Asked", bound=Callable[..., Any])
+
+
+@dataclass(eq=False)
+class Misfit(HgogenError):
+    """What is given where something else belongs; `wanted` says what to give."""
+
+    what: str
+    given: Any
+    wanted: str
+
+    def __str__(self) -> str:
+        return f"{self.what} was given {shown(self.given)}, of type {type(self.given).__name__}; give {self.wanted}"
+
+
+def asks_a_plant(question: Asked) -> Asked:
+    """The same function of a `System`, which is its first argument; it raises `Misfit` for anything else."""
+
+    @wraps(question)
+    def asked(plant: System, *args: Any, **options: Any) -> Any:
+        if not isinstance(plant, System):
+            raise Misfit(question.__name__, plant, "a plant, an hg.System; hgogen.model.load reads one from a file")
+        return question(plant, *args, **options)
+
+    return cast(Asked, asked)
+
+
+def scalar(given: Any, what: str) -> sp.Expr:
+    """The SymPy expression of a number or of an expression.
+
+    Raises: `Misfit`.
+    """
+    try:
+        found = sp.sympify(given, strict=True)
+    except (sp.SympifyError, TypeError):
+        found = None
+    if not isinstance(found, sp.Expr) or found.is_Matrix:
+        raise Misfit(what, given, "one expression, SymPy or text such as 'x1**2 - 1'")
+    return found
+
+
+def limits(what: str, boxes: int, relative: float = 0.0) -> None:
+    """Raise `Misfit` unless at least one box may be tried, and `relative` is a number from 0 on."""
+    if isinstance(boxes, bool) or not isinstance(boxes, int) or boxes < 1:
+        raise Misfit(f"{what}, boxes=", boxes, "a whole number from 1 on")
+    if isinstance(relative, bool) or not isinstance(relative, int | float) or not 0 <= relative < float("inf"):
+        raise Misfit(f"{what}, relative=", relative, "a number from 0 on, such as 0.02")

@@ -1,0 +1,309 @@
+"""A measured record on the step's grid: u and y at t_0 + k dt, NaN where nothing was measured.
+
+Nothing is guessed in silence: the report counts what was missing, not a number, duplicated, out of order or
+in a gap, and says what was done with it. A row goes to the nearest grid point; where several meet at one,
+each column keeps its number nearest in time (of equals the first).
+"""
+
+import math
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hgogen.reading.given import unmasked
+from hgogen.reading.log import BadRecord, Column, Table, table
+from hgogen.reading.time_unit import plural, seconds
+from hgogen.signal import Signal
+
+LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was found in a log and what was done with it.
+
+    `rows` of the file; `samples` on the grid of `dt`; `period`: typical time between rows; `unit`: of all times;
+    `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and
+    `not_numbers` (NaN among them), both treated as missing samples; `covered`: those of them that share a
+    grid point with another row and cost no sample; `absent`: samples without a number, in all, which is
+    missing + not_numbers - covered + filled; `malformed`: rows with more cells than the header, left out;
+    `untimed`: rows without a usable time, left out; `out_of_order`: rows earlier than one before them,
+    sorted; `duplicates`: rows that repeat a time, merged; `surplus`: rows of other times at a grid point that
+    has one, merged; `gaps`: pauses longer than 1.5 periods, the longest of `longest_gap`; `filled`: grid
+    points without a row, given as missing samples; `shift`: the farthest a row was moved; `notes`:
+    whatever else was decided on reading, or looks doubtful.
+    """
+
+    path: str
+    rows: int
+    samples: int
+    dt: float
+    period: float
+    columns: Mapping[str, str]
+    missing: Mapping[str, int]
+    not_numbers: Mapping[str, int]
+    covered: Mapping[str, int]
+    absent: Mapping[str, int]
+    malformed: int
+    untimed: int
+    out_of_order: int
+    duplicates: int
+    surplus: int
+    gaps: int
+    longest_gap: float
+    filled: int
+    shift: float
+    unit: str
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    def sentences(self) -> tuple[str, ...]:
+        """What was found and what was done with it, a sentence each; only what there is."""
+        period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
+        said = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
+        for name, column in self.columns.items():
+            for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
+                if count:
+                    said.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
+            if self.covered[name]:
+                said.append(f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}")
+            if self.absent[name]:
+                said.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
+        counted = (
+            (self.malformed, "rows with more cells than the header: {}, left out"),
+            (self.untimed, "rows without a usable time: {}, left out"),
+            (self.out_of_order, "rows earlier than one before them: {}, sorted by time"),
+            (self.duplicates, "rows that repeat a time: {}, merged; each column keeps its first number"),
+            (
+                self.surplus,
+                "rows at a grid point that has one: {}, merged; the number nearest in time is kept",
+            ),
+            (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} {self.unit}"),
+            (self.filled, "grid points without a row: {}, given as missing samples"),
+        )
+        said += [text.format(count) for count, text in counted if count]
+        if self.shift > 1e-6 * self.dt:
+            said.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
+        return (*said, *self.notes)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing, as a masked entry
+    is; the report."""
+
+    t: np.ndarray
+    names: tuple[str, ...]
+    values: np.ndarray
+    report: Report
+
+    def __post_init__(self) -> None:
+        """Without a mask, which a selection of columns would lose."""
+        object.__setattr__(self, "values", unmasked(self.values))
+
+    def of(self, signals: Sequence[Signal]) -> np.ndarray:
+        """The columns (N, k) of some signals, in their order."""
+        return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
+
+
+def mapping(path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, str]:
+    """Signal name to column name from texts "SIGNAL=COLUMN"; a signal that none names has a column of its
+    own name.
+
+    Plain "u" and "y" name the only input and the only output.
+
+    Raises: `BadRecord`.
+    """
+    names = [s.name for s in (*inputs, *outputs)]
+    short = {"u": inputs, "y": outputs}
+    columns = {name: name for name in names}
+    seen: dict[str, str] = {}
+    for text in given:
+        key, equals, column = text.partition("=")
+        key = key.strip()
+        if key not in names and len(short.get(key, ())) == 1:
+            key = short[key][0].name
+        if not equals or not column.strip():
+            raise BadRecord(path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}")
+        if key not in names:
+            raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
+        if key in seen:
+            raise BadRecord(path, f"--map {seen[key]!r} and --map {text!r} map {key} twice; leave one of them out")
+        seen[key] = text
+        columns[key] = column.strip()
+    return columns
+
+
+def read(
+    path: str | Path,
+    columns: Mapping[str, str],
+    *,
+    dt: float,
+    time: str | None = None,
+    period: float | None = None,
+    unit: str = "s",
+) -> Record:
+    """The log at `path` on the grid of `dt`; `unit`: that of all times, the model's.
+
+    Args: `columns` maps signal names to column names; `time` names the column of times, or `period`
+    is the time between rows.
+
+    Raises: `BadRecord`.
+    """
+    if (time is None) == (period is None):
+        raise BadRecord(str(path), "give either --time COLUMN or --period TIME, so that the rows have times")
+    if period is not None and not 0 < period < math.inf:
+        raise BadRecord(str(path), f"the period {period:g} must be a positive number of {plural(unit)}")
+    log = table(path)
+    for name, column in columns.items():
+        if name == column and name not in log.header:
+            listed = ", ".join(filter(None, log.header))
+            raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
+    found = {name: log.column(column) for name, column in columns.items()}
+    if time is not None:
+        times = _stamps(log, log.column(time), unit)
+    else:
+        times = np.arange(len(log.rows)) * (period or dt)
+        log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
+    record = _gridded(log, found, times, dt, unit)
+    for name, one in found.items():
+        if record.report.absent[name] == record.report.samples:
+            example = f", but cells such as {one.example!r}" if one.example else ""
+            raise BadRecord(
+                log.path, f"the column {one.name!r} holds no number for {name}{example}; say --map {name}=COLUMN"
+            )
+    return record
+
+
+def _stamps(log: Table, column: Column, unit: str) -> np.ndarray:
+    """The times (rows,), NaN where a row has none; of dates those since the first, where the model's unit is known."""
+    known = seconds(unit)
+    if known and not np.isfinite(column.values).any():
+        dates = _dates(log, column.name) / known
+        column = replace(column, values=dates) if np.isfinite(dates).any() else column
+    if np.isfinite(column.values).sum() <= len(column.values) / 2:
+        example = f", such as {column.example!r}" if column.example else ""
+        raise BadRecord(
+            log.path,
+            f"the time column {column.name!r} holds {column.not_numbers} cells that are no numbers{example} and "
+            f"{column.empty} empty ones; it must hold {plural(unit)}, or say --period TIME",
+        )
+    return column.values
+
+
+def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
+    """A note for each column that is no signal's and runs like a clock but for pauses: rows laid a period apart close
+    its gaps.
+
+    A clock: of its steps at least nine in ten are within half and one and a half of their median.
+    """
+    for name in dict.fromkeys(log.header):
+        if not name or name in mapped or log.header.count(name) > 1:
+            continue
+        column = log.column(name)
+        times = column.values if np.isfinite(column.values).any() else _dates(log, name)
+        steps = np.diff(times[np.isfinite(times)])
+        middle = float(np.median(steps)) if len(steps) else 0.0
+        if not middle > 0 or np.mean(abs(steps / middle - 1) <= 0.5) < 0.9:
+            continue
+        if pauses := steps[steps > 1.5 * middle].tolist():
+            yield (
+                f"the column {name!r} runs like a clock, {middle:.4g} a row, but for pauses: {len(pauses)}, of up to "
+                f"{max(pauses):.4g}: --period lays the rows one after the other and closes these gaps. Say --time "
+                f"{shlex.quote(name)} to have missing samples there"
+            )
+
+
+def _dates(log: Table, name: str) -> np.ndarray:
+    """The cells of a column (rows,) as seconds since the first of its dates, ISO 8601; NaN for what is none."""
+    index = log.header.index(name)
+    seconds = np.array([_seconds(row[index]) for row in log.rows])
+    there = seconds[np.isfinite(seconds)]
+    return seconds - there[0] if len(there) else seconds
+
+
+def _seconds(cell: str) -> float:
+    try:
+        date = datetime.fromisoformat(cell)
+        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+    except (ValueError, OverflowError):
+        return math.nan
+
+
+def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
+    """A note where the record is much slower or faster than the step."""
+    factor = period / dt
+    if 0.5 - 1e-9 <= factor <= 2 + 1e-9:
+        return ()
+    if 500 < factor < 2000:
+        doubt = f"are its times milli{plural(unit)}? They are read as {plural(unit)}"
+    elif factor > 1:
+        doubt = f"between rows the step has only its model; are the times {plural(unit)}, and is dt right?"
+    else:
+        doubt = f"only the row nearest to each sample is used; are the times {plural(unit)}, and is dt right?"
+    return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
+
+
+def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: float, unit: str) -> Record:
+    timed = np.flatnonzero(np.isfinite(stamps))
+    ordered = timed[np.argsort(stamps[timed], kind="stable")]
+    times = stamps[ordered]
+    steps = np.diff(np.unique(times))
+    period = float(np.median(steps)) if len(steps) else dt
+    pauses = steps[steps > 1.5 * period]
+    if (times[-1] - times[0]) / dt > LONGEST:
+        raise BadRecord(
+            log.path,
+            f"its times span {times[-1] - times[0]:g} {unit}, more than {LONGEST} samples of {dt:g} {unit}; are they "
+            f"{plural(unit)}?",
+        )
+    point = np.floor((times - times[0]) / dt + 0.5).astype(int)
+    away = np.abs(times - times[0] - point * dt)
+    samples, used = int(point[-1]) + 1, len(np.unique(point))
+    if samples < 2:
+        raise BadRecord(
+            log.path, f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}; give a record of at least 2"
+        )
+    values = np.full((samples, len(found)), np.nan)
+    nearest = np.lexsort((away, point))
+    for c, column in enumerate(found.values()):
+        numbers = column.values[ordered][nearest]
+        there = np.flatnonzero(np.isfinite(numbers))
+        points, first = np.unique(point[nearest][there], return_index=True)
+        values[points, c] = numbers[there[first]]
+    cells = {name: column.of(timed) for name, column in found.items()}
+    absent = {name: int(np.isnan(values[:, c]).sum()) for c, name in enumerate(found)}
+    lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
+    duplicates = int(np.count_nonzero(np.diff(times) == 0))
+    report = Report(
+        path=log.path,
+        rows=len(log.rows) + log.malformed,
+        samples=samples,
+        dt=dt,
+        period=period,
+        columns={name: column.name for name, column in found.items()},
+        missing={name: column.empty for name, column in cells.items()},
+        not_numbers={name: column.not_numbers for name, column in cells.items()},
+        covered={name: lost[name] + samples - used - absent[name] for name in found},
+        absent=absent,
+        malformed=log.malformed,
+        untimed=len(stamps) - len(timed),
+        out_of_order=int(np.count_nonzero(stamps[timed][1:] < np.maximum.accumulate(stamps[timed])[:-1])),
+        duplicates=duplicates,
+        surplus=len(times) - duplicates - used,
+        gaps=len(pauses),
+        longest_gap=float(pauses.max()) if len(pauses) else 0.0,
+        filled=samples - used,
+        shift=float(away.max()),
+        unit=unit,
+        notes=(*log.notes, *_pace(period, dt, unit)),
+    )
+    return Record(times[0] + np.arange(samples) * dt, tuple(found), values, report)

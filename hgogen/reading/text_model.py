@@ -1,0 +1,301 @@
+"""Plain-text models: one dictionary, written in TOML or JSON, read without running any code.
+
+    name = "van_der_pol"
+    time = "h"                       # unit of time of all rates, periods and trials; by default "s"
+    [states.x1]                      # the order of the tables is the order of the states
+    unit = "V"                       # meaning = "...", low = -3, high = 3, all optional
+    flow = "x2"                      # x1' = x2
+    [inputs.u]                       # value: before the first sample; rates = [[-1, 1]]: ranges of u', u'', ...
+    [parameters.mu]
+    value = 1.0                      # with low and high it can be tuned at run time
+    [outputs.y]
+    equation = "x1"
+
+Beside these: meaning and reference (text), known (known answers, a free table), and the tables that files of
+`hgogen.modelfiles` read: `observer` and `tuning` (tuning.py), `trial` (recipe.py), `dissipation` (storage.py).
+Expressions are those of `reading.expression`.
+"""
+
+import json
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from fractions import Fraction
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import sympy as sp
+
+from hgogen.errors import HgogenError
+from hgogen.reading.expression import BadExpression, parse
+from hgogen.reading.expression import read as read_expression
+from hgogen.reading.folding import Fold
+from hgogen.signal import Signal
+from hgogen.system import System
+
+BYTES = 4_000_000  # of one file
+TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
+_SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
+_KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the one that must be there
+    "states": ({**_SIGNAL, "flow": EXPRESSION}, "flow"),
+    "inputs": ({**_SIGNAL, "rates": RANGES}, None),
+    "parameters": (_SIGNAL, "value"),
+    "outputs": ({**_SIGNAL, "equation": EXPRESSION}, "equation"),
+}
+_TOP = {
+    "name": TEXT,
+    "meaning": TEXT,
+    "reference": TEXT,
+    "time": TEXT,
+    **dict.fromkeys(_KINDS, TABLE),
+    **dict.fromkeys(("known", "observer", "tuning", "trial", "dissipation"), TABLE),
+}
+_EXAMPLES = {
+    TEXT: '"..."',
+    NUMBER: "1.5, finite and without quotes",
+    EXPRESSION: '"x2 - sin(x1)"',
+    TABLE: "[...] with keys",
+    RANGES: "[[-1, 1], [-2, 2]]",
+}
+
+
+@dataclass(eq=False)
+class BadModelFile(HgogenError):
+    """A model file with a table that is none; `key` is the path of tables to the fault, empty for the file as a
+    whole."""
+
+    file: str
+    key: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.file}{f', {self.key}' if self.key else ''}: {self.reason}"
+
+
+@dataclass(eq=False)
+class NoText(HgogenError):
+    """A system that no plain text can hold."""
+
+    system: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"system {self.system!r} cannot be written as plain text: {self.reason}"
+
+
+@dataclass(frozen=True)
+class PlainModel:
+    """What a plain-text model holds; `known`, `observer`, `tuning`, `trial` and `dissipation` are its tables as they
+    stand, empty if missing; `folds`: the expressions from which SymPy folded something away."""
+
+    file: str
+    plant: System
+    meaning: str
+    reference: str
+    known: Mapping[str, Any]
+    observer: Mapping[str, Any]
+    tuning: Mapping[str, Any]
+    trial: Mapping[str, Any]
+    dissipation: Mapping[str, Any]
+    folds: tuple[Fold, ...] = ()
+
+
+# --- text to model ------------------------------------------------------------------------------------------
+
+
+def read(path: Path) -> PlainModel:
+    """The model of a .toml or .json file.
+
+    Raises: `BadModelFile` with file, key and fix; `OSError` where the file cannot be read.
+    """
+    with path.open("rb") as stream:
+        data = stream.read(BYTES + 1)
+    if len(data) > BYTES:
+        raise BadModelFile(str(path), "", f"is larger than {BYTES} bytes; a model is a small text")
+    try:
+        text = data.decode("utf-8-sig")
+        table = READERS[path.suffix](text)
+    except (ValueError, RecursionError) as error:
+        kind = path.suffix[1:].upper()
+        reason = "it is nested too deep" if isinstance(error, RecursionError) else str(error)
+        raise BadModelFile(str(path), "", f"is no {kind} text ({reason}); correct it") from None
+    return from_table(table, str(path))
+
+
+def from_table(table: Any, file: str = "model") -> PlainModel:
+    """The model of a dictionary, as TOML and JSON give it; `file` is what errors call it.
+
+    Raises: `BadModelFile`.
+    """
+    demand_keys(file, "", table, _TOP, "name")
+    groups = {kind: table.get(kind, {}) for kind in _KINDS}
+    signals: dict[str, list[Signal]] = {}
+    for kind, group in groups.items():
+        keys, needed = _KINDS[kind]
+        for name, entry in group.items():
+            demand_keys(file, f"{kind}.{name}", entry, keys, needed)
+        signals[kind] = [_signal(file, f"{kind}.{name}", name, entry) for name, entry in group.items()]
+    symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
+
+    def expressions(kind: str, key: str) -> list[Fold]:
+        """Those under `key` in every table of a kind."""
+        entries = groups[kind].items()
+        return [
+            named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols) for name, entry in entries
+        ]
+
+    flow, output = expressions("states", "flow"), expressions("outputs", "equation")
+    readings = {"flow": [one.reading for one in flow], "output": [one.reading for one in output]}
+    plant = named(file, "", System, table["name"], **readings, **signals, time=table.get("time", "s"))
+    known, observer, tuning, trial, dissipation = (
+        MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial", "dissipation")
+    )
+    folds = tuple(one for one in (*flow, *output) if one.lost)
+    told = (table.get("meaning", ""), table.get("reference", ""))
+    return PlainModel(file, plant, *told, known, observer, tuning, trial, dissipation, folds)
+
+
+def _toml(text: str) -> Any:
+    return tomllib.loads(text)
+
+
+def _json(text: str) -> Any:
+    return json.loads(text, object_pairs_hook=_once, parse_constant=_no_constant)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"the key {next(name for name in names if names.count(name) > 1)!r} stands twice in one table")
+    return table
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no finite number")
+
+
+READERS: dict[str, Callable[[str], Any]] = {".toml": _toml, ".json": _json}
+
+
+def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], needed: str | None = None) -> None:
+    """Raise `BadModelFile` unless every key is known and of its kind, and the needed one is there."""
+    if not isinstance(table, Mapping):
+        raise BadModelFile(file, where, f"is {_shown(table)}, not a table; write its keys, {', '.join(keys)}")
+    for key, value in table.items():
+        path = f"{where}.{key}" if where else key
+        if key not in keys:
+            near = get_close_matches(key[:60], keys, n=1)
+            known = f"did you mean {near[0]}?" if near else f"the keys are {', '.join(keys)}"
+            raise BadModelFile(file, path, f"there is no key {key[:60]!r} here; {known}")
+        if not _FITS[keys[key]](value):
+            raise BadModelFile(file, path, f"is {_shown(value)}; write {keys[key]}, such as {_EXAMPLES[keys[key]]}")
+    if needed is not None and needed not in table:
+        example = _EXAMPLES[keys[needed]].partition(",")[0]
+        raise BadModelFile(file, where, f"the key {needed!r} is missing; add {needed} = {example}")
+
+
+def _number(value: Any) -> bool:
+    """A finite number; an integer too large for a float is none."""
+    return type(value) in (int, float) and abs(value) < 1e300
+
+
+def _ranges(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(p, list) and len(p) == 2 and all(map(_number, p)) for p in value)
+
+
+_FITS: dict[str, Callable[[Any], bool]] = {
+    TEXT: lambda value: isinstance(value, str),
+    NUMBER: _number,
+    EXPRESSION: lambda value: isinstance(value, str) or _number(value),
+    TABLE: lambda value: isinstance(value, dict),
+    RANGES: _ranges,
+}
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    return f"{str(value)[:40]!r}, text" if isinstance(value, str) else _digits(value)
+
+
+def _digits(value: Any) -> str:
+    """A value in a sentence; an integer of thousands of digits cannot even be printed."""
+    return "a huge number" if isinstance(value, int) and value.bit_length() > 1000 else repr(value)[:40]
+
+
+def _text(value: str | float) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
+def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
+    told = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
+    signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **told)
+    return signal
+
+
+def named(file: str, where: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """What `function` returns; its refusal becomes a `BadModelFile` with file and key."""
+    try:
+        return function(*args, **kwargs)
+    except HgogenError as error:
+        raise BadModelFile(file, where, str(error)) from None
+
+
+# --- model to text ------------------------------------------------------------------------------------------
+
+
+def to_text(plant: System) -> str:
+    """The plant as TOML, which `read` reads back as an equal system; a float is written as its shortest decimal.
+
+    Raises: `NoText` for a recast plant, and for an expression outside the grammar.
+    """
+    if plant.origin is not None:
+        raise NoText(plant.name, f"it is recast; write the plant it comes from, {plant.origin.plant.name!r}")
+    symbols = {signal.name: signal for signal in plant.signals}
+    equations = {
+        "states": ("flow", [_expression(plant, symbols, e) for e in plant.flow]),
+        "inputs": ("", [""] * len(plant.inputs)),
+        "parameters": ("", [""] * len(plant.parameters)),
+        "outputs": ("equation", [_expression(plant, symbols, e) for e in plant.output]),
+    }
+    lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
+    for kind, (key, texts) in equations.items():
+        for signal, text in zip(getattr(plant, kind), texts, strict=True):
+            lines += ["", f"[{kind}.{signal.name}]", *_entries(signal)]
+            lines += [f"{key} = {_quoted(text)}"] * bool(key)
+    return "\n".join(lines) + "\n"
+
+
+def _entries(signal: Signal) -> Iterable[str]:
+    for key, text in (("unit", signal.unit), ("meaning", signal.meaning)):
+        if text:
+            yield f"{key} = {_quoted(text)}"
+    for key, number in (("value", signal.nominal), ("low", signal.low), ("high", signal.high)):
+        if number is not None:
+            yield f"{key} = {number!r}"
+    if getattr(signal, "rates", ()):
+        yield f"rates = {[list(pair) for pair in signal.rates]}"
+
+
+def _expression(plant: System, symbols: Mapping[str, Signal], expression: sp.Expr) -> str:
+    exact = expression.xreplace({number: _rational(number) for number in expression.atoms(sp.Float)})
+    text = str(exact)
+    try:
+        same = parse(text, symbols) == exact
+    except BadExpression as error:
+        raise NoText(plant.name, str(error)) from None
+    if not same:
+        raise NoText(plant.name, f"{text[:200]} reads back as another expression; rename the signal E or pi")
+    return text
+
+
+def _rational(number: sp.Float) -> sp.Rational:
+    return sp.Rational(Fraction(repr(float(number))))
+
+
+def _quoted(text: str) -> str:
+    """A basic string of TOML, which has JSON's escapes, and escapes DEL too."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,78 @@
+"""Observers of one model side by side: the same truth, noise and sampling period, and the same first estimate.
+
+    convergence    time to settle after the start and after each jump, the median of the seeds (`metrics.criterion`)
+    steady error   its root mean square over the trial's steady part, the median of the seeds
+    peaking        the largest rise of the error of each state after an event, over its range, of all seeds: max |e(t)|
+                   until the next event less the |e| at the event itself, which is the start's or the jump's doing
+    cost           operations of one call, bytes of the state
+
+The range of a state: `metrics.ranges`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine
+from hgogen.emit.cost import Cost, cost
+from hgogen.signal import Signal
+from hgogen.trial import Trajectory, Trial, try_out
+from hgogen.trials.metrics import median, metrics, ranges
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """An observer on a trial; `name`: its tuning; `settled` (s) after each event, None: never; `rms`, `peak`: by state;
+    `clamped`: samples outside the box after the first 5%; `first`: its trajectory of the first seed."""
+
+    name: str
+    observer: str
+    method: str
+    states: tuple[Signal, ...]
+    settled: tuple[float | None, ...]
+    rms: Mapping[str, float]
+    peak: Mapping[str, float]
+    clamped: int
+    cost: Cost
+    first: Trajectory
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        told = {key: value for key, value in vars(self).items() if key not in ("states", "first", "cost")}
+        return {**told, "settled": list(self.settled), **asdict(self.cost)}
+
+
+def measured(
+    name: str, step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int], tick: Callable[[], None]
+) -> Measured:
+    """The step of tuning `name` over the trial's seeds; `tick` is called after each."""
+    each = []
+    for trajectory in try_out(step, trial, engine, seeds):
+        each.append(trajectory)
+        tick()
+    told = [metrics(step, one) for one in each]
+    names, events = [s.name for s in step.states], zip(*(one.responses for one in told), strict=True)
+    peak = np.max([rises(one) for one in each], axis=0) / ranges(step, each[0])
+    return Measured(
+        name=name,
+        observer=step.observer.name,
+        method=step.rule,
+        states=step.states,
+        settled=tuple(median(response.settled for response in event) for event in events),
+        rms={state: float(np.median([m.rms[state] for m in told])) for state in names},
+        peak=dict(zip(names, map(float, peak), strict=True)),
+        clamped=sum(m.clamped for m in told),
+        cost=cost(step),
+        first=each[0],
+    )
+
+
+def rises(trajectory: Trajectory) -> np.ndarray:
+    """How far the |error| of each state (n) rises above what it is at an event, the largest over the events."""
+    error, t = np.abs(trajectory.error), trajectory.truth.t
+    begins = [k for k in np.searchsorted(t, np.array(trajectory.trial.events) - 1e-9) if k < len(t)]
+    largest: np.ndarray = (np.maximum.reduceat(error, begins) - error[begins]).max(axis=0)
+    return largest

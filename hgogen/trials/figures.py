@@ -1,0 +1,288 @@
+"""Figures of a trial or of a measured record, as in Boizot, Busvelle, Gauthier 2010, figures 2 to 4.
+
+Truth black, estimate red, what was measured light grey; one panel for each state. Then the innovation with
+its thresholds, and theta. SVG for print and the web, PNG to look at; the same numbers give the same bytes.
+"""
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.trial import Trajectory
+from hgogen.trials.response import Response
+
+TRUTH, ESTIMATE, MEASURED = "black", "#c8102e", "#c4c4c4"
+STYLE: Any = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same glyphs everywhere
+    "font.size": 8.5,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.0,
+    "legend.frameon": False,
+    "svg.hashsalt": "hgogen",
+    "svg.fonttype": "path",
+}
+GREEK = (
+    *(
+        "alpha",
+        "beta",
+        "gamma",
+        "delta",
+        "epsilon",
+        "zeta",
+        "eta",
+        "theta",
+        "kappa",
+        "lambda",
+        "mu",
+        "nu",
+        "xi",
+    ),
+    *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
+)
+WIDTH, PANEL, BOTTOM = 6.6, 1.35, 0.42  # inches
+COLUMNS, ROW, HANDLE, LETTER = 4, 0.18, 0.4, 0.068  # of a legend, at most; inches of its rows, lines and letters
+PARTS = 100  # of the time axis, where errors are drawn by their largest: they cross 0
+COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of Okabe and Ito
+DASHES = ("-", "--", ":", "-.")
+FAR = 1e300
+BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
+
+
+def states(step: Step, trajectory: Trajectory) -> Figure:
+    """One panel for each state: truth, estimate, and what was measured of it."""
+    truth = trajectory.truth
+    return _panels(step, truth.t, trajectory.x, trajectory.y, truth.x)
+
+
+def record(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> Figure:
+    """One panel for each state of a measured record, t (N,), x (N, n) estimate, y (N, p) with NaN where
+    missing."""
+    return _panels(step, t, x, y, None)
+
+
+def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> Figure:
+    """One panel for each of the `traces` (N,) by name; the innovation has its thresholds, theta its end at 0."""
+    special = {"innovation": _innovation, "theta": _theta}
+    shown = [*(name for name in special if name in traces), *(name for name in traces if name not in special)]
+    with rc_context(STYLE):
+        figure, axes = _figure(len(shown), t, step.time, top=0.24)
+        for axis, name in zip(axes, shown, strict=True):
+            if name in special:
+                special[name](axis, step, t, traces[name])
+            else:
+                _trace(axis, step, t, name, traces[name])
+    return figure
+
+
+def errors(
+    states: Sequence[Signal], t: np.ndarray, of: Mapping[str, np.ndarray], events: Sequence[float] = (), unit: str = "s"
+) -> Figure:
+    """One panel for each state: the largest |estimate - truth| in each of `PARTS` of the time, on a logarithmic axis, a
+    line for each observer, named beside the panels; `of`: errors (N, n) of one seed by name. A part ends at each of the
+    `events`: no line rises before.
+    """
+    cuts = np.linspace(0, len(t), min(PARTS, len(t)), endpoint=False, dtype=int)
+    first = np.union1d(cuts, [k for k in np.searchsorted(t, np.asarray(events) - 1e-9) if k < len(t)]).astype(int)
+    with rc_context(STYLE):
+        beside = HANDLE + LETTER * max(map(len, of))
+        rows = ROW * len(of) - PANEL * len(states)
+        figure, axes = _figure(len(states), t, unit, top=max(0.4, 0.1 + rows), beside=beside)
+        for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
+            axis.set_yscale("log")
+            for k, (name, error) in enumerate(of.items()):
+                size = np.maximum.reduceat(np.abs(error[:, i]), first)
+                shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
+                look: Any = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
+                axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look)
+            _name(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
+        axes[0].set_title(f"one seed, the largest in each 1/{PARTS} of the time", loc="right", pad=3, fontsize=7)
+        at = (axes[0].get_position().x1 + 0.01, 1.0)
+        figure.legend(axes[0].get_lines(), list(of), loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
+    return figure
+
+
+def response(continuous: Response, sampled: Response, unit: str) -> Figure:
+    """One panel for each state, |H| over omega: the linear error core and, dashed, what its step makes of it."""
+    several = len(continuous.outputs) > 1
+    drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
+    with rc_context(STYLE):
+        figure, axes = _figure(len(continuous.states), continuous.omega, unit)
+        for i, (axis, state) in enumerate(zip(axes, continuous.states, strict=True)):
+            for j, output in enumerate(continuous.outputs):
+                for one, name, look in drawn:
+                    label = f"{output}, {name}" if several else name
+                    axis.loglog(one.omega, one.gain[:, i, j], label=label, alpha=0.7**j, **look)
+            axis.axhline(1, color=MEASURED, linewidth=0.6)
+            axis.set_ylabel(f"|H| to {_symbol(state)}")
+        axes[-1].set_xlabel(f"frequency of the noise (rad/{unit})")
+        names = [str(line.get_label()) for line in axes[0].get_lines()]
+        _legend(figure, axes, [name for name in names if not name.startswith("_")])
+    return figure
+
+
+def _panels(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray, truth: np.ndarray | None) -> Figure:
+    with rc_context(STYLE):
+        figure, axes = _figure(len(step.states), t, step.time)
+        for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
+            j = _measured_as(step, signal)
+            if j is not None:
+                # a record has no truth to hide behind the estimate, and may be quiet: a broad line shows beside it
+                axis.plot(
+                    *_thin(t, y[:, j]), color=MEASURED, linewidth=0.6 if truth is not None else 3, label="measured"
+                )
+            if truth is not None:
+                axis.plot(*_thin(t, truth[:, i]), color=TRUTH, label="truth")
+            axis.plot(*_thin(t, x[:, i]), color=ESTIMATE, label="estimate")
+            _name(axis, signal.name, signal.unit, signal.meaning)
+        _legend(figure, axes)
+    return figure
+
+
+def _measured_as(step: Step, state: Signal) -> int | None:
+    """The output that is this state, if one is."""
+    output = step.observer.form.system.output
+    return output.index(state) if state in output else None
+
+
+def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
+    """On a logarithmic axis: quiet and loud differ by orders of magnitude."""
+    axis.set_yscale("log")
+    at, drawn = _thin(t, np.where(values > 0, values, np.nan))
+    axis.plot(at, drawn, color=TRUTH)
+    if (values > 0).any():
+        axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # it may touch 0, where a logarithm has no end
+    for gain in step.gains:
+        if gain.name in ("gamma_0", "gamma_1", "centre"):
+            level = gain.initial[0]
+            axis.axhline(level, color=ESTIMATE, linewidth=0.7, dashes=(5, 3))
+            axis.annotate(
+                _symbol(gain.name) if gain.name != "centre" else "$m$",
+                (1.0, level),
+                xycoords=("axes fraction", "data"),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va="top" if gain.name == "gamma_0" else "bottom" if gain.name == "gamma_1" else "center",
+                color=ESTIMATE,
+                annotation_clip=False,
+            )
+    units = {s.unit for s in step.outputs}
+    unit = f"{units.pop()}² {step.time}" if len(units) == 1 and "" not in units else f"y² {step.time}"
+    _name(axis, "I_d", unit, "innovation over the window d")
+
+
+def _theta(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
+    axis.plot(*_thin(t, values), color=TRUTH)
+    axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
+    axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    _name(axis, "theta", "", "high-gain parameter (1: extended Kalman filter)")
+
+
+def _trace(axis: Axes, step: Step, t: np.ndarray, name: str, values: np.ndarray) -> None:
+    axis.plot(*_thin(t, values), color=TRUTH)
+    fields = {field.name: field for field in step.state}
+    unit, meaning = (step.unit(fields[name]), fields[name].meaning) if name in fields else ("", name)
+    _name(axis, name, unit, meaning)
+
+
+def _symbol(name: str) -> str:
+    """x1 as x with an index, eta as the Greek letter; a longer name as it is."""
+    match = re.fullmatch(r"([A-Za-z]+)_?(\d*)", name)
+    if not match or (len(match[1]) > 1 and match[1] not in GREEK):
+        return name
+    letter = match[1] if len(match[1]) == 1 else f"\\{match[1]}"
+    return f"${letter}_{{{match[2]}}}$" if match[2] else f"${letter}$"
+
+
+def _figure(
+    panels: int, t: np.ndarray, unit: str, top: float = 0.4, beside: float = 0.0
+) -> tuple[Figure, Sequence[Axes]]:
+    """Panels below one another; `top`, `beside`: inches above and to the right of them."""
+    height, width = PANEL * panels + top + BOTTOM, WIDTH + beside
+    figure = Figure(figsize=(width, height))
+    grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
+    left, right = 0.105 * WIDTH / width, 0.955 * WIDTH / width
+    figure.subplots_adjust(left=left, right=right, top=1 - top / height, bottom=BOTTOM / height, hspace=0.38)
+    grid[-1].set_xlabel(f"time ({unit})")
+    grid[-1].set_xlim(float(t[0]), float(t[-1]))
+    figure.align_ylabels(grid)
+    return figure, list(grid)
+
+
+def _name(axis: Axes, name: str, unit: str, meaning: str) -> None:
+    symbol = "$I_d$" if name == "I_d" else _symbol(name)
+    axis.set_ylabel(f"{symbol} ({unit})" if unit else symbol)
+    axis.set_title(meaning, loc="left", pad=3)
+
+
+def _legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
+    lines = {line.get_label(): line for axis in axes for line in axis.get_lines()}
+    order = [name for name in names if name in lines]
+    figure.legend(
+        [lines[name] for name in order],
+        order,
+        loc="upper right",
+        ncols=_columns(order),
+        bbox_to_anchor=(0.96, 1.0),
+        borderaxespad=0.2,
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def _columns(names: Sequence[str]) -> int:
+    """How many columns of a legend have room for all names."""
+    room = int(WIDTH / (HANDLE + LETTER * max(map(len, names))))
+    return max(1, min(len(names), COLUMNS, room))
+
+
+def _thin(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The samples that a line needs to look the same: the extremes of each bin; gaps (NaN) stay gaps, and what
+    no axis holds is one."""
+    values = np.where(np.abs(values) < FAR, values, np.nan)
+    if len(t) <= 2 * BINS:
+        return t, values
+    keep = [0, len(t) - 1]
+    for part in np.array_split(np.arange(len(t)), BINS):
+        seen = values[part]
+        if np.isnan(seen).all():
+            keep.append(part[0])
+        else:
+            keep += [part[np.nanargmin(seen)], part[np.nanargmax(seen)]]
+    index = np.unique(keep)
+    return t[index], values[index]
+
+
+def svg(figure: Figure) -> str:
+    """The figure as SVG text; no date, no version, no random ids."""
+    stream = io.StringIO()
+    with rc_context(STYLE):
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    return stream.getvalue()
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as PNG, 160 dots an inch."""
+    stream = io.BytesIO()
+    with rc_context(STYLE):
+        figure.savefig(stream, format="png", dpi=160, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def files(name: str, figure: Figure) -> dict[str, bytes]:
+    """NAME.svg and NAME.png."""
+    return {f"{name}.svg": svg(figure).encode(), f"{name}.png": png(figure)}

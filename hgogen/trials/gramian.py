@@ -1,0 +1,146 @@
+"""The observability Gramian of a window along a trajectory: how well the window d shows each direction of the state.
+
+    W(t, d) = integral_t^(t+d) Phi' C' C Phi ds,   Phi' = (df/dx) Phi,  Phi(t) = I,  C = dh/dx
+
+along x(t), u(t). The window's innovation, the integral of |y - yhat|^2, of an initial error e is e' W e + o(|e|^2): to
+first order at least the smallest eigenvalue times |e|^2; the eigenvector is the direction that shows least. It carries
+the units of the states: it compares windows, and directions of states of like size. Source: N. Boizot, E. Busvelle,
+J.-P. Gauthier, Automatica 46 (2010), the innovation and its lemma on observability over a window.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+from hgogen.errors import HgogenError
+from hgogen.graph import CVODES, to_casadi
+from hgogen.reading.time_unit import plural
+from hgogen.system import System
+from hgogen.trial import Trial, simulate, t
+
+_OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-10}
+_PIECES = 10  # of the shortest window: between two starts of a window
+
+
+@dataclass(eq=False)
+class BadWindows(HgogenError):
+    """Windows that are no lengths of time within the trial."""
+
+    windows: tuple[float, ...]
+    reason: str
+
+    def __str__(self) -> str:
+        return f"windows {', '.join(f'{d:g}' for d in self.windows)}: {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class Gramian:
+    """The window d (s) along a trajectory.
+
+    `start` (N): where each window begins; `smallest`, `largest` (N): eigenvalues of its Gramian; `direction` (N, n):
+    the unit eigenvector of the smallest; `states`: names.
+    """
+
+    d: float
+    states: tuple[str, ...]
+    start: np.ndarray
+    smallest: np.ndarray
+    largest: np.ndarray
+    direction: np.ndarray
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """(least, most) of the smallest eigenvalue along the trajectory."""
+        return float(self.smallest.min()), float(self.smallest.max())
+
+    @property
+    def median(self) -> float:
+        """The median of the smallest eigenvalue along the trajectory."""
+        return float(np.median(self.smallest))
+
+    @property
+    def weakest(self) -> tuple[str, float]:
+        """The state with the largest share in the direction that shows least, and its mean square share (0..1)."""
+        shares = (self.direction**2).mean(axis=0)
+        return self.states[int(np.argmax(shares))], float(shares.max())
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        (low, high), (name, share) = self.range, self.weakest
+        return {"d": self.d, "least": low, "median": self.median, "most": high, "weakest": name, "share": share}
+
+    def __str__(self) -> str:
+        (low, high), (name, share) = self.range, self.weakest
+        return (
+            f"d = {self.d:g}: smallest eigenvalue {low:.2g} .. {high:.2g}, median {self.median:.2g}; "
+            f"weakest direction {name} ({share:.0%} of its square)"
+        )
+
+
+def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gramian, ...]:
+    """The windows `d` along a trial without noise, one value each, in the order of `d`.
+
+    Windows begin every tenth of the shortest; a length is rounded to a whole number of those. A window that spans a
+    jump of the trial follows the plant through the jump. Parameters are nominal.
+
+    Raises: `BadWindows`, `BadTrial`.
+    """
+    windows = tuple(float(one) for one in (d if isinstance(d, Iterable) else (d,)))
+    if not windows or not all(0 < one <= trial.duration for one in windows):
+        longest = f"at most the trial's {trial.duration:g}"
+        raise BadWindows(windows, f"must be times in {plural(plant.time)}, above 0 and {longest}")
+    grid = min(windows) / _PIECES
+    truth = simulate(plant, trial, grid)
+    steps, names = _steps(plant, trial, truth.x, grid), tuple(s.name for s in plant.states)
+    return tuple(window(names, steps, grid, max(1, round(one / grid))) for one in windows)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Over each piece of the trajectory: the transition matrix (N, n, n) and its Gramian (N, n, n)."""
+
+    transition: np.ndarray
+    gramian: np.ndarray
+
+
+def _steps(plant: System, trial: Trial, x: np.ndarray, grid: float) -> Steps:
+    n, pieces = len(plant.states), len(x) - 1
+    state, Phi, W = ca.SX.sym("x", n), ca.SX.sym("Phi", n, n), ca.SX.sym("W", n, n)
+    begin, share = ca.SX.sym("begin"), ca.SX.sym("share")
+    u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: begin + share})
+    symbols = dict(zip(plant.states, ca.vertsplit(state), strict=True)) | dict(zip(plant.inputs, u, strict=True))
+    symbols |= {p: float(value) for p, value in plant.nominal.items()}
+    flow = ca.vertcat(*to_casadi(plant.flow, symbols))
+    shown = ca.jacobian(ca.vertcat(*to_casadi(plant.output, symbols)), state) @ Phi
+    rates = ca.vertcat(flow, ca.vec(ca.jacobian(flow, state) @ Phi), ca.vec(shown.T @ shown))
+    ode = {"x": ca.vertcat(state, ca.vec(Phi), ca.vec(W)), "p": begin, "t": share, "ode": rates}
+    solver = ca.integrator("window", "cvodes", ode, 0.0, grid, _OPTIONS)
+    fresh = np.concatenate([np.eye(n).ravel(), np.zeros(n * n)])
+    starts = np.vstack([x[:-1].T, np.tile(fresh[:, None], pieces)])
+    ends = np.array(solver(x0=starts, p=grid * np.arange(pieces)[None, :])["xf"])
+    Phi_end, W_end = (ends[n + k * n * n : n + (k + 1) * n * n].T.reshape(pieces, n, n) for k in (0, 1))
+    return Steps(Phi_end.transpose(0, 2, 1), W_end.transpose(0, 2, 1))  # CasADi counts by columns
+
+
+def window(states: tuple[str, ...], steps: Steps, grid: float, pieces: int) -> Gramian:
+    """W over `pieces` steps of length `grid` (s): sum of Phi' W_k Phi, Phi the product of the transitions before step
+    k; one value for each step at which a whole window begins."""
+    n, count = len(states), len(steps.transition) - pieces + 1
+    sums = np.empty((count, n, n))
+    for k in range(count):
+        before = accumulate(steps.transition[k : k + pieces - 1], lambda Phi, step: step @ Phi, initial=np.eye(n))
+        sums[k] = sum(Phi.T @ W @ Phi for Phi, W in zip(before, steps.gramian[k : k + pieces], strict=True))
+    values, vectors = np.linalg.eigh(sums)
+    return Gramian(
+        d=pieces * grid,
+        states=states,
+        start=grid * np.arange(count),
+        smallest=values[:, 0],
+        largest=values[:, -1],
+        direction=vectors[:, :, 0],
+    )

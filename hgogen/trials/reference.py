@@ -1,0 +1,163 @@
+"""The continuous equations of an observer, integrated by CVODES, to compare a step with.
+
+    Ode       field' = rhs as it stands
+    Riccati   z' = f(z, u) + S^-1 C' R_theta^-1 (y - h),  S' = -F'S - S F + C' R_theta^-1 C - S Q_theta S
+
+u is on the line between samples, or held, and y on the line between two valid samples, as in a step. Guards, the
+innovation and an adaptive theta act at the samples, as in a step: theta is held between them, a decaying one decays on.
+The predictors of the innovation go by 16 steps of classical Runge-Kutta a sample.
+
+So with a constant theta, Euler, Heun and RK4 converge to it with orders 1, 2 and 4 as dt -> 0; with an adaptive one RK4
+does where the innovation, too, goes by RK4 (its default, Heun, leaves order 2). Continuous-discrete converges with
+order 1, because it applies dt (y - h) at the samples in place of the integral, and so does a decaying theta, which a
+step holds. Source: Boizot, Busvelle, Gauthier, Automatica 46 (2010), (4)-(6).
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.calling.samples import Run, table
+from hgogen.discretisation.lengths import Lengths
+from hgogen.discretisation.runge_kutta import RK4, repeated
+from hgogen.errors import HgogenError
+from hgogen.graph import CVODES
+from hgogen.kalman.covariance import information_ode
+from hgogen.kalman.innovation import Predictors
+from hgogen.kalman.riccati_part import HighGain, Riccati
+from hgogen.kalman.theta import Decaying
+from hgogen.observer import Observer
+from hgogen.part import Clock, Ode, Part, Pieces
+from hgogen.program import Block, sym
+from hgogen.step import Step, plan
+from hgogen.stepping.machine import Bound, Machine, casadi_block
+
+FINE = repeated(RK4, 16)
+TIME = "work.time"  # since the last sample
+# CVODES bounds a step's local error; it starts anew at each sample, where u and y have a kink.
+OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-12}
+
+
+@dataclass(eq=False)
+class CannotIntegrate(HgogenError):
+    """The continuous observer cannot be followed over an interval between samples."""
+
+    observer: str
+    dt: float
+
+    def __str__(self) -> str:
+        return (
+            f"the continuous equations of {self.observer} cannot be integrated over a sample of {self.dt:g}: they may "
+            "escape in finite time or lose S > 0 to rounding; check gains, ranges and the record"
+        )
+
+
+def reference(given: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
+    """The continuous observer at the samples of a record, gains and parameters at their nominal values.
+
+    Args: `given`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p),
+    NaN for a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
+
+    Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
+    """
+    observer = given.observer if isinstance(given, Step) else given
+    if isinstance(given, Step):
+        dt, between = given.dt, given.between
+    fine = replace(observer, parts=tuple(map(_refined, observer.parts)))
+    step = plan(fine, Continuous(), dt, between)
+    y = table("y", y, step.outputs, None)
+    u = table("u", u, step.inputs, len(y))
+    x, traces, status = Machine(step, partial(_bound, step)).record(u, y)
+    return Run(
+        t=np.arange(len(y)) * dt,
+        x=x,
+        names=tuple(s.name for s in step.states),
+        traces={name: traces[:, j] for j, name in enumerate(step.observer.traces)},
+        status=status,
+        engine="cvodes",
+    )
+
+
+def _refined(part: Part) -> Part:
+    """Predictors by small steps, any other part as it is."""
+    return replace(part, predictor=replace(part.predictor, tableau=FINE)) if isinstance(part, Predictors) else part
+
+
+@dataclass(frozen=True)
+class Continuous:
+    """The method that leaves differential equations as they are."""
+
+    name: str = "CVODES"
+
+    def ode(self, part: Ode, clock: Clock) -> Pieces:
+        """All fields of the part at once."""
+        return self._moved(part, clock, lambda graph, time: graph)
+
+    def riccati(self, part: Riccati, clock: Clock) -> Pieces:
+        """z and S, theta as it is between two samples."""
+
+        def now(graph: Any, time: Any) -> Any:
+            return ca.substitute(graph, part.theta.value, _after(part.theta, time))
+
+        return self._moved(information_ode(part), clock, now)
+
+    def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
+        """None: CVODES chooses its steps."""
+        return Lengths()
+
+    def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
+        """None: CVODES chooses its steps."""
+        return Lengths()
+
+    def _moved(self, part: Ode, clock: Clock, now: Callable[[Any, Any], Any]) -> Pieces:
+        time, start = sym(TIME), {field.name: sym(f"state.{field.name}", field.size) for field in part.fields}
+        share = time / clock.dt
+        u = clock.u(0.0) + share * (clock.u(1.0) - clock.u(0.0))
+        y = clock.y(0.0) + share * (clock.y(1.0) - clock.y(0.0))
+        rates = part.rhs(start, u, y, clock.valid)
+        block = Block(
+            f"{', '.join(start)} by CVODES: their rates",
+            {f"state.{name}": now(ca.SX(rate), time) for name, rate in rates.items()},
+            {"time": time, **start},  # named so that they count as read, whether or not a rate needs them
+        )
+        return Pieces(fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True)
+
+
+def _after(theta: HighGain, time: Any) -> Any:
+    """theta a time after the last sample: a decaying one decays on, any other is held."""
+    if isinstance(theta, Decaying):
+        return 1 + (theta.value - 1) * ca.exp(-sym("gain.rate") * time)
+    return theta.value
+
+
+def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
+    """A block that reads the time gives rates, along which its places move until the next sample."""
+    arrays = {place: array for (place, _), array in zip(block.reads, arguments, strict=True)}
+    if arrays.pop(TIME, None) is None:
+        return casadi_block(block, arguments)
+    moving = {place: arrays.pop(place) for place in block.writes}
+    results = [np.zeros_like(array) for array in moving.values()]
+    ends = np.cumsum([len(array) for array in results])[:-1]
+    solver = _solver(block, moving, arrays, step.dt)
+
+    def run() -> None:
+        try:
+            end = solver(x0=np.concatenate([*moving.values()]), p=np.concatenate([*arrays.values()]))["xf"]
+        except RuntimeError:
+            raise CannotIntegrate(step.observer.name, step.dt) from None
+        for result, values in zip(results, np.split(np.array(end)[:, 0], ends), strict=True):
+            result[:] = values
+
+    return run, results
+
+
+def _solver(block: Block, moving: Iterable[str], given: Iterable[str], dt: float) -> Any:
+    """CVODES from one sample to the next: the places `moving` move, those of `given` are parameters."""
+    sizes = dict(block.reads)
+    state, parameters = (ca.vertcat(*(sym(place, sizes[place]) for place in places)) for places in (moving, given))
+    ode = {"x": state, "p": parameters, "t": sym(TIME), "ode": ca.vertcat(*block.writes.values())}
+    return ca.integrator("flow", "cvodes", ode, 0.0, dt, OPTIONS)

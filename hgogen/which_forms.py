@@ -1,0 +1,180 @@
+"""Which observability forms a plant is in, on its declared box, in which order of states, and why not in the others.
+
+Every form of the folder `forms` is asked, each in its variants, and the test of Gauthier and Bornard, which is of every
+real input and does not know of the box. What one says of the plant as a whole is the worst of what its checks say.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import sympy as sp
+
+from hgogen import forms
+from hgogen.analysis.gauthier_bornard import RANGES_APART, of_plant
+from hgogen.check import Check, Verdict, worst
+from hgogen.errors import HgogenError
+from hgogen.form import Form
+from hgogen.reading.door import asks_a_plant
+from hgogen.system import System
+
+DEAR = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
+
+
+@dataclass(frozen=True)
+class Case:
+    """How a form is asked: the options of each variant, the least and most outputs it is for (0: any number), whether
+    it takes seconds, whether it may be the best: one that says nothing of observability may not."""
+
+    options: tuple[Mapping[str, Any], ...] = ({},)
+    least: int = 1
+    most: int = 0
+    dear: bool = False
+    candidate: bool = True
+
+    def refusal(self, outputs: int) -> str:
+        """Why a plant with so many outputs is not asked, "" if it is."""
+        if outputs < self.least:
+            return f"for {self.least} outputs or more"
+        return f"for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
+
+
+# The narrowest form first; a form of the folder that is not named here comes after them, as it is.
+CASES: Mapping[str, Case] = MappingProxyType(
+    {
+        "triangular": Case(({}, {"measured": True}), most=1),
+        "uniform": Case(most=1),
+        "block_triangular": Case(({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2),
+        "phase": Case(most=1, dear=True),
+        "state_affine": Case(candidate=False),
+        "original": Case(dear=True),  # its Lipschitz constant is dear, and no theorem covers it
+    }
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One form and what is known of the plant in it.
+
+    `verdict`: the worst of the checks'; None where the form does not take the plant, or was not asked, and `why` says
+    which. `order`: the plant's states in the form's order, with their signs; () where the form has other coordinates,
+    or there is no order. `why`: the reason of the first of the worst checks, with its `witness`; `fix`: what may help.
+    `options`: those with which the form was asked.
+    """
+
+    name: str
+    verdict: Verdict | None
+    order: tuple[str, ...]
+    why: str
+    witness: Mapping[str, float] = field(default_factory=dict, hash=False)
+    fix: str = ""
+    form: Form | None = field(default=None, repr=False)
+    options: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    @property
+    def kind(self) -> str:
+        """The name of the form without its options."""
+        return self.name.partition(",")[0]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        names = ("name", "verdict", "why", "fix")
+        return {**{n: getattr(self, n) for n in names}, "order": list(self.order), "witness": dict(self.witness)}
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A row for each form in each variant, and one for Gauthier and Bornard."""
+
+    plant: System
+    rows: tuple[Row, ...]
+
+    def __getitem__(self, name: str) -> Row:
+        """The row of that name, such as "triangular" or "triangular, measured=True"."""
+        return {row.name: row for row in self.rows}[name]
+
+    @property
+    def answered(self) -> tuple[Row, ...]:
+        """The rows with a verdict."""
+        return tuple(row for row in self.rows if row.verdict is not None)
+
+    @property
+    def proved(self) -> tuple[Row, ...]:
+        """The first row of each form in which the plant is proved to be."""
+        rows = [row for row in self.rows if row.form and row.verdict is Verdict.PROVED]
+        return tuple({row.kind: row for row in reversed(rows)}.values())[::-1]
+
+    @property
+    def candidates(self) -> tuple[Row, ...]:
+        """The rows of forms that say something of observability and whose structure the plant has, proved ones
+        first."""
+        rows = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        shaped = [row for row in rows if row.form and row.form.structured]
+        return tuple(sorted(shaped, key=lambda row: row.verdict is not Verdict.PROVED))
+
+    @property
+    def best(self) -> Form:
+        """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
+        else its own coordinates."""
+        asked = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        return next((row.form for row in (*self.candidates, *asked) if row.form), None) or forms.original(self.plant)
+
+    def as_dict(self) -> list[dict[str, Any]]:
+        """For JSON."""
+        return [row.as_dict() for row in self.rows]
+
+    def __str__(self) -> str:
+        lines = [f"{row.verdict or '-':8} {row.name}: {row.why}" for row in self.rows]
+        return "\n".join([f"{self.plant.name}: which form, on the declared box", *(f"  {line}" for line in lines)])
+
+
+@asks_a_plant
+def survey(plant: System, *, deep: bool = False) -> Survey:
+    """Every form of the plant on its declared box; those that take seconds only if `deep`."""
+    names = (*CASES, *(name for name in forms.__all__ if name not in CASES))
+    rows = [row for name in names for row in _rows(name, CASES.get(name, Case()), plant, deep)]
+    return Survey(plant, (*rows, _gauthier_bornard(plant)))
+
+
+def _rows(name: str, case: Case, plant: System, deep: bool) -> Iterator[Row]:
+    refusal = case.refusal(len(plant.outputs))
+    if refusal or (case.dear and not deep):
+        yield Row(name, None, (), refusal or DEAR)
+    else:
+        for options in case.options:
+            yield _row(", ".join([name, *(f"{key}={value!r}" for key, value in options.items())]), name, options, plant)
+
+
+def _row(title: str, name: str, options: Mapping[str, Any], plant: System) -> Row:
+    try:
+        form: Form = getattr(forms, name)(plant, **options)
+    except HgogenError as refusal:  # the plant is not one that the form takes
+        return Row(title, None, (), str(refusal))
+    found = worst(form.checks)
+    order = _order(form) if form.structured else ()
+    if found.verdict is Verdict.PROVED:
+        return Row(title, found.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
+    return Row(title, found.verdict, order, f"{_short(found)}", found.witness, found.advice, form, options)
+
+
+def _short(check: Check) -> str:
+    at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
+    said = f"{check.reason}{', at ' + at if at else ''}"
+    name = check.id.partition(".")[2]
+    return said if name == "structure" or said.startswith(name) else f"{name}: {said}"
+
+
+def _order(form: Form) -> tuple[str, ...]:
+    states = form.system.states
+    permuted = all(any(z in (x, -x) for x in states) for z in form.to_form)
+    return tuple(map(sp.sstr, form.to_form)) if permuted else ()
+
+
+def _gauthier_bornard(plant: System) -> Row:
+    found = of_plant(plant)
+    if not found.applies:
+        return Row("Gauthier-Bornard", None, (), f"does not apply: {found.reason}")
+    told = {Verdict.GENERIC: "uniformly observable: ", Verdict.REFUTED: "some input hides a state: "}
+    said = told.get(found.verdict, "")
+    return Row("Gauthier-Bornard", found.verdict, (), f"{RANGES_APART}, {said}{found.reason}")
