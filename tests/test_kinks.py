@@ -24,7 +24,7 @@ from hgogen.intervals.bounds import bound
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.slope import lipschitz_bound
-from hgogen.recheck.recheck import recheck
+from hgogen.recheck.verification import recheck
 from hgogen.structure.apart import apart
 from hgogen.structure.positive import positive
 

@@ -23,7 +23,8 @@ from hgogen.commands.process import INTERRUPTED, console, dropped, interrupted, 
 from hgogen.errors import HgogenError
 from hgogen.model import Model, ends_python
 from hgogen.modelfiles.scenario import SEEDS
-from hgogen.recheck.recheck import NothingVerified, NotVerified
+from hgogen.recheck.errors import RecheckError
+from hgogen.recheck.verification import NothingVerified, NotVerified
 from hgogen.target import demand, write
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
@@ -70,7 +71,7 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
             except FAILURES as error:
                 note(str(error))
                 raise typer.Exit(1) from None
-            except (HgogenError, OSError) as error:
+            except (HgogenError, RecheckError, OSError) as error:
                 note(str(error))
                 raise typer.Exit(2) from None
             except MemoryError:

@@ -9,7 +9,7 @@ from typing import Any
 
 from mpmath import libmp
 
-from hgogen.recheck.arithmetic import Arithmetic, Undefined
+from .arithmetic import Arithmetic, Undefined
 
 PRECISION = 80  # bits
 _GUARD = 30  # bits computed beyond these, and then given away as a margin for the error of a function's value

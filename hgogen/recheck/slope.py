@@ -10,11 +10,11 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
 
-from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import Box, NotShown, Slopes, Try, centre_of, sides
-from hgogen.recheck.context import cut
-from hgogen.recheck.interval import Interval, intersection, intervals, point
-from hgogen.recheck.text import Expression
+from .arithmetic import Dual, Undefined, dual, evaluate
+from .box import Box, NotShown, Slopes, Try, centre_of, sides
+from .context import cut
+from .interval import Interval, intersection, intervals, point
+from .text import Expression
 
 _duals = dual(intervals)
 Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, however it lies in intervals, is within
