@@ -256,6 +256,15 @@ def test_without_kinks_it_is_the_same_function(e: sp.Expr, first: Any, second: A
         )
 
 
+@pytest.mark.parametrize(
+    "args, text",
+    [((0, x, y), "x/sqrt(x**2 + y**2)"), ((1, 2, y), "y/sqrt(y**2 + 4)"), ((0, 0, 0), "0/0")],
+)
+def test_a_direction_can_be_read_wherever_it_is(args: tuple[Any, ...], text: str) -> None:
+    """At points its arguments are numbers, and their size may be 0."""
+    assert str(Direction(*map(sp.sympify, args))) == text
+
+
 @pytest.mark.parametrize("at", [0, 1])
 def test_a_direction_at_a_face_leaves_the_other_factor_its_range(at: int) -> None:
     """Its slope is 0 within the box: of a box with both ends exchanged y sign(x) would be 0."""

@@ -57,7 +57,7 @@ class Norm(_Shown):
 
     def plain(self) -> sp.Expr:
         """As SymPy has it."""
-        return sp.Abs(self.args[0]) if len(self.args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in self.args)))
+        return _size(*self.args)
 
 
 class Direction(_Shown):
@@ -90,7 +90,14 @@ class Direction(_Shown):
         e, *more = self.args[1:]
         if not more:
             return sp.sign(e, evaluate=False)
-        return sp.Mul(self.args[1 + int(self.args[0])], 1 / Norm(e, *more).plain(), evaluate=False)
+        size = _size(e, *more)
+        divided = sp.Pow(size, -1, evaluate=size != 0)  # of numbers the size may be 0, which stays to be seen
+        return sp.Mul(self.args[1 + int(self.args[0])], divided, evaluate=False)
+
+
+def _size(*args: sp.Expr) -> sp.Expr:
+    """|e| as SymPy has it."""
+    return sp.Abs(args[0]) if len(args) == 1 else sp.sqrt(sp.Add(*(e**2 for e in args)))
 
 
 def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
