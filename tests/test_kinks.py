@@ -257,7 +257,7 @@ def test_without_kinks_it_is_the_same_function(e: sp.Expr, first: Any, second: A
 
 
 @pytest.mark.parametrize(
-    "args, text",
+    ("args", "text"),
     [((0, x, y), "x/sqrt(x**2 + y**2)"), ((1, 2, y), "y/sqrt(y**2 + 4)"), ((0, 0, 0), "0/0")],
 )
 def test_a_direction_can_be_read_wherever_it_is(args: tuple[Any, ...], text: str) -> None:
@@ -360,3 +360,24 @@ def test_what_is_left_of_an_affine_row_is_read_as_its_slopes_are() -> None:
         "plant", states=x, inputs=(u, w), outputs=(hg.Signal("y"),), flow=[-x[0], x[0] + w], output=[output]
     )
     assert {check.verdict for check in forms.state_affine(plant).checks} == {Verdict.PROVED}
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        lambda e: sp.Max(e, 5),
+        lambda e: sp.Min(-5, sp.exp(e)),
+        lambda e: sp.sign(5 - e),
+        lambda e: sp.Heaviside(5 - e),
+        lambda e: sp.Piecewise((e, e > 5), (1, True)),
+    ],
+)
+def test_what_is_not_real_everywhere_is_not_left_out(hidden: Any) -> None:
+    """max(sqrt(x - 1), 5) has no value where x < 1: to read it as 5 would prove forms of a plant that is not there."""
+    x, z = hg.Signal("x", low=0, high=2), hg.Signal("z", low=-1, high=1)
+    row = hidden(sp.sqrt(x - 1))
+    assert one_sided(row, {x: (Fraction(0), Fraction(2))}).has(x)
+    assert not one_sided(row, {x: (Fraction(1), Fraction(2))}).has(x)
+    plant = hg.System("plant", states=(x, z), outputs=(hg.Signal("y"),), flow=[z + row, 0], output=[x])
+    (check,) = (check for check in forms.triangular(plant).checks if check.id == "triangular.lipschitz")
+    assert check.verdict is not Verdict.PROVED
