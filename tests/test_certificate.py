@@ -923,6 +923,20 @@ def test_the_verifier_shares_no_code() -> None:
     assert imported - {"mpmath"} <= sys.stdlib_module_names
 
 
+def test_a_sign_of_the_row_itself_is_0_at_the_edge() -> None:
+    """x1' = x2 sign(u): where u is 0 its slope in x2 is 0, and not that of |u|, which at the edge u = 0 would be 1."""
+    x, u = [hg.Signal(f"x{i}", low=0, high=1) for i in (1, 2)], hg.Signal("u", low=0, high=1)
+    flow = [x[1] * (2 + sp.sign(u)) + abs(x[1]), 0]
+    plant = hg.System("edge", states=x, inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x[0]])
+    form = hg.forms.uniform(plant)
+    content = certificate(form, form.checks)
+    assert found(sealed(content))["uniform.slope_2"] == "verified"
+    content = json.loads(json.dumps(content).replace("sign(u) + 2", "sign(u)"))
+    claim = next(claim for claim in content["claims"] if claim["id"] == "uniform.slope_2")
+    claim["evidence"] |= {"low": "2", "high": "2"}
+    assert found(sealed(content))["uniform.slope_2"] == "fails"
+
+
 def alone(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """`python -m recheck` in a folder that holds it and mpmath, and nothing else that Python finds."""
     if not (folder / "recheck").exists():

@@ -181,8 +181,9 @@ def _abs(x: Interval) -> Interval:
 
 
 def _sign(x: Interval) -> Interval:
-    """Of a number that may be zero: [-1, 1]."""
-    return _UNIT if x.sign == 0 else point(Fraction(x.sign))
+    """It rises from -1 over 0 to 1; of what is 0 alone [-1, 1], which the slope of |x| may be."""
+    low, high = (libmp.mpf_sign(end) for end in x.ends)
+    return between(low, high) if low or high else _UNIT
 
 
 def _side(x: Interval) -> Interval:

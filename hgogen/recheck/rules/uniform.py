@@ -32,7 +32,7 @@ def _structure(context: Context, claim: Claim) -> Shown:
 def _slope(context: Context, claim: Claim) -> Shown:
     """dh/dz_1, or dF_(i-1)/dz_i, is bounded and bounded away from zero on the box."""
     wanted, rate = _wanted_slope(context, *claim.at)
-    low, high, shown = enclosed(context, claim, wanted, rate, at_kinks)
+    low, high, shown = enclosed(context, claim, wanted, rate, lambda text: at_kinks(text, rate, context))
     if low <= 0 <= high:
         raise NotShown("its bounds do not keep clear of zero")
     return Shown(f"{claim.what}: {shown.sentence}", shown.boxes)
@@ -53,7 +53,8 @@ def _no_slope(context: Context, claim: Claim) -> Shown:
     text = expression(part(claim.evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
     keys = [key for key in ("witness", "other") if key in claim.evidence]
-    signs = [witnessed(at_kinks(text), witness(claim, context.form.box, text.names, key)) for key in keys]
+    read = at_kinks(text, rate, context)
+    signs = [witnessed(read, witness(claim, context.form.box, text.names, key)) for key in keys]
     if signs == ["zero"]:
         differentiable((rate, text), witness(claim, context.form.box, text.names | rate.names))
         return Shown(f"{text.text} is zero at its witness")
