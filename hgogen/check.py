@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 from hgogen.errors import HgogenError
 
@@ -24,6 +24,41 @@ class Verdict(StrEnum):
     UNKNOWN = "unknown"
 
 
+class ClaimId(str):
+    """The name of a claim, a text made of its parts: "triangular.a_3" of ("triangular", "a", 3).
+
+    `maker`: the form, observer or question that claims, "" for a name of the user's own; `fact`: what about; `at`: of
+    which of several, chain before state; `short`: the text without the maker. The text is never taken apart.
+    """
+
+    maker: str
+    fact: str
+    at: tuple[int, ...]
+    short: str
+
+    def __new__(cls, maker: str, fact: str, *at: int) -> Self:
+        """The text of the parts."""
+        short = "_".join([fact, *map(str, at)])
+        made = super().__new__(cls, f"{maker}.{short}" if maker else short)
+        made.maker, made.fact, made.at, made.short = maker, fact, at, short
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.maker, self.fact, *self.at)
+
+
+@dataclass(frozen=True)
+class Claims:
+    """The claims of a `maker` about a `fact`, of any maker and about any fact where it is "". An id may be in them; a
+    name of the user's own is in none."""
+
+    maker: str = ""
+    fact: str = ""
+
+    def __contains__(self, id: ClaimId) -> bool:
+        return bool(id.maker) and self.maker in ("", id.maker) and self.fact in ("", id.fact)
+
+
 @dataclass(frozen=True)
 class Check:
     """One claim with its verdict.
@@ -34,7 +69,7 @@ class Check:
     `Proof` by bisection, or what the check's own case proves with.
     """
 
-    id: str
+    id: ClaimId
     claim: str
     verdict: Verdict
     reason: str
@@ -119,23 +154,25 @@ def worst(checks: Iterable[Check]) -> Check:
     return min(checks, key=lambda check: _FROM_WORST.index(check.verdict))
 
 
-def refuted(checks: Iterable[Check], accept: Iterable[str] = ()) -> tuple[Check, ...]:
-    """The refuted checks that `accept` does not name.
+def refuted(checks: Iterable[Check], accept: Iterable[str] = (), later: Iterable[ClaimId] = ()) -> tuple[Check, ...]:
+    """The refuted checks that `accept` does not name; it may name claims that are made `later`.
 
-    Raises: `UnknownCheck` for a name that is none of the checks'.
+    Raises: `UnknownCheck` for another name.
     """
     checks, accept = tuple(checks), (accept,) if isinstance(accept, str) else tuple(accept)
-    known = tuple(check.id for check in checks)
+    known = (*(check.id for check in checks), *later)
     for name in accept:
         if name not in known:
             raise UnknownCheck(name, known)
     return tuple(check for check in checks if check.verdict is Verdict.REFUTED and check.id not in accept)
 
 
-def demand(checks: Iterable[Check], accept: Iterable[str] = (), form: Any = None) -> None:
+def demand(
+    checks: Iterable[Check], accept: Iterable[str] = (), form: Any = None, later: Iterable[ClaimId] = ()
+) -> None:
     """Raise `Refuted`, of the `form` that makes the checks, if a check is refuted and not accepted; nothing else stops
     building."""
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
-    left = refuted(checks, accept)
+    left = refuted(checks, accept, later)
     if left:
         raise Refuted(left, form, accept)

@@ -96,7 +96,11 @@ class Form:
     @property
     def structured(self) -> bool:
         """Whether the plant is shown to have the form's structure; without it, its states keep their own order."""
-        return all(check.verdict is Verdict.PROVED for check in self.checks if check.id.endswith(".structure"))
+        return all(check.verdict is Verdict.PROVED for check in self.about("structure"))
+
+    def about(self, fact: str) -> tuple[Check, ...]:
+        """The checks of a fact, such as "rank"."""
+        return tuple(check for check in self.checks if check.id.fact == fact)
 
     @cached_property
     def estimates(self) -> tuple[tuple[Signal, sp.Expr], ...]:

@@ -1,6 +1,6 @@
 """An observer: the estimator's parts as CasADi graphs, with the form it stands on, its gains and its paper."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from inspect import signature
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.check import Check, Refuted, demand
+from hgogen.check import Check, ClaimId, Refuted, demand
 from hgogen.form import Form
 from hgogen.part import Part
 from hgogen.program import INF, Block, Field
@@ -119,13 +119,17 @@ def remembered(make: Callable[..., Observer]) -> Callable[..., Observer]:
 
 
 def founded(
-    name: str, form: Any, accept: Iterable[str], *, own: bool = False, takes: Callable[[str, Form], Any] | None = None
+    name: str,
+    form: Any,
+    accept: Iterable[str],
+    *,
+    own: Iterable[ClaimId] = (),
+    takes: Callable[[str, Form], Any] | None = None,
 ) -> tuple[str, ...]:
     """The ids of `accept`, after the demands of every observer: a form, and no refuted hypothesis that is not accepted.
 
-    `own`: whether checks of the observer, NAME..., can be refuted too; their ids are left to its own demand. `takes`:
-    raises `BadGain` or `Singular` for a form that the observer does not take, whatever is accepted: nothing is then
-    offered for that.
+    `own`: claims of the observer that can be refuted too, which are left to its own demand. `takes`: raises `BadGain`
+    or `Singular` for a form that the observer does not take, whatever is accepted: nothing is then offered for that.
 
     Raises: `BadGain`, `Refuted`, `UnknownCheck`.
     """
@@ -133,7 +137,7 @@ def founded(
         raise BadGain(name, f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}")
     accept = (accept,) if isinstance(accept, str) else tuple(accept)
     try:
-        demand(form.checks, [id for id in accept if not (own and id.startswith(f"{name}."))], form)
+        demand(form.checks, accept, form, own)
     except Refuted as error:
         raise replace(error, never=_never(name, form, takes, error.checks)) from None
     return accept
@@ -144,17 +148,16 @@ def linearised(_: str, form: Form) -> None:
     Dynamics(form).linearised()
 
 
-def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, told: Iterable[Check]) -> str:
-    """Why the observer does not take the form, whatever is accepted, in a sentence without the reasons of the checks
-    that are `told`; "" where it would."""
+def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, told: Collection[Check | None]) -> str:
+    """Why the observer does not take the form, whatever is accepted, in a sentence without the reason of a check that
+    is `told`; "" where it would."""
     try:
         if takes is not None:
             takes(name, form)
-    except (BadGain, Singular) as error:
-        why = str(error)
-        for check in told:
-            why = why.replace(f": {check.reason}", "")
-        return f"To accept it does not help: {why}."
+    except Singular as error:
+        return f"To accept it does not help: {error}."
+    except BadGain as error:
+        return f"To accept it does not help: {replace(error, because=None) if error.because in told else error}."
     return ""
 
 

@@ -4,13 +4,12 @@ An observer's case declares its theorem as data. A hypothesis is known by checks
 or by the way the observer is built; what remains is about the plant in operation, and left to the user.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from fnmatch import fnmatchcase
 from typing import Any
 
-from hgogen.check import Check, Verdict, worst
+from hgogen.check import Check, ClaimId, Claims, Verdict, worst
 
 YOURS = "left to you"
 
@@ -25,8 +24,8 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """By the checks of an observer, which are named after it: one of convergence, and one of its gain theta."""
-    known = {check.id.rpartition(".")[2]: check.verdict for check in checks if check.id.startswith(f"{observer}.")}
+    """By what an observer claims of itself: one check of convergence, and one of its gain theta."""
+    known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
         return Convergence.UNKNOWN
     if "theta" not in known:
@@ -38,14 +37,13 @@ def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
 class Hypothesis:
     """One hypothesis of a theorem.
 
-    `claim`: a sentence; `checks`: patterns of the ids of checks that know it, such as "*.lipschitz"; `verdict`: what is
-    known without a check, by construction, None where only the user can know; `reason`: how, or what the user should
-    see to, or what the checks do not say; `reference`: where the theorem says so. With `optional`, it is dropped where
-    no check has such an id.
+    `claim`: a sentence; `checks`: which claims know it; `verdict`: what is known without a check, by construction, None
+    where only the user can know; `reason`: how, or what the user should see to, or what the checks do not say;
+    `reference`: where the theorem says so. With `optional`, it is dropped where no check makes such a claim.
     """
 
     claim: str
-    checks: tuple[str, ...] = ()
+    checks: tuple[Claims, ...] = ()
     verdict: Verdict | None = None
     reason: str = ""
     reference: str = ""
@@ -78,7 +76,7 @@ class Row:
     claim: str
     verdict: Verdict | None
     reason: str
-    checks: tuple[str, ...]
+    checks: tuple[ClaimId, ...]
     reference: str
 
     @property
@@ -99,56 +97,59 @@ class Row:
 
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
     """The theorem's hypotheses, each with the verdict of its worst check; unknown where no check knows it."""
-    known = {check.id: check for check in checks}
+    known = tuple(checks)
     found = (_row(hypothesis, known) for hypothesis in theorem.hypotheses)
     return tuple(row for row in found if row is not None)
 
 
-def _row(hypothesis: Hypothesis, known: Mapping[str, Check]) -> Row | None:
-    ids = tuple(id for id in known if any(fnmatchcase(id, pattern) for pattern in hypothesis.checks))
+def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
+    telling = [check for check in known if any(check.id in claims for claims in hypothesis.checks)]
     verdict, reason = hypothesis.verdict, hypothesis.reason
-    if ids:
-        least = worst(known[id] for id in ids)  # a hypothesis is as good as the worst of its checks
-        alone = len(ids) == 1 or least.verdict is Verdict.PROVED
+    if telling:
+        least = worst(telling)  # a hypothesis is as good as the worst of its checks
+        alone = len(telling) == 1 or least.verdict is Verdict.PROVED
         which = "" if alone else f"{least.verdict}: {least.id}"
         verdict, reason = least.verdict, "; ".join(said for said in (which, reason) if said)
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:
         verdict, reason = Verdict.UNKNOWN, "the form makes no such check"
-    return Row(hypothesis.claim, verdict, reason, ids, hypothesis.reference)
+    return Row(hypothesis.claim, verdict, reason, tuple(check.id for check in telling), hypothesis.reference)
 
 
 # Hypotheses that theorems on form (3) of Boizot, Busvelle, Gauthier 2010 have in common.
 
+LIPSCHITZ = Hypothesis(
+    "b is Lipschitz in the state, uniformly in the input", (Claims(fact="lipschitz"),), reference="section 2.2"
+)
 FORM = (
     Hypothesis(
         "z_i' = a_(i+1) z_(i+1) + b_i(z_1, .., z_i, u), y = a_1 z_1, up to a known offset",
-        ("triangular.structure", "triangular.offset", "phase.chain"),
+        (Claims("triangular", "structure"), Claims("triangular", "offset"), Claims("phase", "chain")),
         reference="(3)",
     ),
     Hypothesis(
         "0 < a_m <= a_i <= a_M for every input and parameter in its range",
-        ("triangular.a_*", "phase.chain"),
+        (Claims("triangular", "a"), Claims("phase", "chain")),
         reference="(3)",
     ),
-    Hypothesis("b is Lipschitz in the state, uniformly in the input", ("*.lipschitz",), reference="section 2.2"),
+    LIPSCHITZ,
     Hypothesis(
         "Phi = (y, y', .., y^(n-1)) is a change of coordinates, with the derivatives of inputs in their ranges",
-        ("phase.rank", "phase.inverse", "phase.inputs"),
+        (Claims("phase", "rank"), Claims("phase", "inverse"), Claims("phase", "inputs")),
         optional=True,
     ),
-    Hypothesis("z is a change of coordinates, and its ranges hold the plant's", ("recast.*",), optional=True),
+    Hypothesis("z is a change of coordinates, and its ranges hold the plant's", (Claims("recast"),), optional=True),
 )
 CHAINS = (  # in the place of the first two where each output has its chain
     Hypothesis(
         "z_(i,j)' = a_(i,j+1) z_(i,j+1) + b_(i,j), y_i = a_(i,1) z_(i,1), up to a known offset",
-        ("block_triangular.structure", "block_triangular.offset_*"),
+        (Claims("block_triangular", "structure"), Claims("block_triangular", "offset")),
         reference="(3), chain by chain",
     ),
     Hypothesis(
         "0 < a_m <= a_(i,j) <= a_M for every input and parameter in its range",
-        ("block_triangular.a_*",),
+        (Claims("block_triangular", "a"),),
         reference="(3), chain by chain",
     ),
 )

@@ -55,7 +55,7 @@ CASES: Mapping[str, Case] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Row:
-    """One form and what is known of the plant in it.
+    """One form, its name `kind`, and what is known of the plant in it.
 
     `verdict`: the worst of the checks'; None where the form does not take the plant, or was not asked, and `why` says
     which. `order`: the plant's states in the form's order, with their signs; () where the form has other coordinates,
@@ -63,7 +63,7 @@ class Row:
     `options`: those with which the form was asked.
     """
 
-    name: str
+    kind: str
     verdict: Verdict | None
     order: tuple[str, ...]
     why: str
@@ -73,9 +73,9 @@ class Row:
     options: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     @property
-    def kind(self) -> str:
-        """The name of the form without its options."""
-        return self.name.partition(",")[0]
+    def name(self) -> str:
+        """The form with its options, such as "triangular, measured=True"."""
+        return ", ".join([self.kind, *(f"{key}={value!r}" for key, value in self.options.items())])
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -143,26 +143,26 @@ def _rows(name: str, case: Case, plant: System, deep: bool) -> Iterator[Row]:
         yield Row(name, None, (), refusal or DEAR)
     else:
         for options in case.options:
-            yield _row(", ".join([name, *(f"{key}={value!r}" for key, value in options.items())]), name, options, plant)
+            yield _row(name, options, plant)
 
 
-def _row(title: str, name: str, options: Mapping[str, Any], plant: System) -> Row:
+def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
     try:
         form: Form = getattr(forms, name)(plant, **options)
     except HgogenError as refusal:  # the plant is not one that the form takes
-        return Row(title, None, (), str(refusal))
+        return Row(name, None, (), str(refusal), options=options)
     found = worst(form.checks)
     order = _order(form) if form.structured else ()
     if found.verdict is Verdict.PROVED:
-        return Row(title, found.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
-    return Row(title, found.verdict, order, f"{_short(found)}", found.witness, found.advice, form, options)
+        return Row(name, found.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
+    return Row(name, found.verdict, order, _short(found), found.witness, found.advice, form, options)
 
 
 def _short(check: Check) -> str:
     at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
     said = f"{check.reason}{', at ' + at if at else ''}"
-    name = check.id.partition(".")[2]
-    return said if name == "structure" or said.startswith(name) else f"{name}: {said}"
+    name = check.id.short
+    return said if check.id.fact == "structure" or said.startswith(name) else f"{name}: {said}"
 
 
 def _order(form: Form) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from hgogen.form import Form
 
 
 def verdicts(form: Form) -> dict[str, str]:
-    return {check.id.partition(".")[2]: check.verdict.value for check in form.checks}
+    return {check.id.short: check.verdict.value for check in form.checks}
 
 
 def check(form: Form, name: str) -> Check:

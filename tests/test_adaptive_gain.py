@@ -37,7 +37,7 @@ def lyapunov() -> np.ndarray:
 
 
 def by_id(found: tuple[Check, ...]) -> dict[str, Check]:
-    return {check.id.split(".")[1]: check for check in found}
+    return {check.id.fact: check for check in found}
 
 
 # --- signs --------------------------------------------------------------------------------------------------

@@ -107,6 +107,17 @@ def test_the_claims_on_the_form_carry_evidence(name: str) -> None:
     assert {row.found for row in rows if row.id.startswith(("triangular.", "recast."))} == {"verified"}
 
 
+def test_a_slope_is_that_of_the_rows_as_they_are_given() -> None:
+    """max(u, 5) is 5 on the box, and is proved as such: the model reads u all the same."""
+    (x1, x2), u = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2")), hg.Signal("u", low=-1, high=1)
+    flow = [x2, -sp.Max(u, 5) * sp.sin(x1)]
+    plant = hg.System("pulled", states=(x1, x2), inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x1])
+    form = hg.forms.triangular(plant)
+    content = certificate(form, form.checks)
+    assert claim_of(content, "triangular.lipschitz")["evidence"]["box"].keys() == {"u", "z1"}
+    assert set(found(json.dumps(content)).values()) == {"verified"}
+
+
 def test_bisections_and_signs(bent: dict[str, Any]) -> None:
     result = recheck(json.dumps(bent))
     assert {row.id: row.found for row in result.rows} == dict.fromkeys(

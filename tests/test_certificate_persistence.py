@@ -13,6 +13,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
+from hgogen.check import ClaimId
 from hgogen.commands import jobs
 from hgogen.kalman.persistence import persistent
 from hgogen.model import load
@@ -20,7 +21,7 @@ from hgogen.recheck.file import digest, model_digest
 from hgogen.recheck.verification import recheck
 
 ROOT = Path(__file__).resolve().parents[1]
-ID = "kalman_like.persistence"
+ID = ClaimId("kalman_like", "persistence")
 x1, x2, x3 = (hg.Signal(f"x{i}", low=-3, high=3) for i in (1, 2, 3))
 u, v = hg.Signal("u", low=-2, high=2), hg.Signal("v", low=-2, high=2)
 a, y = hg.Signal("a", "", "", 1, low=0.5, high=2), hg.Signal("y")

@@ -251,7 +251,7 @@ def of_theory(name: str, error: HgogenError) -> bool:
     """Whether it is the form or the plant that is refused: by a refuted check of the form, none of the observer's own,
     or by what the observer, not one of its gains, says it takes."""
     if isinstance(error, Refuted):
-        return not any(check.id.startswith(f"{name}.") for check in error.checks)
+        return not any(check.id.maker == name for check in error.checks)
     return isinstance(error, BadGain) and error.gain == name
 
 

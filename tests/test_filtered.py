@@ -195,7 +195,7 @@ def test_the_bound_on_theta_is_that_of_the_filtered_observer() -> None:
     general = {"F": -3 * np.eye(2) + np.eye(2, k=-1), "G": (1, 0), "H": np.diag((2, 1)), "N": None, "theta": 40}
     each = (filtered("chain2", theta=40, poles=(-1, -1)), injected("chain2", **general))
     for observer in each:
-        checks = {check.id.partition(".")[2]: check for check in observer.checks}
+        checks = {check.id.short: check for check in observer.checks}
         assert checks["convergence"].verdict is checks["theta"].verdict is hg.Verdict.PROVED
         assert "above 37.76 = max(1, 2 |P G| L_b)" in checks["convergence"].reason
         assert {row.standing for row in rows(observer.theorem, observer.checks) if "large" in row.claim} == {"proved"}

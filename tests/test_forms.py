@@ -13,7 +13,7 @@ from form_answers import assert_same_plant, check, verdicts
 from hypothesis import strategies as st
 
 from hgogen import forms, observers
-from hgogen.check import Check, Refuted, UnknownCheck, Verdict, demand
+from hgogen.check import Check, ClaimId, Refuted, UnknownCheck, Verdict, demand
 from hgogen.form import Form
 from hgogen.forms.original import BadOrder
 from hgogen.forms.triangular import OneOutput
@@ -577,11 +577,11 @@ def test_original_names_a_hidden_state() -> None:
 def test_no_form_that_an_observer_takes_hides_a_state(make: Callable[..., Any]) -> None:
     """The slope of x2 varies with the measured x1: state-affine, and no chain; x3 sees both and is seen by none."""
     form = make(plant([X1 * X2, X1, X1 + X3]))
-    found = next(c for c in form.checks if c.id.endswith(".connected"))
+    found = next(c for c in form.checks if c.id.fact == "connected")
     assert (found.verdict, found.reason) == (Verdict.REFUTED, "no output ever shows x3")
     with pytest.raises(Refuted, match="no output ever shows x3"):
         observers.riccati(form, Q=(1, 1, 1), R=1)
-    assert not [c for c in make(plant([X1 * X2, X1])).checks if c.id.endswith(".connected")]
+    assert not [c for c in make(plant([X1 * X2, X1])).checks if c.id.fact == "connected"]
 
 
 @pytest.mark.parametrize("order", [(X1,), (X1, X1), (X1, X3), ()])
@@ -675,5 +675,8 @@ def verdicts_of(form: Form) -> dict[str, Check]:
 def test_a_slope_of_the_wrong_sign_is_refuted() -> None:
     x = Signal("x", low=1, high=2)
     system = System("one", states=(x,), outputs=(Signal("y"),), flow=[-x], output=[x])
-    verdicts = {text: positive("a", "a", a, system).verdict for text, a in {"x": x, "-x": -x, "x - 3": x - 3}.items()}
+    verdicts = {
+        text: positive(ClaimId("form", "a"), "a", a, system).verdict
+        for text, a in {"x": x, "-x": -x, "x - 3": x - 3}.items()
+    }
     assert verdicts == {"x": Verdict.PROVED, "-x": Verdict.REFUTED, "x - 3": Verdict.REFUTED}

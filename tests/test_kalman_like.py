@@ -21,7 +21,7 @@ from hgogen import excitation
 from hgogen.calling import native
 from hgogen.calling.native import run_check
 from hgogen.certificates.certificate import certificate
-from hgogen.check import Check, Refuted, Verdict
+from hgogen.check import Check, ClaimId, Refuted, Verdict
 from hgogen.discretisation.stability import Limit
 from hgogen.emit import layout
 from hgogen.kalman.covariance import unpack
@@ -35,6 +35,7 @@ from hgogen.trial import Truth, simulate, t, try_out
 
 NAN = float("nan")
 EPS_NEURON = 0.8
+SHOWN = ClaimId("input", "persistence")
 WAVE = {"inputs": {"u": sp.sin(t)}, "period": 2 * sp.pi}
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -136,7 +137,7 @@ def one_input(rate: Any, *parameters: hg.Signal) -> hg.Form:
     ],
 )
 def test_persistence_of_a_known_input(expression: Any, period: Any, verdict: str, said: str) -> None:
-    check = persistent("p", neuron(), {"u": expression}, period)
+    check = persistent(SHOWN, neuron(), {"u": expression}, period)
     assert check.verdict == verdict
     assert said in check.reason
 
@@ -145,7 +146,7 @@ def test_persistence_is_for_all_parameters() -> None:
     """x2 is seen through k u; k may be 0 or not."""
     for low, verdict in ((0.5, "proved"), (-0.5, "unknown")):
         k = hg.Signal("k", "", "", 1.0, low=low, high=2)
-        check = persistent("p", one_input(k * u * x2, k), {"u": sp.cos(t)}, 2 * sp.pi)
+        check = persistent(SHOWN, one_input(k * u * x2, k), {"u": sp.cos(t)}, 2 * sp.pi)
         assert check.verdict == verdict
 
 
@@ -153,41 +154,41 @@ def test_persistence_wants_the_structure_proved() -> None:
     """x2 of a Piecewise row stands in b, not in A, whose pair with C has rank 1; the plant shows x2 where u > 0."""
     flow = [sp.Piecewise((x2, u > 0), (0, True)), -x2]
     form = hg.forms.state_affine(hg.System("p", states=(x1, x2), inputs=(u,), outputs=(y1,), flow=flow, output=[x1]))
-    check = persistent("p", form, {"u": 1})
+    check = persistent(SHOWN, form, {"u": 1})
     assert check.verdict is Verdict.UNKNOWN
     assert "not shown that the plant is state-affine" in check.reason
 
 
 def test_what_is_measured_is_not_known_beforehand() -> None:
     form = hg.forms.state_affine(plant([x1 * x2, 0], x1))
-    assert "excitation.along" in persistent("p", form, {"u": 0, "v": 0}).fix
-    assert persistent("p", form, {"u": 0, "v": 0}).verdict is Verdict.UNKNOWN
+    assert "excitation.along" in persistent(SHOWN, form, {"u": 0, "v": 0}).fix
+    assert persistent(SHOWN, form, {"u": 0, "v": 0}).verdict is Verdict.UNKNOWN
     with pytest.raises(BadGain, match="inputs 'v' must be given"):
-        persistent("p", form, {"u": 0})
+        persistent(SHOWN, form, {"u": 0})
     with pytest.raises(BadGain, match=r"must be an expression of hgogen\.trial\.t alone"):
-        persistent("p", form, {"u": x1, "v": 0})
+        persistent(SHOWN, form, {"u": x1, "v": 0})
     with pytest.raises(BadGain, match=r"is no expression of the time"):
-        persistent("p", form, {"u": "__import__('os')", "v": 0})
+        persistent(SHOWN, form, {"u": "__import__('os')", "v": 0})
 
 
 def test_a_rank_that_only_the_derivative_gives() -> None:
     """x1' = u x2 + v x3: N_1 = (0, u, v), N_2 = (0, u', v'), and u v' - v u' = -1 for sin, cos; 0 for a multiple."""
     form = hg.forms.state_affine(plant([u * x2 + v * x3, 0, 0], x1))
-    turning = persistent("p", form, {"u": sp.sin(t), "v": sp.cos(t)}, 2 * sp.pi)
+    turning = persistent(SHOWN, form, {"u": sp.sin(t), "v": sp.cos(t)}, 2 * sp.pi)
     assert turning.verdict is Verdict.PROVED
-    assert persistent("p", form, {"u": sp.sin(t), "v": 2 * sp.sin(t)}, 2 * sp.pi).verdict is Verdict.UNKNOWN
+    assert persistent(SHOWN, form, {"u": sp.sin(t), "v": 2 * sp.sin(t)}, 2 * sp.pi).verdict is Verdict.UNKNOWN
 
 
 def test_an_input_that_a_does_not_read_need_not_be_known() -> None:
-    check = persistent("p", hg.forms.state_affine(model("pendulum")))
+    check = persistent(SHOWN, hg.forms.state_affine(model("pendulum")))
     assert (check.verdict, check.reason) == (Verdict.PROVED, "the pair (C, A) has rank 2")
-    assert persistent("p", neuron()).verdict is Verdict.UNKNOWN
-    assert persistent("p", one_input(0 * x2)).verdict is Verdict.REFUTED
+    assert persistent(SHOWN, neuron()).verdict is Verdict.UNKNOWN
+    assert persistent(SHOWN, one_input(0 * x2)).verdict is Verdict.REFUTED
 
 
 def test_a_rank_that_time_gives() -> None:
     """C and CA hide x2 where sin 7 t = 0; another time of the period shows it."""
-    assert persistent("p", one_input(u * x2), {"u": sp.sin(7 * t)}, 2 * sp.pi / 7).verdict is Verdict.PROVED
+    assert persistent(SHOWN, one_input(u * x2), {"u": sp.sin(7 * t)}, 2 * sp.pi / 7).verdict is Verdict.PROVED
 
 
 def test_windows_of_a_record() -> None:

@@ -19,7 +19,7 @@ from hgogen.algebra.kinks import Direction, bent, slope
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
 from hgogen.certificates.certificate import certificate
-from hgogen.check import Verdict
+from hgogen.check import ClaimId, Verdict
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Cause, nonzero
@@ -187,8 +187,8 @@ def test_a_root_that_is_no_norm_is_not(row: sp.Expr) -> None:
 def test_forms_and_the_singular_set_know_the_same_zeros(factor: Any) -> None:
     made = plant(lambda _, x2, u: factor(u) * x2)
     (u,) = made.inputs
-    assert positive("a_2", "a_2", sp.sign(factor(0)) * factor(u), made).verdict is Verdict.PROVED
-    assert apart("slope_2", "dF_1/dz_2", factor(u), made).verdict is Verdict.PROVED
+    assert positive(ClaimId("form", "a", 2), "a_2", sp.sign(factor(0)) * factor(u), made).verdict is Verdict.PROVED
+    assert apart(ClaimId("form", "slope", 2), "dF_1/dz_2", factor(u), made).verdict is Verdict.PROVED
     assert hg.singularity(made).open_factors == ()
     found = nonzero(factor(u), {u: ONE})
     number = factor(u).subs(u, 1).evalf(1000)

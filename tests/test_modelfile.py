@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen.check import Refuted
 from hgogen.cli import app
+from hgogen.commands import jobs
 from hgogen.model import MissingPart, NoModel, listed, load
 from hgogen.reading.text_model import BadModelFile, NoText, from_table, read, to_text
 
@@ -358,6 +359,21 @@ def test_a_refuted_hypothesis_is_of_a_tuning_and_accepted_in_its_language(tmp_pa
     said = str(caught.value)
     assert said.startswith(f"{path}, tuning.quick: refuted: ")
     assert said.count("accept") == said.count('accept = ["triangular.a_2"]') == 1
+
+
+@pytest.mark.parametrize(("flow", "refused"), [("x2", ()), ("u*x2", ("triangular.a_2",))])
+def test_what_an_observer_claims_may_be_accepted_before_it_is_made(
+    flow: str, refused: tuple[str, ...], tmp_path: Path
+) -> None:
+    """It is built in no case, as P = -1 has no decay and no shrink: what is then shown are the claims of the form."""
+    gains = "gamma = [1, 9]\nK = [2, 1]\nP = [[-1, 0], [0, -1]]\nsigma = 0.05\nrise = 1\nthreshold = 0.1\ndt = 1e-3\n"
+    text = PLANT.replace('flow = "x2"', f'flow = "{flow}"') + f"[tuning.adaptive_lmi]\n{gains}"
+    path = written(tmp_path, text + 'accept = ["adaptive_lmi.definite"]\n')
+    with pytest.raises(Refuted) as caught:
+        load(path).step("adaptive_lmi")
+    assert {check.id for check in caught.value.checks} >= {*(refused or ("adaptive_lmi.decay", "adaptive_lmi.shrink"))}
+    claims = jobs.checked(load(path), None, "adaptive_lmi")
+    assert (claims.accepted, tuple(check.id for check in claims.open)) == ((), refused)
 
 
 def test_its_trial_is_the_one_written(tmp_path: Path) -> None:

@@ -7,8 +7,10 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.check import Verdict
+from hgogen.check import ClaimId, Verdict
 from hgogen.kalman.persistence import persistent, t
+
+SHOWN = ClaimId("input", "persistence")
 
 
 def turned() -> hg.Form:
@@ -20,22 +22,22 @@ def turned() -> hg.Form:
 
 @pytest.mark.parametrize("period", [2 * np.pi, "6.283185307179586", None])
 def test_a_period_that_is_rounded_is_told_how_to_be_written(period: Any) -> None:
-    check = persistent("p", turned(), {"u": "sin(t)"}, period)
+    check = persistent(SHOWN, turned(), {"u": "sin(t)"}, period)
     assert check.verdict is Verdict.UNKNOWN
     assert 'Write a multiple of pi as such: period = "2*pi"' in check.fix
 
 
 @pytest.mark.parametrize("period", ["2*pi", 2 * sp.pi])
 def test_as_it_is_told_it_is_proved(period: Any) -> None:
-    assert persistent("p", turned(), {"u": sp.sin(t)}, period).verdict is Verdict.PROVED
+    assert persistent(SHOWN, turned(), {"u": sp.sin(t)}, period).verdict is Verdict.PROVED
 
 
 def test_the_times_asked_are_shares_of_a_period_however_short() -> None:
     """At t = 0, to which three decimals of a second would round them, sin shows nothing."""
-    check = persistent("p", turned(), {"u": "sin(20000*pi*t)"}, "1/10000")
+    check = persistent(SHOWN, turned(), {"u": "sin(20000*pi*t)"}, "1/10000")
     assert check.verdict is Verdict.PROVED
     assert "at t = 1.43e-05," in check.reason
-    assert persistent("p", turned(), {"u": "sin(20000*pi*t)"}, "1/9999").verdict is Verdict.UNKNOWN
+    assert persistent(SHOWN, turned(), {"u": "sin(20000*pi*t)"}, "1/9999").verdict is Verdict.UNKNOWN
 
 
 @pytest.mark.parametrize(
@@ -43,7 +45,7 @@ def test_the_times_asked_are_shares_of_a_period_however_short() -> None:
 )
 def test_what_exact_algebra_cannot_do_is_unknown(u: str, period: str | None) -> None:
     """A multiple of an angle beyond 16 is too large for it: a check says so, and what may help."""
-    check = persistent("p", turned(), {"u": u}, period)
+    check = persistent(SHOWN, turned(), {"u": u}, period)
     assert check.verdict is Verdict.UNKNOWN
     assert "is too large for exact algebra" in check.reason
     assert "the shortest period" in check.fix
@@ -52,7 +54,7 @@ def test_what_exact_algebra_cannot_do_is_unknown(u: str, period: str | None) -> 
 
 
 def test_the_shortest_period_is_proved() -> None:
-    assert persistent("p", turned(), {"u": "sin(24*t)"}, "pi/12").verdict is Verdict.PROVED
+    assert persistent(SHOWN, turned(), {"u": "sin(24*t)"}, "pi/12").verdict is Verdict.PROVED
 
 
 def test_an_input_that_touches_its_range_from_outside_shows_nothing() -> None:
@@ -60,8 +62,8 @@ def test_an_input_that_touches_its_range_from_outside_shows_nothing() -> None:
     x, u = [hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2, 3)], hg.Signal("u", low=1, high=2)
     data = {"states": x, "inputs": (u,), "outputs": (hg.Signal("y1"), hg.Signal("y2")), "flow": [0, 0, 0]}
     form = hg.forms.state_affine(hg.System("touched", **data, output=[x[0] + (u - 1) * x[1], x[2]]))
-    assert persistent("p", form, {"u": "-sin(t)"}, "2*pi").verdict is Verdict.UNKNOWN
-    assert persistent("p", form, {"u": "1.5 - sin(t)/4"}, "2*pi").verdict is Verdict.PROVED
+    assert persistent(SHOWN, form, {"u": "-sin(t)"}, "2*pi").verdict is Verdict.UNKNOWN
+    assert persistent(SHOWN, form, {"u": "1.5 - sin(t)/4"}, "2*pi").verdict is Verdict.PROVED
 
 
 def test_two_inputs_that_hide_a_state_together() -> None:
@@ -70,5 +72,5 @@ def test_two_inputs_that_hide_a_state_together() -> None:
     u, w = (hg.Signal(name, low=-2, high=2) for name in "uw")
     data = {"states": x, "inputs": (u, w), "outputs": (hg.Signal("y"),), "flow": [w * x[1], 0]}
     form = hg.forms.state_affine(hg.System("hidden", **data, output=[x[0] + u * x[1]]))
-    assert persistent("p", form, {"u": "sin(t)", "w": "-cos(t)"}, "2*pi").verdict is not Verdict.PROVED
-    assert persistent("p", form, {"u": "sin(t)", "w": "cos(t)"}, "2*pi").verdict is Verdict.PROVED
+    assert persistent(SHOWN, form, {"u": "sin(t)", "w": "-cos(t)"}, "2*pi").verdict is not Verdict.PROVED
+    assert persistent(SHOWN, form, {"u": "sin(t)", "w": "cos(t)"}, "2*pi").verdict is Verdict.PROVED

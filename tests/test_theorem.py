@@ -6,14 +6,22 @@ import sympy as sp
 from plants import MODELS, fitzhugh_nagumo, kalman, model, pendulum, van_der_pol
 
 import hgogen as hg
-from hgogen.check import Check, Refuted, Verdict
+from hgogen.check import Check, ClaimId, Claims, Refuted, Verdict
 from hgogen.model import load
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import YOURS, Hypothesis, Row, Theorem, rows
 
 
-def check(id: str, verdict: Verdict) -> Check:
+def check(id: ClaimId, verdict: Verdict) -> Check:
     return Check(id, "a claim", verdict, "a reason")
+
+
+def a(i: int) -> ClaimId:
+    return ClaimId("form", "a", i)
+
+
+B = ClaimId("form", "b")
+POSITIVE = (Claims("form", "a"),)
 
 
 def table(observer: hg.Observer) -> dict[str, Row]:
@@ -38,8 +46,8 @@ def one(hypothesis: Hypothesis, *checks: Check) -> tuple[Row, ...]:
     ],
 )
 def test_a_hypothesis_is_as_good_as_its_worst_check(verdicts: tuple[str, ...], worst: str) -> None:
-    listed = [check(f"form.a_{i}", Verdict(verdict)) for i, verdict in enumerate(verdicts)]
-    (row,) = one(Hypothesis("0 < a_i", ("form.a_*",)), *listed, check("form.b", Verdict.REFUTED))
+    listed = [check(a(i), Verdict(verdict)) for i, verdict in enumerate(verdicts)]
+    (row,) = one(Hypothesis("0 < a_i", POSITIVE), *listed, check(B, Verdict.REFUTED))
     assert row.standing == worst
     assert row.checks == tuple(c.id for c in listed)
     if worst != "proved":
@@ -47,21 +55,21 @@ def test_a_hypothesis_is_as_good_as_its_worst_check(verdicts: tuple[str, ...], w
 
 
 def test_what_the_checks_do_not_say_stands_beside_them() -> None:
-    hypothesis = Hypothesis("0 < a_i", ("form.a_*",), reason="of the declared value")
-    (alone,) = one(hypothesis, check("form.a_1", Verdict.UNKNOWN))
-    (worst,) = one(hypothesis, check("form.a_1", Verdict.UNKNOWN), check("form.a_2", Verdict.PROVED))
+    hypothesis = Hypothesis("0 < a_i", POSITIVE, reason="of the declared value")
+    (alone,) = one(hypothesis, check(a(1), Verdict.UNKNOWN))
+    (worst,) = one(hypothesis, check(a(1), Verdict.UNKNOWN), check(a(2), Verdict.PROVED))
     assert (alone.reason, worst.reason) == ("of the declared value", "unknown: form.a_1; of the declared value")
 
 
 def test_what_no_check_knows_is_unknown() -> None:
-    (row,) = one(Hypothesis("0 < a_i", ("form.a_*",), verdict=Verdict.PROVED), check("form.b", Verdict.PROVED))
+    (row,) = one(Hypothesis("0 < a_i", POSITIVE, verdict=Verdict.PROVED), check(B, Verdict.PROVED))
     assert (row.standing, row.checks) == ("unknown", ())
 
 
 def test_an_optional_hypothesis_without_a_check_is_dropped() -> None:
-    hypothesis = Hypothesis("coordinates", ("recast.*",), optional=True)
+    hypothesis = Hypothesis("coordinates", (Claims("recast"),), optional=True)
     assert one(hypothesis) == ()
-    assert one(hypothesis, check("recast.inverse", Verdict.REFUTED))[0].verdict is Verdict.REFUTED
+    assert one(hypothesis, check(ClaimId("recast", "inverse"), Verdict.REFUTED))[0].verdict is Verdict.REFUTED
 
 
 def test_what_only_the_user_knows_is_left_to_him() -> None:

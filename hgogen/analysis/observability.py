@@ -18,7 +18,7 @@ from hgogen.algebra.rank import Rank, matrix_rows, modulus, plant_of, somewhere
 from hgogen.algebra.rank import observability as ranks
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.analysis.symmetry import Symmetry, symmetries
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.door import asks_a_plant
 from hgogen.system import System
 
@@ -110,11 +110,16 @@ class Observability:
     def checks(self) -> tuple[Check, ...]:
         """`observability.states`, and `observability.joint` where a parameter has a range."""
         found = [
-            _check("observability.states", "the states are locally observable, parameters known", self.known, self)
+            _check(
+                ClaimId("observability", "states"),
+                "the states are locally observable, parameters known",
+                self.known,
+                self,
+            )
         ]
         if self.joint is not None:
             claim = "states and ranged parameters are locally observable together"
-            found.append(_check("observability.joint", claim, self.joint, self))
+            found.append(_check(ClaimId("observability", "joint"), claim, self.joint, self))
         return tuple(found)
 
     def as_dict(self) -> dict[str, Any]:
@@ -224,7 +229,7 @@ def _direction(
     return somewhere(plant, answer, balls=True)
 
 
-def _check(id: str, claim: str, answer: Answer, whole: Observability) -> Check:
+def _check(id: ClaimId, claim: str, answer: Answer, whole: Observability) -> Check:
     rank = answer.rank
     reason = f"rank {rank.rank} of {rank.dimension} at a random point, {whole.method}"
     if whole.local:

@@ -23,7 +23,7 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.sign import nonzero
@@ -41,7 +41,7 @@ _BOXES = 500  # of the question whether a factor is 0
 _SHOWN = 8  # terms of a sum that are shown
 Row = tuple[int, int]  # (output, order of the derivative), both from 0
 Where = tuple[tuple[sp.Symbol, sp.Expr], ...]
-_STATES, _NAME = "singularity.regular", "singularity.jet_{}"
+_STATES = ClaimId("singularity", "regular")
 
 
 @dataclass(frozen=True)
@@ -317,7 +317,7 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     """proved: the determinant has no zero on the box; where: it may have; unknown: no full rank was found."""
     rows = ", ".join(f"{plant.outputs[j]}{_primes(order)}" for j, order in jet.rows)
     at = " and ".join(f"{symbol} = {value}" for symbol, value in jet.where)
-    id = _NAME.format(k) if k else _STATES
+    id = ClaimId("singularity", "jet", k) if k else _STATES
     claim = f"{'at ' + at + ' ' if at else ''}{rows or 'derivatives of the outputs'} determine the state locally"
     if jet.factors is None:
         reason = f"derivatives up to order {jet.order} leave the generic rank below {len(plant.states)}"

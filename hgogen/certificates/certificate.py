@@ -172,7 +172,7 @@ def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] 
     """Its name, and the numbers that something was found of; what is claimed of a bank's member is of no bank's."""
     if not name:
         return None
-    own = (proof for check in checks if check.id.startswith(f"{name}.") for proof in check.proofs)
+    own = (proof for check in checks if check.id.maker == name for proof in check.proofs)
     found = next((proof for proof in own if isinstance(proof, Grounds)), None)
     numbers = found.numbers if found else {}
     return {"name": name, **{key: _built(form, value) for key, value in numbers.items()}}

@@ -1,10 +1,9 @@
-"""The evidence of a claim about a form: what `hgogen recheck` needs to verify it again, by the claim's id.
+"""The evidence of a claim about a form: what `hgogen recheck` needs to verify it again, by what is claimed.
 
 What was found when a check was proved is used again: its bounds and its bisection, carried to the form's coordinates.
 """
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from decimal import Decimal
@@ -18,7 +17,7 @@ from hgogen.algebra.kinks import slope
 from hgogen.algebra.points import exact
 from hgogen.analysis.determinant import determinant
 from hgogen.analysis.lie import derivatives, rates
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, Claims, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Range, bound, box
 from hgogen.intervals.digits import up
@@ -33,11 +32,8 @@ LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so th
 
 def evidence(form: Form, check: Check) -> Evidence | None:
     """What shows a proved or refuted check; None where nothing here does."""
-    for verdict, pattern, make in _MAKERS:
-        match = re.fullmatch(pattern, check.id)
-        if match and check.verdict is verdict:
-            return make(form, check, tuple(map(int, match.groups())))
-    return None
+    makers = (make for claims, verdict, make in _MAKERS if check.id in claims and check.verdict is verdict)
+    return next((make(form, check) for make in makers), None)
 
 
 def text(form: Form, expression: sp.Expr) -> str:
@@ -141,23 +137,20 @@ def enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Side
 # --- the makers
 
 
-def _gain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+def _gain(form: Form, check: Check) -> Evidence | None:
     """0 < a_m <= a_i <= a_M."""
-    return enclosure(form, _coefficient(form, *row), check.proofs[0]) if check.proofs else None
+    return enclosure(form, _coefficient(form, check.id.at), check.proofs[0]) if check.proofs else None
 
 
-def _coefficient(form: Form, *row: int) -> sp.Expr:
+def _coefficient(form: Form, at: tuple[int, ...]) -> sp.Expr:
     """a_i of the one chain, or a_(i,j) of chain i."""
-    chain, index = row if len(row) == 2 else (1, *row)
-    head = sum(form.blocks[: chain - 1])
-    at = head + index - 1
-    a = sp.diff(form.output[chain - 1], form.states[head]) if index == 1 else form.A[at - 1, at]
-    return exact(sp.sympify(a))
+    chain, index = at if len(at) == 2 else (1, *at)
+    return exact(sp.sympify(form.gains[chain - 1][index - 1]))
 
 
-def _no_gain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+def _no_gain(form: Form, check: Check) -> Evidence | None:
     """A point where a_i is zero, negative or undefined, exactly."""
-    a = _coefficient(form, *row)
+    a = _coefficient(form, check.id.at)
     where = _box(form, a.free_symbols)
     found = nonzero(a, where)
     least = found.range.least
@@ -171,16 +164,16 @@ def _no_gain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     return {"expression": text(form, a), "witness": at}
 
 
-def _offset(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    chain = row[0] if row else 1
-    z = form.states[sum(form.blocks[: chain - 1])]
+def _offset(form: Form, check: Check) -> Evidence | None:
+    (chain,) = check.id.at or (1,)
+    z = form.states[form.heads[chain - 1]]
     c = exact(sp.sympify(form.output[chain - 1])).subs(z, 0)
     return enclosure(form, c, bound(c, _box(form, c.free_symbols)))
 
 
-def _slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+def _slope(form: Form, check: Check) -> Evidence | None:
     """dh/dz_1 or dF_(i-1)/dz_i away from zero, on the box of states, inputs and parameters."""
-    slope = _rate_slope(form, *row)
+    slope = _rate_slope(form, *check.id.at)
     where = _box(form, slope.free_symbols)
     found = bound(slope, where)
     return enclosure(form, slope, found if found.low > 0 or found.high < 0 else nonzero(slope, where).range)
@@ -191,9 +184,9 @@ def _rate_slope(form: Form, index: int) -> sp.Expr:
     return exact(slope(sp.sympify(rate), form.states[index - 1]))
 
 
-def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+def _no_slope(form: Form, check: Check) -> Evidence | None:
     """A point where the slope is zero, or two where it has opposite signs."""
-    slope = _rate_slope(form, *row)
+    slope = _rate_slope(form, *check.id.at)
     where = _box(form, slope.free_symbols)
     found = nonzero(slope, where)
     least, most = found.range.least, found.range.most
@@ -206,20 +199,11 @@ def _no_slope(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None
     return {"expression": text(form, slope), **told} if told else None
 
 
-def _lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return steep(form, form.nonlinear, check.proofs[0], LOOSE) if check.proofs else None
-
-
-def _clamped(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return steep(form, form.b, check.proofs[0], LOOSE) if check.proofs else None
-
-
-def _whole_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return steep(form, (*form.flow, *form.output), check.proofs[0], LOOSE) if check.proofs else None
-
-
-def _flow_lipschitz(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
-    return steep(form, form.flow, check.proofs[0], LOOSE) if check.proofs else None
+def _lipschitz(form: Form, check: Check) -> Evidence | None:
+    """Of the rows whose slope was proved, in the form's coordinates, whatever they are of the form."""
+    back = dict(zip(form.system.states, form.from_form, strict=True))
+    proofs = (steep(form, (row.xreplace(back) for row in proof.expressions), proof, LOOSE) for proof in check.proofs)
+    return next(proofs, None)
 
 
 def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9) -> Evidence | None:
@@ -231,7 +215,7 @@ def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9
     return {"box": _sides(_box(form, names)), "bound": str(bound), "tree": _tree(proof, form)}
 
 
-def _chain(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+def _chain(form: Form, check: Check) -> Evidence | None:
     """Phi = (y, y', ..), in the plant's states, its inputs and their derivatives."""
     Phi = _phases(form)
     return None if Phi is None else {"chain": [text(form, entry) for entry in Phi]}
@@ -246,7 +230,7 @@ def _phases(form: Form) -> tuple[sp.Expr, ...] | None:
     return derivatives(exact(system.output[0]), rates(plant, form.n), form.n)
 
 
-def _rank(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
+def _rank(form: Form, check: Check) -> Evidence | None:
     """det dPhi/dx away from zero."""
     Phi, system = _phases(form), form.system
     if Phi is None:
@@ -258,28 +242,21 @@ def _rank(form: Form, check: Check, row: tuple[int, ...]) -> Evidence | None:
     return enclosure(form, det, nonzero(det, where).range, where)
 
 
-def _nothing(form: Form, check: Check, row: tuple[int, ...]) -> Evidence:
+def _nothing(form: Form, check: Check) -> Evidence:
     """For claims that are verified from the form itself."""
     return {}
 
 
-Maker = Callable[[Form, Check, tuple[int, ...]], Evidence | None]
-_MAKERS: tuple[tuple[Verdict, str, Maker], ...] = (
-    (Verdict.PROVED, r"(?:triangular|uniform|block_triangular)\.structure", _nothing),
-    (Verdict.PROVED, r"triangular\.a_(\d+)", _gain),
-    (Verdict.PROVED, r"block_triangular\.a_(\d+)_(\d+)", _gain),
-    (Verdict.REFUTED, r"triangular\.a_(\d+)", _no_gain),
-    (Verdict.REFUTED, r"block_triangular\.a_(\d+)_(\d+)", _no_gain),
-    (Verdict.PROVED, r"triangular\.offset", _offset),
-    (Verdict.PROVED, r"block_triangular\.offset_(\d+)", _offset),
-    (Verdict.PROVED, r"(?:triangular|block_triangular)\.lipschitz", _lipschitz),
-    (Verdict.PROVED, r"uniform\.slope_(\d+)", _slope),
-    (Verdict.REFUTED, r"uniform\.slope_(\d+)", _no_slope),
-    (Verdict.PROVED, r"(?:uniform|original)\.lipschitz", _whole_lipschitz),
-    (Verdict.PROVED, r"state_affine\.structure", _nothing),
-    (Verdict.PROVED, r"state_affine\.lipschitz", _flow_lipschitz),
-    (Verdict.PROVED, r"recast\.(?:inverse|range)", _nothing),
-    (Verdict.PROVED, r"phase\.chain", _chain),
-    (Verdict.PROVED, r"(?!phase\.|original\.)[a-z_]+\.lipschitz", _clamped),
-    (Verdict.PROVED, r"phase\.rank", _rank),
+Maker = Callable[[Form, Check], Evidence | None]
+_MAKERS: tuple[tuple[Claims, Verdict, Maker], ...] = (
+    (Claims(fact="structure"), Verdict.PROVED, _nothing),
+    (Claims("recast"), Verdict.PROVED, _nothing),
+    (Claims(fact="a"), Verdict.PROVED, _gain),
+    (Claims(fact="a"), Verdict.REFUTED, _no_gain),
+    (Claims(fact="offset"), Verdict.PROVED, _offset),
+    (Claims(fact="slope"), Verdict.PROVED, _slope),
+    (Claims(fact="slope"), Verdict.REFUTED, _no_slope),
+    (Claims(fact="lipschitz"), Verdict.PROVED, _lipschitz),
+    (Claims("phase", "chain"), Verdict.PROVED, _chain),
+    (Claims("phase", "rank"), Verdict.PROVED, _rank),
 )

@@ -184,7 +184,7 @@ def integrators(observer: str, form: Form, *, several: bool = False) -> Integrat
     gains = form.gains
     chain = {(h + j, h + j + 1) for h, c in zip(form.heads, gains, strict=True) for j in range(len(c) - 1)}
     if any(form.A[i, j] != 0 and (i, j) not in chain for i in range(form.n) for j in range(form.n)):
-        raise BadGain(observer, no_chain(form))
+        raise no_chain(observer, form)
     for names, each in zip(form.gain_names, gains, strict=True):
         for name, a in zip(names, each, strict=True):
             if a == 0:
@@ -204,9 +204,11 @@ def demand_divisor(name: str, a: sp.Expr, form: Form) -> None:
         raise BadGain(f"{name} = {a}", reason)
 
 
-def no_chain(form: Form) -> str:
+def no_chain(observer: str, form: Form) -> BadGain:
     """Why a form whose A is no superdiagonal is refused: another kind, or one whose structure is not shown."""
     if form.structured:
-        return f"takes a triangular form, this one is {form.kind}; use the form triangular or riccati"
-    why = next((f": {c.reason}" for c in form.checks if c.id.endswith(".structure")), "")
-    return f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form{why}; use riccati"
+        return BadGain(
+            observer, f"takes a triangular form, this one is {form.kind}; use the form triangular or riccati"
+        )
+    said = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
+    return BadGain(observer, said, because=form.about("structure")[0], fix="use riccati")

@@ -35,30 +35,41 @@ _AFFINE = "kalman_like"  # takes state_affine, which says nothing of observabili
 _ANYWHERE = ("riccati", "hamilton_jacobi")  # take a plant in its own coordinates
 _DEAR = "phase"
 _SLOW = tuple(kind for kind, proposal in PROPOSALS.items() if proposal.dear)
-_KNOWN = {
-    Convergence.PROVED: "proved",
-    Convergence.ABOVE: "proved for its theta",
-    Convergence.BELOW: "proved for a larger theta",
-    Convergence.UNKNOWN: "open",
+_KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
+    Convergence.PROVED: ("proved", 0),
+    Convergence.ABOVE: ("proved for its theta", 0),
+    Convergence.BELOW: ("proved for a larger theta", 1),
+    Convergence.UNKNOWN: ("open", 2),
+    None: ("no theorem", 3),
 }
-_NOWHERE = "no theorem"
 
 
 @dataclass(frozen=True)
 class Admitted:
     """An observer that the plant admits.
 
-    `name`: its tuning's, "" of a first proposal; `form`; `known` of its convergence; `cost` of a call; `where` to take
-    it; `line`: of Python, or for plain text the command or the entry of the model, that makes its step.
+    `name`: its tuning's, "" of a first proposal; `form`; `convergence`: None where no theorem covers it; `cost` of a
+    call; `where` to take it; `line`: of Python, or for plain text the command or the entry of the model, that makes its
+    step.
     """
 
     observer: str
     name: str
     form: str
-    known: str
+    convergence: Convergence | None
     cost: Cost
     where: str
     line: str
+
+    @property
+    def known(self) -> str:
+        """What is known of its convergence, in a word."""
+        return _KNOWN[self.convergence][0]
+
+    @property
+    def rank(self) -> tuple[int, int, int]:
+        """The best is the least."""
+        return _KNOWN[self.convergence][1], self.cost.operations, self.cost.functions
 
     @property
     def proposed(self) -> bool:
@@ -98,22 +109,15 @@ def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *,
     many = len(found.plant.states) > _MANY
     left = () if deep else [kind for kind in PROPOSALS if kind not in _FEW] if many else _SLOW
     rows |= dict(_proposed(model, found, [*rows, *left]))
-    order = sorted(rows.values(), key=lambda row: (_rank(row.known), row.cost.operations, row.cost.functions))
+    order = sorted(rows.values(), key=lambda row: row.rank)
     brief = ["Of so many states, other observers are built with first gains by --deep."] if many and not deep else []
     notes = (*_notes(model, seen, found), *tuned.left(rows), *(brief or _without(rows)))
     return Advice(found.plant.name, tuple(order), notes, model.plain)
 
 
-def _rank(known: str) -> int:
-    ranks = [_KNOWN[Convergence.BELOW], _KNOWN[Convergence.UNKNOWN], _NOWHERE]
-    return ranks.index(known) + 1 if known in ranks else 0
-
-
 def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "") -> Admitted:
     observer = step.observer
-    known = _KNOWN[convergence(kind, observer.checks)]
-    if observer.form.kind == "original":
-        known = _NOWHERE
+    known = None if observer.form.kind == "original" else convergence(kind, observer.checks)
     told = PROPOSALS.get(kind, Proposal(summaries("hgogen.observers", [kind])[kind])).where
     return Admitted(kind, name, form or observer.form.kind, known, cost(step), told, line)
 

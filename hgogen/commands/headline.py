@@ -68,7 +68,7 @@ def _converges(claims: Checked) -> str:
 
 
 def _names(checks: Iterable[Check]) -> str:
-    return _few([check.id.partition(".")[2] for check in checks])
+    return _few([check.id.short for check in checks])
 
 
 def _few(names: list[str]) -> str:

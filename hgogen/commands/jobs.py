@@ -140,7 +140,8 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         if error.form is None:
             raise
         note = f"the observer of {model.path} refused this form: its own checks are missing"
-        return Checked(model.plant.name, error.form, error.form.checks, error.accepted, notes=(*model.notes, note))
+        known = tuple(check.id for check in error.form.checks if check.id in error.accepted)
+        return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer
     told = (model.plant.name, observer.form, observer.checks, observer.accepted, observer.name, observer.theorem)
     return Checked(*told, model.notes, step=step, tuning=name or "")

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.commands.process import console
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
@@ -50,13 +50,13 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
     listed = tuple(listed)
     title, *equations = head.split("\n")
     table = _table("", "verdict", "check", "claim and reason")
-    for check in _gathered(listed, accepted):
+    for called, check in _gathered(listed, accepted):
         at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
         said = f"{check.claim}\n{check.reason}{'; at ' + at if at else ''}"
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
         if check.id in accepted:
             verdict.append("\naccepted", style="yellow")
-        table.add_row(verdict, Text(check.id), _text(said))
+        table.add_row(verdict, Text(called), _text(said))
     fixes = [Text(f"{c.id}: {c.advice}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
     return Group(Text(title, style="bold"), *map(_text, equations), table, *fixes, "")
 
@@ -66,29 +66,28 @@ def _text(said: str) -> Text:
     return Text(re.sub(r"(?<![\d.])(\d{1,15}?)(0{20,})(?!\d)", lambda m: f"{m[1]}e{len(m[2])}", said))
 
 
-def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[Check]:
-    """The checks, those of one kind that say the same of a_1, a_2, .. as one."""
+def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tuple[str, Check]]:
+    """The checks with what they are called, those that say the same of a_1, a_2, .. as one."""
 
     def kind(check: Check) -> tuple[bool, Check]:
-        return check.id in accepted, replace(_anyone(check), id=check.id.rstrip("0123456789"))
+        return check.id in accepted, _anyone(check)
 
-    for (taken, _), group in groupby(listed, key=kind):
+    for (taken, one), group in groupby(listed, key=kind):
         alike = list(group)
         if taken or len(alike) < _ALIKE:
-            yield from alike
+            yield from ((check.id, check) for check in alike)
         else:
-            first, last = alike[0].id, alike[-1].id.partition(".")[2]
-            yield replace(_anyone(alike[0]), id=f"{first}..{last}")
+            yield f"{alike[0].id}..{alike[-1].id.short}", one
 
 
 def _anyone(check: Check) -> Check:
-    """The check with i for its number."""
-    number = re.search(r"_(\d+)$", check.id)
-    if number is None:
+    """The check without its last index, with i for it in what it says."""
+    if not check.id.at:
         return check
-    at = {int(number[1]): "i", int(number[1]) - 1: "(i-1)"}
+    *others, number = check.id.at
+    at = {number: "i", number - 1: "(i-1)"}
     put = [re.sub(r"_(\d+)\b", lambda m: f"_{at.get(int(m[1]), m[1])}", text) for text in (check.claim, check.reason)]
-    return replace(check, claim=put[0], reason=put[1])
+    return replace(check, id=ClaimId(check.id.maker, check.id.fact, *others), claim=put[0], reason=put[1])
 
 
 def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import ELSEWHERE, Form
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
@@ -92,12 +92,12 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
     structure = _structure(name, verdict, why)
     if chains.broken or answer is False:
-        refused = (structure, *cut_off("block_triangular.connected", plant))
+        refused = (structure, *cut_off("block_triangular", plant))
         return form_in(coordinates(plant), "block_triangular", refused, _REFERENCE)
     found = [_signed(links, plant) for links in chains.links]
     z = coordinates(plant, chains.order, [t for chain in found for t in chain.signs])
     parts = _, b, _ = _parts(z, found)
-    checks = (structure, *_claims(found, plant), lipschitz("block_triangular.lipschitz", map(z.back, b), plant))
+    checks = (structure, *_claims(found, plant), lipschitz("block_triangular", map(z.back, b), plant))
     blocks = chains.blocks
     return form_in(z, "block_triangular", checks, _REFERENCE, parts=parts, blocks=blocks, alignment=name)
 
@@ -113,7 +113,7 @@ def _structure(name: str, verdict: Verdict, why: str) -> Check:
     reads = _ALIGNMENTS[name][1]
     claim = f"each row brings in the next state of its chain, linearly, and reads {reads} ({name})"
     fix = "" if verdict is Verdict.PROVED else f"Try another alignment; {ELSEWHERE}"
-    return Check("block_triangular.structure", claim, verdict, why, fix=fix)
+    return Check(ClaimId("block_triangular", "structure"), claim, verdict, why, fix=fix)
 
 
 def _signed(links: tuple[Link, ...], plant: System) -> _Chain:
@@ -143,8 +143,8 @@ def _parts(z: Coordinates, chains: list[_Chain]) -> Parts:
 def _claims(chains: list[_Chain], plant: System) -> Iterator[Check]:
     for i, chain in enumerate(chains, 1):
         for j, gain in enumerate(chain.gains, 1):
-            yield positive(f"block_triangular.a_{i}_{j}", f"a_({i},{j})", gain, plant)
+            yield positive(ClaimId("block_triangular", "a", i, j), f"a_({i},{j})", gain, plant)
     for i, chain in enumerate(chains, 1):
         offset = chain.rests[0]
         if offset != 0 and offset.free_symbols.isdisjoint(plant.states):
-            yield defined(f"block_triangular.offset_{i}", f"c_{i}", offset, plant)
+            yield defined(ClaimId("block_triangular", "offset", i), f"c_{i}", offset, plant)

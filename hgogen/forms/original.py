@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from hgogen.algebra.identity import reads
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.signal import Signal
@@ -55,11 +55,11 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     A, b = split(z.flow, z.states)
     terms = (a * z.states[j] for (_, j), a in A.todok().items())
     checks = (
-        connected("original.connected", hidden),
+        connected("original", hidden),
         _shape(along, seen, needs),
-        lipschitz("original.lipschitz", map(z.back, (*terms, *b, *z.output)), plant, "A x + b with the output"),
+        lipschitz("original", map(z.back, (*terms, *b, *z.output)), plant, "A x + b with the output"),
         Check(
-            "original.convergence",
+            ClaimId("original", "convergence"),
             "the estimate converges from everywhere in the box",
             Verdict.UNKNOWN,
             "no theorem here covers the plant in its own coordinates",
@@ -84,7 +84,7 @@ def _shape(
     along: Sequence[Signal], seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]
 ) -> Check:
     """Whether in the order `along` each row reads the states up to the next one, and that one indeed."""
-    id = "original.order"
+    id = ClaimId("original", "order")
     order = ", ".join(map(str, along))
     claim = f"in the order ({order}) y and each derivative in turn read states up to the next, with a slope in that"
     if len(seen) > 1:

@@ -22,7 +22,7 @@ from hgogen.algebra.rewrite import TooLarge
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
@@ -91,7 +91,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     back = inverse(images, whole.plant.states, (*whole.plant.inputs, *whole.plant.parameters), fixed)
     one_to_one = _one_to_one(whole, images, back, rank)
     checks = (
-        Check("phase.chain", "y = z_1, z_i' = z_(i+1)", Verdict.PROVED, "by construction"),
+        Check(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", Verdict.PROVED, "by construction"),
         _inputs(whole),
         rank,
         one_to_one,
@@ -179,7 +179,7 @@ def _kept(whole: _Map, checks: tuple[Check, ...]) -> Form:
 
 
 def _inputs(whole: _Map) -> Check:
-    id, claim = "phase.inputs", "the derivatives of inputs that enter have ranges"
+    id, claim = ClaimId("phase", "inputs"), "the derivatives of inputs that enter have ranges"
     known = whole.plant.inputs[len(whole.before.inputs) :]
     if not known:
         return Check(id, claim, Verdict.PROVED, "none enters")
@@ -195,7 +195,7 @@ def _inputs(whole: _Map) -> Check:
 
 def _rank(whole: _Map) -> tuple[Check, Sign]:
     """By rigorous bounds of the determinant; generic where it is not 0 identically, and its zeros are not excluded."""
-    id, claim = "phase.rank", f"det dPhi/dx = {whole.shown} has no zero on the box"
+    id, claim = ClaimId("phase", "rank"), f"det dPhi/dx = {whole.shown} has no zero on the box"
     jumps = any(row.has(*JUMPS) for row in (*whole.before.flow, *whole.before.output))
     det = whole.determinant if jumps else at_kinks(whole.determinant)
     sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
@@ -235,7 +235,7 @@ def _one_to_one(
     whole: _Map, images: dict[Signal, sp.Expr], back: dict[sp.Symbol, sp.Expr] | None, rank: Check
 ) -> Check:
     """By the inverse, wherever it is defined on the image; or by rows that each bring in one state, with a slope."""
-    id, claim = "phase.inverse", "Phi is one to one on the box, whatever the inputs"
+    id, claim = ClaimId("phase", "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim)
     parts = {tidy(part.xreplace(dict(images))) for e in back.values() for part in _delicate(e)}
@@ -252,7 +252,7 @@ def _one_to_one(
     return Check(id, claim, Verdict.PROVED, f"{text}, by exact substitution")
 
 
-def _by_rows(whole: _Map, rank: Check, id: str, claim: str) -> Check:
+def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
     """Phi lower triangular in some order of states: strictly monotone in each, where the determinant has no zero."""
     seen: set[sp.Symbol] = set()
     for row in whole.jacobian.tolist():
@@ -267,18 +267,18 @@ def _by_rows(whole: _Map, rank: Check, id: str, claim: str) -> Check:
 
 def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
     """phi(Psi(z)): on a compact box, a one to one Phi of full rank has a smooth inverse on its compact image."""
-    unknown = Check("phase.lipschitz", "phi is Lipschitz in z on the image of the box", Verdict.UNKNOWN, "")
+    unknown = Check(ClaimId("phase", "lipschitz"), "phi is Lipschitz in z on the image of the box", Verdict.UNKNOWN, "")
     loose = [s.name for s in (*whole.plant.states, *whole.plant.inputs) if not s.bounded]
     if loose:
         return replace(unknown, reason=f"no range is declared for {', '.join(loose)}")
     missing = [c.id for c in (rank, one_to_one) if c.verdict is not Verdict.PROVED]
     if missing:
         return replace(unknown, reason=f"in z it needs {' and '.join(missing)}")
-    check = replace(lipschitz(unknown.id, [whole.phi], whole.plant, "phi"), claim=unknown.claim)
+    check = replace(lipschitz("phase", [whole.phi], whole.plant, "phi"), claim=unknown.claim)
     if check.verdict is not Verdict.PROVED:
         return check
     reason = "phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box"
-    return replace(check, reason=reason)
+    return replace(check, reason=reason, proofs=())  # what bounds its slope in x says nothing of that in z
 
 
 def _undefined(expressions: Iterable[sp.Expr], plant: System) -> str:

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import ELSEWHERE, Form
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
@@ -55,16 +55,16 @@ def state_affine(plant: System) -> Form:
             A[i, plant.states.index(x)] = z.carry(gain)
         b.append(z.carry(rest[i]))
     A += linear
-    steep = lipschitz("state_affine.lipschitz", plant.flow, plant, "A x + b")
+    steep = lipschitz("state_affine", plant.flow, plant, "A x + b")
     parts = sp.ImmutableDenseMatrix(A), tuple(b), z.output
-    unseen = cut_off("state_affine.connected", plant)
+    unseen = cut_off("state_affine", plant)
     return form_in(z, "state_affine", (structure, steep, *unseen), _REFERENCE, parts=parts)
 
 
 def _structure(output: Sequence[Affine], flow: Sequence[Affine], measured: Sequence[Signal]) -> Check:
     """Refuted by an output that is not affine, or by a rate, where the outputs show single states: else a rate may yet
     be a function of what they show together."""
-    id = "state_affine.structure"
+    id = ClaimId("state_affine", "structure")
     single = all(row.answer and sum(gain != 0 for gain in row.slopes) <= 1 for row in output)
     shown = sum(any(gain != 0 for gain in row.slopes) for row in output)
     wrong = next((row for wanted in (False, None) for row in (*output, *flow) if row.answer is wanted), None)

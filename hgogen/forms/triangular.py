@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import ELSEWHERE, Form
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
@@ -78,13 +78,13 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
     b = (*rest, z.flow[-1])
     checks = (
         _structure(Verdict.PROVED if answer else Verdict.UNKNOWN, why, ""),
-        *(positive(f"triangular.a_{i}", f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
+        *(positive(ClaimId("triangular", "a", i), f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
         *_offset(links[0].rest, plant),
     )
     parts = sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,)
     form = form_in(z, "triangular", checks, _REFERENCE, parts=parts)
     name = "b" if form.nonlinear == form.b else "b, with the a_i(z_1) z_i,"
-    steep = lipschitz("triangular.lipschitz", map(z.back, form.nonlinear), plant, name)
+    steep = lipschitz("triangular", map(z.back, form.nonlinear), plant, name)
     return replace(form, checks=(*form.checks, steep))
 
 
@@ -107,7 +107,7 @@ def _signs(links: list[Link], plant: System) -> list[int]:
 
 def _offset(c: sp.Expr, plant: System) -> tuple[Check, ...]:
     known = c != 0 and c.free_symbols.isdisjoint(plant.states)
-    return (defined("triangular.offset", "c", c, plant),) if known else ()
+    return (defined(ClaimId("triangular", "offset"), "c", c, plant),) if known else ()
 
 
 def _unordered(plant: System, structure: Check) -> Form:
@@ -115,8 +115,8 @@ def _unordered(plant: System, structure: Check) -> Form:
 
 
 def _structure(verdict: Verdict, reason: str, fix: str) -> Check:
-    claim = "each row brings in one new state, linearly"
-    return Check("triangular.structure", claim, verdict, reason, fix="" if verdict is Verdict.PROVED else fix)
+    id, claim = ClaimId("triangular", "structure"), "each row brings in one new state, linearly"
+    return Check(id, claim, verdict, reason, fix="" if verdict is Verdict.PROVED else fix)
 
 
 def _fix(chains: Chains, shape: Shape, plant: System) -> str:

@@ -16,7 +16,7 @@ H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable sys
 
 from dataclasses import dataclass
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import ELSEWHERE, Form
 from hgogen.intervals.box import box
@@ -64,19 +64,20 @@ def uniform(plant: System) -> Form:
 
 def _structure(verdict: Verdict, why: str) -> Check:
     fix = "" if verdict is Verdict.PROVED else f"Measure another output; {ELSEWHERE}"
-    return Check("uniform.structure", "y shows one state, each row brings in one new one", verdict, why, fix=fix)
+    id, claim = ClaimId("uniform", "structure"), "y shows one state, each row brings in one new one"
+    return Check(id, claim, verdict, why, fix=fix)
 
 
 def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
     (links,) = chains.links
     slopes = [_slope(i, link, plant) for i, link in enumerate(links, 1)]
-    return (*slopes, lipschitz("uniform.lipschitz", (*plant.flow, *plant.output), plant, "F with the output"))
+    return (*slopes, lipschitz("uniform", (*plant.flow, *plant.output), plant, "F with the output"))
 
 
 def _slope(i: int, link: Link, plant: System) -> Check:
     """The slope keeps off zero; it is not known of a row that may jump, which is not one-to-one for its slope alone,
     nor of one that may be real nowhere, which has no slope."""
-    check = apart(f"uniform.slope_{i}", _name(i), link.slope, plant)
+    check = apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant)
     if check.verdict is not Verdict.PROVED:
         return check
     unreal = beyond(link.row, link.state, box(plant.signals, plant.nominal))

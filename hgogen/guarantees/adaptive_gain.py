@@ -49,7 +49,7 @@ from hgogen.algebra.definite import (
 from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.guarantees.certified import Nothing, Steep, slope
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds
@@ -207,15 +207,15 @@ def attenuation(found: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: F
     return fmpq_mat(block)
 
 
-def facts(id: str, found: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
-    """`ID.definite`, `ID.shrink`, `ID.decay`: what is asked of K, P and sigma alone."""
+def facts(maker: str, found: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
+    """`MAKER.definite`, `MAKER.shrink`, `MAKER.decay`: what is asked of K, P and sigma alone."""
     more = "" if decay is None else f" + {float(decay):g} I"
     rate = found.rate if decay is None else found.rate - unit(found.n) * number(decay)
     return (
-        judged(f"{id}.definite", "P > 0", exact(found.P)),
-        judged(f"{id}.shrink", "D P + P D >= 0, D = diag(1, .., n)", found.shrink, strict=False),
+        judged(ClaimId(maker, "definite"), "P > 0", exact(found.P)),
+        judged(ClaimId(maker, "shrink"), "D P + P D >= 0, D = diag(1, .., n)", found.shrink, strict=False),
         judged(
-            f"{id}.decay",
+            ClaimId(maker, "decay"),
             f"(A - K C)'P + P (A - K C) + {float(found.sigma):g} (D P + P D){more} < 0",
             rate,
             sign=-1,
@@ -223,7 +223,7 @@ def facts(id: str, found: Candidate, decay: Fraction | None = None) -> tuple[Che
     )
 
 
-def judged(id: str, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
+def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) -> Check:
     """Whether M > 0, or M >= 0; the claim is about `sign` M."""
     low, high = smallest(M)
     extreme = "smallest" if sign > 0 else "largest"
@@ -242,45 +242,49 @@ def judged(id: str, claim: str, M: Any, strict: bool = True, sign: int = 1) -> C
     )
 
 
-def checks(id: str, found: Candidate, given: Given) -> tuple[Check, ...]:
-    """`facts`; `ID.convergence`, that gamma_inf is above the bound (62); with a disturbance `ID.attenuation`, a bound
-    of the L2 gain."""
-    known = facts(id, found)
+def checks(maker: str, found: Candidate, given: Given) -> tuple[Check, ...]:
+    """`facts`; `MAKER.convergence`, that gamma_inf is above the bound (62); with a disturbance
+    `MAKER.attenuation`, a bound of the L2 gain."""
+    known = facts(maker, found)
     sound = all(check.verdict is Verdict.PROVED for check in known)
     lost = "" if sound else "P proves nothing"
     lost = lost or ("" if given.slope is not None else given.reason)
     whole: list[tuple[Check, Candidate | Adapting]] = [(check, found) for check in known]
-    whole += [(_above(id, found, given, lost), Adapting(found, given))]
-    whole += [(_gain(id, found, given, lost), Attenuating(found, given))] if given.disturbance else []
+    whole += [(_above(maker, found, given, lost), Adapting(found, given))]
+    whole += [(_gain(maker, found, given, lost), Attenuating(found, given))] if given.disturbance else []
     numbers = {"gamma": (given.low, given.high), "sigma": found.sigma, "gains": found.K}
     return tuple(replace(check, proofs=(Grounds(numbers, fact),)) for check, fact in whole)
 
 
-def _above(id: str, found: Candidate, given: Given, lost: str) -> Check:
+def _above(maker: str, found: Candidate, given: Given, lost: str) -> Check:
     claim = "in continuous time, without noise, the error converges exponentially, whatever the law makes of gamma"
     if lost or given.slope is None:
-        return Check(f"{id}.convergence", claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
+        return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
     bound = max(Fraction(1), 2 * given.slope * found.peak / found.decay)
     numbers = f"k <= {up(given.slope)}, lambda_max(P) <= {up(found.peak)}, lambda >= {down(found.decay)}"
     least = f"{up(bound)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
     if not given.low > bound:
         low = f"not shown: gamma_inf = {float(given.low):g} is not above {least}; this is sufficient, not necessary"
-        return Check(f"{id}.convergence", claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials.")
+        return Check(
+            ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials."
+        )
     speed = (given.low * found.decay - 2 * given.slope * found.peak) / (2 * found.peak)
     rate = f"the error decays at least like exp(-{down(speed, 2)} t) while the estimate keeps to its outer box"
     above = f"gamma_inf = {float(given.low):g} is above {least}; {rate}"
-    return Check(f"{id}.convergence", claim, Verdict.PROVED, above)
+    return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, above)
 
 
-def _gain(id: str, found: Candidate, given: Given, lost: str) -> Check:
+def _gain(maker: str, found: Candidate, given: Given, lost: str) -> Check:
     claim = "the L2 gain from the disturbance to the error has a bound"
     if lost:
-        return Check(f"{id}.attenuation", claim, Verdict.UNKNOWN, lost)
+        return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, lost)
     mu = gain(found, given)
     if mu is None:
         low = f"not shown: (70) asks for gamma_inf above {up(found.least(given.slope or Fraction(0)))} at least"
-        return Check(f"{id}.attenuation", claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
-    return Check(f"{id}.attenuation", claim, Verdict.PROVED, f"mu <= {up(mu)}, in the coordinates of integrators")
+        return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
+    return Check(
+        ClaimId(maker, "attenuation"), claim, Verdict.PROVED, f"mu <= {up(mu)}, in the coordinates of integrators"
+    )
 
 
 def gain(found: Candidate, given: Given) -> Fraction | None:

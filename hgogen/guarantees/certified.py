@@ -31,10 +31,10 @@ import sympy as sp
 
 from hgogen.algebra.definite import Matrix, root
 from hgogen.algebra.points import exact, points
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.lmi import STATES, Lyapunov, common
-from hgogen.intervals.bounds import Range, box
+from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Grounds, Proof
 from hgogen.reading.door import Misfit
@@ -197,24 +197,28 @@ class Bound(Protocol):
         ...
 
 
-def checks(id: str, theta: float, found: Bound | Nothing, name: str = "theta") -> tuple[Check, Check]:
-    """`ID.convergence`, that there is a bound, and `ID.theta`, that theta, the gain of that `name`, is above it."""
+def checks(maker: str, theta: float, found: Bound | Nothing, name: str = "theta") -> tuple[Check, Check]:
+    """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta, the gain of that `name`, is above it."""
     exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
     above = f"theta = {theta:g} is above that bound"
     if isinstance(found, Nothing):
         return (
-            Check(f"{id}.convergence", exists, Verdict.UNKNOWN, found.reason, fix="Validate by trials."),
-            Check(f"{id}.theta", above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
+            Check(ClaimId(maker, "convergence"), exists, Verdict.UNKNOWN, found.reason, fix="Validate by trials."),
+            Check(ClaimId(maker, "theta"), above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
         )
     proof = f"above {found}; exact arithmetic and outward-rounded intervals"
     grounds = Grounds({name: theta, **found.numbers}, found)
-    convergence = Check(f"{id}.convergence", exists, Verdict.PROVED, proof, proofs=(grounds,))
+    convergence = Check(ClaimId(maker, "convergence"), exists, Verdict.PROVED, proof, proofs=(grounds,))
     if Fraction(theta) > found.theta:
         rate = f"above {up(found.theta)}; the error decays at least like exp(-{down(found.rate(theta), 2)} t)"
         rate += " while the estimate keeps to its outer box"
-        return convergence, Check(f"{id}.theta", above, Verdict.PROVED, rate, proofs=(replace(grounds, fact=None),))
+        return convergence, Check(
+            ClaimId(maker, "theta"), above, Verdict.PROVED, rate, proofs=(replace(grounds, fact=None),)
+        )
     low = f"not shown: {theta:g} is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
-    return convergence, Check(f"{id}.theta", above, Verdict.UNKNOWN, low, fix=f"Raise {name}, or validate by trials.")
+    return convergence, Check(
+        ClaimId(maker, "theta"), above, Verdict.UNKNOWN, low, fix=f"Raise {name}, or validate by trials."
+    )
 
 
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
@@ -316,9 +320,7 @@ def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof
     found = span(square, form, _BOXES)
     if not (found and found.defined and found.finite):
         return "no bound L_b on the slope of b was found on the box"
-    around = box(signals(form), form.system.nominal)
-    steep = root(Fraction(max(found.high, 0.0)))
-    return Proof("slope", form.b, around, None, steep, found.variables, found.tree, form.states)
+    return Proof(form.b, None, root(Fraction(max(found.high, 0.0))), found.variables, found.tree)
 
 
 def _search(form: Form, slopes: sp.Matrix, core: _Core) -> tuple[Fraction, ...]:

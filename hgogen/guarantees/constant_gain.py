@@ -176,7 +176,7 @@ def _chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:
         (i, j) for i in range(form.n) for j in range(form.n) if form.A[i, j] != 0 and (j != i + 1 or j in form.heads)
     ]
     if off or any(a == 0 for chain in each for a in chain):
-        raise BadGain(observer, no_chain(form))
+        raise no_chain(observer, form)
     for names, chain in zip(form.gain_names, each, strict=True):
         for name, a in zip(names, chain, strict=True):
             if a.free_symbols & {*form.states}:

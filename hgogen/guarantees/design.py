@@ -24,7 +24,7 @@ from hgogen.algebra.definite import root
 from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import integrators
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.guarantees.adaptive_gain import Disturbance, attenuation, candidate, facts, judged, share_of, steepness
@@ -125,7 +125,7 @@ def verified(
         block = attenuation(found, Fraction(0 if decay is None else decay), first, second)
         level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
         claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
-        checks.append(judged("adaptive_gain.attenuation", claim, block, sign=-1))
+        checks.append(judged(ClaimId("adaptive_gain", "attenuation"), claim, block, sign=-1))
     return Checks(checks)
 
 

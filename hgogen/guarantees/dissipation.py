@@ -25,7 +25,7 @@ import sympy as sp
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact, kind
 from hgogen.algebra.symmetric import symmetric, unsymmetric
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem, error_box
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box
@@ -241,9 +241,13 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
 def _level(floor: Fraction | None, asked: Dissipates) -> Check:
     claim = "a set {V <= c} lies in the box and touches none of its faces"
     if floor is None:
-        return Check("dissipation.level", claim, Verdict.UNKNOWN, "V is not shown to be positive on the faces")
+        return Check(
+            ClaimId("dissipation", "level"), claim, Verdict.UNKNOWN, "V is not shown to be positive on the faces"
+        )
     proofs = (replace(asked, floor=floor),)
-    return Check("dissipation.level", claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}", proofs=proofs)
+    return Check(
+        ClaimId("dissipation", "level"), claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}", proofs=proofs
+    )
 
 
 def _check(what: str, claim: str, answer: Answer, side: str, asked: Dissipates) -> Check:
@@ -251,7 +255,7 @@ def _check(what: str, claim: str, answer: Answer, side: str, asked: Dissipates) 
     reason = answer.reason if answer.value is None else f"{side} is {answer.value:.3g} there"
     witness = {s.name: float(number) for s, number in answer.point.items()}
     proofs = (replace(asked, answer=answer),)
-    return Check(f"dissipation.{what}", claim, answer.verdict, reason, witness, proofs=proofs)
+    return Check(ClaimId("dissipation", what), claim, answer.verdict, reason, witness, proofs=proofs)
 
 
 def _above(number: sp.Rational) -> str:

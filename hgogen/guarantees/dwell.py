@@ -18,7 +18,7 @@ from fractions import Fraction
 from flint import arb
 
 from hgogen.algebra.definite import exact, number, smallest
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.guarantees.certified import Nothing, ThetaBound, checks
 from hgogen.intervals.digits import up
 from hgogen.intervals.proof import Grounds
@@ -31,12 +31,12 @@ class Held:
     least: Fraction
 
 
-def switching(id: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> tuple[Check, ...]:
-    """`ID.convergence`, that there is a bound on a gain, `ID.theta`, that `low` is above it, and `ID.hold`, that the
-    time `hold` is long enough."""
-    convergence, above = checks(id, low, found, "theta_low")
+def switching(maker: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> tuple[Check, ...]:
+    """`MAKER.convergence`, that there is a bound on a gain, `MAKER.theta`, that `low` is above it, and `MAKER.hold`,
+    that the time `hold` is long enough."""
+    convergence, above = checks(maker, low, found, "theta_low")
     above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
-    held = _held(f"{id}.hold", theta, low, hold, found)
+    held = _held(ClaimId(maker, "hold"), theta, low, hold, found)
     if isinstance(found, Nothing):
         return convergence, above, held
     numbers = {"theta": theta, "theta_low": low, "hold": hold, **found.numbers}
@@ -44,7 +44,7 @@ def switching(id: str, theta: float, low: float, hold: float, found: ThetaBound 
     return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in each)) for check, *each in facts)
 
 
-def _held(id: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> Check:
+def _held(id: ClaimId, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> Check:
     claim = f"hold = {hold:g} is long enough: switching keeps the error's decay"
     unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Validate by trials.")
     if isinstance(found, Nothing) or not Fraction(low) > found.theta:

@@ -17,7 +17,7 @@ from hgogen.algebra.definite import Matrix, exact, positive, root
 from hgogen.algebra.tape import NoTape
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.guarantees.certified import Steep
 from hgogen.guarantees.lmi import Lyapunov, lyapunov
 from hgogen.intervals.bounds import bound
@@ -81,7 +81,7 @@ def falls(proof: Lyapunov, spread: np.ndarray, p_1: float) -> Check:
     P, N = np.array(proof.P), np.array(proof.vertices[0])
     gap = -(N.T @ P + P @ N)
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
-    id, claim = "updated_gain.p_1", "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
+    id, claim = ClaimId("updated_gain", "p_1"), "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
     if positive(exact(gap - Fraction(p_1) * spread)):
         return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
     reason = "not for the P of N'P + P N = -I; another P may do"
@@ -91,7 +91,7 @@ def falls(proof: Lyapunov, spread: np.ndarray, p_1: float) -> Check:
 def rises(proof: Lyapunov, spread: np.ndarray, p_3: float) -> Check:
     """p_3 (D P + P D) >= 2 lambda_max(P)."""
     least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
-    id, claim = "updated_gain.p_3", "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
+    id, claim = ClaimId("updated_gain", "p_3"), "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
     room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
     if positive(exact(room)):
         return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
@@ -101,7 +101,10 @@ def rises(proof: Lyapunov, spread: np.ndarray, p_3: float) -> Check:
 
 def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
     """p_1 (p_2 - cap) + p_3 Gamma(cap) < 0 at every point of the declared ranges, to which Gamma is clamped."""
-    id, claim = "updated_gain.cap", "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap"
+    id, claim = (
+        ClaimId("updated_gain", "cap"),
+        "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap",
+    )
     form, n = chain.form, chain.n
     unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Raise cap, or watch the status GAIN_LIMITED.")
     if form.behind is not None:
@@ -122,7 +125,7 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
     gamma = up(math.sqrt(max(squares.high, 0.0)) * (1 + 1e-12))
     most = Fraction(max(squares.high, 0.0))
     if above > 0 and above**2 > most:
-        steep = Proof("slope", form.b, around, None, root(most), squares.variables, squares.tree, form.states)
+        steep = Proof(form.b, None, root(most), squares.variables, squares.tree)
         reason = f"Gamma(cap) <= {gamma}, by outward-rounded intervals"
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(Steep(units, scale, steep),))
     return replace(unknown, reason=f"Gamma(cap) may be {gamma}")

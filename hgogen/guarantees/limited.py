@@ -80,7 +80,7 @@ def limited(
         equations=(EQUATION.format(shape.text), LEVEL, f"K = {listed(K)}"),
         reference=REFERENCE,
         checks=(
-            core_check(f"{name}.core", adaptation, proofs, numbers),
+            core_check(name, adaptation, proofs, numbers),
             *checks(name, high.initial[0], theta_bound(chain, proofs, numbers)),
         ),
         accepted=accept,

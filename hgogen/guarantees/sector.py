@@ -35,7 +35,7 @@ import sympy as sp
 from hgogen.algebra.definite import Matrix, exact, smallest
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.guarantees.certified import GROWTHS, Nothing, Steep, slope
 from hgogen.guarantees.lmi import STATES, lyapunov
 from hgogen.intervals.digits import down, up
@@ -190,8 +190,9 @@ def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
     return tuple(one for one in found if one is not None)
 
 
-def core_check(id: str, adaptation: Adaptation, found: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
-    """The check that there is such a proof, of an observer that is built with the `numbers`."""
+def core_check(maker: str, adaptation: Adaptation, found: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
+    """`MAKER.core`, that there is such a proof, of an observer that is built with the `numbers`."""
+    id = ClaimId(maker, "core")
     claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
     for one in found:
         reason = f"by a quadratic form with mu = {float(one.mu):g}, tau = {float(one.tau):g}, in rational arithmetic"

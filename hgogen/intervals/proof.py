@@ -12,27 +12,18 @@ _SLACK = Fraction(1, 2**40)  # of the size, so that another arithmetic, or other
 
 @dataclass(frozen=True)
 class Proof:
-    """A fact on a closed box.
+    """A fact on a closed box, on which the `expressions` are defined.
 
-    `kind`: "range": low <= value <= high of the one expression, which is defined on the whole box; "slope": the
-    spectral norm of the expressions' Jacobian in `states` is at most `high`, and they are defined. `box`: exact ends,
-    inf where unbounded; `low`, `high`: exact, None where nothing is claimed; `variables`, `tree`: the bisection,
-    ("split", index, left, right) and "leaf", sides cut in the middle.
+    Of a range: low <= value <= high, of the one expression; of a slope: the spectral norm of the expressions' Jacobian
+    in the states is at most `high`, and `low` is None. Both are exact; `variables`, `tree`: the bisection, ("split",
+    index, left, right) and "leaf", sides cut in the middle.
     """
 
-    kind: str
     expressions: tuple[sp.Expr, ...]
-    box: Mapping[sp.Symbol, tuple[Fraction | float, Fraction | float]] = field(hash=False)
     low: Fraction | None
     high: Fraction | None
     variables: tuple[sp.Symbol, ...]
     tree: Any = field(hash=False, repr=False)
-    states: tuple[sp.Symbol, ...] = ()
-
-    @property
-    def expression(self) -> sp.Expr:
-        """The first expression."""
-        return self.expressions[0]
 
 
 @dataclass(frozen=True)

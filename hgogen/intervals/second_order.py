@@ -99,7 +99,7 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
         total = sum(sign.range.boxes for sign in left)
         reason = f"its second order is definite on {share} of the box of errors, {total} boxes cover the rest"
-        slabs = tuple(_proof(asked.value, slab, sign) for slab, sign in zip(_slabs(asked, share), left, strict=True))
+        slabs = tuple(_proof(asked.value, sign) for sign in left)
         return Answer(Verdict.PROVED, reason, proofs=(definite.proof, *slabs), share=share, basis=definite.basis)
     reason = f"its second order is definite on {share} of the box of errors; the rest is not decided"
     return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for each of {len(left)} slabs")
@@ -282,7 +282,7 @@ def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> _Definite | None:
         found = lipschitz_bound(rows, t, whole, boxes=boxes, relative=relative)
         if found.verdict is Verdict.PROVED and found.high < 1:
             high, tree = Fraction(found.high), found.tree
-            return _Definite(Proof("slope", tuple(rows), whole, None, high, found.variables, tree, t), short)
+            return _Definite(Proof(tuple(rows), None, high, found.variables, tree), short)
         if found.verdict is not Verdict.PROVED or found.low >= 1:
             break
     return None
@@ -380,6 +380,6 @@ def _slabs(asked: SecondOrder, share: Fraction) -> Iterator[Box]:
         inner[e] = low * share, high * share
 
 
-def _proof(expression: sp.Expr, box: Box, sign: Sign) -> Proof:
+def _proof(expression: sp.Expr, sign: Sign) -> Proof:
     found = sign.range
-    return Proof("range", (expression,), box, *ends(found.low, found.high), found.variables, found.tree)
+    return Proof((expression,), *ends(found.low, found.high), found.variables, found.tree)

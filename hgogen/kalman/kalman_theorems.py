@@ -12,7 +12,7 @@ Theory and Applications" (2001); Busvelle's slides on decaying theta.
 
 from dataclasses import replace
 
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -153,12 +153,12 @@ _READS = "b_(i,j) reads z_(k,l) for l <= "
 ALIGNMENTS = {  # by the alignment of the chains
     "top": Hypothesis(
         f"{_READS}j only (top)",
-        ("block_triangular.structure",),
+        (Claims("block_triangular", "structure"),),
         reason="the paper is of one output; in Delta z, top, its inequalities are the same",
     ),
     "end": Hypothesis(
         f"{_READS}j + n_k - n_i only (end)",
-        ("block_triangular.structure",),
+        (Claims("block_triangular", "structure"),),
         reference="Boizot, thesis (2010), chapter 5",
     ),
     "cascade": Hypothesis(

@@ -25,7 +25,7 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.sign import nonzero
@@ -51,7 +51,7 @@ class Persistent:
     period: sp.Expr | None = None
 
 
-def persistent(id: str, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:
+def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:
     """The check that the inputs are regularly persistent, for all parameter values; any are where A, C read none.
 
     Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, its text, or a number, None where they are

@@ -35,7 +35,7 @@ from typing import Any
 
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep, sample
-from hgogen.check import Refuted, Verdict
+from hgogen.check import Refuted
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.modelfiles.arguments import faults, poles, value
@@ -194,7 +194,7 @@ class Tuning:
     def _other(self, refused: Any) -> str:
         """The observer that takes the plant as it is, in a sentence, where that is known."""
         form = forms.state_affine(self.plant)
-        if getattr(refused, "kind", "") == form.kind or any(c.verdict is not Verdict.PROVED for c in form.checks[:1]):
+        if getattr(refused, "kind", "") == form.kind or not form.structured:
             return ""
         return "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
 

@@ -24,7 +24,7 @@ import numpy as np
 from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import companion, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
-from hgogen.check import Verdict, demand
+from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.form import Form
 from hgogen.guarantees.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
@@ -42,17 +42,18 @@ EQUATIONS = (
     "w_i' = w_(i+1) + c_i(w, u) + gamma^i k_i (y - w_1), w_(n+1) = 0",
     "gamma' = rise gamma while |y - w_1| > threshold, -sigma gamma^2 else, in [gamma_inf, gamma_sup]",
 )
+OWN = tuple(ClaimId("adaptive_lmi", fact) for fact in ("definite", "shrink", "decay", "convergence", "attenuation"))
 THEOREM = Theorem(
     "the estimate converges exponentially from any initial state, and is input-to-state stable under disturbances",
     (
         *FORM,
-        Hypothesis("P is positive definite", ("adaptive_lmi.definite",), reference="theorem 5"),
+        Hypothesis("P is positive definite", (Claims("adaptive_lmi", "definite"),), reference="theorem 5"),
         Hypothesis(
             "(A - K C)'P + P (A - K C) + sigma (D P + P D) + lambda I <= 0 for a lambda > 0",
-            ("adaptive_lmi.decay",),
+            (Claims("adaptive_lmi", "decay"),),
             reference="(54)",
         ),
-        Hypothesis("D P + P D >= 0", ("adaptive_lmi.shrink",), reference="missing in theorem 5"),
+        Hypothesis("D P + P D >= 0", (Claims("adaptive_lmi", "shrink"),), reference="missing in theorem 5"),
         Hypothesis(
             "gamma is continuous, at least 1 and bounded, and gamma' >= -sigma gamma^2",
             verdict=Verdict.PROVED,
@@ -60,11 +61,13 @@ THEOREM = Theorem(
             reference="assumption 3, (55)",
         ),
         Hypothesis(
-            "gamma_inf > max(1, 2 k lambda_max(P)/lambda)", ("adaptive_lmi.convergence",), reference="(56), (62)"
+            "gamma_inf > max(1, 2 k lambda_max(P)/lambda)",
+            (Claims("adaptive_lmi", "convergence"),),
+            reference="(56), (62)",
         ),
         Hypothesis(
             "the L2 gain from the declared disturbance to the error in w is at most mu",
-            ("adaptive_lmi.attenuation",),
+            (Claims("adaptive_lmi", "attenuation"),),
             reference="theorem 7",
             optional=True,
         ),
@@ -99,7 +102,7 @@ def adaptive_lmi(
 
     Raises: `Refuted`, also for a P that (54) refutes; `NotHurwitz`; `BadGain`.
     """
-    accept = founded("adaptive_lmi", form, accept, own=True, takes=integrators)
+    accept = founded("adaptive_lmi", form, accept, own=OWN, takes=integrators)
     chain, (low, high) = integrators("adaptive_lmi", form), _range(gamma)
     found = candidate(K, P, sigma, chain.n)
     if not found.sigma:

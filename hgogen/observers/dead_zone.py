@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.limited import REFERENCE, limited
 from hgogen.guarantees.sector import DEAD_ZONE
@@ -26,8 +26,8 @@ THEOREM = Theorem(
         *FORM,
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
         Hypothesis("r < lambda", verdict=Verdict.PROVED, reason="others are refused, and tuning keeps it"),
-        Hypothesis("the linear core decays with its dead zone", ("dead_zone.core",)),
-        Hypothesis("theta is large enough", ("dead_zone.theta",), reason="of its declared value"),
+        Hypothesis("the linear core decays with its dead zone", (Claims("dead_zone", "core"),)),
+        Hypothesis("theta is large enough", (Claims("dead_zone", "theta"),), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,

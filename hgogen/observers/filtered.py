@@ -23,7 +23,7 @@ from hgogen.chains.core import core_numbers
 from hgogen.chains.gains import coefficients, demand_parabola, filtered_core, parabola_advice
 from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, shifted
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
@@ -49,7 +49,7 @@ THEOREM = Theorem(
             reason="in exact arithmetic; others are refused",
             reference="Lemma 1",
         ),
-        Hypothesis("theta is large enough", ("filtered.theta",), reason="of its declared value"),
+        Hypothesis("theta is large enough", (Claims("filtered", "theta"),), reason="of its declared value"),
         *OPERATION,
     ),
     f"{REFERENCE}, Theorem 1",

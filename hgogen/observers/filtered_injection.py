@@ -19,7 +19,7 @@ import numpy as np
 from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import listed, scaled
 from hgogen.chains.integrators import integrators, observer_on, shifted
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
@@ -41,7 +41,7 @@ THEOREM = Theorem(
             reason="in exact arithmetic; others are refused",
             reference="(19)",
         ),
-        Hypothesis("theta is large enough", ("filtered_injection.theta",), reason="of its declared value"),
+        Hypothesis("theta is large enough", (Claims("filtered_injection", "theta"),), reason="of its declared value"),
         *OPERATION,
     ),
     f"{REFERENCE}, Theorem 2",

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Claims, Verdict
 from hgogen.form import Form
 from hgogen.intervals.slope import JUMPS
 from hgogen.kalman.covariance import factor
@@ -49,7 +49,7 @@ CURVED = (*EQUATIONS[:1], f"{EQUATIONS[1]} - s sum_j R_j (y_j - h_j) d2h_j", EQU
 THEOREM = KALMAN.under(
     Hypothesis(
         "the value function is quadratic, so that the estimate minimises the cost",
-        ("hamilton_jacobi.quadratic",),
+        (Claims("hamilton_jacobi", "quadratic"),),
         reference="(16)-(18)",
     )
 )
@@ -155,7 +155,7 @@ def _quadratic(form: Form) -> Check:
     rows = sp.Matrix([*form.flow, *form.output])
     affine = not rows.has(*JUMPS) and not rows.jacobian(form.states).free_symbols & {*form.states}
     return Check(
-        "hamilton_jacobi.quadratic",
+        ClaimId("hamilton_jacobi", "quadratic"),
         "the value function is quadratic, so that the estimate minimises the cost",
         Verdict.PROVED if affine else Verdict.UNKNOWN,
         "the model is affine in the state"

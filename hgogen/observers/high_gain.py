@@ -20,7 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
@@ -44,7 +44,9 @@ THEOREM = Theorem(
             "A - K C is Hurwitz", verdict=Verdict.PROVED, reason="by exact test or its poles; others are refused"
         ),
         Hypothesis(
-            "theta is large enough", ("high_gain.theta",), reason="of its declared value; it can be tuned down to 1"
+            "theta is large enough",
+            (Claims("high_gain", "theta"),),
+            reason="of its declared value; it can be tuned down to 1",
         ),
         *OPERATION,
     ),
@@ -52,7 +54,7 @@ THEOREM = Theorem(
 )
 DRIVEN = Hypothesis(
     "one P > 0 has (A - K C)'P + P (A - K C) < 0 for every input",
-    ("high_gain.convergence",),
+    (Claims("high_gain", "convergence"),),
     reason="K does not follow the input",
 )
 INSIDE = Hypothesis(
@@ -170,7 +172,7 @@ def _least(dynamics: Dynamics, share: float) -> float | None:
     if not 0 <= share <= 1:
         raise BadGain(f"singular = {share!r}", "must be a share, from 0 to 1")
     form = dynamics.form
-    proved = any(check.id == "phase.rank" and check.verdict is Verdict.PROVED for check in form.checks)
+    proved = any(check.verdict is Verdict.PROVED for check in form.about("rank"))
     return None if form.jacobian is None or proved else share * dynamics.largest_determinant()
 
 

@@ -41,7 +41,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.check import Verdict, demand
+from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.kalman.persistence import persistent, seconds
@@ -62,17 +62,19 @@ EQUATIONS = (
     "S' = -rho (S - S_0) - A' S - S A + C' R^-1 C - S Q_0 S,   P = S^-1",
 )
 SHARE = 1e-14  # q: the squared rounding of a float
-PERSISTENCE = "kalman_like.persistence"
+PERSISTENCE = ClaimId("kalman_like", "persistence")
 THEOREM = Theorem(
     "the estimate converges from any initial state, |error| like exp(-rho (1 - s) t/2), s the largest eigenvalue of "
     "S_0 P",
     (
-        Hypothesis("x' = A(u, y) x + b(u, y), y = C(u) x + d(u)", ("state_affine.structure",)),
-        Hypothesis("A(u, y) x + b(u, y) is Lipschitz in x, so that A is bounded", ("state_affine.lipschitz",)),
-        Hypothesis("z is a change of coordinates, and its ranges hold the plant's", ("recast.*",), optional=True),
+        Hypothesis("x' = A(u, y) x + b(u, y), y = C(u) x + d(u)", (Claims("state_affine", "structure"),)),
+        Hypothesis(
+            "A(u, y) x + b(u, y) is Lipschitz in x, so that A is bounded", (Claims("state_affine", "lipschitz"),)
+        ),
+        Hypothesis("z is a change of coordinates, and its ranges hold the plant's", (Claims("recast"),), optional=True),
         Hypothesis(
             "the input is regularly persistent: over some time the outputs show every state, again and again",
-            (PERSISTENCE,),
+            (Claims("kalman_like", "persistence"),),
         ),
         Hypothesis("S(0), R are positive definite, rho > 0", verdict=Verdict.PROVED, reason="else it is refused"),
         *OPERATION,
@@ -117,7 +119,7 @@ def kalman_like(
     """
     if isinstance(form, Form) and form.kind != "state_affine":
         raise BadGain("kalman_like", f"takes the form state_affine, not one of kind {form.kind}")
-    accept = founded("kalman_like", form, accept, own=True)
+    accept = founded("kalman_like", form, accept, own=(PERSISTENCE,))
     check = persistent(PERSISTENCE, form, inputs, period)
     demand((*form.checks, check), accept, form)
     (rate,), n, outputs = positive("rho", rho, 1), form.n, len(form.output)

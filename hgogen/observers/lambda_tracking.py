@@ -43,7 +43,7 @@ from hgogen.chains.injection import (
     unmodelled,
 )
 from hgogen.chains.integrators import Integrators, integrators, observer_on
-from hgogen.check import Verdict
+from hgogen.check import ClaimId, Claims, Verdict
 from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
@@ -54,7 +54,7 @@ from hgogen.stepping.guards import readings
 from hgogen.stepping.patience import FINE
 from hgogen.stepping.recovery import SHARE
 from hgogen.structure.bounded import bounded
-from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+from hgogen.theorem import FORM, LIPSCHITZ, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Bullinger, Ilchmann, Allgoewer, A simple adaptive observer for nonlinear systems, NOLCOS (1998)"
 EQUATIONS = (
@@ -64,7 +64,7 @@ EQUATIONS = (
 _LAW = (
     Hypothesis(
         "phi is bounded along the plant's motion",
-        ("lambda_tracking.phi",),
+        (Claims("lambda_tracking", "phi"),),
         reason="where an input steps that a derivative of y reads, phi has no bound, and the theorem starts again",
         reference="Theorem 2",
     ),
@@ -83,7 +83,7 @@ _LAW = (
 THEOREM = Theorem(
     "the gain converges, the output error tends to the strip |e| <= strip, and the error of the estimate is of order "
     "1/k: it does not tend to 0",
-    (*(hypothesis for hypothesis in FORM if "*.lipschitz" not in hypothesis.checks), *_LAW),  # bounded is enough
+    (*(hypothesis for hypothesis in FORM if hypothesis is not LIPSCHITZ), *_LAW),  # bounded is enough
     f"{REFERENCE}, Theorem 2 and, corrected, Theorem 3",
 )
 MODELLED = Theorem(
@@ -141,7 +141,7 @@ def lambda_tracking(
     """
     accept = founded("lambda_tracking", form, accept, takes=integrators)
     chain = integrators("lambda_tracking", form)
-    checks = (bounded("lambda_tracking.phi", form),)
+    checks = (bounded(ClaimId("lambda_tracking", "phi"), form),)
     if not model:
         chain = integrators("lambda_tracking", _unmodelled(form))
     p = injection_gains("lambda_tracking", poles, gains, chain.n)

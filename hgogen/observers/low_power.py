@@ -23,7 +23,7 @@ from hgogen.chains.core import core_numbers
 from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
@@ -43,7 +43,7 @@ THEOREM = Theorem(
     (
         *FORM,
         Hypothesis("the linear error core is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
-        Hypothesis("theta is large enough", ("low_power.theta",), reason="of its declared value"),
+        Hypothesis("theta is large enough", (Claims("low_power", "theta"),), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,

@@ -25,7 +25,7 @@ from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
 from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating, vertices
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
@@ -50,9 +50,9 @@ THEOREM = Theorem(
         Hypothesis("alpha_i, beta_i > 0, each pair by itself is Hurwitz", verdict=Verdict.PROVED, reason="as the last"),
         Hypothesis(
             "one P > 0 has N'P + P N < 0 for the core N with every saturation open or shut",
-            ("peaking_free.convergence",),
+            (Claims("peaking_free", "convergence"),),
         ),
-        Hypothesis("theta is large enough", ("peaking_free.theta",), reason="of its declared value"),
+        Hypothesis("theta is large enough", (Claims("peaking_free", "theta"),), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,

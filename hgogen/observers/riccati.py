@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.kalman_theorems import of_form
@@ -121,7 +121,7 @@ def riccati(
 
 def _theorem(theta: Theta) -> Check:
     return Check(
-        "riccati.convergence",
+        ClaimId("riccati", "convergence"),
         theta.theorem.conclusion,
         Verdict.UNKNOWN,
         "the theorem's constants are existential: no number for theta, d, gamma can be proved from it",

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.limited import REFERENCE, limited
 from hgogen.guarantees.sector import SATURATION
@@ -26,8 +26,8 @@ THEOREM = Theorem(
     (
         *FORM,
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
-        Hypothesis("the linear core decays with its saturation: r is large enough", ("stubborn.core",)),
-        Hypothesis("theta is large enough", ("stubborn.theta",), reason="of its declared value"),
+        Hypothesis("the linear core decays with its saturation: r is large enough", (Claims("stubborn", "core"),)),
+        Hypothesis("theta is large enough", (Claims("stubborn", "theta"),), reason="of its declared value"),
         *OPERATION,
     ),
     REFERENCE,

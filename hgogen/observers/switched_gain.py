@@ -16,7 +16,7 @@ import numpy as np
 
 from hgogen.chains.injection import injection_gains, last_error, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.certified import of_poles
 from hgogen.guarantees.dwell import switching
@@ -42,10 +42,14 @@ THEOREM = Theorem(
     (
         *FORM,
         Hypothesis("A - K C is Hurwitz", verdict=Verdict.PROVED, reason="others are refused"),
-        Hypothesis("theta and theta_low are large enough", ("switched_gain.theta",), reason="of their declared values"),
+        Hypothesis(
+            "theta and theta_low are large enough",
+            (Claims("switched_gain", "theta"),),
+            reason="of their declared values",
+        ),
         Hypothesis(
             "hold is long enough for the error to decay from switch to switch",
-            ("switched_gain.hold",),
+            (Claims("switched_gain", "hold"),),
             reason="some ten times 1/theta often are",
         ),
         Hypothesis(

@@ -26,7 +26,7 @@ import numpy as np
 
 from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
-from hgogen.check import Verdict
+from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.gain_update import checks
 from hgogen.guarantees.lmi import STATES
@@ -55,8 +55,8 @@ THEOREM = Theorem(
             verdict=Verdict.PROVED,
             reason="in rational arithmetic; others are refused",
         ),
-        Hypothesis("p_1 is small enough", ("updated_gain.p_1",)),
-        Hypothesis("p_3 is large enough", ("updated_gain.p_3",)),
+        Hypothesis("p_1 is small enough", (Claims("updated_gain", "p_1"),)),
+        Hypothesis("p_3 is large enough", (Claims("updated_gain", "p_3"),)),
         Hypothesis("L(0) >= p_2 >= 1", verdict=Verdict.PROVED, reason="others are refused"),
         Hypothesis(
             "Gamma at the estimate bounds the increments of c between estimate and plant",
@@ -65,7 +65,7 @@ THEOREM = Theorem(
         ),
         Hypothesis(
             "in continuous time the gain does not reach its cap",
-            ("updated_gain.cap",),
+            (Claims("updated_gain", "cap"),),
             reason="a step holds Gamma over a sample, and with it the gain may reach the cap: watch GAIN_LIMITED",
         ),
         *OPERATION,

@@ -5,18 +5,25 @@ from typing import Any
 
 import numpy as np
 
+from hgogen.check import Check
 from hgogen.errors import HgogenError
 
 
 @dataclass(eq=False)
 class BadGain(HgogenError):
-    """A gain of the wrong length, sign or kind; the sentence names it and the fix."""
+    """A gain of the wrong length, sign or kind; the sentence names it and the fix.
+
+    `because`: the check that says why, where one does; `fix`: what to do then.
+    """
 
     gain: str
     reason: str
+    because: Check | None = None
+    fix: str = ""
 
     def __str__(self) -> str:
-        return f"{self.gain} {self.reason}"
+        why = f": {self.because.reason}" if self.because else ""
+        return f"{self.gain} {self.reason}{why}{f'; {self.fix}' if self.fix else ''}"
 
 
 def reals(name: str, value: Any) -> np.ndarray:

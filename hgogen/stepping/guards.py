@@ -85,7 +85,7 @@ STEP_BITS: dict[str, tuple[str, str]] = {
 
 def or_lower(observer: Observer) -> str:
     """The advice to lower the high gain, for less of a peak; "" where there is none, or a proof would be lost."""
-    if any(check.id.endswith(".theta") and check.verdict is Verdict.PROVED for check in observer.checks):
+    if any(check.id.fact == "theta" and check.verdict is Verdict.PROVED for check in observer.checks):
         return ""
     high = (gain.name for gain in observer.gains if gain.name in ("theta", "theta_1") and gain.initial[0] > 1)
     return "".join(f" or lower {name}" for name in high)

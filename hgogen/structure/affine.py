@@ -9,7 +9,7 @@ import sympy as sp
 
 from hgogen.algebra.identity import free_of
 from hgogen.algebra.kinks import bent, slope
-from hgogen.check import Verdict
+from hgogen.check import ClaimId, Verdict
 from hgogen.signal import Signal
 from hgogen.structure.apart import apart
 from hgogen.structure.chain import Rows, listed, of_plant
@@ -63,13 +63,16 @@ def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Aff
     return Affine(tuple(slopes), rest)
 
 
+_GAIN = ClaimId("state_affine", "gain")  # of which the verdict alone is read
+
+
 def measurements(plant: System) -> tuple[Measurement, ...]:
     """The states that an output shows alone, each by the first such output, as far as is proved."""
     rows, found = of_plant(plant), dict[int, Measurement]()
     for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
         line = affine(name, row, plant.states, rows)
         seen = [(k, gain) for k, gain in enumerate(line.slopes) if gain != 0]
-        if line.answer and len(seen) == 1 and apart("gain", "c", seen[0][1], plant).verdict is Verdict.PROVED:
+        if line.answer and len(seen) == 1 and apart(_GAIN, "c", seen[0][1], plant).verdict is Verdict.PROVED:
             found.setdefault(seen[0][0], Measurement(seen[0][0], j, seen[0][1], line.rest))
     return tuple(found.values())
 

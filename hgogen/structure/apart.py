@@ -3,14 +3,14 @@
 import sympy as sp
 
 from hgogen.algebra.tape import NoTape
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box
 from hgogen.intervals.digits import down
 from hgogen.intervals.sign import nonzero
 from hgogen.system import System
 
 
-def apart(id: str, name: str, slope: sp.Expr, plant: System) -> Check:
+def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
     """The check that 0 < m <= |slope| on the box, a parameter without a range at its value.
 
     proved: by outward-rounded intervals and bisection, with the margin m. refuted: with a point where it is zero or

@@ -4,7 +4,7 @@ phi of a phase form, at its place in b, is taken as a function of the plant's st
 """
 
 from hgogen.algebra.tape import NoTape
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
@@ -13,7 +13,7 @@ from hgogen.intervals.digits import up
 BOXES = 500  # mu need not be the least
 
 
-def bounded(id: str, form: Form) -> Check:
+def bounded(id: ClaimId, form: Form) -> Check:
     """The check that every row of b is bounded, by mu: proved with it, or unknown."""
     claim = "phi is bounded on the declared ranges of states and inputs"
     rows = form.b if form.behind is None else form.behind

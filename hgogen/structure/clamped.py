@@ -12,7 +12,7 @@ from fractions import Fraction
 import sympy as sp
 
 from hgogen.algebra.tape import NoTape
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import up
@@ -32,7 +32,7 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
         return ()
     verdict, reason, *proofs = _found(form, boxes)
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
-    return (Check(f"{observer}.lipschitz", claim, verdict, reason, proofs=tuple(proofs)),)
+    return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(proofs)),)
 
 
 def _found(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, Proof]:
@@ -61,5 +61,4 @@ def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, box
         return f"{missing.what} may jump or be singular"
     if found.verdict is not Verdict.PROVED or not math.isfinite(found.high):
         return found.reason
-    high = Fraction(found.high)
-    return Proof("slope", tuple(rows), around, None, high, found.variables, found.tree, tuple(states))
+    return Proof(tuple(rows), None, Fraction(found.high), found.variables, found.tree)

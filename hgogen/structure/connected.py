@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from hgogen.algebra.identity import reads
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -16,8 +16,9 @@ def outwards(seen: Sequence[tuple[Signal, ...]], needs: Mapping[Signal, tuple[Si
     return order
 
 
-def connected(id: str, hidden: Sequence[Signal]) -> Check:
-    """The check that no state is `hidden`."""
+def connected(maker: str, hidden: Sequence[Signal]) -> Check:
+    """`MAKER.connected`, that no state is `hidden`."""
+    id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden:
         return Check(id, claim, Verdict.PROVED, "by following dependencies from the outputs")
@@ -26,9 +27,9 @@ def connected(id: str, hidden: Sequence[Signal]) -> Check:
     return Check(id, claim, Verdict.REFUTED, f"no output ever shows {names}", fix=fix)
 
 
-def cut_off(id: str, plant: System) -> tuple[Check, ...]:
+def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
     """The refuted check `connected` of a plant with hidden states; none of another plant."""
     needs = {x: reads(rate, plant.states) for x, rate in zip(plant.states, plant.flow, strict=True)}
     shown = outwards([reads(h, plant.states) for h in plant.output], needs)
     hidden = [x for x in plant.states if x not in shown]
-    return (connected(id, hidden),) if hidden else ()
+    return (connected(maker, hidden),) if hidden else ()

@@ -15,7 +15,7 @@ import sympy as sp
 from sympy.core.evalf import PrecisionExhausted
 
 from hgogen.algebra.points import Point, exact, kind, points, witness
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.box import Box
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.digits import down, up
@@ -77,7 +77,7 @@ def checks(change: Change) -> tuple[Check, ...]:
 
 
 def _inverse(change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
-    id = "recast.inverse"
+    id = ClaimId("recast", "inverse")
     claim = "the change of coordinates and its inverse are smooth and undo each other on the declared ranges"
     narrow = "Narrow the ranges so that both maps are smooth there, or correct the inverse."
     there = [*((s, e, change.old) for s, e in change.forward.items())]
@@ -127,7 +127,7 @@ def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> P
 
 
 def _range(change: Change) -> Check:
-    id, claim = "recast.range", "the new states keep to their ranges while the plant's states do"
+    id, claim = ClaimId("recast", "range"), "the new states keep to their ranges while the plant's states do"
     wide, loose = [], set()
     for w, e in change.forward.items():
         if w.low is None or w.high is None:

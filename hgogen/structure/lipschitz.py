@@ -11,7 +11,7 @@ import sympy as sp
 
 from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
 from hgogen.intervals.one_sided import one_sided
@@ -23,20 +23,21 @@ from hgogen.system import System
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
 
 
-def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
-    """The check that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters,
+def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
+    """`MAKER.lipschitz`, that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters,
     `name` is what the report calls it.
 
     proved: with L_b. refuted: with a point towards which a slope tends to infinity. where: for some inputs or
     parameters alone it may be singular; closed parts of the box without them have a bound each. unknown: a range is
     missing, there may be a jump or a singular state, near which no bound is known, or the boxes tried give no bound.
     """
+    id, claim = ClaimId(maker, "lipschitz"), f"{name} is Lipschitz in the state on the box"
 
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
-        return Check(id, f"{name} is Lipschitz in the state on the box", verdict, reason, fix=fix)
+        return Check(id, claim, verdict, reason, fix=fix)
 
-    box = box_of(system.signals, system.nominal)
-    rows = tuple(one_sided(row, box) for row in b)
+    box, given = box_of(system.signals, system.nominal), tuple(b)
+    rows = tuple(one_sided(row, box) for row in given)
     try:
         found = lipschitz_bound(rows, system.states, box)
     except NoTape as missing:
@@ -44,7 +45,8 @@ def lipschitz(id: str, b: Iterable[sp.Expr], system: System, name: str = "b") ->
             Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
         )
     if found.verdict is Verdict.PROVED:
-        return _proved(answer(Verdict.PROVED, _bound(found)), rows, system, found)
+        proof = Proof(given, None, ends(0.0, found.high)[1], found.variables, found.tree)
+        return replace(answer(Verdict.PROVED, _bound(found)), proofs=(proof,))
     if found.verdict is Verdict.REFUTED:
         return _refuted(
             answer(Verdict.REFUTED, found.reason, "Narrow the ranges so that it stays away from there."), found
@@ -77,15 +79,6 @@ def _bound(found: Lipschitz) -> str:
     if found.high == 0:
         return "it does not depend on the state"
     return f"L_b <= {up(found.high)}, by outward-rounded intervals on {boxes}"
-
-
-def _proved(check: Check, rows: tuple[sp.Expr, ...], system: System, found: Lipschitz) -> Check:
-    box = box_of(system.signals, system.nominal)
-    read = {s: box[s] for s in system.signals if any(s in row.free_symbols for row in rows)}
-    proof = Proof(
-        "slope", rows, read, None, ends(0.0, found.high)[1], found.variables, found.tree, tuple(system.states)
-    )
-    return replace(check, proofs=(proof,))
 
 
 def _refuted(check: Check, found: Lipschitz) -> Check:

@@ -6,7 +6,7 @@ import sympy as sp
 
 from hgogen.algebra.points import exact, kind, points, settled
 from hgogen.algebra.tape import NoTape
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import Range, bound, box
 from hgogen.intervals.box import End
 from hgogen.intervals.digits import down, up
@@ -31,7 +31,7 @@ def sign(a: sp.Expr, system: System) -> int:
     return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
 
 
-def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
+def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
     """The check that 0 < a_m <= a <= a_M. `name` is what the report calls a.
 
     proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
@@ -60,21 +60,13 @@ def positive(id: str, name: str, a: sp.Expr, system: System) -> Check:
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
     """Once the sign is proved, as tight a range as there is."""
-    around = box(system.signals, system.nominal)
-    found = first.range if first.exact else bound(a, around)
+    found = first.range if first.exact else bound(a, box(system.signals, system.nominal))
     low, high = first.exact or (max(found.low, first.range.low), min(found.high, first.range.high))
     if high == float("inf"):
         return _unknown(check, f"{found.boxes} boxes give no upper bound", signals)
     tightest = found if found.low > 0 else first.range
     sure = first.exact or (tightest.low, tightest.high)
-    proof = Proof(
-        "range",
-        (a,),
-        {s: around[s] for s in signals},
-        *ends(*sure),
-        tightest.variables,
-        tightest.tree,
-    )
+    proof = Proof((a,), *ends(*sure), tightest.variables, tightest.tree)
     return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, found, first), proofs=(proof,))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.check import Check, Verdict
+from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.kalman.weights import positive
 from hgogen.program import sym
@@ -49,6 +49,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 def shown(id: str, found: Gramian) -> Check:
     """What windows along a record say: refuted where one hides a direction; never proved."""
+    name = ClaimId("", id)
     claim = f"every window of {found.d:g} s of the record shows every state, to {HIDDEN:g} of the one seen best"
     share = found.smallest / np.maximum(found.largest, np.finfo(float).tiny)
     k = int(np.argmin(share))
@@ -56,8 +57,8 @@ def shown(id: str, found: Gramian) -> Check:
     weak = found.states[int(np.argmax(np.abs(direction)))]
     told = f"the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
     if share[k] > HIDDEN:
-        return Check(id, claim, Verdict.UNKNOWN, f"{told}; a record proves nothing of another")
-    return Check(id, claim, Verdict.REFUTED, told, {"t": float(found.start[k])}, "Excite the plant, or wait longer.")
+        return Check(name, claim, Verdict.UNKNOWN, f"{told}; a record proves nothing of another")
+    return Check(name, claim, Verdict.REFUTED, told, {"t": float(found.start[k])}, "Excite the plant, or wait longer.")
 
 
 def _record(name: str, values: Any, size: int) -> np.ndarray:
