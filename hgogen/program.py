@@ -55,7 +55,7 @@ class Field:
     `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
     step keeps it in; `outer`: whether that is the outer box of the estimate, whose touching suspends the theorem;
     `lasting`: whether it outlives a restart from the sample, as what was learned of the plant, not of its state;
-    `labels`: what its elements are called in reports and C.
+    `labels`: what its elements are called in reports and C; `entries`: row and column of each, of a matrix's triangle.
     """
 
     name: str
@@ -66,6 +66,7 @@ class Field:
     outer: bool = False
     lasting: bool = False
     labels: tuple[str, ...] = ()
+    entries: tuple[tuple[int, int], ...] = ()
     unit: str = ""
     meaning: str = ""
 
@@ -201,11 +202,12 @@ Program = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A program that firmware can call by itself; a step is its sections in order."""
+    """A program that firmware can call by itself; a step is its sections in order. `corrects`: with which output."""
 
     name: str
     meaning: str
     program: Program
+    corrects: str | None = None
 
 
 def walk(program: Sequence[Statement]) -> Iterator[Statement]:

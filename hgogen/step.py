@@ -168,7 +168,7 @@ class Step:
     def apart(self) -> bool:
         """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
         reads = any(scope(place) == "output" for place, _ in places(self.sections[0].program))
-        return not reads and any(section.name.startswith("update_") for section in self.sections)
+        return not reads and any(section.corrects for section in self.sections)
 
     @cached_property
     def program(self) -> Program:
@@ -245,7 +245,7 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         watch = law.watch(sample, says=still and not clock.every and j == correcting[-1])
         guarded: Program = (measure(observer, clock, j), When("work.valid", valid), *watch)
         guarded = once(output, guarded) if clock.every else guarded
-        sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
+        sections.append(Section(f"update_{output}", f"correct with {output}", guarded, output.name))
     if not correcting:
         read = observer.dynamics.output(observer.z, clock.u_now)
         raw = [sym(f"output.{output.name}") for output in system.outputs]
@@ -261,11 +261,11 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
     said = () if still and not clock.every else (outside_bit(observer),)
     notices = (*said, *unrecovered(observer), *observer.notices)
     for k, section in enumerate(sections):
-        if k == len(sections) + last or (clock.every and section.name.startswith("update_")):
+        if k == len(sections) + last or (clock.every and section.corrects):
             sections[k] = replace(section, program=(*section.program, *notices))
     sections = [replace(section, program=pruned(section.program)) for section in sections]
-    updates = {section.name: section for section in sections}
-    timed_ = (timed(updates[f"update_{y}"], y) for y in system.outputs if clock.every and f"update_{y}" in updates)
+    updates = {section.corrects: section for section in sections}
+    timed_ = (timed(updates[y.name], y) for y in system.outputs if clock.every and y.name in updates)
     step = Step(
         name=system.name,
         observer=observer,

@@ -199,6 +199,26 @@ def test_only_a_models_own_code_is_executed() -> None:
     assert calls == {("hgogen.model", "exec"), ("hgogen.emit.pygraph", "exec")}
 
 
+PATTERNS = {  # the files of the printers that import re, and what they read by it
+    "hgogen.emit.cfold": "breaks the long lines of finished text",
+    "hgogen.emit.cheader": "joins the lines of a paragraph of the manual, which is prose",
+}
+
+
+def test_no_printer_reads_what_it_printed() -> None:
+    """What a line of C uses comes with the line (`emit.ccode`), and a function is declared and called from data."""
+    printers = [name for name in FILES if name.split(".")[1:2] in (["emit"], ["targets"])]
+    assert len(printers) > 15
+    reading = {
+        name
+        for name in printers
+        for node in ast.walk(tree(name))
+        if "re" in (alias.name for alias in getattr(node, "names", ()) if isinstance(alias, ast.alias))
+        or (isinstance(node, ast.ImportFrom) and node.module == "re")
+    }
+    assert reading == PATTERNS.keys()
+
+
 # --- values and errors --------------------------------------------------------------------------------------
 
 
@@ -233,7 +253,7 @@ def test_values_are_frozen() -> None:
         for decorator in map(ast.unparse, node.decorator_list)
         if decorator.startswith("dataclass") and "frozen=True" not in decorator
     }
-    printers = {"cnode.Node", "cprint.Printer", "ctext.Writer", "pygraph.Writer"}
+    printers = {"cnode.Node", "cprint.Printer", "pygraph.Writer"}
     assert loose <= {f"hgogen.emit.{name}" for name in printers}
 
 

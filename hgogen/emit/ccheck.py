@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 from string import Template
 
+from hgogen.emit.ccode import indented
+from hgogen.emit.cfunction import address, prototypes, status_type
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real, literal
-from hgogen.emit.ctext import arguments, indented, status_type
 from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
 from hgogen.step import Step
 
@@ -78,7 +79,7 @@ $locals
 $start
     for (unsigned k = 0u; k < ${count}u && bad == 0u; ++k) {
 $fill
-        const $status status = ${name}_step($call);
+        const $status status = $call;
         ${name}_estimate(&s, &p, &x);
         if (status != expected[k]$compare) {
             bad = k + 1u;
@@ -131,7 +132,7 @@ def check(step: Step, real: Real) -> list[str]:
         start="\n".join(indented(_start(step, real))),
         missing=MISSING + 1,
         fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
-        call=", ".join(["&s", "&p", *(f"&{pointer.rsplit('*', 1)[1]}" for pointer in arguments(step)[2:])]),
+        call=prototypes(step)["step"].call(address),
         compare="".join(
             f" || !{step.name}_near({name}, k, {i}u)" for i, name in enumerate(_as_numbers(step, real, seen))
         ),

@@ -192,7 +192,7 @@ def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
         tuple(float(start[i, j]) for i, j in pairs),
         low=tuple(float(-LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
         high=tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
-        labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
+        entries=tuple((i + 1, j + 1) for i, j in pairs),
         meaning="unit lower factor of P, strict lower triangle by columns",
     )
     return (L, _diagonal(part, clock, diagonal))

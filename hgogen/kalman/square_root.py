@@ -92,7 +92,7 @@ def _root(part: Riccati, clock: Clock) -> Field:
         tuple(float(start[i, j]) for i, j in _pairs(n)),
         low=tuple(float(floor[i] if i == j else -deviation[i]) for i, j in _pairs(n)),
         high=tuple(float(deviation[i]) for i, j in _pairs(n)),
-        labels=tuple(f"{i + 1},{j + 1}" for i, j in _pairs(n)),
+        entries=tuple((i + 1, j + 1) for i, j in _pairs(n)),
         meaning="S of the covariance P = S S', lower triangle by columns",
     )
 
