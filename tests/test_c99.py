@@ -250,6 +250,14 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
         assert eval(line, {"a": a, "b": b}) is not compare(a, b)
 
 
+def test_a_bit_that_is_never_raised_is_not_printed() -> None:
+    graph = ca.Function("graph", [], [ca.SX(0), ca.SX(1)])
+    never, always = (Target(lambda _, line=f"raise {name};": line, condition=True) for name in ("never", "always"))
+    printer = Printer("float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
+    constants, result = body(printer, graph, [never, always], [], [])
+    assert (constants.lines, result.lines) == ((), ("raise always;",))
+
+
 # --- the self-check -----------------------------------------------------------------------------------------
 
 # what an engineer may mistype: a coefficient of the model, of the method, of the guards; a sign; an index

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from string import Template
 
 from hgogen.emit.ccode import indented
-from hgogen.emit.cfunction import address, prototypes, status_type
+from hgogen.emit.cfunction import address, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real, literal
 from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
@@ -128,7 +128,7 @@ def check(step: Step, real: Real) -> list[str]:
         expected=_block([f"{value}u" for value in vectors.status]),
         tolerance=", ".join(literal(float(value), real) for value in vectors.tolerance),
         cmsis=literal(CMSIS, real),
-        locals="\n".join(indented(_locals(step))),
+        locals="\n".join(indented(each.local for each in structs(step))),
         start="\n".join(indented(_start(step, real))),
         missing=MISSING + 1,
         fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
@@ -146,14 +146,9 @@ def _as_numbers(step: Step, real: Real, seen: Iterable[str]) -> list[str]:
     return [f"({real}){name}" if name in counters else name for name in seen]
 
 
-def _locals(step: Step) -> list[str]:
-    kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "out"), ("plant", "x")]
-    return [f"{step.name}_{kind} {short};" for kind, short in kinds if kind != "input" or step.inputs]
-
-
 def _start(step: Step, real: Real) -> list[str]:
     """The estimate off its rest."""
-    members = {place.replace("state.", "s."): values for place, values in start(step).items()}
+    members = {f"s.{place.name}": values for place, values in start(step).items()}
     return [
         f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};"
         for member, values in members.items()

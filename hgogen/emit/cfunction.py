@@ -1,10 +1,21 @@
 """The functions of emitted C as data: declarations, calls and the record's functions are printed from it."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
-from hgogen.program import Call, Program, Section, places, scope, walk
+from hgogen.program import Call, Place, Section, places, walk
 from hgogen.step import Step
+
+REACHED = {  # the parameter of a function that a place is reached through, or is, and the member of it
+    "state": ("s", ""),
+    "plant": ("p", "plant."),
+    "gain": ("p", "gain."),
+    "derived": ("p", "derived."),
+    "input": ("in", ""),
+    "output": ("out", ""),
+    "estimate": ("x", ""),
+    "argument": ("at", ""),
+}
 
 
 @dataclass(frozen=True)
@@ -18,6 +29,11 @@ class Parameter:
 
     def __str__(self) -> str:
         return f"{'const ' * self.constant}{self.type} {'*' * self.pointer}{self.name}"
+
+    @property
+    def local(self) -> str:
+        """What a caller declares whose structs are named as the parameters are."""
+        return f"{self.type} {self.name};"
 
 
 @dataclass(frozen=True)
@@ -54,6 +70,17 @@ def status_type(step: Step) -> str:
     return "unsigned" if len(step.bits) <= 16 else "uint32_t"
 
 
+def structs(step: Step) -> tuple[Parameter, ...]:
+    """The structs that there are, as parameters: state, parameters, input, output, estimate."""
+    kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "out"), ("plant", "x")]
+    return tuple(Parameter(f"{step.name}_{kind}", short) for kind, short in kinds if kind != "input" or step.inputs)
+
+
+def read(parameter: Parameter) -> Parameter:
+    """The same, of a function that does not write to it."""
+    return replace(parameter, constant=True)
+
+
 def prototypes(step: Step) -> dict[str, Prototype]:
     """The interface by names without the prefix, in the order of the header, and what it is made of: sections that
     cannot be called apart are none of the caller's."""
@@ -62,16 +89,13 @@ def prototypes(step: Step) -> dict[str, Prototype]:
     limits = "after a change of parameters: limits them to their ranges" + (
         " and computes the derived ones" if step.derived else ""
     )
-    s, p, x = (
-        Parameter(f"{name}_{struct}", short) for struct, short in (("state", "s"), ("params", "p"), ("plant", "x"))
-    )
-    read = (Parameter(s.type, "s", constant=True), Parameter(p.type, "p", constant=True))
+    s, p, *_, x = structs(step)
     declared = {
         "init": Prototype("void", f"{name}_init", (s, p), "nominal parameters, tuned, and a reset state"),
         "tune": Prototype(status, f"{name}_tune", (p,), limits),
         "reset": Prototype("void", f"{name}_reset", (s,), "the state as before the first call"),
-        "step": Prototype(status, f"{name}_step", _parameters(step, {"input", "output"}), whole),
-        "estimate": Prototype("void", f"{name}_estimate", (*read, x), "the estimate of the plant's state"),
+        "step": Prototype(status, f"{name}_step", _parameters(step, {"in", "out"}), whole),
+        "estimate": Prototype("void", f"{name}_estimate", (read(s), read(p), x), "the estimate of the plant's state"),
     }
     parts = (*step.sections, *step.timed) if len(step.sections) > 1 else ()
     return declared | {section.name: of_section(step, section) for section in parts}
@@ -79,20 +103,19 @@ def prototypes(step: Step) -> dict[str, Prototype]:
 
 def of_section(step: Step, section: Section) -> Prototype:
     """The function of a section."""
-    given, meaning = _parameters(step, _scopes(section.program)), f"part of a step: {section.meaning}"
-    return Prototype(status_type(step), f"{step.name}_{section.name}", given, meaning, step.apart)
+    called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
+    used = reached(place for program in (section.program, *called) for place, _ in places(program))
+    meaning = f"part of a step: {section.meaning}"
+    return Prototype(status_type(step), f"{step.name}_{section.name}", _parameters(step, used), meaning, step.apart)
 
 
-def _scopes(program: Program) -> set[str]:
-    """The structs that a program works on, with the sections that it calls."""
-    called = (s.section.program for s in walk(program) if isinstance(s, Call))
-    return {scope(place) for each in (program, *called) for place, _ in places(each)}
+def reached(places: Iterable[Place]) -> set[str]:
+    """The parameters that places are reached through."""
+    return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
 
 
-def _parameters(step: Step, scopes: set[str]) -> tuple[Parameter, ...]:
-    """The parameters of a function that works on these structs, beside the state and the parameters."""
-    name = step.name
-    kinds = [("input", "in", step.inputs), ("output", "out", step.outputs)]
-    given = [Parameter(f"{name}_{kind}", short, True) for kind, short, signals in kinds if signals and kind in scopes]
-    at = [Parameter("uint16_t", "at", pointer=False)] if "argument" in scopes else []
-    return (Parameter(f"{name}_state", "s"), Parameter(f"{name}_params", "p", True), *given, *at)
+def _parameters(step: Step, used: set[str]) -> tuple[Parameter, ...]:
+    """The state and the parameters, and what else is used."""
+    s, p, *others, _ = structs(step)
+    others = [*map(read, others), Parameter("uint16_t", "at", pointer=False)]
+    return (s, read(p), *(each for each in others if each.name in used))

@@ -9,7 +9,7 @@ from string import Template
 from hgogen.certificates.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
 from hgogen.emit.ccode import indented
-from hgogen.emit.cfunction import address, of_section, prototypes, status_type
+from hgogen.emit.cfunction import address, of_section, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name, renamed, says
 from hgogen.emit.cprint import Real
 from hgogen.emit.ctext import Member, beside, comment, harmless, member, members, named, struct
@@ -103,8 +103,6 @@ def _model(observer: Observer) -> str:
 _MANUAL = Template("""
 How to use it: one init, then $what a sampling period of $dt.
 
-    ${name}_state s;
-    ${name}_params p;
 $structs
     ${name}_init(&s, &p);
     for (;;) {                      every $dt
@@ -217,7 +215,6 @@ def _body(step: Step) -> list[str]:
 
 
 def _manual(step: Step) -> list[str]:
-    kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
         name=step.name,
         dt=pace(step.dt, step.time),
@@ -226,7 +223,7 @@ def _manual(step: Step) -> list[str]:
         body="\n".join(f"        {line}" for line in _body(step)),
         recovery=_recovery(step),
         missing=_MISSING[bool(step.timed)],
-        structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),
+        structs="\n".join(f"    {each.local}" for each in structs(step)),
         parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",
         timed=_timed(step) if step.timed else "",
     )
@@ -263,18 +260,12 @@ def _structs(step: Step, real: Real) -> list[str]:
     name, lines = step.name, list[str]()
     for kind, signals in (("input", step.inputs), ("output", step.outputs), ("plant", step.states)):
         if signals:
-            lines += [
-                comment(_KIND[kind]),
-                *struct(f"{name}_{kind}", members(_signal(step, real, s) for s in signals)),
-                "",
-            ]
+            inner = members(_signal(step, real, signal) for signal in signals)
+            lines += [comment(_KIND[kind]), *struct(f"{name}_{kind}", inner), ""]
     lines += ["/* parameters: change plant or gain, then call tune */", *_params(step, real), ""]
     for *_, group in lines_of(step.groups):
-        lines += [
-            comment(group.meaning),
-            *struct(f"{name}_{group.name}", _inner(step, real, group.fields, group.groups)),
-            "",
-        ]
+        inner = _inner(step, real, group.fields, group.groups)
+        lines += [comment(group.meaning), *struct(f"{name}_{group.name}", inner), ""]
     return [*lines, comment(_REMEMBERED), *struct(f"{name}_state", _inner(step, real, step.state, step.groups)), ""]
 
 

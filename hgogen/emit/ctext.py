@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from hgogen.emit.ccode import TRUTH, Code, Uses, braced, code, indented, joined
-from hgogen.emit.cfunction import of_section, own
+from hgogen.emit.cfunction import REACHED, of_section, own, reached
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import UNARY, Number, Operand, Printer, Real, Target, body, literal
 from hgogen.program import (
@@ -24,6 +24,7 @@ from hgogen.program import (
     Group,
     Kernel,
     Loop,
+    Place,
     Program,
     Section,
     Statement,
@@ -31,20 +32,10 @@ from hgogen.program import (
     address,
     lines_of,
     places,
-    scope,
     walk,
 )
 from hgogen.step import Step
 
-_STRUCTS = {  # the parameter of a function that a scope is reached through, and its member of that struct
-    "state": ("s", ""),
-    "plant": ("p", "plant."),
-    "gain": ("p", "gain."),
-    "derived": ("p", "derived."),
-    "input": ("in", ""),
-    "output": ("out", ""),
-    "estimate": ("x", ""),
-}
 _SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
 ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
 Member = tuple[str, str]  # the declaration of a struct's member, and what is said of it
@@ -63,37 +54,37 @@ class Writer:
         return self.step.name
 
     @cached_property
-    def _fields(self) -> dict[str, Field]:
+    def _fields(self) -> dict[Place, Field]:
         step = self.step
         kinds = {"state": step.state, "plant": step.plant, "gain": step.gains, "derived": step.derived}
         kinds |= {name: line[-1].fields for name, line in self._groups.items()}
-        return {f"{kind}.{f.name}": f for kind, fields in kinds.items() for f in fields}
+        return {Place(kind, f.name): f for kind, fields in kinds.items() for f in fields}
 
     @cached_property
     def _groups(self) -> dict[str, tuple[Group, ...]]:
         return {line[-1].name: line for line in lines_of(self.step.groups)}
 
-    def _array(self, group: str) -> str:
+    def _array(self, group: str) -> Place:
         """The place of the array of a group: in the state, or in the member of the group around it."""
         above = self._groups[group][:-1]
-        return f"{above[-1].name if above else 'state'}.{group}"
+        return Place(above[-1].name if above else "state", group)
 
     @cached_property
-    def flags(self) -> set[str]:
+    def flags(self) -> set[Place]:
         """Work places that are truth values."""
         return {s.flag for s in walk(self._all) if isinstance(s, When)}
 
     @cached_property
-    def _indices(self) -> set[str]:
+    def _indices(self) -> set[Place]:
         """Work places that count or index."""
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
         found = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
-        found = {place for place in found if scope(place) == "work"}
+        found = {place for place in found if place.struct == "work"}
         while more := self._work - self.flags - found - self._reals(found):
             found |= more
         return found
 
-    def _reals(self, indices: set[str]) -> set[str]:
+    def _reals(self, indices: set[Place]) -> set[Place]:
         """Work places that take more than a copy of a counter, or of one of `indices`."""
         counters = {place for place, item in self._fields.items() if item.kind == "index"} | indices
         values = ((place, v) for s in walk(self._all) if isinstance(s, Block) for place, v in s.writes.items())
@@ -101,43 +92,40 @@ class Writer:
         return written | {place for place, value in values if not _copied(value, counters)}
 
     @cached_property
-    def _work(self) -> set[str]:
-        return {place for place, _ in places(self._all) if scope(place) == "work"}
+    def _work(self) -> set[Place]:
+        return {place for place, _ in places(self._all) if place.struct == "work"}
 
     @cached_property
     def _all(self) -> Program:
         timed = (s for section in self.step.timed for s in section.program)
         return (*self.step.program, *self.step.tuning, *timed)
 
-    def is_index(self, place: str) -> bool:
+    def is_index(self, place: Place) -> bool:
         """Whether C holds the place as `unsigned`."""
         known = self._fields.get(place)
         counts = known is not None and known.kind == "index"
-        return counts or place in self._indices or scope(place) == "argument"
+        return counts or place in self._indices or place.struct == "argument"
 
-    def lvalue(self, place: str, index: int, size: int) -> str:
+    def lvalue(self, place: Place, index: int, size: int) -> str:
         """C text of one element of a place."""
         return self.whole(place) if size == 1 else f"{self.whole(place)}[{index}]"
 
-    def whole(self, place: str) -> str:
+    def whole(self, place: Place) -> str:
         """C text of a place, of an array its first element's address."""
-        kind, name = place.split(".", 1)
-        if kind in ("work", "argument"):
-            return name
-        parameter, member = _STRUCTS.get(kind, (kind, ""))  # a member of a group: the pointer named after that
-        return f"{parameter}->{member}{c_name(name) if kind in _SIGNALS else name}"
+        if place.struct in ("work", "argument"):
+            return place.name
+        parameter, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the pointer named after that
+        return f"{parameter}->{member}{c_name(place.name) if place.struct in _SIGNALS else place.name}"
 
-    def _uses(self, *places: str | None) -> Uses:
-        """The parameters that places are reached through, or are."""
-        pairs = [place.split(".", 1) for place in places if place]
-        names = {name if kind == "argument" else _STRUCTS.get(kind, ("",))[0] for kind, name in pairs}
-        return Uses(parameters=frozenset(names))
+    def _uses(self, *places: Place | None) -> Uses:
+        """The parameters that places are reached through."""
+        return Uses(parameters=frozenset(reached(place for place in places if place)))
 
     def function(self, program: Program) -> Code:
         """The body of a function: its work values, then its statements."""
-        work = sorted((p, n) for p, n in places(program) if scope(p) == "work")
+        work = sorted((p, n) for p, n in places(program) if p.struct == "work")
         declared = joined(self._declaration(place, size) for place, size in work)
-        taken = {place.split(".", 1)[1] for place, _ in work} | set(ARGUMENTS) | set(self._groups)
+        taken = {place.name for place, _ in work} | set(ARGUMENTS) | set(self._groups)
         taken |= {f"{letter}{depth}" for letter in "ik" for depth in range(2, self._depth(program) + 1)}
         return declared + self.statements(program, frozenset(taken))
 
@@ -145,8 +133,8 @@ class Writer:
         """How deep the loops lie in each other."""
         return max((len(self._groups[s.group]) for s in walk(program) if isinstance(s, Loop)), default=0)
 
-    def _declaration(self, place: str, size: int) -> Code:
-        name = place.split(".", 1)[1]
+    def _declaration(self, place: Place, size: int) -> Code:
+        name = place.name
         if place in self.flags and size == 1:
             return Code((f"bool {name} = false;",), TRUTH)
         if place in self._indices:
@@ -174,7 +162,7 @@ class Writer:
                 return self._kernel(statement)
 
     def _when(self, when: When, taken: frozenset[str]) -> Code:
-        name = when.flag.split(".", 1)[1]
+        name = when.flag.name
         lines = code(f"if ({name}) {{") + self.statements(when.body, taken).indented()
         if when.otherwise:
             lines += code("} else {") + self.statements(when.otherwise, taken).indented()
@@ -208,7 +196,7 @@ class Writer:
         return Code((f"{target} = {source};",), self._uses(array, copy.target, copy.source) | Uses(widest=total))
 
     def _kernel(self, kernel: Kernel) -> Code:
-        given = [self._array(scope(kernel.columns))] if kernel.columns else []
+        given = [self._array(kernel.columns.struct)] if kernel.columns else []
         given += [place for place, _ in kernel.arguments]
         call = f"{self.prefix}_{kernel.name}({', '.join(map(self.whole, given))})"
         uses = self._uses(*given) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
@@ -246,22 +234,22 @@ class Writer:
 
     def counts(self, block: Block) -> bool:
         """Whether a block works on counters and flags only, and so computes in `unsigned`."""
-        touched = [place for place, _ in block.reads] + [p for p in block.writes if scope(p) != "status"]
+        touched = [place for place, _ in block.reads] + [p for p in block.writes if p.struct != "status"]
         return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
-    def _read(self, place: str, size: int, element: int, real: Number) -> Operand:
+    def _read(self, place: Place, size: int, element: int, real: Number) -> Operand:
         text, uses = self.lvalue(place, element, size), self._uses(place)
-        if scope(place) == "argument" or (self.is_index(place) and real != "unsigned"):
+        if place.struct == "argument" or (self.is_index(place) and real != "unsigned"):
             return Operand(f"({real}){text}", UNARY, local=False, uses=uses)
-        return Operand(text, local=size == 1 and scope(place) == "work", uses=uses)
+        return Operand(text, local=size == 1 and place.struct == "work", uses=uses)
 
-    def _local(self, place: str, size: int, element: int) -> str:
+    def _local(self, place: Place, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""
-        kind, name = place.split(".", 1)
+        kind, name = place
         if kind == "argument":
             return f"{name}_given"
         if (
-            kind != "work" and f"work.{name}" in self._work
+            kind != "work" and Place("work", name) in self._work
         ):  # u: the input now; u_given: as it came; u_before: at the last call
             name += {"input": "_given", "output": "_given", "state": "_before"}.get(kind, f"_{kind}")
         known = self._fields.get(place)
@@ -269,10 +257,9 @@ class Writer:
             return _entry(name, known.entries[element])
         return name if size == 1 else f"{name}{element + 1}"
 
-    def _target(self, place: str, element: int, size: int, argument: int | None, real: Number) -> Target:
-        kind, name = place.split(".", 1)
-        if kind == "status":
-            return Target(lambda _: f"status |= {self.prefix.upper()}_{name};", condition=True)
+    def _target(self, place: Place, element: int, size: int, argument: int | None, real: Number) -> Target:
+        if place.struct == "status":
+            return Target(lambda _: f"status |= {self.prefix.upper()}_{place.name};", condition=True)
         target, uses = self.lvalue(place, element, size), self._uses(place)
         source = None if argument is None else (argument, element)
         if self.is_index(place) and real != "unsigned":
@@ -281,7 +268,7 @@ class Writer:
         return Target(lambda text: f"{target} = {text};", flag=flag, source=source, uses=uses)
 
 
-def _copied(value: Any, places: set[str]) -> bool:
+def _copied(value: Any, places: set[Place]) -> bool:
     """Whether each element of an SX is that of one of the places."""
     elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
     return all(element.is_symbolic() and address(element)[0] in places for element in elements)

@@ -6,7 +6,7 @@
 """
 
 from hgogen.emit.ccode import indented
-from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type
+from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real
 from hgogen.step import Step
@@ -29,14 +29,9 @@ def record(step: Step, *, real: Real = "double") -> Files:
 
 def _runner(step: Step, real: Real) -> Prototype:
     s, p, *_ = prototypes(step)["step"].parameters
-    count = Parameter("size_t", "count", pointer=False)
-    given, taken = (
-        (Parameter(real, name, constant=True) for name in "uy"),
-        (Parameter(real, name) for name in ("x", "traces")),
-    )
-    return Prototype(
-        "void", f"{step.name}_record", (s, p, count, *given, *taken, Parameter(status_type(step), "status"))
-    )
+    given = (Parameter("size_t", "count", pointer=False), *(Parameter(real, name, constant=True) for name in "uy"))
+    results = (Parameter(real, "x"), Parameter(real, "traces"), Parameter(status_type(step), "status"))
+    return Prototype("void", f"{step.name}_record", (s, p, *given, *results))
 
 
 def _run(step: Step, traces: list[str]) -> list[str]:
@@ -61,9 +56,8 @@ def _traces(step: Step, real: Real) -> list[str]:
 
 def _kept(step: Step, real: Real) -> list[str]:
     """The struct of a sample, as `layout.kept_type` has it."""
-    kinds = {"input": ("in", step.inputs), "output": ("out", step.outputs), "plant": ("x", step.states)}
-    members = [f"{step.name}_state s;", f"{step.name}_params p;", *(["unsigned at;"] if step.timed else [])]
-    members += [f"{step.name}_{kind} {short};" for kind, (short, signals) in kinds.items() if signals]
+    s, p, *others = (each.local for each in structs(step))
+    members = [s, p, *(["unsigned at;"] if step.timed else []), *others]
     members += [f"{real} traces[{len(step.observer.traces)}];"] if step.observer.traces else []
     return ["typedef struct {", *indented(members), f"}} {step.name}_kept;"]
 
