@@ -17,7 +17,7 @@ from hgogen.emit.pystep import Entry
 from hgogen.form import Form
 from hgogen.method import Method
 from hgogen.observer import Observer
-from hgogen.program import dangling
+from hgogen.program import Place, dangling
 from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, plan
@@ -162,7 +162,7 @@ class CallableStep(Step):
         Raises: `BadShape` for an unknown name or a wrong length, `BadNames`; then none of them is set.
         """
         kinds = [("plant", f) for f in self.plant] + [("gain", f) for f in self.gains]
-        known = {f.name: (f"{kind}.{f.name}", f) for kind, f in kinds}
+        known = {f.name: (Place(kind, f.name), f) for kind, f in kinds}
         wanted = {}
         for name, value in values.items():
             if name not in known:
@@ -300,7 +300,7 @@ def sample(
     planned = plan(observer, method, dt, between, periods)
     for section in planned.sections:
         if dangling(section.program):
-            missing = ", ".join(sorted(dangling(section.program)))
+            missing = ", ".join(map(str, sorted(dangling(section.program))))
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
     return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine)
 

@@ -18,7 +18,7 @@ from hgogen.kalman.prior import near_view
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
-from hgogen.program import INF, Block, sym
+from hgogen.program import INF, Block, Place, sym
 
 POINTS = 6  # corners, and as many points inside, at which the covariance equation is judged
 FACTORED = "the method continuous_discrete keeps it definite at any dt"
@@ -106,7 +106,7 @@ class Explicit:
 
     def step(self, part: Ode, clock: Clock) -> Pieces:
         """One step of every field of the part at once, whatever the part is of."""
-        start = {field.name: sym(f"state.{field.name}", field.size) for field in part.fields}
+        start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
         def rate(values: Any, c: float) -> Any:
             return part.rhs(values, clock.u(c), clock.y(c), clock.valid)
@@ -114,7 +114,7 @@ class Explicit:
         stages = advance(self.tableau, rate, start, clock.dt)
         block = Block(
             f"{', '.join(start)}: one step of {self.tableau.name}",
-            {f"state.{name}": value for name, value in stages.result.items()},
+            {Place("state", name): value for name, value in stages.result.items()},
             stages.names,
         )
         return Pieces(

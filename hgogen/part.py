@@ -36,7 +36,7 @@ class Clock:
 
     def u(self, c: float) -> Any:
         """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
-        return self.between_samples(c, sym("state.u", self.inputs), sym("work.u", self.inputs))
+        return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
     def between_samples(self, c: float, last: Any, now: Any) -> Any:
         """The input (m) at the fraction c of a step between two samples of it."""
@@ -45,16 +45,16 @@ class Clock:
     @property
     def u_now(self) -> Any:
         """The input (m) that `predict` has just stored, for the sections after it."""
-        return sym("state.u", self.inputs)
+        return sym("state", "u", self.inputs)
 
     def y(self, c: float) -> Any:
         """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
-        return on_line(c, sym("work.y_last", self.outputs), sym("work.y", self.outputs))
+        return on_line(c, sym("work", "y_last", self.outputs), sym("work", "y", self.outputs))
 
     @property
     def valid(self) -> Any:
         """1 for each output (p) whose sample can be used, else 0."""
-        return sym("work.valid", self.outputs)
+        return sym("work", "valid", self.outputs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """The program of a step: straight-line blocks, loops over member structs, and whens.
 
 Every reader (Python's machine, the C printer, the operation counter) walks this one program. Memory is named by
-places, `scope.name`:
+places, of a struct and a field in it:
 
     input, output     what a call is given            plant, gain, derived   parameters; derived by `tune`
     state             what the step remembers         <group>                a member of an array of structs
@@ -14,32 +14,37 @@ An expression is an SX graph over the symbols of `sym`, so a block knows what it
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 
 INF = float("inf")
 
 
-def sym(place: str, size: int = 1) -> Any:
+class Place(NamedTuple):
+    """Where a value lies: a field of a struct, by their names."""
+
+    struct: str
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.struct}.{self.name}"
+
+
+def sym(struct: str, name: str, size: int = 1) -> Any:
     """The SX column (size) that stands for a place, empty for size 0; the same symbols for the same arguments."""
-    return _column(place, size)
+    return _column(Place(struct, name), size)
 
 
 @cache
-def _column(place: str, size: int) -> Any:
-    return column(ca.SX.sym(f"{place}:{index}:{size}") for index in range(size))
+def _column(place: Place, size: int) -> Any:
+    return column(ca.SX.sym(":".join((*place, str(index), str(size)))) for index in range(size))
 
 
-def address(symbol: Any) -> tuple[str, int, int]:
-    """(place, index, size) of one scalar symbol that `sym` made."""
-    place, index, size = symbol.name().rsplit(":", 2)
-    return place, int(index), int(size)
-
-
-def scope(place: str) -> str:
-    """`state` of `state.z`."""
-    return place.split(".", 1)[0]
+def address(symbol: Any) -> tuple[Place, int, int]:
+    """(place, index, size) of one scalar symbol that `sym` made, which can carry them in its name only."""
+    struct, name, index, size = symbol.name().split(":")
+    return Place(struct, name), int(index), int(size)
 
 
 def column(values: Iterable[Any]) -> Any:
@@ -55,7 +60,7 @@ class Field:
     `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
     step keeps it in; `outer`: whether that is the outer box of the estimate, whose touching suspends the theorem;
     `lasting`: whether it outlives a restart from the sample, as what was learned of the plant, not of its state;
-    `labels`: what its elements are called in reports and C.
+    `labels`: what its elements are called in reports and C; `entries`: row and column of each, of a matrix's triangle.
     """
 
     name: str
@@ -66,6 +71,7 @@ class Field:
     outer: bool = False
     lasting: bool = False
     labels: tuple[str, ...] = ()
+    entries: tuple[tuple[int, int], ...] = ()
     unit: str = ""
     meaning: str = ""
 
@@ -117,16 +123,16 @@ class Bit:
 class Block:
     """Straight-line code: every right-hand side is evaluated before anything is written.
 
-    `writes`: place to SX column; a write to `status.NAME` raises that bit when the value is not 0. `names`: values
-    worth a name of their own in C.
+    `writes`: place to SX column; a write to a place of `status` raises the bit of its name when the value is not 0.
+    `names`: values worth a name of their own in C.
     """
 
     title: str
-    writes: Mapping[str, Any]
+    writes: Mapping[Place, Any]
     names: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
-    def reads(self) -> tuple[tuple[str, int], ...]:
+    def reads(self) -> tuple[tuple[Place, int], ...]:
         """The places read, with their sizes, sorted."""
         symbols = ca.symvar(ca.veccat(*self.writes.values(), *self.names.values()))
         return tuple(sorted({(place, size) for place, _, size in map(address, symbols)}))
@@ -134,7 +140,7 @@ class Block:
     @cached_property
     def graph(self) -> Any:
         """SX function from the places read to the places written, then the named values."""
-        inputs = [sym(place, size) for place, size in self.reads]
+        inputs = [sym(*place, size) for place, size in self.reads]
         values = [ca.densify(ca.SX(value)) for value in (*self.writes.values(), *self.names.values())]
         return ca.Function("block", inputs, ca.cse(values))
 
@@ -150,16 +156,16 @@ class Loop:
     group: str
     count: int
     body: tuple["Statement", ...]
-    start: str | None = None
-    active: str | None = None
-    index: str | None = None
+    start: Place | None = None
+    active: Place | None = None
+    index: Place | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class When:
     """Run `body` if the scalar `flag` is not 0, else `otherwise`."""
 
-    flag: str
+    flag: Place
     body: tuple["Statement", ...]
     otherwise: tuple["Statement", ...] = ()
 
@@ -169,8 +175,8 @@ class Copy:
     """Member number `target` of `group`, all of it, becomes what member number `source` is; both name index places."""
 
     group: str
-    source: str
-    target: str
+    source: Place
+    target: Place
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +189,9 @@ class Kernel:
 
     name: str
     size: int
-    columns: str | None
-    arguments: tuple[tuple[str, int], ...] = ()
-    result: str | None = None
+    columns: Place | None
+    arguments: tuple[tuple[Place, int], ...] = ()
+    result: Place | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,11 +207,12 @@ Program = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A program that firmware can call by itself; a step is its sections in order."""
+    """A program that firmware can call by itself; a step is its sections in order. `corrects`: with which output."""
 
     name: str
     meaning: str
     program: Program
+    corrects: str | None = None
 
 
 def walk(program: Sequence[Statement]) -> Iterator[Statement]:
@@ -218,9 +225,9 @@ def walk(program: Sequence[Statement]) -> Iterator[Statement]:
             yield from walk(statement.otherwise)
 
 
-def places(program: Sequence[Statement]) -> set[tuple[str, int]]:
+def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
     """Every (place, size) that a program reads or writes, but for sections that it calls."""
-    found: set[tuple[str, int]] = set()
+    found: set[tuple[Place, int]] = set()
     for statement in walk(program):
         if isinstance(statement, Block):
             found.update(statement.reads)
@@ -237,9 +244,9 @@ def places(program: Sequence[Statement]) -> set[tuple[str, int]]:
     return found
 
 
-def read(program: Sequence[Statement]) -> set[str]:
+def read(program: Sequence[Statement]) -> set[Place]:
     """Every place whose value some statement needs."""
-    found: set[str] = set()
+    found: set[Place] = set()
     for statement in walk(program):
         if isinstance(statement, Block):
             found.update(place for place, _ in statement.reads)
@@ -254,13 +261,13 @@ def read(program: Sequence[Statement]) -> set[str]:
     return found
 
 
-def dangling(program: Sequence[Statement]) -> set[str]:
+def dangling(program: Sequence[Statement]) -> set[Place]:
     """Work places that the program reads but never writes: another section's would not be there in C."""
     written = {place for s in walk(program) if isinstance(s, Block) for place in s.writes}
     written |= {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
     written |= {s.result for s in walk(program) if isinstance(s, Kernel) and s.result}
     written |= {s.index for s in walk(program) if isinstance(s, Loop) and s.index}
-    return {place for place in read(program) if scope(place) == "work"} - written
+    return {place for place in read(program) if place.struct == "work"} - written
 
 
 def pruned(program: Sequence[Statement]) -> Program:
@@ -269,7 +276,7 @@ def pruned(program: Sequence[Statement]) -> Program:
 
     def kept(statement: Statement) -> Statement | None:
         if isinstance(statement, Block):
-            writes = {p: v for p, v in statement.writes.items() if scope(p) != "work" or p in needed}
+            writes = {p: v for p, v in statement.writes.items() if p.struct != "work" or p in needed}
             if len(writes) == len(statement.writes):
                 return statement
             return replace(statement, writes=writes) if writes else None

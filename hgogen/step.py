@@ -26,6 +26,7 @@ from hgogen.program import (
     Block,
     Field,
     Group,
+    Place,
     Program,
     Section,
     Statement,
@@ -34,7 +35,6 @@ from hgogen.program import (
     places,
     pruned,
     scalar,
-    scope,
     sym,
     walk,
 )
@@ -167,8 +167,8 @@ class Step:
     @cached_property
     def apart(self) -> bool:
         """Whether prediction and correction can be called apart: `predict` does not integrate with the measurement."""
-        reads = any(scope(place) == "output" for place, _ in places(self.sections[0].program))
-        return not reads and any(section.name.startswith("update_") for section in self.sections)
+        reads = any(place.struct == "output" for place, _ in places(self.sections[0].program))
+        return not reads and any(section.corrects for section in self.sections)
 
     @cached_property
     def program(self) -> Program:
@@ -234,38 +234,40 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
     still = not adapt or not _moves(adapt, observer)  # whether the estimate of this call stands before `adapt`
     others = (*counters, *fresh_groups("state", whole.fields, whole.groups, observer.z))
     follow = following_groups("state", whole.fields, whole.groups, observer.z)
-    advance = When("work.running", (*whole.predict, *kept(whole.predict, state, others)), follow)
+    advance = When(Place("work", "running"), (*whole.predict, *kept(whole.predict, state, others)), follow)
     sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, advance))]
     correcting = [j for j in range(clock.outputs) if any(piece.update and piece.update[j] for piece in pieces)]
     for j in correcting:
         output = system.outputs[j]
         program = _all(piece.update[j] for piece in pieces if piece.update)
         valid = (*program, *kept(program, state, others), *((use(output),) if clock.every else ()))
-        sample = {j: Sampled(sym("work.sample"), sym("work.valid"), sym("work.innovation"))}
+        sample = {j: Sampled(sym("work", "sample"), sym("work", "valid"), sym("work", "innovation"))}
         watch = law.watch(sample, says=still and not clock.every and j == correcting[-1])
-        guarded: Program = (measure(observer, clock, j), When("work.valid", valid), *watch)
+        guarded: Program = (measure(observer, clock, j), When(Place("work", "valid"), valid), *watch)
         guarded = once(output, guarded) if clock.every else guarded
-        sections.append(Section(f"update_{output}", f"correct with {output}", guarded))
+        sections.append(Section(f"update_{output}", f"correct with {output}", guarded, output.name))
     if not correcting:
         read = observer.dynamics.output(observer.z, clock.u_now)
-        raw = [sym(f"output.{output.name}") for output in system.outputs]
+        raw = [sym("output", output.name) for output in system.outputs]
         samples = {j: Sampled(y, clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
         watch = law.watch(samples, says=still)
         sections[0] = replace(sections[0], program=(*sections[0].program, *watch))
     if adapt:
-        running = Block("no time has passed before the second call", {"work.running": sym("state.calls") >= 2})
-        program = (running, When("work.running", (*adapt, *kept(adapt, state, others))))
+        running = Block(
+            "no time has passed before the second call", {Place("work", "running"): sym("state", "calls") >= 2}
+        )
+        program = (running, When(Place("work", "running"), (*adapt, *kept(adapt, state, others))))
         program = adapt_once(program) if clock.every else program
         sections.append(Section("adapt", "adapt the gain; once after the updates", program))
     last = -2 if adapt and still else -1  # after it the estimate of this call stands
     said = () if still and not clock.every else (outside_bit(observer),)
     notices = (*said, *unrecovered(observer), *observer.notices)
     for k, section in enumerate(sections):
-        if k == len(sections) + last or (clock.every and section.name.startswith("update_")):
+        if k == len(sections) + last or (clock.every and section.corrects):
             sections[k] = replace(section, program=(*section.program, *notices))
     sections = [replace(section, program=pruned(section.program)) for section in sections]
-    updates = {section.name: section for section in sections}
-    timed_ = (timed(updates[f"update_{y}"], y) for y in system.outputs if clock.every and f"update_{y}" in updates)
+    updates = {section.corrects: section for section in sections}
+    timed_ = (timed(updates[y.name], y) for y in system.outputs if clock.every and y.name in updates)
     step = Step(
         name=system.name,
         observer=observer,
@@ -335,34 +337,34 @@ def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], advan
     program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
     if uses_output:
         program.append(guard_outputs(observer, clock))
-    adapts, calls = _adapts(pieces), sym("state.calls")
+    adapts, calls = _adapts(pieces), sym("state", "calls")
     program += [tick(observer.form.system.outputs, adapts)] if clock.every else []
     counted = ca.if_else(calls < 2, calls + 1, 2) if adapts else ca.SX(1)
     program.append(
         Block(
             "the first call advances no time",
-            {"work.running": calls >= 1, "state.calls": counted},
+            {Place("work", "running"): calls >= 1, Place("state", "calls"): counted},
         )
     )
     program.append(advance)
     if clock.inputs:
-        program.append(Block("remember the input", {"state.u": sym("work.u", clock.inputs)}))
+        program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
     if uses_output:
-        remembered = {"state.y": sym("work.y", clock.outputs), "state.y_valid": clock.valid}
+        remembered = {Place("state", "y"): sym("work", "y", clock.outputs), Place("state", "y_valid"): clock.valid}
         program.append(Block("remember the sample", remembered))
     return tuple(program)
 
 
 def _estimate(observer: Observer) -> Program:
-    values = observer.dynamics.estimate(observer.z, sym("state.u", len(observer.form.system.inputs)))
-    writes = {f"estimate.{s.name}": values[i] for i, (s, _) in enumerate(observer.form.estimates)}
+    values = observer.dynamics.estimate(observer.z, sym("state", "u", len(observer.form.system.inputs)))
+    writes = {Place("estimate", s.name): values[i] for i, (s, _) in enumerate(observer.form.estimates)}
     return (Block("the plant's state", writes),)
 
 
 def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
     """The status bits that some block raises, in a fixed order; of one name the last, a part's own words for it."""
     programs = (*step.program, *step.tuning, *(s for section in step.timed for s in section.program))
-    raised = {place.split(".", 1)[1] for place, _ in places(programs) if scope(place) == "status"}
+    raised = {place.name for place, _ in places(programs) if place.struct == "status"}
     bits = []
     beyond = {y: implausible(read) for y, read in zip(step.outputs, readings(step.observer.form), strict=True)}
     for signals, kinds in (

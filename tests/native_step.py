@@ -10,12 +10,13 @@ from hgogen import targets
 from hgogen.calling import native
 from hgogen.emit import layout
 from hgogen.emit.cprint import Real
+from hgogen.program import Place
 from hgogen.step import Step
 
 NUMBER = {"float": np.float32, "double": np.float64}
 
 
-def pack_state(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
+def pack_state(step: Step, memory: Mapping[Place, np.ndarray]) -> np.ndarray:
     """The state in a machine's memory as one record (1) of the C in double."""
     state = np.zeros(1, layout.state_type(step))
     for place, array in layout.state_places(step, state).items():
@@ -23,7 +24,7 @@ def pack_state(step: Step, memory: Mapping[str, np.ndarray]) -> np.ndarray:
     return state
 
 
-def unpack_state(step: Step, state: np.ndarray, memory: Mapping[str, np.ndarray]) -> None:
+def unpack_state(step: Step, state: np.ndarray, memory: Mapping[Place, np.ndarray]) -> None:
     """A record (1) of the C, in any precision, into a machine's memory."""
     for place, array in layout.state_places(step, state).items():
         memory[place][:] = array

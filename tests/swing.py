@@ -10,6 +10,7 @@ from plants import model
 
 import hgogen as hg
 from hgogen.chains.core import core_numbers, nominal
+from hgogen.program import Place
 from hgogen.trial import Trial, Truth, simulate, t
 
 DT = 1e-3
@@ -58,7 +59,7 @@ def last_error(build: Callable[[], hg.Observer], q: float, w: float) -> float:
     """The largest error at the end of the swing, from the estimate (q, w)."""
     step = _step(build)
     step.reset()
-    step._kept.places["state.w"][:] = q, w
+    step._kept.places[Place("state", "w")][:] = q, w
     last: float = np.abs(step.run(u=truth().u, y=truth().y).x[-1] - truth().x[-1]).max()
     return last
 

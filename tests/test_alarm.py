@@ -14,6 +14,7 @@ import hgogen as hg
 from hgogen import cli, model
 from hgogen.calling import native
 from hgogen.commands import jobs
+from hgogen.program import Place
 from hgogen.trial import Jump, OrnsteinUhlenbeck, Trial, t
 from hgogen.trials import alarm, noise
 from hgogen.trials.metrics import Summary
@@ -120,12 +121,12 @@ def test_it_starts_at_the_truth_and_leaves_the_step_alone() -> None:
     predictors' error of integration, less than dt^2 for Heun; a start at 0 would leave an error of the order of x."""
     made, quiet = step(adaptive(8.0)), replace(TRIAL, duration=2 * D, noise={}, jumps=())
     made(u=0.1, y=0.2)
-    before = made.save(), made._kept.places["gain.rate"].copy()
+    before = made.save(), made._kept.places[Place("gain", "rate")].copy()
     found = alarm.ratio(made, quiet, "python", (0,))
     assert found is not None
     assert 0 < found < DT**4 * D / GAMMA_0
     assert made.save() == before[0]
-    assert np.array_equal(made._kept.places["gain.rate"], before[1])
+    assert np.array_equal(made._kept.places[Place("gain", "rate")], before[1])
 
 
 @needs_compiler

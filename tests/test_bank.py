@@ -21,7 +21,7 @@ import hgogen as hg
 from hgogen.calling.native import run_check
 from hgogen.kalman.decay import log_growth
 from hgogen.model import load
-from hgogen.program import Block, Loop, address, walk
+from hgogen.program import Block, Loop, Place, address, walk
 from hgogen.reading.given import BadGain
 from hgogen.stepping.parallel import BadPeriod
 
@@ -233,13 +233,13 @@ def test_every_observer_of_the_pendulum_can_be_a_member(name: str) -> None:
     assert np.array_equal(made.run(**given_, engine="python").x, alone.run(**given_, engine="python").x)
     made(0.1, 0.2)
     memory, n = made._kept.places, made.observer.form.n
-    assert (memory["state.oldest"][0], memory["state.selected"][0]) == (1, 1)
+    assert (memory[Place("state", "oldest")][0], memory[Place("state", "selected")][0]) == (1, 1)
     symbols = ca.symvar(made.observer.z)
     state = ca.Function("z", symbols, [made.observer.z])
 
     def estimate(k: int) -> Any:
-        known = {p.replace("member.", "state."): a[k] for p, a in memory.items() if p.startswith("member.")}
-        parameters = {p: a for p, a in memory.items() if p.split(".")[0] in ("plant", "gain", "derived")}
+        known = {p._replace(struct="state"): a[k] for p, a in memory.items() if p.struct == "member"}
+        parameters = {p: a for p, a in memory.items() if p.struct in ("plant", "gain", "derived")}
         return state(*(({**parameters, **known})[p][i] for p, i, _ in map(address, symbols))).full()
 
     assert np.array_equal(estimate(0), estimate(1))
@@ -254,8 +254,8 @@ def test_an_estimate_is_carried_over_whatever_its_box() -> None:
     made = hg.sample(hg.observers.bank(bare, count=2, period=0.01, selection="newest"), hg.methods.rk4, dt=0.001)
     made.run(**waves(made, 11), engine="python")
     memory = made._kept.places
-    assert memory["state.oldest"][0] == 1
-    assert np.array_equal(memory["member.z"][0], memory["member.z"][1])
+    assert memory[Place("state", "oldest")][0] == 1
+    assert np.array_equal(memory[Place("member", "z")][0], memory[Place("member", "z")][1])
 
 
 def test_a_member_restarts_from_the_selected_estimate_with_its_first_gain() -> None:
@@ -263,23 +263,26 @@ def test_a_member_restarts_from_the_selected_estimate_with_its_first_gain() -> N
     made.reset()
     made.run(**waves(made, 40), engine="python")
     memory = made._kept.places
-    before = {place: memory[place].copy() for place in ("member.z", "member.theta", "member.score")}
+    before = {
+        place: memory[place].copy()
+        for place in (Place("member", "z"), Place("member", "theta"), Place("member", "score"))
+    }
     made(0.1, 0.3)
-    selected, old = int(memory["state.selected"][0]), 0
-    assert memory["state.oldest"][0] == 1
+    selected, old = int(memory[Place("state", "selected")][0]), 0
+    assert memory[Place("state", "oldest")][0] == 1
     assert selected != old
-    assert np.array_equal(memory["member.z"][old], memory["member.z"][selected])
-    assert np.array_equal(memory["state.z"], memory["member.z"][selected])
-    assert np.array_equal(memory["member.score"][old], memory["member.score"][selected])
-    assert memory["member.theta"][:, 0].tolist()[0] == 8.0
-    assert (memory["member.theta"][1:] < before["member.theta"][1:]).all()
+    assert np.array_equal(memory[Place("member", "z")][old], memory[Place("member", "z")][selected])
+    assert np.array_equal(memory[Place("state", "z")], memory[Place("member", "z")][selected])
+    assert np.array_equal(memory[Place("member", "score")][old], memory[Place("member", "score")][selected])
+    assert memory[Place("member", "theta")][:, 0].tolist()[0] == 8.0
+    assert (memory[Place("member", "theta")][1:] < before[Place("member", "theta")][1:]).all()
 
 
 def test_just_after_a_restart_the_oldest_has_the_age_of_all_periods_but_one() -> None:
     """0, T, .., (N - 1) T, by theta = 1 + 7 exp(-.1 age), which has lost 1e3 times its rounding after 1,000 samples."""
     made = step(count=4, period=2.0, selection="newest")
     made.run(**{name: values[:1001] for name, values in zip("uy", record()[1:], strict=True)}, engine="python")
-    ages = -np.log((made._kept.places["member.theta"][:, 0] - 1) / 7) / 0.1
+    ages = -np.log((made._kept.places[Place("member", "theta")][:, 0] - 1) / 7) / 0.1
     assert sorted(ages) == pytest.approx([0, 2, 4, 6], abs=1e-10)
 
 
@@ -288,11 +291,11 @@ def test_the_predictors_of_a_member_restart_from_its_estimate() -> None:
     made.reset()
     made.run(**waves(made, 41), engine="python")
     memory = made._kept.places
-    assert memory["state.oldest"][0] == 1
-    assert np.array_equal(memory["predictor.z"][0], np.tile(memory["member.z"][0], (3, 1)))
-    assert not memory["predictor.sum"][0].any()
-    assert memory["predictor.sum"][1].any()
-    assert memory["score_predictor.sum"][0].any()  # its score goes on
+    assert memory[Place("state", "oldest")][0] == 1
+    assert np.array_equal(memory[Place("predictor", "z")][0], np.tile(memory[Place("member", "z")][0], (3, 1)))
+    assert not memory[Place("predictor", "sum")][0].any()
+    assert memory[Place("predictor", "sum")][1].any()
+    assert memory[Place("score_predictor", "sum")][0].any()  # its score goes on
 
 
 def test_a_member_beyond_the_last_is_the_first() -> None:
@@ -302,7 +305,7 @@ def test_a_member_beyond_the_last_is_the_first() -> None:
     kept = made.save()
     for selected in (0, 1, 3):
         made.restore(kept)
-        made._kept.places["state.selected"][0] = selected
+        made._kept.places[Place("state", "selected")][0] = selected
         found.append(made(0.1, 0.2).x.tolist())
     assert found[0] == found[2] != found[1]
 
@@ -360,8 +363,8 @@ def test_every_place_of_a_member_is_in_its_struct() -> None:
     made = around("adaptive")
     whole = {"doubt_y", "patience_y", "doubt_range", "patience_range", "doubt_sum", "calls", "u"}
     assert {f.name for f in made.state} == {"z", "theta", "innovation", "selected", "oldest", "tick", *whole}
-    inside = {p for s in walk(made.program) if isinstance(s, Block) for p in s.writes if p.startswith("state.")}
-    assert inside <= {f"state.{f.name}" for f in made.state}
+    inside = {p for s in walk(made.program) if isinstance(s, Block) for p in s.writes if p.struct == "state"}
+    assert inside <= {Place("state", f.name) for f in made.state}
 
 
 # --- bad input ----------------------------------------------------------------------------------------------

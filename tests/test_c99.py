@@ -4,6 +4,7 @@ import hashlib
 import operator
 import os
 import platform
+import re
 import socket
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from emitted import compiled, files, run, step, tool
 
 import hgogen as hg
 from hgogen.emit.cfold import COLUMNS
-from hgogen.emit.cprint import BeyondFloat, Printer, Target, body
+from hgogen.emit.cprint import BeyondFloat, Operand, Printer, Target, body
 from hgogen.step import BadStep
 from tests.sweep import by_turns
 
@@ -198,6 +199,21 @@ def test_words_of_the_user_stay_in_their_comments(tmp_path: Path) -> None:
     assert subprocess.run([program], check=False).returncode == 0
 
 
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", NAMES)
+def test_headers_and_casts_are_those_that_the_code_needs(name: str, real: str) -> None:
+    source = re.sub(r"/\*.*?\*/", "", files(name, real)[f"{step(name).name}.c"], flags=re.DOTALL)
+    included = set(re.findall(r"<(std\w+|limits)\.h>", source))
+    words = set(re.findall(r"\w+", re.sub(r"#include.*", "", source)))
+    wide = any(int(word[:-1]) > 0xFFFF for word in words if re.fullmatch(r"\d+u", word))
+    needed = {"stdbool": bool(words & {"bool", "true", "false"}), "stdint": bool(words & {"int32_t", "int64_t"})}
+    assert included == {header for header, there in (needed | {"limits": wide}).items() if there}
+    for head, inner in re.findall(r"^([^\n]+)\n\{\n(.*?)^\}$", source, flags=re.DOTALL | re.MULTILINE):
+        for pointer in re.findall(r"\*(\w+)[,)]", head):
+            uses = len(re.findall(rf"(?<!->)(?<!\.)\b{pointer}\b", inner))
+            assert uses == 1 if f"(void){pointer};" in inner else uses > 0, f"{pointer} of {head}"
+
+
 def test_few_bits_are_unsigned_and_many_have_32() -> None:
     assert len(step("fitzhugh_nagumo").bits) <= 16 < len(step("wide").bits)
     assert "unsigned fitzhugh_nagumo_step(" in files("fitzhugh_nagumo")["fitzhugh_nagumo.h"]
@@ -226,10 +242,20 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
     """Counters are never NaN, so that no ! is needed; such a comparison reads the same in Python."""
     symbols = [ca.SX.sym(name) for name in "ab"]
     graph = ca.Function("graph", symbols, [ca.logic_not(compare(*symbols))])
-    names = {"inputs": lambda argument, _: "ab"[argument], "local": lambda argument, _: "ab"[argument]}
-    (line,) = body(Printer("unsigned", "x", **names), graph, [Target(lambda text: [text], flag=True)], [], [])
+    names = {"inputs": lambda argument, _: Operand("ab"[argument]), "local": lambda argument, _: "ab"[argument]}
+    constants, result = body(Printer("unsigned", "x", **names), graph, [Target(lambda text: text, flag=True)], [], [])
+    assert not constants.lines
+    (line,) = result.lines
     for a, b in product(range(3), repeat=2):
         assert eval(line, {"a": a, "b": b}) is not compare(a, b)
+
+
+def test_a_bit_that_is_never_raised_is_not_printed() -> None:
+    graph = ca.Function("graph", [], [ca.SX(0), ca.SX(1)])
+    never, always = (Target(lambda _, line=f"raise {name};": line, condition=True) for name in ("never", "always"))
+    printer = Printer("float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
+    constants, result = body(printer, graph, [never, always], [], [])
+    assert (constants.lines, result.lines) == ((), ("raise always;",))
 
 
 # --- the self-check -----------------------------------------------------------------------------------------

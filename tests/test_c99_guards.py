@@ -16,7 +16,7 @@ from hgogen.calling import native
 from hgogen.emit import layout
 from hgogen.emit.cprint import Real, literal
 from hgogen.emit.exact import machine
-from hgogen.program import lines_of
+from hgogen.program import Place, lines_of
 
 NAMES = list(emitted.STEPS)
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
@@ -212,11 +212,11 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
             ("output", zip(made.outputs, y[0], strict=True)),
         ):
             for signal, value in row:
-                reader.memory[f"{place}.{signal.name}"][0] = value
+                reader.memory[Place(place, signal.name)][0] = value
         status, found = reader.call(), compiled.run(u, y)
         assert found.status[0] == status
         seen |= status
-        x = [reader.memory[f"estimate.{s.name}"][0] for s in made.states]
+        x = [reader.memory[Place("estimate", s.name)][0] for s in made.states]
         np.testing.assert_array_equal(found.x[0], x)
         again = {place: array.copy() for place, array in reader.memory.items()}
         unpack_state(made, compiled.state, again)
@@ -238,7 +238,7 @@ def test_any_parameters_are_tuned_to_the_same_bits(name: str) -> None:
                 low, high = (np.array(ends) for ends in zip(*field.box, strict=True))
                 values = low + (high - low) * draw.uniform(-0.1, 1.1, field.size)
                 values = np.where(draw.random(field.size) < 0.2, draw.choice(NASTY, field.size), values)
-                reader.memory[f"{kind}.{field.name}"][:] = values
+                reader.memory[Place(kind, field.name)][:] = values
                 compiled.params[kind][field.name][0] = values if field.size > 1 else values[0]
         status = reader.tune()
         assert compiled.tune() == status
@@ -246,7 +246,7 @@ def test_any_parameters_are_tuned_to_the_same_bits(name: str) -> None:
         for kind, fields in (*kinds, ("derived", made.derived)):
             for field in fields:
                 values = np.ravel(compiled.params[kind][field.name][0])
-                np.testing.assert_array_equal(values, reader.memory[f"{kind}.{field.name}"], err_msg=field.name)
+                np.testing.assert_array_equal(values, reader.memory[Place(kind, field.name)], err_msg=field.name)
                 low, high = (np.array(ends, np.float32) for ends in zip(*field.box, strict=True))
                 assert np.isfinite(values).all()
                 assert (values >= low).all()

@@ -17,6 +17,7 @@ from hgogen.chains.integrators import integrators
 from hgogen.check import Verdict
 from hgogen.guarantees.certified import Nothing, of_gains
 from hgogen.guarantees.certified_core import CoreBound, Layout, of_core
+from hgogen.program import Place
 from hgogen.theorem import rows
 
 pytest.importorskip("cvxpy")
@@ -69,7 +70,7 @@ def bound_of(kind: str, name: str) -> CoreBound:
 def vertices(kind: str, name: str, theta: float) -> list[np.ndarray]:
     """The core at theta, with every combination of saturations open and shut, from the core without."""
     n = form(name).n
-    core = core_numbers(build(kind, name, theta).parts[0], 1, {"gain.theta": np.array([theta])})
+    core = core_numbers(build(kind, name, theta).parts[0], 1, {Place("gain", "theta"): np.array([theta])})
     if kind != "peaking_free":
         return [core]
     found = []

@@ -15,6 +15,7 @@ from hgogen.calling.native import run_check
 from hgogen.discretisation.stability import Limit
 from hgogen.emit.exact import machine
 from hgogen.kalman.square_root import carlson, triangle
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 
 EPS = np.finfo(float).eps
@@ -125,15 +126,15 @@ def test_a_long_loss_of_samples_is_capped_and_comes_back_in_float() -> None:
     observer = hg.observers.riccati(form, Q=(100.0,) * 3, R=0.01, initial={"x1": 1.0, "x3": -1.0})
     step = hg.sample(observer, hg.methods.cholesky, dt=0.01)
     reader, capped = machine(step, "float"), 0
-    reader.memory["output.y"][0] = NAN
+    reader.memory[Place("output", "y")][0] = NAN
     for _ in range(500):
         capped += "COVARIANCE_LIMITED" in step.flags(reader.call())
-        assert np.isfinite(reader.memory["state.root"]).all()
+        assert np.isfinite(reader.memory[Place("state", "root")]).all()
     assert capped
-    reader.memory["output.y"][0] = 0.0
+    reader.memory[Place("output", "y")][0] = 0.0
     for _ in range(500):
         reader.call()
-    assert np.abs(reader.memory["state.z"]).max() < 0.1
+    assert np.abs(reader.memory[Place("state", "z")]).max() < 0.1
 
 
 @pytest.mark.parametrize("real", ["float", "double"])

@@ -18,7 +18,7 @@ from hgogen.cli import app
 from hgogen.commands import tables
 from hgogen.emit.cost import cost
 from hgogen.model import load
-from hgogen.program import Block, Kernel, Loop, Statement, When, sym
+from hgogen.program import Block, Kernel, Loop, Place, Statement, When, sym
 from hgogen.step import Step
 from hgogen.trial import Jump, Trajectory, Trial, Truth, try_out
 from hgogen.trials import figures as figure
@@ -44,10 +44,10 @@ def priced(*program: Statement) -> tuple[int, int]:
     return found.operations, found.functions
 
 
-A, B = sym("work.a"), sym("work.b")
-LONG = Block("three", {"work.c": (A + B) * A - B})
-SHORT = Block("one", {"work.c": A + B})
-SINE = Block("a product and a sine", {"work.c": A * ca.sin(B)})
+A, B = sym("work", "a"), sym("work", "b")
+LONG = Block("three", {Place("work", "c"): (A + B) * A - B})
+SHORT = Block("one", {Place("work", "c"): A + B})
+SINE = Block("a product and a sine", {Place("work", "c"): A * ca.sin(B)})
 
 
 @pytest.mark.parametrize(
@@ -56,9 +56,9 @@ SINE = Block("a product and a sine", {"work.c": A * ca.sin(B)})
         ((), (0, 0)),
         ((LONG, SHORT), (4, 0)),
         ((SINE,), (1, 1)),
-        ((Block("a copy and a number", {"work.c": A, "work.d": ca.SX(3)}),), (0, 0)),
+        ((Block("a copy and a number", {Place("work", "c"): A, Place("work", "d"): ca.SX(3)}),), (0, 0)),
         ((Loop("member", 5, (SINE, SHORT)),), (10, 5)),
-        ((When("work.flag", (SHORT,), (LONG,)),), (3, 0)),
+        ((When(Place("work", "flag"), (SHORT,), (LONG,)),), (3, 0)),
         # by hand, `kernels.correct` for two states: 5 for the second, 12 for the first, 2 for the gain
         (
             (
@@ -66,7 +66,12 @@ SINE = Block("a product and a sine", {"work.c": A * ca.sin(B)})
                     "correct",
                     2,
                     "columns.l",
-                    (("state.d", 2), ("work.c", 2), ("work.r", 1), ("work.gain", 2)),
+                    (
+                        (Place("state", "d"), 2),
+                        (Place("work", "c"), 2),
+                        (Place("work", "r"), 1),
+                        (Place("work", "gain"), 2),
+                    ),
                 ),
             ),
             (19, 0),

@@ -24,6 +24,7 @@ from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.modelfiles.tuning import Tuning
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.trial import Trial, try_out
 
@@ -108,7 +109,7 @@ def test_its_c_compiles_clean_and_has_the_bits_of_python(model: str, name: str, 
 def test_its_recorded_vectors_start_off_rest(model: str, name: str) -> None:
     """Where the estimate is known to lie in the state, whatever the observer calls it."""
     made = step(model, name)
-    rest = {f"state.{field.name}": list(field.initial) for field in made.state}
+    rest = {Place("state", field.name): list(field.initial) for field in made.state}
     moved = {place: values for place, values in start(made).items() if place in rest}
     assert moved
     assert all(values != rest[place] for place, values in moved.items())

@@ -29,6 +29,7 @@ from hgogen.kalman.covariance import unpack
 from hgogen.kalman.factored import largest
 from hgogen.model import load
 from hgogen.observer import Observer
+from hgogen.program import Place
 from hgogen.trial import t, try_out
 
 NAN = float("nan")
@@ -152,9 +153,9 @@ def test_a_sample_now_and_then_is_enough() -> None:
 def test_c_is_python_to_the_bit_after_a_silence(name: str, method: str, real: Real) -> None:
     step = sampled(name, method)
     reader, compiled = machine(step, real), NativeStep(step, real)
-    reader.memory["input.tau" if name == "pendulum" else "input.u"][0] = 0
+    reader.memory[Place("input", "tau") if name == "pendulum" else Place("input", "u")][0] = 0
     for sample in np.concatenate([np.full(200, NAN), np.linspace(1, 1.1, 20)]):
-        reader.memory["output.y"][0] = sample
+        reader.memory[Place("output", "y")][0] = sample
         status, found = reader.call(), compiled.run(np.zeros((1, 1)), np.array([[sample]]))
         assert found.status[0] == status
     again = {place: array.copy() for place, array in reader.memory.items()}

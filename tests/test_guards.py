@@ -8,6 +8,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.emit.exact import machine
+from hgogen.program import Place
 
 
 def pendulum(**output: float) -> hg.Step:
@@ -40,12 +41,12 @@ def test_a_lost_value_restarts_the_whole_state(field: str, lost: float) -> None:
     for _ in range(300):
         step(y=0.5)
     memory = step._kept.places
-    memory[f"state.{field}"][0] = lost
+    memory[Place("state", field)][0] = lost
     sample = step(y=np.nan)
     assert "RESTARTED" in sample.flags
-    assert memory["state.z"].tolist() == [0, 0]
-    assert memory["state.D"].tolist() == [1, 1]
-    assert memory["state.L"].tolist() == [0]
+    assert memory[Place("state", "z")].tolist() == [0, 0]
+    assert memory[Place("state", "D")].tolist() == [1, 1]
+    assert memory[Place("state", "L")].tolist() == [0]
     assert step(y=np.nan).flags == ("MISSING_y",)
 
 
@@ -79,25 +80,25 @@ def still(**signal: float) -> hg.Step:
 def test_a_sample_too_far_from_the_prediction_to_be_squared_is_rejected() -> None:
     """Without ranges an estimate may be anywhere; in a float the square of 1e20 is infinite."""
     step = still()
-    step._kept.places["state.z"][0] = 1e20
+    step._kept.places[Place("state", "z")][0] = 1e20
     assert step(u=0, y=0).flags == ("REJECTED_y",)
     step.reset()
-    step._kept.places["state.z"][0] = 1e15
+    step._kept.places[Place("state", "z")][0] = 1e15
     assert step(u=0, y=0).flags == ()
 
 
 def test_a_restart_keeps_the_last_input() -> None:
     """It is no estimate: an input that is lost after it is still replaced by the last valid one."""
     reader = machine(still(low=-2, high=2), "double")
-    reader.memory["input.u"][0] = 0.5
+    reader.memory[Place("input", "u")][0] = 0.5
     reader.call()
     reader.section("predict")
-    reader.memory["state.D"][0] = np.nan
+    reader.memory[Place("state", "D")][0] = np.nan
     assert "RESTARTED" in reader.step.flags(reader.section("update_y"))
-    assert reader.memory["state.z"].tolist() == [0, 0]
-    reader.memory["input.u"][0] = np.nan
+    assert reader.memory[Place("state", "z")].tolist() == [0, 0]
+    reader.memory[Place("input", "u")][0] = np.nan
     assert "REUSED_u" in reader.step.flags(reader.section("predict"))
-    assert reader.memory["state.z"] == pytest.approx([0.5 * reader.step.dt] * 2, rel=1e-12)
+    assert reader.memory[Place("state", "z")] == pytest.approx([0.5 * reader.step.dt] * 2, rel=1e-12)
 
 
 @pytest.mark.parametrize("end", [0, 1])
@@ -105,9 +106,9 @@ def test_at_the_edge_of_its_outer_box_an_estimate_is_not_projected(end: int) -> 
     step = still(low=-2, high=2)
     step(u=0, y=np.nan)
     (z,) = (field for field in step.state if field.name == "z")
-    step._kept.places["state.z"][:] = [ends[end] for ends in z.box]
+    step._kept.places[Place("state", "z")][:] = [ends[end] for ends in z.box]
     assert "STATE_LIMITED" not in step(u=0, y=np.nan).flags
-    step._kept.places["state.z"][0] *= 1.001
+    step._kept.places[Place("state", "z")][0] *= 1.001
     assert "STATE_LIMITED" in step(u=0, y=np.nan).flags
 
 
@@ -116,9 +117,9 @@ def test_theta_stays_below_twice_theta_1_as_it_is_tuned() -> None:
     reader = machine(neuron.step(neuron.adaptive()), "double")
     for _ in range(2):  # the first call advances no time
         reader.call()
-    reader.memory["gain.theta_1"][0], reader.memory["state.theta"][0] = 1.5, 7.9
+    reader.memory[Place("gain", "theta_1")][0], reader.memory[Place("state", "theta")][0] = 1.5, 7.9
     reader.tune()
     for innovation in (10.0, 0.0):
-        reader.memory["state.innovation"][0] = innovation
+        reader.memory[Place("state", "innovation")][0] = innovation
         reader.section("adapt")
-        assert 1 <= reader.memory["state.theta"][0] <= 3
+        assert 1 <= reader.memory[Place("state", "theta")][0] <= 3

@@ -26,6 +26,7 @@ from hgogen.discretisation.runge_kutta import RK4
 from hgogen.discretisation.stability import core_limit
 from hgogen.guarantees.certified import Nothing, ThetaBound, of_gains, of_poles
 from hgogen.modelfiles.tuning import Tuning
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.structure.scaling import exponents
 from hgogen.theorem import rows
@@ -84,7 +85,7 @@ def test_the_gains_of_1992(n: int) -> None:
     K = [comb(n, i) for i in range(1, n + 1)]
     step = hg.sample(hg.observers.high_gain(form, theta=10, poles=[-1] * n), dt=1e-3)
     step.tune()
-    assert step._kept.places["derived.K"] == pytest.approx([k * 10**i for i, k in enumerate(K, 1)], rel=1e-12)
+    assert step._kept.places[Place("derived", "K")] == pytest.approx([k * 10**i for i, k in enumerate(K, 1)], rel=1e-12)
     given_ = hg.observers.high_gain(form, theta=10, gains=K)
     found = core_numbers(given_.parts[0], 1, nominal(given_))
     assert np.poly(found) == pytest.approx([comb(n, i) * 10.0**i for i in range(n + 1)], rel=1e-9)

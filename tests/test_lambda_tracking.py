@@ -19,6 +19,7 @@ from hgogen.chains.injection import companion
 from hgogen.check import Verdict
 from hgogen.guarantees.lmi import lyapunov
 from hgogen.model import load
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, try_out
@@ -70,7 +71,7 @@ def test_at_the_start_the_inverse_is_taken_at_the_edge_of_the_ranges() -> None:
 def test_at_a_pole_of_the_inverse_the_substrate_is_at_its_highest() -> None:
     """In binary fractions, x2 = (a1 - u) x1 exactly: the denominator is 0, what is measured stays as it is."""
     step = hg.sample(tuned(), hg.methods.rk4, dt=0.01)
-    step._kept.places["state.w"][:] = 1 / 16, 1 / 16 - 1 / 256
+    step._kept.places[Place("state", "w")][:] = 1 / 16, 1 / 16 - 1 / 256
     sample = step(u=1 / 16, y=1 / 16)
     assert (sample["m"], sample["s"]) == (1 / 16, 0.15)
     assert sample.flags == ("OUTSIDE_BOX",)

@@ -332,7 +332,7 @@ def test_a_range_turns_with_the_sign_of_its_scale(nominal: float) -> None:
     a = hg.Signal("a", "", "", nominal, low=-2, high=1)
     data = {"states": x, "parameters": (a,), "outputs": [hg.Signal("y")], "output": [x[0]]}
     either = hg.forms.triangular(hg.System("either", **data, flow=[a * x[1], -x[0]]))
-    held, place = integrators("peaking_free", either), sym("plant.a")
+    held, place = integrators("peaking_free", either), sym("plant", "a")
     found = ca.Function("sat", [place], [ca.vertcat(*(held.saturated(ca.SX(end), 1) for end in (-9, 9)))])(nominal)
     assert np.array(found).reshape(-1) == pytest.approx(sorted((-nominal, 3 * nominal)))
 

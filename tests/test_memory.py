@@ -11,6 +11,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.model import load
 from hgogen.observer import Observer
+from hgogen.program import Place
 
 # --- an estimate that is written before the first call -------------------------------------------------------
 
@@ -26,12 +27,12 @@ def adaptive(name: str) -> Observer:
 
 
 def memory(step: CallableStep, name: str) -> Any:
-    return step._kept.places[f"state.{name}"]
+    return step._kept.places[Place("state", name)]
 
 
-def estimates(step: CallableStep) -> dict[str, Any]:
+def estimates(step: CallableStep) -> dict[Place, Any]:
     """Every estimate in the memory, by place: the step's own, and those of copies that run beside it."""
-    return {name: place for name, place in step._kept.places.items() if name.endswith(".z")}
+    return {place: array for place, array in step._kept.places.items() if place.name == "z"}
 
 
 @pytest.mark.parametrize("name", ADAPTIVE)
@@ -39,13 +40,13 @@ def estimates(step: CallableStep) -> dict[str, Any]:
 def test_all_that_estimates_starts_where_the_estimate_was_written(name: str, banked: bool) -> None:
     observer = hg.observers.bank(adaptive(name), count=3, period=1.0) if banked else adaptive(name)
     step = hg.sample(observer, dt=0.01, engine="python")
-    estimates(step)["state.z"][:] = (0.5, -0.25)
+    estimates(step)[Place("state", "z")][:] = (0.5, -0.25)
     sample = step(y=np.nan)
     assert sample.x.tolist() == [0.5, -0.25]
     found = estimates(step)
     assert len(found) > 1
     for place, array in found.items():
-        if not place.startswith("past."):
+        if place.struct != "past":
             np.testing.assert_array_equal(array.reshape(-1, 2), [(0.5, -0.25)] * (array.size // 2), place)
 
 

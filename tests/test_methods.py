@@ -21,7 +21,7 @@ from hgogen.emit.exact import evaluate, machine
 from hgogen.kalman.covariance import covariance_ode, information_ode, measurement_update, pack, time_update, unpack
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import NoCovariance
-from hgogen.program import sym
+from hgogen.program import Place, sym
 from hgogen.step import BadStep, CannotUpdate, StepMayFail, StepTooLong
 
 EPS = np.finfo(float).eps
@@ -164,15 +164,18 @@ def rates() -> tuple[object, object]:
     """(z, X, u, y, valid) to (z', X'), X the lower triangle of P or S."""
     (part,) = fitzhugh_nagumo(theta=3.0, Q=np.diag([0.1, 0.01, 2.3e-4]) + 1e-4).parts
     assert isinstance(part, Riccati)
-    n, gains = part.dynamics.n, {"gain.Q": part.nominal[0], "gain.R": part.nominal[1], "gain.theta": 3.0}
+    n, gains = (
+        part.dynamics.n,
+        {Place("gain", "Q"): part.nominal[0], Place("gain", "R"): part.nominal[1], Place("gain", "theta"): 3.0},
+    )
     z, X, u_, y_, valid = (ca.SX.sym(name, size) for name, size in zip("zXuyv", (n, 6, 1, 1, 1), strict=True))
     functions = []
     for view, name in ((covariance_ode, "P"), (information_ode, "S")):
         slopes = view(part).rhs({"z": z, name: X}, u_, y_, valid)
-        weights = np.diag(np.linalg.cholesky(gains["gain.Q"])) ** 2
+        weights = np.diag(np.linalg.cholesky(gains[Place("gain", "Q")])) ** 2
         found = ca.substitute(
             [ca.vertcat(slopes["z"]), ca.vertcat(slopes[name])],
-            [sym("gain.Q", n), sym("gain.R"), sym("gain.theta")],
+            [sym("gain", "Q", n), sym("gain", "R"), sym("gain", "theta")],
             [ca.SX(ca.DM(weights)), ca.SX(1.0), ca.SX(3.0)],
         )
         functions.append(ca.Function(name, [z, X, u_, y_, valid], found))
@@ -326,15 +329,15 @@ def test_a_step_in_float_comes_back_after_2000_samples_without_measurement() -> 
         hg.forms.triangular(chain(5)), Q=(0.01,) * 5, R=0.01, initial={"x1": 1.0, "x5": -1.0}
     )
     reader = machine(hg.sample(observer, dt=0.01), "float")
-    reader.memory["output.y"][0] = np.nan
+    reader.memory[Place("output", "y")][0] = np.nan
     for _ in range(2000):
         reader.call()
-        assert (reader.memory["state.D"] > 0).all()
-        assert all(np.isfinite(reader.memory[f"state.{name}"]).all() for name in ("z", "L", "D"))
-    reader.memory["output.y"][0] = 0.0
+        assert (reader.memory[Place("state", "D")] > 0).all()
+        assert all(np.isfinite(reader.memory[Place("state", name)]).all() for name in ("z", "L", "D"))
+    reader.memory[Place("output", "y")][0] = 0.0
     for _ in range(1500):
         reader.call()
-    assert np.abs(reader.memory["state.z"]).max() < 0.1
+    assert np.abs(reader.memory[Place("state", "z")]).max() < 0.1
 
 
 @pytest.mark.parametrize("loops", [False, True])
@@ -349,19 +352,19 @@ def test_beyond_its_cap_the_covariance_is_scaled_by_rows_and_columns(
     observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-12,) * 3, R=1.0)
     reader, (part,) = machine(hg.sample(observer, dt=0.01), "double"), observer.parts
     memory, below = reader.memory, np.triu_indices(3, 1)
-    memory["output.y"][0] = np.nan
+    memory[Place("output", "y")][0] = np.nan
     reader.call()  # the first call advances no time
 
     columns, d = np.array([[1.0, 0.5, -0.25], [0, 1, 2], [0, 0, 1]]), part.cap * [0.5, 3.0, 0.1]
     P = columns.T @ np.diag(d) @ columns
     scale = np.minimum(1, part.cap / np.diag(P))
     assert (scale < 1).tolist() == [False, True, True]
-    memory["state.D"][:] = d
-    memory["column.v" if loops else "state.L"][:] = columns if loops else columns[below]
+    memory[Place("state", "D")][:] = d
+    memory[Place("column", "v") if loops else Place("state", "L")][:] = columns if loops else columns[below]
     assert "COVARIANCE_LIMITED" in reader.step.flags(reader.call())
 
-    columns[below] = memory["column.v"][below] if loops else memory["state.L"]
-    found = columns.T @ np.diag(memory["state.D"]) @ columns
+    columns[below] = memory[Place("column", "v")][below] if loops else memory[Place("state", "L")]
+    found = columns.T @ np.diag(memory[Place("state", "D")]) @ columns
     assert found == pytest.approx(np.diag(scale) @ P @ np.diag(scale), rel=1e-9)
 
 
@@ -372,12 +375,12 @@ def test_a_covariance_may_fall_far_below_its_first_value() -> None:
     q, R, h = 1e-12, 1e-12, 0.01
     observer = hg.observers.riccati(hg.forms.original(plant), Q=(q, q), R=(R, R), covariance=(1e6, 1e6))
     reader, P = machine(hg.sample(observer, dt=h), "double"), 1e6
-    reader.memory["output.y1"][0] = reader.memory["output.y2"][0] = 0.0
+    reader.memory[Place("output", "y1")][0] = reader.memory[Place("output", "y2")][0] = 0.0
     for k in range(50):
         reader.call()
         predicted = P + h * q * (k > 0)  # the first call advances no time
         P = predicted * (R / h) / (predicted + R / h)
-        assert reader.memory["state.D"] == pytest.approx([P, P], rel=1e-9)
+        assert reader.memory[Place("state", "D")] == pytest.approx([P, P], rel=1e-9)
 
 
 # --- step lengths -------------------------------------------------------------------------------------------
@@ -434,7 +437,7 @@ def test_a_dt_without_a_warning_runs() -> None:
         step = hg.sample(observer, hg.methods.rk4, dt=float(dt))
     kept = step.run(**record(20.0, float(dt)), engine="python")
     assert "RESTARTED" not in step.flags(np.bitwise_or.reduce(kept.status))
-    S = np.array(ca.DM(unpack(ca.SX(ca.DM(step._kept.places["state.S"])), 3)))
+    S = np.array(ca.DM(unpack(ca.SX(ca.DM(step._kept.places[Place("state", "S")])), 3)))
     assert np.linalg.eigvalsh(S).min() > 0
 
 

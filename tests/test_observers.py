@@ -26,6 +26,7 @@ from hgogen.kalman.innovation import BadWindow, BadWindowSize
 from hgogen.kalman.theta import rise
 from hgogen.model import load
 from hgogen.part import Clock
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import BadNames
 from hgogen.structure.dynamics import Singular
@@ -49,10 +50,10 @@ def adaptive(theta_1: float = 4.0, **changes: Any) -> hg.theta.Adaptive:
 def law(theta: hg.theta.Adaptive, dt: float) -> Callable[[float, float], float]:
     """The law as the step has it: theta after a sample, of theta and the innovation."""
     (block,) = theta.parts(None, None)[-1].build(Clock(dt, "line", 1, 1)).adapt
-    gains = {f"gain.{g.name}": g.initial[0] for g in theta.gains}
+    gains = {Place("gain", g.name): g.initial[0] for g in theta.gains}
 
     def after(value: float, innovation: float) -> float:
-        memory = {**gains, "state.theta": value, "state.innovation": innovation}
+        memory = {**gains, Place("state", "theta"): value, Place("state", "innovation"): innovation}
         return float(block.graph(*(memory[place] for place, _ in block.reads))[0])
 
     return after
@@ -379,7 +380,7 @@ def test_a_gain_that_can_be_tuned_enters_a_high_gain_observer() -> None:
     plant = hg.System("g", states=x, outputs=[hg.Signal("y")], parameters=(a2,), flow=[a2 * x[1], 0], output=[x[0]])
     step = hg.sample(hg.observers.high_gain(hg.forms.triangular(plant), theta=3.0, poles=(-1, -2)), dt=0.01)
     step.tune()
-    K = step._kept.places["derived.K"]
+    K = step._kept.places[Place("derived", "K")]
     assert pytest.approx([9, 9], rel=1e-14) == K
     step.tune(a2=4.0)
     assert pytest.approx([9, 4.5], rel=1e-14) == K
@@ -392,17 +393,17 @@ def test_parameters_are_limited_and_it_is_said() -> None:
     memory = step._kept.places
     for value, kept in ((100.0, 30.0), (-1.0, 5.0), (NAN, 19.6), (float("inf"), 19.6)):
         assert step.flags(step.tune(a=value)) == ("PARAMETER_LIMITED",)
-        assert memory["plant.a"][0] == kept
+        assert memory[Place("plant", "a")][0] == kept
     assert step.flags(step.tune(a=7.0, R=-1.0)) == ("PARAMETER_LIMITED",)
-    assert memory["gain.R"][0] == pytest.approx(1e-8)
+    assert memory[Place("gain", "R")][0] == pytest.approx(1e-8)
     assert step.tune(R=0.02, Q=(0.2, 0.3)) == 0
-    assert memory["gain.Q"] == pytest.approx([0.2, 0.3])
+    assert memory[Place("gain", "Q")] == pytest.approx([0.2, 0.3])
 
 
 def test_theta_cannot_be_tuned_past_the_value_that_dt_was_admitted_for() -> None:
     step = hg.sample(pendulum(theta=20), hg.methods.rk4, dt=0.01)
     assert step.flags(step.tune(theta=21.0)) == ("PARAMETER_LIMITED",)
-    assert step._kept.places["gain.theta"][0] == 20
+    assert step._kept.places[Place("gain", "theta")][0] == 20
 
 
 # --- what is refused ----------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from oracle import fitzhugh_nagumo as fn
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.emit import exact, layout
+from hgogen.program import Place
 
 REFERENCE = fn.Scenario(((50.0, -6.0),), 70.0)
 SHORT = fn.Scenario(((12.0, -6.0),), 26.0)  # the same jump as soon as the first estimate has settled
@@ -165,7 +166,7 @@ class Readers:
         """
         for machine in (self.float, self.bounded):
             unpack_state(self.step, state, machine.memory)
-            machine.memory["input.u"][0], machine.memory["output.y"][0] = u, y
+            machine.memory[Place("input", "u")][0], machine.memory[Place("output", "y")][0] = u, y
             machine.call()
         single, same = (pack_state(self.step, m.memory) for m in (self.float, self.bounded))
         assert single.tobytes() == same.tobytes()  # the bound is one on this very computation
@@ -235,7 +236,7 @@ def test_compiled_float_is_the_float_that_was_bounded(name: str) -> None:
         compiled.state[:] = state.astype(compiled.state.dtype)
         status = compiled.run(U32[k : k + 1], Y32[k : k + 1]).status[0]
         unpack_state(step, state, machine.memory)
-        machine.memory["input.u"][0], machine.memory["output.y"][0] = U32[k], Y32[k]
+        machine.memory[Place("input", "u")][0], machine.memory[Place("output", "y")][0] = U32[k], Y32[k]
         assert machine.call() == status
         for (place, mine), (_, its) in zip(
             leaves(pack_state(step, machine.memory)), leaves(compiled.state), strict=True

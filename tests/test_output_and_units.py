@@ -6,7 +6,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.calling import native
-from hgogen.program import Block, dangling, sym
+from hgogen.program import Block, Place, dangling, sym
 
 SAMPLES = 400
 THETAS = {
@@ -37,9 +37,9 @@ def test_the_input_in_the_output_is_the_same_in_c(output: sp.Expr, theta: str) -
 
 
 def test_a_section_that_reads_what_another_wrote_is_found() -> None:
-    block = Block("late", {"state.z": sym("work.u")})
-    assert dangling((block,)) == {"work.u"}
-    assert dangling((Block("early", {"work.u": sym("input.u")}), block)) == set()
+    block = Block("late", {Place("state", "z"): sym("work", "u")})
+    assert dangling((block,)) == {Place("work", "u")}
+    assert dangling((Block("early", {Place("work", "u"): sym("input", "u")}), block)) == set()
 
 
 def rescaled(a: float, b: float) -> np.ndarray:

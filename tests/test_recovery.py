@@ -17,6 +17,7 @@ from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.model import load
 from hgogen.observer import Observer
+from hgogen.program import Place
 from hgogen.stepping.patience import FINE
 from hgogen.stepping.recovery import MARGIN, SHARE
 
@@ -27,7 +28,7 @@ BIT = "RESTARTED_FROM_SAMPLE"
 
 
 def memory(step: CallableStep, name: str) -> Any:
-    return step._kept.places[f"state.{name}"]
+    return step._kept.places[Place("state", name)]
 
 
 def first(step: hg.Step, name: str) -> float:
@@ -348,15 +349,14 @@ def test_the_start_fits_a_sensor_that_is_not_linear(h: Any, there: float, span: 
 
 def test_a_bank_restarts_each_member_at_the_sample() -> None:
     step = doubting(hg.observers.bank(plants.kalman(plants.van_der_pol()), count=3, period=0.1))
-    for name, place in step._kept.places.items():
-        if name.endswith(".z"):
-            place[...] = 11.0
+    estimates = [array for place, array in step._kept.places.items() if place.name == "z"]
+    for array in estimates:
+        array[...] = 11.0
     sample = step(y=1.5)
     assert BIT in sample.flags
     assert sample["x1"] == 1.5
-    estimates = [place for name, place in step._kept.places.items() if name.endswith(".z")]
     assert estimates
-    assert all((place.reshape(-1, 2) == [1.5, 0.0]).all() for place in estimates)
+    assert all((array.reshape(-1, 2) == [1.5, 0.0]).all() for array in estimates)
 
 
 # --- where nothing is wrong ---------------------------------------------------------------------------------
@@ -465,7 +465,7 @@ def test_a_lost_value_restarts_the_predictors_as_well() -> None:
     step = load(plants.MODELS / "fitzhugh_nagumo.py").step()
     for _ in range(20):
         step(0.0, 0.1)
-    sums = next(place for name, place in step._kept.places.items() if name.endswith(".sum"))
+    sums = next(array for place, array in step._kept.places.items() if place.name == "sum")
     sums[...] = NAN
     flags = [step(0.0, NAN).flags for _ in range(20)]
     assert sum("RESTARTED" in each for each in flags) == 1

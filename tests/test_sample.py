@@ -306,7 +306,7 @@ def test_without_a_compiler_a_sample_says_nothing(monkeypatch: pytest.MonkeyPatc
         BUILD["high_gain"]()(u=0.1, y=0.2)
     step = hg.sample(pendulum(), hg.methods.rk4, dt=0.01, engine="c")
     before = step.save()
-    with pytest.raises(hg.emit.native.NoCompiler, match="engine='python'"):
+    with pytest.raises(hg.calling.native.NoCompiler, match="engine='python'"):
         step(u=0.1, y=0.2)
     assert step.save() == before
 

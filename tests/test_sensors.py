@@ -21,6 +21,7 @@ from hgogen.call import BadShape, CannotUpdate
 from hgogen.calling.native import run_check
 from hgogen.emit.exact import machine
 from hgogen.model import load
+from hgogen.program import Place
 from hgogen.stepping.sensors import BadRate
 from hgogen.trial import try_out
 
@@ -117,16 +118,16 @@ def test_c_by_its_sections_has_the_bits_of_the_record_and_of_python(real: Any) -
     whole = NativeStep(made, real).run(u, y)
     for k in range(len(y)):
         status = native.predict(u[k])
-        exact.memory["input.u"][0] = u[k, 0]
+        exact.memory[Place("input", "u")][0] = u[k, 0]
         expected = exact.section("predict")
         for j, name in enumerate(("y1", "y2")):
             if np.isfinite(y[k, j]):
                 status |= native.update(name, y[k, j], at=k)
-                exact.memory[f"output.{name}"][0], exact.memory["argument.at"][0] = y[k, j], k
+                exact.memory[Place("output", name)][0], exact.memory[Place("argument", "at")][0] = y[k, j], k
                 expected |= exact.section(f"update_{name}_at")
         assert status == expected
         exact.estimate()
-        assert np.array_equal(native.estimate, [exact.memory[f"estimate.x{i}"][0] for i in (1, 2, 3)])
+        assert np.array_equal(native.estimate, [exact.memory[Place("estimate", f"x{i}")][0] for i in (1, 2, 3)])
         assert np.array_equal(native.estimate, whole.x[k])
 
 
@@ -154,7 +155,7 @@ def test_a_slow_sensor_is_worth_its_share() -> None:
         y[np.arange(3000) % every > 0, 1] = NAN
         fresh(made).run(u=np.zeros(3000), y=y)
         memory = made._kept.places
-        L, D = memory["state.L"], memory["state.D"]
+        L, D = memory[Place("state", "L")], memory[Place("state", "D")]
         unit = np.array([[1, 0, 0], [L[0], 1, 0], [L[1], L[2], 1]])
         variances.append(np.diag(unit @ np.diag(D) @ unit.T))
     assert variances[0] == pytest.approx(variances[1], rel=0.05)
@@ -180,7 +181,7 @@ def test_the_innovation_of_a_slow_sensor_is_the_same_integral(way: Any) -> None:
 def at(made: Any, period: int) -> Any:
     """The step in the period of that number."""
     fresh(made).predict(u=0.1)
-    made._kept.places["state.now"][0] = (period - 1) % 65536
+    made._kept.places[Place("state", "now")][0] = (period - 1) % 65536
     made.predict(u=0.1)
     return made
 

@@ -11,6 +11,7 @@ import sympy as sp
 
 import hgogen as hg
 from hgogen.observers.high_gain import high_gain
+from hgogen.program import Place
 from hgogen.structure.dynamics import Dynamics, _regular
 from hgogen.structure.sided import sided
 
@@ -100,7 +101,7 @@ def test_the_status_tells_of_a_clamped_state() -> None:
     hidden, seen = 0, set()
     for k in range(400):
         sample = step(u=(0.1, 0), y=0.05 if k < 200 else 0.08)
-        z = [float(step._kept.places[f"state.{name}"][0]) for name in ("xi_p", "xi_q")]
+        z = [float(step._kept.places[Place("state", name)][0]) for name in ("xi_p", "xi_q")]
         m, w = z[0], z[1] + 0.1 * z[0]
         inside = all(a <= v <= b for v, (a, b) in zip(z, z_box, strict=True))
         plain = inside and m - w > 0 and low <= m * w / (m - w) <= high

@@ -15,6 +15,7 @@ from scipy.linalg import solve_continuous_lyapunov
 import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.part import Clock
+from hgogen.program import Place
 from hgogen.reading.given import BadGain
 
 GAINS: dict[str, Any] = {"p_1": 0.15, "p_2": 5, "p_3": 6, "cap": 200, "poles": (-1, -1)}
@@ -53,7 +54,14 @@ def test_the_gain_moves_by_its_law(q: float, L: float, dt: float) -> None:
     """Against a fine integration with Gamma held, for any dt; a plant and an estimate at rest at q."""
     part = observer().parts[1]
     (block,) = part.build(Clock(dt, "line", 1, 1)).adapt
-    memory = {"state.w": [q, 0], "state.L": L, "state.u": 0, "gain.p_1": 0.15, "gain.p_2": 5, "gain.p_3": 6}
+    memory = {
+        Place("state", "w"): [q, 0],
+        Place("state", "L"): L,
+        Place("state", "u"): 0,
+        Place("gain", "p_1"): 0.15,
+        Place("gain", "p_2"): 5,
+        Place("gain", "p_3"): 6,
+    }
     found = float(block.graph(*(memory[place] for place, _ in block.reads))[0])
     slope = oracle.slope(np.array([q, 0.0]), L)
     flow = solve_ivp(

@@ -15,7 +15,7 @@ from hgogen.calling import native
 from hgogen.calling.samples import BadShape, Engine
 from hgogen.emit import layout, pystep
 from hgogen.emit.pystep import Entry
-from hgogen.program import Field, lines_of
+from hgogen.program import Field, Place, lines_of
 from hgogen.step import Step
 
 
@@ -72,7 +72,7 @@ class Kept:
 
     def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
         for field in fields:
-            self.places[f"{kind}.{field.name}"][:] = field.initial
+            self.places[Place(kind, field.name)][:] = field.initial
 
     @cached_property
     def _library(self) -> ctypes.CDLL:

@@ -14,7 +14,7 @@ import numpy as np
 
 from hgogen.observer import Observer, tunable
 from hgogen.part import Ode
-from hgogen.program import Block, address, sym
+from hgogen.program import Block, Place, address, sym
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,22 +34,22 @@ def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core 
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
-    values: dict[str, Any] = {field.name: sym(f"state.{field.name}", field.size) for field in moving}
-    x, y = ca.vertcat(*values.values()), sym("work.y", outputs)
+    values: dict[str, Any] = {field.name: sym("state", field.name, field.size) for field in moving}
+    x, y = ca.vertcat(*values.values()), sym("work", "y", outputs)
     values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
     lines = part.linear(values, y, ca.SX(ca.DM(np.ones(outputs) if valid is None else valid)))
     rate = ca.vertcat(*(lines.get(field.name, ca.SX(field.size, 1)) for field in moving))
     return Core(x, ca.jacobian(rate, x), ca.jacobian(rate, y))
 
 
-def core_numbers(part: Ode, outputs: int, nominal: Mapping[str, np.ndarray]) -> np.ndarray:
+def core_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
     """M (N, N) of a part that has a core, at the numbers of the places it reads."""
     found = core(part, outputs)
     assert found is not None
     return numbers(found.M, nominal)
 
 
-def numbers(graph: Any, nominal: Mapping[str, np.ndarray]) -> np.ndarray:
+def numbers(graph: Any, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
     """An SX of places of parameters and gains at their numbers."""
     symbols = ca.symvar(ca.SX(graph))
     values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]
@@ -57,11 +57,11 @@ def numbers(graph: Any, nominal: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.array(found)
 
 
-def nominal(observer: Observer) -> dict[str, np.ndarray]:
+def nominal(observer: Observer) -> dict[Place, np.ndarray]:
     """The numbers of the places of parameters, gains and what is derived of them, all as declared."""
     fields = [("plant", field) for field in tunable(observer.form.system.parameters)]
     fields += [("gain", field) for field in observer.gains]
-    values = {f"{kind}.{field.name}": np.array(field.initial) for kind, field in fields}
+    values = {Place(kind, field.name): np.array(field.initial) for kind, field in fields}
     for part in observer.parts:
         for block in part.tune if isinstance(part, Ode) else ():
             assert isinstance(block, Block)

@@ -48,8 +48,8 @@ class Frozen:
 def frozen(part: Ode, observer: Observer) -> Frozen:
     """At fixed points; those at which M is not finite are left out."""
     form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
-    values = {field.name: sym(f"state.{field.name}", field.size) for field in moving}
-    x, u = ca.vertcat(*values.values()), sym("state.u", len(form.system.inputs))
+    values = {field.name: sym("state", field.name, field.size) for field in moving}
+    x, u = ca.vertcat(*values.values()), sym("state", "u", len(form.system.inputs))
     values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
     output = observer.dynamics.output(observer.z, u)
     reading = ca.SX.sym("reading", output.numel())

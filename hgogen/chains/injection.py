@@ -18,7 +18,7 @@ from hgogen.chains.integrators import Integrators, shifted
 from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.part import Clock, Jump, Ode, Pieces
-from hgogen.program import Bit, Block, Field, sym
+from hgogen.program import Bit, Block, Field, Place, sym
 from hgogen.reading.given import BadGain, reals
 
 GAIN_LIMITED = Bit(
@@ -86,7 +86,7 @@ def moving_gain(
 
 def capped(level: Field, bit: Bit = GAIN_LIMITED) -> Jump:
     """The status bit of a gain that has reached its cap, the upper end of its field."""
-    reached = {"status.GAIN_LIMITED": sym(f"state.{level.name}") >= level.high[0]}
+    reached = {Place("status", "GAIN_LIMITED"): sym("state", level.name) >= level.high[0]}
     return Jump(lambda clock: Pieces(bits=(bit,), adapt=(Block("has the gain reached its cap?", reached),)))
 
 
@@ -105,4 +105,4 @@ def unmodelled(form: Form) -> Jump:
 
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Any:
     """y - o(u) - w_1 of the last valid sample, after the estimate has come to its time; SX scalar."""
-    return sym("state.y") - chain.offset(clock.u_now) - sym(f"state.{w.name}", chain.n)[0]
+    return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]

@@ -62,7 +62,7 @@ class Integrators:
     def scale(self) -> Any:
         """The products as SX (n) of parameters; those without a range are folded."""
         system = self.form.system
-        places = {s: sym(f"plant.{s.name}") for s in system.parameters if s.bounded}
+        places = {s: sym("plant", s.name) for s in system.parameters if s.bounded}
         fixed = {s: value for s, value in system.nominal.items() if not s.bounded}
         return ca.vertcat(*to_casadi([sp.sympify(p).subs(fixed) for p in self.products], places))
 

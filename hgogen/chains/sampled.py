@@ -24,7 +24,7 @@ from hgogen.errors import HgogenError
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
-from hgogen.program import INF, Block, Field, Kernel, Program, When, sym
+from hgogen.program import INF, Block, Field, Kernel, Place, Program, When, sym
 
 MOST = 3  # outputs: each may be missing, and every pattern of samples has matrices of its own
 MEANINGS = {  # of the matrices, of which the elements are stored that are not 0 by their structure
@@ -89,7 +89,8 @@ class Sampled:
         if clock.outputs > MOST:
             raise NoRealisation(self.name, f"for at most {MOST} outputs, each of which may be missing: take rk4")
         updates = {seen: _update(self, part, clock, seen) for seen in product((False, True), repeat=clock.outputs)}
-        flags = [f"work.seen_{j + 1}" for j in range(clock.outputs)] if clock.outputs > 1 else ["work.seen"]
+        names = [f"seen_{j + 1}" for j in range(clock.outputs)] if clock.outputs > 1 else ["seen"]
+        flags = [Place("work", name) for name in names]
         named = Block("is there a sample?", {flag: clock.valid[j] > 0 for j, flag in enumerate(flags)})
         return Pieces(
             fields=part.fields,
@@ -127,7 +128,7 @@ class Sampled:
         return Lengths()
 
 
-def _chosen(flags: list[str], known: Pattern, updates: Mapping[Pattern, _Update]) -> Program:
+def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, _Update]) -> Program:
     """The update for the samples that are there."""
     if not flags:
         return (updates[known].block,)
@@ -145,12 +146,12 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     given = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
     given |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
     given = {name: ca.sparsify(matrix) for name, matrix in given.items()}
-    held = {name: _held(f"derived.{name}{label}", matrix) for name, matrix in given.items()}
+    held = {name: _held(Place("derived", f"{name}{label}"), matrix) for name, matrix in given.items()}
     guess = held["Phi"] @ line.x + held["Psi_0"] @ start[bent]
     guess += held["Gamma_0"] @ _source(part, clock, 0.0) + held["Gamma_1"] @ _source(part, clock, 1.0)
     after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent]
     kept = {name: matrix for name, matrix in given.items() if matrix.nnz()}
-    stored = {f"derived.{name}{label}": ca.vertcat(*matrix.nonzeros()) for name, matrix in kept.items()}
+    stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in kept.items()}
     return _Update(
         derived=tuple(
             Field(f"{name}{label}", (0.0,) * matrix.nnz(), meaning=f"{MEANINGS[name]}{said}, by columns")
@@ -159,7 +160,7 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
         tune=(*whole.program, Block(f"the core over a step{said}", stored)),
         block=Block(
             f"{', '.join(field.name for field in part.fields)}: one step by {method.name}{said}",
-            {f"state.{name}": piece for name, piece in _split(part, after).items()},
+            {Place("state", name): piece for name, piece in _split(part, after).items()},
             {f"guess_{name}": piece for name, piece in _split(part, guess).items()},
         ),
     )
@@ -187,9 +188,9 @@ def _split(part: Ode, x: Any) -> dict[str, Any]:
     return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
 
 
-def _held(place: str, matrix: Any) -> Any:
+def _held(place: Place, matrix: Any) -> Any:
     """A sparse matrix whose elements lie in a place, by columns."""
-    return ca.SX(matrix.sparsity(), sym(place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
+    return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
 
 def _label(seen: Pattern) -> str:
@@ -213,13 +214,14 @@ def balanced(X: Any) -> tuple[Program, int]:
     wide = ca.SX(size, size)
     wide[: X.shape[0], : X.shape[0]] = X
     dense = ca.densify(wide.T)
-    block = Block("the linear core, by rows", {"work.core": ca.reshape(dense, -1, 1)})
-    return (block, Kernel("balance", size, None, (("work.core", size**2), ("work.scale", size)))), size
+    block = Block("the linear core, by rows", {Place("work", "core"): ca.reshape(dense, -1, 1)})
+    arguments = ((Place("work", "core"), size**2), (Place("work", "scale"), size))
+    return (block, Kernel("balance", size, None, arguments)), size
 
 
-def spread(place: str, X: Any, size: int) -> Any:
+def spread(place: Place, X: Any, size: int) -> Any:
     """S F S^-1 (N, N) of a function F of S^-1 X S, by rows in a place, F's elements not 0 by the structure of X."""
-    n, scale, F = X.shape[0], sym("work.scale", size), sym(place, size**2)
+    n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0
     found = ca.SX(n, n)

@@ -18,7 +18,7 @@ from hgogen.chains.core import core_numbers
 from hgogen.chains.integrators import Integrators
 from hgogen.form import Form
 from hgogen.part import Ode
-from hgogen.program import Field
+from hgogen.program import Field, Place
 from hgogen.reading.given import BadGain
 
 Saturate = Callable[[Any, int], Any]  # an SX scalar to the range of w_i
@@ -61,7 +61,7 @@ def saturating(
 
 
 def vertices(
-    chain: Integrators, fields: tuple[Field, ...], lines: Lines, places: Mapping[str, np.ndarray]
+    chain: Integrators, fields: tuple[Field, ...], lines: Lines, places: Mapping[Place, np.ndarray]
 ) -> Iterator[np.ndarray]:
     """The linear error core (N, N) with every saturation passing all, or nothing, of the estimate's error: what a
     saturated estimate of a state inside its range obeys is between them."""

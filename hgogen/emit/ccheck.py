@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 from string import Template
 
+from hgogen.emit.ccode import indented
+from hgogen.emit.cfunction import address, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real, literal
-from hgogen.emit.ctext import arguments, indented, status_type
 from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
 from hgogen.step import Step
 
@@ -78,7 +79,7 @@ $locals
 $start
     for (unsigned k = 0u; k < ${count}u && bad == 0u; ++k) {
 $fill
-        const $status status = ${name}_step($call);
+        const $status status = $call;
         ${name}_estimate(&s, &p, &x);
         if (status != expected[k]$compare) {
             bad = k + 1u;
@@ -127,11 +128,11 @@ def check(step: Step, real: Real) -> list[str]:
         expected=_block([f"{value}u" for value in vectors.status]),
         tolerance=", ".join(literal(float(value), real) for value in vectors.tolerance),
         cmsis=literal(CMSIS, real),
-        locals="\n".join(indented(_locals(step))),
+        locals="\n".join(indented(each.local for each in structs(step))),
         start="\n".join(indented(_start(step, real))),
         missing=MISSING + 1,
         fill="\n".join(indented((*_fill(inputs, 0, LOST_INPUT), *_fill(outputs, len(inputs), MISSING)), 8)),
-        call=", ".join(["&s", "&p", *(f"&{pointer.rsplit('*', 1)[1]}" for pointer in arguments(step)[2:])]),
+        call=prototypes(step)["step"].call(address),
         compare="".join(
             f" || !{step.name}_near({name}, k, {i}u)" for i, name in enumerate(_as_numbers(step, real, seen))
         ),
@@ -145,14 +146,9 @@ def _as_numbers(step: Step, real: Real, seen: Iterable[str]) -> list[str]:
     return [f"({real}){name}" if name in counters else name for name in seen]
 
 
-def _locals(step: Step) -> list[str]:
-    kinds = [("state", "s"), ("params", "p"), ("input", "in"), ("output", "out"), ("plant", "x")]
-    return [f"{step.name}_{kind} {short};" for kind, short in kinds if kind != "input" or step.inputs]
-
-
 def _start(step: Step, real: Real) -> list[str]:
     """The estimate off its rest."""
-    members = {place.replace("state.", "s."): values for place, values in start(step).items()}
+    members = {f"s.{place.name}": values for place, values in start(step).items()}
     return [
         f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};"
         for member, values in members.items()

@@ -2,18 +2,20 @@
 
 import re
 from collections.abc import Container, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from string import Template
 
 from hgogen.certificates.certificate import NotCertifiable, fingerprint
 from hgogen.check import Check, Verdict
+from hgogen.emit.ccode import indented
+from hgogen.emit.cfunction import address, of_section, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name, renamed, says
 from hgogen.emit.cprint import Real
-from hgogen.emit.ctext import arguments, beside, comment, harmless, indented, member, named, status_type, struct
+from hgogen.emit.ctext import Member, beside, comment, harmless, member, members, named, struct
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer
-from hgogen.program import Field, Group, Section, lines_of
+from hgogen.program import Field, Group, lines_of
 from hgogen.reading.named import written
 from hgogen.reading.time_unit import pace
 from hgogen.recheck.file import SHOWN
@@ -24,24 +26,14 @@ from hgogen.stepping.sensors import OLDEST, ROUND
 from hgogen.theorem import rows
 
 
-@dataclass(frozen=True)
-class Prototype:
-    """A function: `name` without the prefix, and its C declaration, no semicolon; `public` in the interface."""
-
-    name: str
-    meaning: str
-    text: str
-    public: bool = True
-
-
 def header(step: Step, real: Real, command: str) -> list[str]:
     """The header's lines."""
     guard = f"{step.name.upper()}_H"
     lines = [*_banner(step, command), f"#ifndef {guard}", f"#define {guard}", "", *_manual(step), ""]
     lines += ["#include <stdint.h>", ""] if status_type(step) == "uint32_t" or step.timed else []
     lines += [*_status(step), "", *_structs(step, real), "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
-    for prototype in (each for each in prototypes(step) if each.public):
-        lines += [comment(prototype.meaning), f"{prototype.text};", ""]
+    for prototype in (each for each in prototypes(step).values() if each.public):
+        lines += [comment(prototype.meaning), f"{prototype};", ""]
     return [*lines, "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */"]
 
 
@@ -111,8 +103,6 @@ def _model(observer: Observer) -> str:
 _MANUAL = Template("""
 How to use it: one init, then $what a sampling period of $dt.
 
-    ${name}_state s;
-    ${name}_params p;
 $structs
     ${name}_init(&s, &p);
     for (;;) {                      every $dt
@@ -160,7 +150,7 @@ Sensors of different rates: $rates. The noise R of an output is taken for that
 period: give no sample more often. ${name}_step is all of the calls above at once, for a period in which
 every output has a sample; an output without one then needs NaN.
 
-${name}_update_${last}_at($given, at), and the like of other outputs, is told
+$call, and the like of other outputs, is told
 the number of the period in which the sample was taken: 0 for that of the first predict after init or
 reset, modulo $round, which is (uint16_t)k of a counter k of 16 bits or more. The counter may wrap
 round: differences are taken modulo $round. A sample up to $oldest periods older than the state is
@@ -193,20 +183,8 @@ def _lasting(step: Step) -> str:
 
 def _timed(step: Step) -> str:
     """How to call the sections of a step for sensors of different rates."""
-    last = step.outputs[-1].name
-    given = ", ".join(_given(arguments(step, step.timed[-1].program))[:-1])
-    numbers = {"round": ROUND, "oldest": OLDEST}
-    return _TIMED.substitute(name=step.name, rates=_rates(step), last=last, given=given, **numbers)
-
-
-def _call(step: Step, section: Section) -> str:
-    """The call of a section with a caller's own structs."""
-    return f"{step.name}_{section.name}({', '.join(_given(arguments(step, section.program)))})"
-
-
-def _given(declared: Iterable[str]) -> list[str]:
-    """Addresses of structs named as the parameters are."""
-    return [f"&{text.rsplit('*', 1)[1]}" if "*" in text else text.rsplit(" ", 1)[1] for text in declared]
+    call = of_section(step, step.timed[-1]).call(address)
+    return _TIMED.substitute(name=step.name, rates=_rates(step), call=call, round=ROUND, oldest=OLDEST)
 
 
 def _rates(step: Step) -> str:
@@ -227,19 +205,16 @@ def _body(step: Step) -> list[str]:
     status = f"{status_type(step)} status"
     if not step.timed:
         given += [f"out.{c_name(s.name)} = ...;" for s in step.outputs]
-        call = ", ".join(["&s", "&p", *(["&in"] if step.inputs else []), "&out"])
-        return [" ".join(given), f"{status} = {step.name}_step({call});"]
+        return [" ".join(given), f"{status} = {prototypes(step)['step'].call(address)};"]
     first, *rest = step.sections
-    lines = [*given, f"{status} = {_call(step, first)};"]
+    lines = [*given, f"{status} = {of_section(step, first).call(address)};"]
     for section in rest:
-        call, output = f"status |= {_call(step, section)};", section.name.removeprefix("update_")
-        taken = [f"if ({output} has a sample now) {{", f"    out.{c_name(output)} = ...;", f"    {call}", "}"]
-        lines += taken if section.name.startswith("update_") else [call]
+        call, y = f"status |= {of_section(step, section).call(address)};", section.corrects
+        lines += [f"if ({y} has a sample now) {{", f"    out.{c_name(y)} = ...;", f"    {call}", "}"] if y else [call]
     return lines
 
 
 def _manual(step: Step) -> list[str]:
-    kinds = [*([("input", "in")] if step.inputs else []), ("output", "out"), ("plant", "x")]
     text = _MANUAL.substitute(
         name=step.name,
         dt=pace(step.dt, step.time),
@@ -248,7 +223,7 @@ def _manual(step: Step) -> list[str]:
         body="\n".join(f"        {line}" for line in _body(step)),
         recovery=_recovery(step),
         missing=_MISSING[bool(step.timed)],
-        structs="\n".join(f"    {step.name}_{kind} {short};" for kind, short in kinds),
+        structs="\n".join(f"    {each.local}" for each in structs(step)),
         parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",
         timed=_timed(step) if step.timed else "",
     )
@@ -285,31 +260,27 @@ def _structs(step: Step, real: Real) -> list[str]:
     name, lines = step.name, list[str]()
     for kind, signals in (("input", step.inputs), ("output", step.outputs), ("plant", step.states)):
         if signals:
-            lines += [comment(_KIND[kind]), *struct(f"{name}_{kind}", [_signal(step, real, s) for s in signals]), ""]
+            inner = members(_signal(step, real, signal) for signal in signals)
+            lines += [comment(_KIND[kind]), *struct(f"{name}_{kind}", inner), ""]
     lines += ["/* parameters: change plant or gain, then call tune */", *_params(step, real), ""]
     for *_, group in lines_of(step.groups):
-        members = [_member(step, real, f) for f in group.fields] + _arrays(name, group.groups)
-        lines += [comment(group.meaning), *struct(f"{name}_{group.name}", members), ""]
-    members = [_member(step, real, f) for f in step.state] + _arrays(name, step.groups)
-    return [
-        *lines,
-        comment(_REMEMBERED),
-        *struct(f"{name}_state", members),
-        "",
-    ]
+        inner = _inner(step, real, group.fields, group.groups)
+        lines += [comment(group.meaning), *struct(f"{name}_{group.name}", inner), ""]
+    return [*lines, comment(_REMEMBERED), *struct(f"{name}_state", _inner(step, real, step.state, step.groups)), ""]
 
 
-def _arrays(name: str, groups: Iterable[Group]) -> list[str]:
-    return [f"{name}_{g.name} {g.name}[{g.count}]; {comment(g.meaning)}" for g in groups]
+def _inner(step: Step, real: Real, fields: Iterable[Field], groups: Iterable[Group]) -> list[str]:
+    arrays = ((f"{step.name}_{group.name} {group.name}[{group.count}];", group.meaning) for group in groups)
+    return members([*(_member(step, real, field) for field in fields), *arrays])
 
 
-def _signal(step: Step, real: Real, signal: Signal) -> str:
+def _signal(step: Step, real: Real, signal: Signal) -> Member:
     told = _units(step).get(signal.name, signal.unit)
     unit = f" [{told}]" if told else ""
     bounds = f", {signal.low:g} .. {signal.high:g}" if signal.bounded else ""
     name = c_name(signal.name)
     text = (signal.meaning + unit + bounds).strip(", ")
-    return f"{real} {name}; {comment(text if name == signal.name else beside(signal.name, text))}".rstrip()
+    return f"{real} {name};", text if name == signal.name else beside(signal.name, text)
 
 
 def _units(step: Step) -> dict[str, str]:
@@ -318,7 +289,7 @@ def _units(step: Step) -> dict[str, str]:
     return {signal.name: signal.unit for signal in each}
 
 
-def _member(step: Step, real: Real, item: Field) -> str:
+def _member(step: Step, real: Real, item: Field) -> Member:
     return member(real, replace(item, unit=step.unit(item)))
 
 
@@ -331,43 +302,10 @@ def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
 def _params(step: Step, real: Real) -> list[str]:
     inner: list[str] = []
     for kind, fields in parameters(step):
-        members = map(named, fields) if kind == "plant" else fields
-        inner += ["struct {", *struct(kind, [_member(step, real, f) for f in members])[1:]]
+        items = map(named, fields) if kind == "plant" else fields
+        inner += struct(kind, members(_member(step, real, f) for f in items), "struct {")
     return [
         "typedef struct {",
         *indented(inner or ["unsigned char none; /* there are none */"]),
         f"}} {step.name}_params;",
     ]
-
-
-# ---------------------------------------------------------------- functions
-
-
-def prototypes(step: Step) -> tuple[Prototype, ...]:
-    """The interface, in the order of the header, and what it is made of: sections that cannot be called apart are none
-    of the caller's."""
-    name, status = step.name, status_type(step)
-    whole = "one sampling period: " + ", ".join(section.name for section in step.sections)
-    limits = "after a change of parameters: limits them to their ranges" + (
-        " and computes the derived ones" if step.derived else ""
-    )
-    result = [
-        Prototype(
-            "init",
-            "nominal parameters, tuned, and a reset state",
-            f"void {name}_init({name}_state *s, {name}_params *p)",
-        ),
-        Prototype("tune", limits, f"{status} {name}_tune({name}_params *p)"),
-        Prototype("reset", "the state as before the first call", f"void {name}_reset({name}_state *s)"),
-        Prototype("step", whole, f"{status} {name}_step({', '.join(arguments(step))})"),
-        Prototype(
-            "estimate",
-            "the estimate of the plant's state",
-            f"void {name}_estimate(const {name}_state *s, const {name}_params *p, {name}_plant *x)",
-        ),
-    ]
-    for section in (*step.sections, *step.timed) if len(step.sections) > 1 else ():
-        given = ", ".join(arguments(step, section.program))
-        text = f"{'' if step.apart else 'static '}{status} {name}_{section.name}({given})"
-        result.append(Prototype(section.name, f"part of a step: {section.meaning}", text, step.apart))
-    return tuple(result)

@@ -5,12 +5,14 @@ FLT_EVAL_METHOD is 0.
 """
 
 from collections.abc import Collection
+from dataclasses import replace
 from string import Template
 
 import casadi as ca
 
-from hgogen.emit.cprint import CALLS, Printer, Real, Target, body, literal
-from hgogen.emit.ctext import indented
+from hgogen.emit.ccode import Code, code, filled, joined, spaced
+from hgogen.emit.cfunction import Parameter, Prototype, own
+from hgogen.emit.cprint import CALLS, Operand, Printer, Real, Target, body, literal
 from hgogen.emit.elementary import elementary
 
 _WHOLE: dict[Real, str] = {"float": "int32_t", "double": "int64_t"}
@@ -50,7 +52,7 @@ static $real ${prefix}_clamp($real v, $real low, $real high)
 #pragma GCC diagnostic ignored "-Wfloat-equal"
 #endif
 /* whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers */
-static bool ${prefix}_within($real v, $real limit)
+static $bool ${prefix}_within($real v, $real limit)
 {
     return v == v && v >= -limit && v <= limit;
 }
@@ -121,60 +123,58 @@ def includes(prefix: str, real: Real, used: Collection[str]) -> list[str]:
     return [f"#if defined({upper}_USE_LIBM)", "#include <math.h>", *(cmsis if real == "float" else []), "#endif"]
 
 
-def functions(prefix: str, real: Real, used: Collection[str]) -> list[str]:
+def functions(prefix: str, real: Real, used: Collection[str]) -> Code:
     """The functions that `used` names: the small ones, then the mathematical ones behind their switch."""
     names, outside = needed(used, real), _called(used)
-    lines = _helpers(prefix, real, outside)
+    helpers = _helpers(prefix, real, outside)
     if not names:
-        return lines
-    calls: set[str] = set()
-    bundled = [line for name in names for line in (*_bundled(prefix, real, name, calls), "")]
+        return helpers
+    bundled = spaced(_bundled(prefix, real, name) for name in names)
+    inside = _helpers(prefix, real, _called(bundled.uses.helpers) - outside)
     upper, suffix = prefix.upper(), "f" if real == "float" else ""
     cmsis = f", or {upper}_USE_CMSIS for CMSIS-DSP" if real == "float" else ""
-    lines += [
+    switch = [
         "/* Mathematical functions, bundled by default: no library, the same bits where FLT_EVAL_METHOD is 0.",
         f" * Define {upper}_USE_LIBM for those of <math.h>{cmsis}. */",
         f"#if defined({upper}_USE_LIBM)",
         *(line for name in names for line in _library(prefix, real, name, f"{name}{suffix}")),
     ]
     if real == "float":
-        lines += [f"#elif defined({upper}_USE_CMSIS)"]
-        lines += [line for name in names for line in _library(prefix, real, name, _CMSIS.get(name, f"{name}f"))]
-    return [*lines, "#else", *_helpers(prefix, real, _called(calls) - outside), *bundled[:-1], "#endif", ""]
+        switch += [f"#elif defined({upper}_USE_CMSIS)"]
+        switch += [line for name in names for line in _library(prefix, real, name, _CMSIS.get(name, f"{name}f"))]
+    return joined([helpers, code(*switch, "#else"), inside, bundled, code("#endif", "")])
 
 
 def _called(names: Collection[str]) -> set[str]:
     return set(names).union(*(_CALLED.get(name, ()) for name in names))
 
 
-def _helpers(prefix: str, real: Real, names: Collection[str]) -> list[str]:
-    holes = {"prefix": prefix, "real": real, "whole": _WHOLE[real], "large": _LARGE[real]}
+def _helpers(prefix: str, real: Real, names: Collection[str]) -> Code:
+    holes = {"prefix": prefix, "real": real, "bool": "bool", "whole": _WHOLE[real], "large": _LARGE[real]}
     holes |= {"zero": literal(0, real), "one": literal(1, real), "all_whole": literal(_ALL_WHOLE[real], real)}
-    return [line for name in _HELPERS if name in names for line in _HELPERS[name].substitute(holes)[1:].split("\n")]
+    return joined(filled(text, holes) + code("") for name, text in _HELPERS.items() if name in names)
 
 
-def _parameters(name: str) -> list[str]:
-    return ["x", "y"][: elementary("double")[name].n_in()]
-
-
-def _head(prefix: str, real: Real, name: str) -> str:
-    return f"static {real} {prefix}_{name}({', '.join(f'{real} {p}' for p in _parameters(name))})"
+def _head(prefix: str, real: Real, name: str) -> Prototype:
+    given = ["x", "y"][: elementary("double")[name].n_in()]
+    return Prototype(real, f"{prefix}_{name}", tuple(Parameter(real, p, pointer=False) for p in given), public=False)
 
 
 def _library(prefix: str, real: Real, name: str, target: str) -> list[str]:
-    return [_head(prefix, real, name), "{", f"    return {target}({', '.join(_parameters(name))});", "}", ""]
+    head = _head(prefix, real, name)
+    return [str(head), "{", f"    return {replace(head, name=target).call(own)};", "}", ""]
 
 
-def _bundled(prefix: str, real: Real, name: str, calls: set[str]) -> list[str]:
-    graph, parameters = elementary(real)[name], _parameters(name)
+def _bundled(prefix: str, real: Real, name: str) -> Code:
+    graph, head = elementary(real)[name], _head(prefix, real, name)
+    parameters = list(map(own, head.parameters))
     printer = Printer(
         real=real,
         prefix=prefix,
-        inputs=lambda argument, _: parameters[argument],
+        inputs=lambda argument, _: Operand(parameters[argument]),
         local=lambda argument, _: parameters[argument],
         calls=CALLS | {ca.OP_FLOOR: "whole"},  # their arguments are small
-        used=calls,
         taken=set(parameters),
     )
-    lines = body(printer, graph, [Target(lambda text: [f"return {text};"])], [], [])
-    return [_head(prefix, real, name), "{", *indented(lines), "}"]
+    constants, result = body(printer, graph, [Target(lambda text: f"return {text};")], [], [])
+    return code(str(head), "{") + (constants + result).indented() + code("}")

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from hgogen.emit.ccode import NOTHING, TRUTH, Code, Uses, united
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, negated, negative, read
 from hgogen.errors import HgogenError
@@ -115,18 +116,28 @@ def literal(value: float, real: Number) -> str:
     return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
 
 
+@dataclass(frozen=True)
+class Operand:
+    """What a block reads, in C: its text, how tightly that binds, whether it is a local, and what it uses."""
+
+    text: str
+    binds: float = ATOM
+    local: bool = True
+    uses: Uses = NOTHING
+
+
 @dataclass
 class Printer:
-    """Prints one block. Of element j of argument i: `inputs` is its text, `local` its name as a local; `is_flag` tells
-    whether argument i is a truth value."""
+    """Prints one block. Element j of argument i is what `inputs` says, and `local` its name as a local; `is_flag` tells
+    whether argument i is a truth value. `uses`: what the text uses, since each value that has one is written."""
 
     real: Number
     prefix: str
-    inputs: Callable[[int, int], str]
+    inputs: Callable[[int, int], Operand]
     local: Callable[[int, int], str]
     is_flag: Callable[[int], bool] = lambda _: False
     calls: Mapping[int, str] = field(default_factory=lambda: CALLS)
-    used: set[str] = field(default_factory=set)
+    uses: list[Uses] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     taken: set[str] = field(default_factory=set)
 
@@ -151,6 +162,7 @@ class Printer:
         text, _ = self.raw(node)
         node.name = self.fresh(name)
         kind = "bool" if boolean(node) else self.real
+        self.uses += [TRUTH] if boolean(node) else []
         self.lines.append(f"const {kind} {node.name} = {text};")
 
     def fresh(self, name: str) -> str:
@@ -193,7 +205,7 @@ class Printer:
         if node.op in (ca.OP_CONST, ca.OP_NOT):
             return False
         if node.op == ca.OP_INPUT:
-            return node.uses > 1 and not self.inputs(*node.source).isidentifier()
+            return node.uses > 1 and not self.inputs(*node.source).local
         if node.op == ca.OP_NEG and node.args[0].name:
             return False
         return node.uses > 1 or len(self.raw(node)[0]) > WIDTH
@@ -211,8 +223,9 @@ class Printer:
         if boolean(node):
             text, binds = (node.name, ATOM) if node.name else self.raw(node)
         elif node.op == ca.OP_INPUT and self.is_flag(node.source[0]):
-            text, binds = node.name or self.inputs(*node.source), ATOM
+            text, binds = node.name or self.raw(node)[0], ATOM
         elif node.op == ca.OP_CONST:
+            self.uses.append(TRUTH)
             text, binds = ("true" if node.constant else "false"), ATOM
         else:
             text, binds = f"{self.value(node, SUM)} != {self.literal(0)}", EQUAL
@@ -225,7 +238,9 @@ class Printer:
 
     def literal(self, value: float) -> str:
         """A number in the working precision."""
-        return literal(value, self.real)
+        text = literal(value, self.real)
+        self.uses += [Uses(widest=int(value))] if self.real == "unsigned" else []
+        return text
 
     def constant(self, value: float) -> tuple[str, float]:
         """A literal; what C99 cannot write without <math.h> is a call."""
@@ -238,7 +253,7 @@ class Printer:
 
     def call(self, name: str, *args: Node) -> tuple[str, float]:
         """A call of one of our functions."""
-        self.used.add(name)
+        self.uses.append(Uses(helpers=frozenset({name})))
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
     def raw(self, node: Node) -> tuple[str, float]:
@@ -247,8 +262,9 @@ class Printer:
         if op == ca.OP_CONST:
             return self.constant(node.constant)
         if op == ca.OP_INPUT:
-            text = self.inputs(*node.source)
-            return text, UNARY if text.startswith("(") else ATOM
+            operand = self.inputs(*node.source)
+            self.uses.append(operand.uses)
+            return operand.text, operand.binds
         if op == CLAMP:
             return self.call("clamp", *args)
         if op == WITHIN:
@@ -304,14 +320,18 @@ class Printer:
 
 @dataclass(frozen=True)
 class Target:
-    """Where an output element goes: `write` makes the statements of the text; `flag` asks for a truth value.
+    """Where an output element goes: `write` makes the statement of its text; `flag` asks for a truth value, `condition`
+    for one that says whether the statement runs.
 
-    `source`: the input element that is this same place; writing it back unchanged is left out.
+    `source`: the input element that is this same place; writing it back unchanged is left out. `uses`: what the
+    statement uses beside the text.
     """
 
-    write: Callable[[str], Sequence[str]]
+    write: Callable[[str], str]
     flag: bool = False
+    condition: bool = False
     source: tuple[int, int] | None = None
+    uses: Uses = NOTHING
 
 
 def body(
@@ -320,8 +340,8 @@ def body(
     targets: Sequence[Target],
     names: Sequence[str],
     hoist: Collection[int],
-) -> list[str]:
-    """The statements of a block.
+) -> tuple[Code, Code]:
+    """The constants that a block declares, and its statements.
 
     `targets`: for each element of the first outputs; `names`: for each element of the outputs after those; `hoist`:
     arguments that must be read before anything is written.
@@ -339,9 +359,17 @@ def body(
         printer.prepare(node)
         if not node.name and node.op not in (ca.OP_CONST, ca.OP_INPUT) and node.uses > 1:
             printer.declare(node, printer.number())
-    for node, target in pairs:
-        printer.lines += target.write(printer.truth(node) if target.flag else printer.value(node))
-    return printer.lines
+    written = [line for node, target in pairs for line in _written(printer, node, target)]
+    uses = united(printer.uses)
+    return Code(tuple(printer.lines), uses), Code(tuple(written), united([uses, *(t.uses for _, t in pairs)]))
+
+
+def _written(printer: Printer, node: Node, target: Target) -> list[str]:
+    if not target.condition:
+        return [target.write(printer.truth(node) if target.flag else printer.value(node))]
+    if node.op == ca.OP_CONST:
+        return [target.write("")] if node.constant else []
+    return [f"if ({printer.truth(node)}) {{", f"    {target.write('')}", "}"]
 
 
 def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:

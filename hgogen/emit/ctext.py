@@ -4,16 +4,17 @@ Memory in C: `in`, `out` (what a call is given), `p` (parameters), `s` (state), 
 at the top of a function; a member of a group is reached through a pointer named after the group.
 """
 
-import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
+from hgogen.emit.ccode import TRUTH, Code, Uses, braced, code, indented, joined
+from hgogen.emit.cfunction import REACHED, of_section, own, reached
 from hgogen.emit.cnames import c_name
-from hgogen.emit.cprint import Number, Printer, Real, Target, body, literal
+from hgogen.emit.cprint import UNARY, Number, Operand, Printer, Real, Target, body, literal
 from hgogen.program import (
     INF,
     Block,
@@ -23,6 +24,7 @@ from hgogen.program import (
     Group,
     Kernel,
     Loop,
+    Place,
     Program,
     Section,
     Statement,
@@ -30,30 +32,21 @@ from hgogen.program import (
     address,
     lines_of,
     places,
-    scope,
     walk,
 )
 from hgogen.step import Step
 
-_STRUCTS = {"state": "s->", "plant": "p->plant.", "gain": "p->gain.", "derived": "p->derived.", "input": "in->"}
-_STRUCTS |= {"output": "out->", "estimate": "x->"}
 _SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
 ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
+Member = tuple[str, str]  # the declaration of a struct's member, and what is said of it
 
 
-def status_type(step: Step) -> str:
-    """C type of a status: `unsigned`, 16 bits wide on the smallest targets, where that is enough."""
-    return "unsigned" if len(step.bits) <= 16 else "uint32_t"
-
-
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Writer:
-    """C text of a step's programs; collects the helper functions they call in `used`."""
+    """C text of a step's programs."""
 
     step: Step
     real: Real
-    used: set[str] = field(default_factory=set)
-    kernels: set[tuple[str, int]] = field(default_factory=set)
 
     @property
     def prefix(self) -> str:
@@ -61,37 +54,37 @@ class Writer:
         return self.step.name
 
     @cached_property
-    def _fields(self) -> dict[str, Field]:
+    def _fields(self) -> dict[Place, Field]:
         step = self.step
         kinds = {"state": step.state, "plant": step.plant, "gain": step.gains, "derived": step.derived}
         kinds |= {name: line[-1].fields for name, line in self._groups.items()}
-        return {f"{kind}.{f.name}": f for kind, fields in kinds.items() for f in fields}
+        return {Place(kind, f.name): f for kind, fields in kinds.items() for f in fields}
 
     @cached_property
     def _groups(self) -> dict[str, tuple[Group, ...]]:
         return {line[-1].name: line for line in lines_of(self.step.groups)}
 
-    def _array(self, group: str) -> str:
-        """C text of the array of a group: in the state, or in the member of the group around it."""
+    def _array(self, group: str) -> Place:
+        """The place of the array of a group: in the state, or in the member of the group around it."""
         above = self._groups[group][:-1]
-        return f"{above[-1].name}->{group}" if above else f"s->{group}"
+        return Place(above[-1].name if above else "state", group)
 
     @cached_property
-    def flags(self) -> set[str]:
+    def flags(self) -> set[Place]:
         """Work places that are truth values."""
         return {s.flag for s in walk(self._all) if isinstance(s, When)}
 
     @cached_property
-    def _indices(self) -> set[str]:
+    def _indices(self) -> set[Place]:
         """Work places that count or index."""
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
         found = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
-        found = {place for place in found if scope(place) == "work"}
+        found = {place for place in found if place.struct == "work"}
         while more := self._work - self.flags - found - self._reals(found):
             found |= more
         return found
 
-    def _reals(self, indices: set[str]) -> set[str]:
+    def _reals(self, indices: set[Place]) -> set[Place]:
         """Work places that take more than a copy of a counter, or of one of `indices`."""
         counters = {place for place, item in self._fields.items() if item.kind == "index"} | indices
         values = ((place, v) for s in walk(self._all) if isinstance(s, Block) for place, v in s.writes.items())
@@ -99,56 +92,61 @@ class Writer:
         return written | {place for place, value in values if not _copied(value, counters)}
 
     @cached_property
-    def _work(self) -> set[str]:
-        return {place for place, _ in places(self._all) if scope(place) == "work"}
+    def _work(self) -> set[Place]:
+        return {place for place, _ in places(self._all) if place.struct == "work"}
 
     @cached_property
     def _all(self) -> Program:
         timed = (s for section in self.step.timed for s in section.program)
         return (*self.step.program, *self.step.tuning, *timed)
 
-    def is_index(self, place: str) -> bool:
+    def is_index(self, place: Place) -> bool:
         """Whether C holds the place as `unsigned`."""
         known = self._fields.get(place)
         counts = known is not None and known.kind == "index"
-        return counts or place in self._indices or scope(place) == "argument"
+        return counts or place in self._indices or place.struct == "argument"
 
-    def lvalue(self, place: str, index: int, size: int) -> str:
+    def lvalue(self, place: Place, index: int, size: int) -> str:
         """C text of one element of a place."""
-        kind, name = place.split(".", 1)
-        start = "" if kind in ("work", "argument") else _STRUCTS.get(kind, f"{kind}->")
-        name = c_name(name) if kind in _SIGNALS else name
-        return f"{start}{name}" if size == 1 else f"{start}{name}[{index}]"
+        return self.whole(place) if size == 1 else f"{self.whole(place)}[{index}]"
 
-    def function(self, program: Program) -> list[str]:
+    def whole(self, place: Place) -> str:
+        """C text of a place, of an array its first element's address."""
+        if place.struct in ("work", "argument"):
+            return place.name
+        parameter, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the pointer named after that
+        return f"{parameter}->{member}{c_name(place.name) if place.struct in _SIGNALS else place.name}"
+
+    def _uses(self, *places: Place | None) -> Uses:
+        """The parameters that places are reached through."""
+        return Uses(parameters=frozenset(reached(place for place in places if place)))
+
+    def function(self, program: Program) -> Code:
         """The body of a function: its work values, then its statements."""
-        work = sorted((p, n) for p, n in places(program) if scope(p) == "work")
-        lines = [self._declaration(place, size) for place, size in work]
-        taken = {place.split(".", 1)[1] for place, _ in work} | set(ARGUMENTS) | set(self._groups)
+        work = sorted((p, n) for p, n in places(program) if p.struct == "work")
+        declared = joined(self._declaration(place, size) for place, size in work)
+        taken = {place.name for place, _ in work} | set(ARGUMENTS) | set(self._groups)
         taken |= {f"{letter}{depth}" for letter in "ik" for depth in range(2, self._depth(program) + 1)}
-        return lines + self.statements(program, frozenset(taken))
+        return declared + self.statements(program, frozenset(taken))
 
     def _depth(self, program: Program) -> int:
         """How deep the loops lie in each other."""
         return max((len(self._groups[s.group]) for s in walk(program) if isinstance(s, Loop)), default=0)
 
-    def _declaration(self, place: str, size: int) -> str:
-        name = place.split(".", 1)[1]
+    def _declaration(self, place: Place, size: int) -> Code:
+        name = place.name
         if place in self.flags and size == 1:
-            return f"bool {name} = false;"
+            return Code((f"bool {name} = false;",), TRUTH)
         if place in self._indices:
-            return f"unsigned {name} = 0u;"
+            return code(f"unsigned {name} = 0u;")
         zero = literal(0, self.real)
-        return f"{self.real} {name} = {zero};" if size == 1 else f"{self.real} {name}[{size}];"
+        return code(f"{self.real} {name} = {zero};" if size == 1 else f"{self.real} {name}[{size}];")
 
-    def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> list[str]:
+    def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> Code:
         """Every statement in order."""
-        lines: list[str] = []
-        for statement in program:
-            lines += self._statement(statement, taken)
-        return lines
+        return joined(self._statement(statement, taken) for statement in program)
 
-    def _statement(self, statement: Statement, taken: frozenset[str]) -> list[str]:
+    def _statement(self, statement: Statement, taken: frozenset[str]) -> Code:
         match statement:
             case Block():
                 return self._block(statement, taken)
@@ -159,51 +157,52 @@ class Writer:
             case Copy():
                 return self._copy(statement)
             case Call():
-                return [called(self.step, statement.section)]
+                return called(self.step, statement.section)
             case Kernel():
                 return self._kernel(statement)
 
-    def _when(self, when: When, taken: frozenset[str]) -> list[str]:
-        name = when.flag.split(".", 1)[1]
-        lines = [f"if ({name}) {{", *indented(self.statements(when.body, taken))]
+    def _when(self, when: When, taken: frozenset[str]) -> Code:
+        name = when.flag.name
+        lines = code(f"if ({name}) {{") + self.statements(when.body, taken).indented()
         if when.otherwise:
-            lines += ["} else {", *indented(self.statements(when.otherwise, taken))]
-        return [*lines, "}"]
+            lines += code("} else {") + self.statements(when.otherwise, taken).indented()
+        return lines + code("}")
 
-    def _loop(self, loop: Loop, taken: frozenset[str]) -> list[str]:
-        group, array = loop.group, self._array(loop.group)
+    def _loop(self, loop: Loop, taken: frozenset[str]) -> Code:
+        group, array = loop.group, self.whole(self._array(loop.group))
         depth, total = len(self._groups[group]), self._groups[group][-1].count
         k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
         kind = f"{self.prefix}_{group} *const {group}"
         inner = self.statements(loop.body, taken)
-        test = f"{k} < {loop.count}u" + (f" && {k} < {self.lvalue(loop.active, 0, 1)}" if loop.active else "")
-        number = [f"{self.lvalue(loop.index, 0, 1)} = {k if loop.start is None else i};"] if loop.index else []
+        uses = self._uses(self._array(group), loop.start, loop.active, loop.index)
+        uses |= Uses(widest=max(loop.count, total if loop.start else 0))
+        test = f"{k} < {loop.count}u" + (f" && {k} < {self.whole(loop.active)}" if loop.active else "")
+        head = f"for (unsigned {k} = 0u; {test}; ++{k}) {{"
+        number = [f"{self.whole(loop.index)} = {k if loop.start is None else i};"] if loop.index else []
         if loop.start is None:
-            pointer = f"{kind} = &{array}[{k}];"
-            return [f"for (unsigned {k} = 0u; {test}; ++{k}) {{", *indented([pointer, *number, *inner]), "}"]
-        start = self.lvalue(loop.start, 0, 1)
+            before = Code((f"{kind} = &{array}[{k}];", *number), uses)
+            return braced(head, before + inner)
+        start = self.whole(loop.start)
         if loop.count == 1:
-            return ["{", *indented([f"{kind} = &{array}[{within(start, total)}];", *inner]), "}"]
-        wrap = [f"if ({i} >= {total}u) {{", f"    {i} = 0u;", "}"]
-        body = [*wrap, f"{kind} = &{array}[{i}];", *number, *inner, f"++{i};"]
-        looped = [f"for (unsigned {k} = 0u; {test}; ++{k}) {{", *indented(body), "}"]
-        return ["{", *indented([f"unsigned {i} = {start};", *looped]), "}"]
+            return braced("{", Code((f"{kind} = &{array}[{within(start, total)}];",), uses) + inner)
+        wrap = (f"if ({i} >= {total}u) {{", f"    {i} = 0u;", "}")
+        before = Code((*wrap, f"{kind} = &{array}[{i}];", *number), uses)
+        return braced("{", code(f"unsigned {i} = {start};") + braced(head, before + inner + code(f"++{i};")))
 
-    def _copy(self, copy: Copy) -> list[str]:
+    def _copy(self, copy: Copy) -> Code:
         array, total = self._array(copy.group), self._groups[copy.group][-1].count
-        target, source = (f"{array}[{within(self.lvalue(p, 0, 1), total)}]" for p in (copy.target, copy.source))
-        return [f"{target} = {source};"]
+        numbers = (within(self.whole(place), total) for place in (copy.target, copy.source))
+        target, source = (f"{self.whole(array)}[{number}]" for number in numbers)
+        return Code((f"{target} = {source};",), self._uses(array, copy.target, copy.source) | Uses(widest=total))
 
-    def _kernel(self, kernel: Kernel) -> list[str]:
-        self.kernels.add((kernel.name, kernel.size))
-        arguments = [self._array(kernel.columns.split(".", 1)[0])] if kernel.columns else []
-        arguments += [
-            self.lvalue(place, 0, 1 if size == 1 else 0).removesuffix("[0]") for place, size in kernel.arguments
-        ]
-        call = f"{self.prefix}_{kernel.name}({', '.join(arguments)})"
-        return [f"{kernel.result.split('.', 1)[1]} = {call};" if kernel.result else f"{call};"]
+    def _kernel(self, kernel: Kernel) -> Code:
+        given = [self._array(kernel.columns.struct)] if kernel.columns else []
+        given += [place for place, _ in kernel.arguments]
+        call = f"{self.prefix}_{kernel.name}({', '.join(map(self.whole, given))})"
+        uses = self._uses(*given) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
+        return Code((f"{self.whole(kernel.result)} = {call};" if kernel.result else f"{call};",), uses)
 
-    def _block(self, block: Block, taken: frozenset[str]) -> list[str]:
+    def _block(self, block: Block, taken: frozenset[str]) -> Code:
         reads, written = block.reads, set(block.writes)
         real: Number = "unsigned" if self.counts(block) else self.real
         printer = Printer(
@@ -212,7 +211,6 @@ class Writer:
             inputs=lambda argument, element: self._read(*reads[argument], element, real),
             local=lambda argument, element: self._local(*reads[argument], element),
             is_flag=lambda argument: reads[argument][0] in self.flags,
-            used=self.used,
             taken=set(taken),
         )
         sources = {place: argument for argument, (place, _) in enumerate(reads)}
@@ -227,78 +225,59 @@ class Writer:
             for element in range(size)
         ]
         hoist = [argument for place, argument in sources.items() if place in written]
-        lines = body(printer, block.graph, targets, names, hoist)
-        if not lines:
-            return []
-        if any(line.startswith("const ") for line in lines):
-            return [comment(block.title), "{", *indented(lines), "}"]
-        return [comment(block.title), *lines]
+        constants, statements = body(printer, block.graph, targets, names, hoist)
+        if not statements.lines:
+            return Code()
+        if constants.lines:
+            return code(comment(block.title)) + braced("{", constants + statements)
+        return code(comment(block.title)) + statements
 
     def counts(self, block: Block) -> bool:
         """Whether a block works on counters and flags only, and so computes in `unsigned`."""
-        touched = [place for place, _ in block.reads] + [p for p in block.writes if scope(p) != "status"]
+        touched = [place for place, _ in block.reads] + [p for p in block.writes if p.struct != "status"]
         return bool(touched) and all(self.is_index(place) or place in self.flags for place in touched)
 
-    def _read(self, place: str, size: int, element: int, real: Number) -> str:
-        text = self.lvalue(place, element, size)
-        narrow = scope(place) == "argument" or (self.is_index(place) and real != "unsigned")
-        return f"({real}){text}" if narrow else text
+    def _read(self, place: Place, size: int, element: int, real: Number) -> Operand:
+        text, uses = self.lvalue(place, element, size), self._uses(place)
+        if place.struct == "argument" or (self.is_index(place) and real != "unsigned"):
+            return Operand(f"({real}){text}", UNARY, local=False, uses=uses)
+        return Operand(text, local=size == 1 and place.struct == "work", uses=uses)
 
-    def _local(self, place: str, size: int, element: int) -> str:
+    def _local(self, place: Place, size: int, element: int) -> str:
         """Name of an element as a local: z1, L21, or that of the scalar."""
-        kind, name = place.split(".", 1)
+        kind, name = place
         if kind == "argument":
             return f"{name}_given"
         if (
-            kind != "work" and f"work.{name}" in self._work
+            kind != "work" and Place("work", name) in self._work
         ):  # u: the input now; u_given: as it came; u_before: at the last call
             name += {"input": "_given", "output": "_given", "state": "_before"}.get(kind, f"_{kind}")
         known = self._fields.get(place)
-        label = known.labels[element] if known and known.labels else ""
-        if _element(name, label) != label:
-            return _element(name, label)
+        if known and known.entries:
+            return _entry(name, known.entries[element])
         return name if size == 1 else f"{name}{element + 1}"
 
-    def _target(self, place: str, element: int, size: int, argument: int | None, real: Number) -> Target:
-        kind, name = place.split(".", 1)
-        if kind == "status":
-            bit = f"{self.prefix.upper()}_{name}"
-
-            def raise_bit(text: str) -> list[str]:
-                if text in ("false", "true"):
-                    return [f"status |= {bit};"] if text == "true" else []
-                return [f"if ({text}) {{", f"    status |= {bit};", "}"]
-
-            return Target(raise_bit, flag=True)
-        target = self.lvalue(place, element, size)
+    def _target(self, place: Place, element: int, size: int, argument: int | None, real: Number) -> Target:
+        if place.struct == "status":
+            return Target(lambda _: f"status |= {self.prefix.upper()}_{place.name};", condition=True)
+        target, uses = self.lvalue(place, element, size), self._uses(place)
         source = None if argument is None else (argument, element)
         if self.is_index(place) and real != "unsigned":
-            return Target(lambda text: [f"{target} = (unsigned)({text});"], source=source)
-        return Target(lambda text: [f"{target} = {text};"], flag=place in self.flags and size == 1, source=source)
+            return Target(lambda text: f"{target} = (unsigned)({text});", source=source, uses=uses)
+        flag = place in self.flags and size == 1
+        return Target(lambda text: f"{target} = {text};", flag=flag, source=source, uses=uses)
 
 
-def _copied(value: Any, places: set[str]) -> bool:
+def _copied(value: Any, places: set[Place]) -> bool:
     """Whether each element of an SX is that of one of the places."""
     elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
     return all(element.is_symbolic() and address(element)[0] in places for element in elements)
 
 
-def arguments(step: Step, program: Program | None = None) -> list[str]:
-    """The C parameters of the function of a section; of the whole step for None."""
-    used = {"input", "output"}
-    if program is not None:
-        inner = (s.section.program for s in walk(program) if isinstance(s, Call))
-        used = {scope(place) for each in (program, *inner) for place, _ in places(each)}
-    kinds = [("input", "in", step.inputs), ("output", "out", step.outputs)]
-    given = [f"const {step.name}_{kind} *{short}" for kind, short, signals in kinds if signals and kind in used]
-    given += ["uint16_t at"] if "argument" in used else []
-    return [f"{step.name}_state *s", f"const {step.name}_params *p", *given]
-
-
-def called(step: Step, section: Section) -> str:
+def called(step: Step, section: Section) -> Code:
     """The call of a section, its status taken over."""
-    given = ", ".join(text.rsplit("*", 1)[1] for text in arguments(step, section.program))
-    return f"status |= {step.name}_{section.name}({given});"
+    function = of_section(step, section)
+    return code(f"status |= {function.call(own)};", parameters=map(own, function.parameters))
 
 
 def within(index: str, total: int) -> str:
@@ -306,16 +285,11 @@ def within(index: str, total: int) -> str:
     return f"({index} < {total}u) ? {index} : 0u"
 
 
-def indented(lines: Iterable[str], by: int = 4) -> list[str]:
-    """Every line four blanks to the right."""
-    return [" " * by + line if line else line for line in lines]
-
-
-def member(real: str, item: Field) -> str:
-    """A struct member with its comment: meaning, elements, range, unit."""
+def member(real: str, item: Field) -> Member:
+    """A struct's member; said of it are meaning, elements, range, unit."""
     kind = "unsigned" if item.kind == "index" else real
     size = "" if item.size == 1 else f"[{item.size}]"
-    return f"{kind} {item.name}{size}; {comment(describe(item))}".rstrip()
+    return f"{kind} {item.name}{size};", describe(item)
 
 
 def named(item: Field) -> Field:
@@ -332,8 +306,8 @@ def beside(name: str, text: str) -> str:
 def describe(item: Field) -> str:
     """Meaning, elements, unit and range of a field."""
     parts = [item.meaning] if item.meaning else []
-    if item.labels:
-        parts.append(", ".join(_element(item.name, label) for label in item.labels))
+    if elements := item.labels or tuple(_entry(item.name, entry) for entry in item.entries):
+        parts.append(", ".join(elements))
     text = ": ".join(parts)
     ranges = {(low, high) for low, high in item.box if low > -INF and high < INF}
     if item.unit:
@@ -344,9 +318,9 @@ def describe(item: Field) -> str:
     return text
 
 
-def _element(name: str, label: str) -> str:
-    """`L21` of "2,1"."""
-    return name + label.replace(",", "") if re.fullmatch(r"\d+,\d+", label) else label
+def _entry(name: str, entry: tuple[int, int]) -> str:
+    """`L21` of row 2, column 1."""
+    return f"{name}{entry[0]}{entry[1]}"
 
 
 def comment(text: str) -> str:
@@ -359,9 +333,13 @@ def harmless(text: str) -> str:
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
 
 
-def struct(name: str, members: Sequence[str]) -> list[str]:
-    """typedef struct { ... } name; with the comments of the members in one column."""
-    code = [line.split("; /*", 1) for line in members]
-    width = max((len(parts[0]) for parts in code), default=0) + 1
-    body_lines = [f"{p[0] + ';':{width}} /*{p[1]}" if len(p) == 2 else p[0] for p in code]
-    return ["typedef struct {", *indented(body_lines), f"}} {name};"]
+def struct(name: str, lines: Iterable[str], head: str = "typedef struct {") -> list[str]:
+    """typedef struct { ... } name;"""
+    return [head, *indented(lines), f"}} {name};"]
+
+
+def members(items: Iterable[Member]) -> list[str]:
+    """Their lines, with the comments in one column."""
+    items = list(items)
+    width = max((len(declared) for declared, _ in items), default=0)
+    return [f"{declared:{width}} {comment(text)}".rstrip() for declared, text in items]

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from hgogen.emit.cprint import Real
-from hgogen.program import Field, Group, lines_of
+from hgogen.program import Field, Group, Place, lines_of
 from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.sensors import AT
@@ -40,27 +40,27 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
     return np.dtype(members + ([("traces", np.dtype(traces, align=True))] if traces else []), align=True)
 
 
-def places(step: Step, kept: np.ndarray) -> dict[str, np.ndarray]:
+def places(step: Step, kept: np.ndarray) -> dict[Place, np.ndarray]:
     """Where each place of a step lies in a `kept` record (1)."""
     found = state_places(step, kept["state"])
     for kind, fields in _parameters(step):
-        found |= {f"{kind}.{field.name}": _flat(kept["params"][kind], field) for field in fields}
+        found |= {Place(kind, field.name): _flat(kept["params"][kind], field) for field in fields}
     for kind, signals in (("input", step.inputs), ("output", step.outputs), ("estimate", step.states)):
-        found |= {f"{kind}.{signal.name}": kept[kind][signal.name] for signal in signals}
+        found |= {Place(kind, signal.name): kept[kind][signal.name] for signal in signals}
     return found | ({AT: kept["at"]} if step.timed else {})
 
 
-def state_places(step: Step, state: np.ndarray) -> dict[str, np.ndarray]:
+def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
     """Where each place of the state lies in a record (1) of `state_type`: (size), (count, size) for a field of a group,
     (count, count, size) for one of a group in a group."""
-    found = {f"state.{field.name}": _flat(state, field) for field in step.state}
+    found = {Place("state", field.name): _flat(state, field) for field in step.state}
     for line in lines_of(step.groups):
         view = state[line[0].name][0]
         for group in line[1:]:
             view = view[group.name]
         for field in line[-1].fields:
             array = view[field.name]
-            found[f"{line[-1].name}.{field.name}"] = array[..., None] if field.size == 1 else array
+            found[Place(line[-1].name, field.name)] = array[..., None] if field.size == 1 else array
     return found
 
 

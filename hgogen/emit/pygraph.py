@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
-from hgogen.emit.cprint import CALLS, NotPrintable, Number, Real
+from hgogen.emit.cprint import CALLS, NotPrintable, Number, Operand, Real
 from hgogen.emit.elementary import elementary
 
 DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
@@ -43,7 +43,7 @@ _COUNTED |= {op: _SIMPLE[op] for op in (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)}
 
 @dataclass
 class Writer:
-    """Writes the lines of graphs. `inputs`: the text of element j of argument i; `names`: what the text refers to."""
+    """Writes the lines of graphs, whose element j of argument i `inputs` gives; `names`: what the text refers to."""
 
     real: Real
     names: dict[str, Any] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class Writer:
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
         self.names |= {"floor": _floor(number, _WHOLE[self.real]), "divided": _divided}
 
-    def write(self, function: Any, inputs: Callable[[int, int], str], kind: Number) -> list[list[Node]]:
+    def write(self, function: Any, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
         """The lines that compute a function; its outputs as nodes, each with its name or text in `name`."""
         outputs = read(function)
         for node in _ordered(node for output in outputs for node in output):
@@ -75,12 +75,12 @@ class Writer:
         self.lines.append(f"t{self.count} = {text}")
         return f"t{self.count}"
 
-    def _name(self, node: Node, inputs: Callable[[int, int], str], kind: Number) -> None:
+    def _name(self, node: Node, inputs: Callable[[int, int], Operand], kind: Number) -> None:
         if node.op == ca.OP_CONST:
             node.name = self._constant(node.constant, kind)
         elif node.op == ca.OP_INPUT:
-            text = inputs(*node.source)
-            node.name = text if text.isidentifier() else self.fresh(text)
+            operand = inputs(*node.source)
+            node.name = operand.text if operand.local else self.fresh(operand.text)
         else:
             node.name = self.fresh(self._text(node, kind))
 
@@ -171,7 +171,7 @@ def indented(lines: Iterable[str]) -> list[str]:
 def _function(name: str, real: Real) -> Callable[..., Any]:
     """An elementary function of numbers."""
     graph, writer = elementary(real)[name], Writer(real)
-    (result,) = (node for (node,) in writer.write(graph, lambda argument, _: f"x{argument}", real))
+    (result,) = (node for (node,) in writer.write(graph, lambda argument, _: Operand(f"x{argument}"), real))
     arguments = ", ".join(f"x{k}" for k in range(graph.n_in()))
     lines = [*writer.lines, f"return {writer.number(result, real)}"]
     return defined([f"def {name}({arguments}):", *indented(lines)], writer.names, name, name)  # type: ignore[no-any-return]
@@ -181,7 +181,11 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 def evaluated(function: Any, real: Real) -> Callable[[Sequence[Any]], list[list[Any]]]:
     """The outputs of an SX function at lists of numbers, every operation rounded to `real`."""
     writer = Writer(real)
-    outputs = writer.write(function, lambda argument, element: f"given[{argument}][{element}]", real)
+
+    def given(argument: int, element: int) -> Operand:
+        return Operand(f"given[{argument}][{element}]", local=False)
+
+    outputs = writer.write(function, given, real)
     texts = (", ".join(writer.number(node, real) for node in output) for output in outputs)
     lines = [*writer.lines, f"return [{', '.join(f'[{text}]' for text in texts)}]"]
     return defined(["def run(given):", *indented(lines)], writer.names, "run", function.name())  # type: ignore[no-any-return]

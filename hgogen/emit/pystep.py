@@ -14,7 +14,7 @@ import numpy as np
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import layout, pygraph
 from hgogen.emit.cnode import Node, boolean
-from hgogen.emit.cprint import Number
+from hgogen.emit.cprint import Number, Operand
 from hgogen.emit.ctext import Writer as Held
 from hgogen.emit.pygraph import indented
 from hgogen.program import (
@@ -23,13 +23,13 @@ from hgogen.program import (
     Copy,
     Kernel,
     Loop,
+    Place,
     Program,
     Section,
     Statement,
     When,
     lines_of,
     places,
-    scope,
     walk,
 )
 from hgogen.step import Step
@@ -58,8 +58,8 @@ class _Writer:
         self.names |= {"D": kept.view(np.float64).data, "I": kept.view(np.uint32).data}
         self.names |= {"B": whole.data, "array": np.array, "V": list(self.places.values())}
         self.names |= {name: np.errstate(all="ignore")(kernel) for name, kernel in KERNELS.items()}
-        self.work: dict[str, int] = {}
-        self.filled: set[str] = set()
+        self.work: dict[Place, int] = {}
+        self.filled: set[Place] = set()
         self.sections: dict[str, int] = {}
 
     def entries(self) -> dict[str, Entry]:
@@ -81,18 +81,19 @@ class _Writer:
     def _traces(self) -> list[str]:
         traces = self.step.observer.traces
         last = self.names["D"].nbytes // SIZE["D"] - len(traces)
-        return [f"D[{last + k}] = {self._read(f'state.{name}', 0, 'double')}" for k, name in enumerate(traces)]
+        texts = [self._read(Place("state", name), 0, "double") for name in traces]
+        return [f"D[{last + k}] = {text}" for k, text in enumerate(texts)]
 
     def _called(self, section: Section) -> str:
         return f"section{self.sections[section.name]}"
 
     def _function(self, name: str, program: Program, after: Sequence[str] = ()) -> list[str]:
         self.filled = {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
-        self.work = {place: k for k, (place, _) in enumerate(sorted(places(program))) if scope(place) == "work"}
+        self.work = {place: k for k, (place, _) in enumerate(sorted(places(program))) if place.struct == "work"}
         start = ["status = 0", *(line for place, size in sorted(places(program)) for line in self._zero(place, size))]
         return [f"def {name}():", *indented([*start, *self._statements(program), *after, "return status"])]
 
-    def _zero(self, place: str, size: int) -> list[str]:
+    def _zero(self, place: Place, size: int) -> list[str]:
         """A work value, or an array that a kernel may be the first to write."""
         if place not in self.work or (size > 1 and place not in self.filled):
             return []
@@ -123,14 +124,14 @@ class _Writer:
 
     # --- memory
 
-    def _local(self, place: str, element: int) -> str:
+    def _local(self, place: Place, element: int) -> str:
         return f"w{self.work[place]}_{element}"
 
-    def _text(self, place: str, element: int) -> str:
+    def _text(self, place: Place, element: int) -> str:
         """The text of one element of a place."""
         if place in self.work:
             return self._local(place, element)
-        array, line = self.places[place], self.groups.get(scope(place), ())
+        array, line = self.places[place], self.groups.get(place.struct, ())
         kind = "I" if array.dtype == np.uint32 else "D"
         offset = (array.ctypes.data - self.address) // SIZE[kind] + element
         steps = (
@@ -138,12 +139,16 @@ class _Writer:
         )
         return f"{kind}[{' + '.join((*steps, str(offset)))}]"
 
-    def _read(self, place: str, element: int, kind: Number) -> str:
+    def _read(self, place: Place, element: int, kind: Number) -> str:
         """The text of one element as a number."""
         text = self._text(place, element)
-        return f"float({text})" if kind != "unsigned" and self.held.is_index(place) else text
+        return f"float({text})" if self._converted(place, kind) else text
 
-    def _member(self, index: str, total: int) -> str:
+    def _converted(self, place: Place, kind: Number) -> bool:
+        """Whether a counter becomes a real number."""
+        return kind != "unsigned" and self.held.is_index(place)
+
+    def _member(self, index: Place, total: int) -> str:
         """The text of a member's number, 0 where it is beyond the last, as in C."""
         number = self._read(index, 0, "unsigned")
         return f"int({number}) if {number} < {total} else 0"
@@ -166,7 +171,7 @@ class _Writer:
 
     def _copy(self, copy: Copy) -> list[str]:
         line = self.groups[copy.group]
-        arrays = [array for place, array in self.places.items() if scope(place) == copy.group]
+        arrays = [array for place, array in self.places.items() if place.struct == copy.group]
         stride = arrays[0].strides[len(line) - 1]
         first = min(array.ctypes.data for array in arrays) - self.address
         above = "".join(f" + {s}*m{depth}" for depth, s in enumerate(arrays[0].strides[: len(line) - 1]))
@@ -190,7 +195,7 @@ class _Writer:
         call = f"{kernel.name}({', '.join(given)})"
         return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
 
-    def _view(self, place: str, dimensions: int) -> str:
+    def _view(self, place: Place, dimensions: int) -> str:
         """The text of a place as numpy's view of it, in the members that the loops around it are at."""
         above = self.places[place].ndim - dimensions
         return f"V[{list(self.places).index(place)}]{''.join(f'[m{depth}]' for depth in range(above))}"
@@ -199,10 +204,10 @@ class _Writer:
         kind: Number = "unsigned" if self.held.counts(block) else "double"
         self.graphs.lines = lines = []
 
-        def given(argument: int, element: int) -> str:
+        def given(argument: int, element: int) -> Operand:
             place, _ = block.reads[argument]
-            text = self._read(place, element, kind)
-            return f"({text})" if place in block.writes else text  # a copy of what the block also writes
+            local = place in self.work and place not in block.writes and not self._converted(place, kind)
+            return Operand(self._read(place, element, kind), local=local)  # else a copy of it is
 
         outputs = self.graphs.write(block.graph, given, kind)
         for place, nodes in zip(block.writes, outputs, strict=False):
@@ -210,12 +215,12 @@ class _Writer:
                 lines += self._write(place, element, node, kind)
         return lines
 
-    def _write(self, place: str, element: int, node: Node, kind: Number) -> list[str]:
-        if scope(place) == "status":
-            return [f"if {node.name}:", f"    status |= {self.bits[place.split('.', 1)[1]]}"]
+    def _write(self, place: Place, element: int, node: Node, kind: Number) -> list[str]:
+        if place.struct == "status":
+            return [f"if {node.name}:", f"    status |= {self.bits[place.name]}"]
         value = self.graphs.number(node, kind)
         if place in self.held.flags:
             value = node.name if boolean(node) else f"{value} != 0"
-        elif kind != "unsigned" and self.held.is_index(place):
+        elif self._converted(place, kind):
             value = f"int({value})"
         return [f"{self._text(place, element)} = {value}"]

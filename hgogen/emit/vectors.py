@@ -19,7 +19,7 @@ from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real
 from hgogen.emit.exact import machine
 from hgogen.emit.pygraph import DTYPE
-from hgogen.program import address
+from hgogen.program import Place, address
 from hgogen.signal import Signal
 from hgogen.step import Step
 
@@ -38,10 +38,10 @@ class Vectors:
     status: np.ndarray
 
 
-def places(step: Step) -> dict[str, str]:
+def places(step: Step) -> dict[str, Place]:
     """What the self-check compares, by its C name: the estimate, and what the observer traces of its state."""
-    estimate = {f"x.{c_name(s.name)}": f"estimate.{s.name}" for s in step.states}
-    return estimate | {f"s.{name}": f"state.{name}" for name in step.observer.traces}
+    estimate = {f"x.{c_name(s.name)}": Place("estimate", s.name) for s in step.states}
+    return estimate | {f"s.{name}": Place("state", name) for name in step.observer.traces}
 
 
 def record(step: Step, real: Real) -> Vectors:
@@ -59,16 +59,16 @@ def record(step: Step, real: Real) -> Vectors:
     return Vectors(u, y, seen, 16 * distance, status)
 
 
-def start(step: Step) -> dict[str, list[float]]:
+def start(step: Step) -> dict[Place, list[float]]:
     """What the state holds at the first sample, by place: the estimate off its rest, where a plant may stand still and
     show nothing of its model."""
     boxes = [s.interval if s.bounded else (-1.0, 1.0) for s in step.observer.form.states]
     return _estimate(step, [low + 0.7 * (high - low) for low, high in boxes])
 
 
-def _estimate(step: Step, wanted: list[float]) -> dict[str, list[float]]:
+def _estimate(step: Step, wanted: list[float]) -> dict[Place, list[float]]:
     """The fields of the state whose estimate is `wanted`, as far as each of its elements is linear in one of theirs."""
-    values = {f"state.{field.name}": np.array(field.initial) for field in step.state}
+    values = {Place("state", field.name): np.array(field.initial) for field in step.state}
     known = nominal(step.observer) | values
     changed = {}
     for z, goal in zip(ca.vertsplit(ca.vertcat(step.observer.z)), wanted, strict=True):
@@ -88,8 +88,8 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
         reader.memory[place][:] = values
     results = [reader.memory[place] for place in places(step).values()]
     seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
-    given = [reader.memory[f"input.{s.name}"] for s in step.inputs]
-    given += [reader.memory[f"output.{s.name}"] for s in step.outputs]
+    given = [reader.memory[Place("input", s.name)] for s in step.inputs]
+    given += [reader.memory[Place("output", s.name)] for s in step.outputs]
     for k in range(SAMPLES):
         for array, value in zip(given, (*u[k], *y[k]), strict=True):
             array[0] = value

@@ -59,19 +59,19 @@ class ConstantGain:
     def scaled(self, form: Form) -> Any:
         """theta^j K_(i,j) (n), SX of the places of gains and parameters."""
         constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
-        parameters = {s: sym(f"plant.{s.name}") for s in form.system.parameters if s.bounded}
+        parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
         values: list[Any] = to_casadi([k.subs(constants) for k in self.K], parameters)
         found: list[Any] = []
         for size in self.sizes:
             power = ca.SX(1)
             for _ in range(size):
-                power = power * sym("gain.theta")
+                power = power * sym("gain", "theta")
                 found.append(power * values[len(found)])
         return ca.vertcat(*found)
 
     def onto(self, e: Any) -> Any:
         """The place derived.K (n) times the error (p) of each chain's output."""
-        K = sym("derived.K", len(self.K))
+        K = sym("derived", "K", len(self.K))
         chain = [i for i, size in enumerate(self.sizes) for _ in range(size)]
         return ca.vertcat(*(K[row] * e[i] for row, i in enumerate(chain)))
 

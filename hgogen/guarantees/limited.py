@@ -21,7 +21,7 @@ from hgogen.guarantees.certified import checks
 from hgogen.guarantees.sector import Adaptation, Shape, core_check, decays, theta_bound
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Ode
-from hgogen.program import Block, Field, scalar, sym
+from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.reading.given import BadGain, positive, real
 from hgogen.structure.dynamics import HUGE
 from hgogen.theorem import Theorem
@@ -75,7 +75,7 @@ def limited(
             gain("decay", slow, least, slow, "lambda, theta times it is the rate at which sigma decays"),
             gain("r", fast, 1e-3 * fast, fast if shape.below else 1e3 * fast, "weight of e^2 in sigma'"),
         ),
-        w=sym("state.w", chain.n),
+        w=sym("state", "w", chain.n),
         theorem=theorem,
         equations=(EQUATION.format(shape.text), LEVEL, f"K = {listed(K)}"),
         reference=REFERENCE,
@@ -89,7 +89,7 @@ def limited(
 
 
 def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shape, decay: float, start: float) -> Ode:
-    level = sym("gain.theta")
+    level = sym("gain", "theta")
     square = scalar("sigma", start, low=0.0, unit="y^2", meaning=f"square of the level of the {shape.name}")
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
@@ -97,8 +97,8 @@ def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shap
         e, most = valid * (y - chain.offset(u) - w_[0]), ca.sqrt(ca.fmax(sigma, 0))
         sat = ca.fmin(ca.fmax(e, -most), most)
         return {
-            "w": shifted(w_) + chain.nonlinear(w_, u) + sym("derived.K", chain.n) * shape.injected(e, sat),
-            "sigma": level * (sym("gain.r") * (e * e) - sym("gain.decay") * sigma),
+            "w": shifted(w_) + chain.nonlinear(w_, u) + sym("derived", "K", chain.n) * shape.injected(e, sat),
+            "sigma": level * (sym("gain", "r") * (e * e) - sym("gain", "decay") * sigma),
         }
 
     n = chain.n
@@ -108,6 +108,6 @@ def _part(chain: Integrators, w: Field, K: np.ndarray, theta: float, shape: Shap
         rest,
         derived=(Field("K", (0.0,) * n, labels=labels, meaning="observer gain"),),
         frozen={"sigma": (0.0 if shape.below else HUGE,)},  # all of the error is injected
-        tune=(Block("observer gain", {"derived.K": scaled(K, level)}),),
+        tune=(Block("observer gain", {Place("derived", "K"): scaled(K, level)}),),
         core=theta * np.block([[companion(K), np.zeros((n, 1))], [np.zeros((1, n)), -decay]]),
     )

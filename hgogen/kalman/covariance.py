@@ -108,7 +108,7 @@ def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
     return Field(
         name,
         tuple(float(start[i, j]) for i, j in pairs),
-        labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
+        entries=tuple((i + 1, j + 1) for i, j in pairs),
         meaning=f"{meaning}, lower triangle by columns",
     )
 

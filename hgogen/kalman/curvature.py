@@ -23,7 +23,7 @@ from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivo
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
 from hgogen.part import Clock, Ode, Part, Pieces
-from hgogen.program import Bit, Block, Field, Program, When, sym
+from hgogen.program import Bit, Block, Field, Place, Program, When, sym
 
 RESTARTED = Bit(
     "COVARIANCE_RESTARTED",
@@ -93,10 +93,10 @@ def _explicit(method: Any) -> Explicit:
 
 def _kept_definite(covariance: Field, n: int) -> Program:
     """The packed symmetric matrix (n, n) as it was first where a pivot of L D L' is not positive."""
-    place = f"state.{covariance.name}"
-    found = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(place, covariance.size), n))[1]))
-    first = {place: ca.SX(ca.DM(covariance.initial)), "status.COVARIANCE_RESTARTED": ca.SX(1)}
+    place = Place("state", covariance.name)
+    found = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
+    first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
     return (
-        Block("is it positive definite?", {"work.broken": ca.logic_not(found)}),
-        When("work.broken", (Block("a covariance that is none restarts", first),)),
+        Block("is it positive definite?", {Place("work", "broken"): ca.logic_not(found)}),
+        When(Place("work", "broken"), (Block("a covariance that is none restarts", first),)),
     )

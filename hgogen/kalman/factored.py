@@ -26,13 +26,13 @@ from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower
 from hgogen.kalman.prior import near
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
-from hgogen.program import Block, Field, Group, Kernel, Loop, Program, When, column, scalar, sym
+from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, When, column, scalar, sym
 from hgogen.reading.given import BadGain
 from hgogen.structure.dynamics import HUGE
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
-Factors = Callable[[Any], dict[str, Any]]  # of a vector (n), those of P as writes
+Factors = Callable[[Any], dict[Place, Any]]  # of a vector (n), those of P as writes
 POINTS = 12  # corners, and as many points inside, at which the model's growth is judged
 
 
@@ -46,7 +46,7 @@ class Moved:
     @property
     def z(self) -> Any:
         """The symbols of z (n)."""
-        return sym(f"state.{self.part.z.name}", self.part.dynamics.n)
+        return sym("state", self.part.z.name, self.part.dynamics.n)
 
     def stages(self) -> Stages:
         """The Runge-Kutta step of z."""
@@ -67,11 +67,11 @@ class Moved:
 
     def grown(self, d: Any) -> Any:
         """The diagonal factor d (n) of P as it grows where the past is forgotten."""
-        return d if self.part.forgetting is None else sym("derived.growth") * d
+        return d if self.part.forgetting is None else sym("derived", "growth") * d
 
     def priors(self) -> list[Any]:
         """Rows (1, n) whose samples, of variance 1, have the information (1 - exp(-rho h)) S_0."""
-        return [ca.sparsify(row) for row in ca.vertsplit(ca.diag(sym("derived.prior", self.part.dynamics.n)))]
+        return [ca.sparsify(row) for row in ca.vertsplit(ca.diag(sym("derived", "prior", self.part.dynamics.n)))]
 
     @property
     def equation(self) -> str:
@@ -131,7 +131,7 @@ def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:
                 meaning="roots of (1 - exp(-rho dt)) S_0, what a step adds of the prior",
             ),
         ),
-        "tune": (Block("what a step forgets", {"derived.growth": growth, "derived.prior": prior}),),
+        "tune": (Block("what a step forgets", {Place("derived", "growth"): growth, Place("derived", "prior"): prior}),),
     }
 
 
@@ -192,7 +192,7 @@ def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
         tuple(float(start[i, j]) for i, j in pairs),
         low=tuple(float(-LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
         high=tuple(float(LARGEST * deviation[i] / deviation[j]) for i, j in pairs),
-        labels=tuple(f"{i + 1},{j + 1}" for i, j in pairs),
+        entries=tuple((i + 1, j + 1) for i, j in pairs),
         meaning="unit lower factor of P, strict lower triangle by columns",
     )
     return (L, _diagonal(part, clock, diagonal))
@@ -200,12 +200,13 @@ def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
 
 def _symbols(part: Riccati) -> tuple[Any, Any]:
     n = part.dynamics.n
-    lower = unit_lower(sym("state.L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
-    return lower, sym("state.D", n)
+    lower = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
+    return lower, sym("state", "D", n)
 
 
-def _written(L: Any, d: Any) -> dict[str, Any]:
-    return {"state.L": ca.densify(pack_unit_lower(L)), "state.D": d} if d.numel() > 1 else {"state.D": d}
+def _written(L: Any, d: Any) -> dict[Place, Any]:
+    lower = {Place("state", "L"): ca.densify(pack_unit_lower(L))} if d.numel() > 1 else {}
+    return lower | {Place("state", "D"): d}
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
@@ -215,7 +216,7 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     L, d, names = time_update(L, moved.grown(d), transition, part.scaled_factor(), moved.weights())
     return Block(
         f"z by classical Runge-Kutta; P = L D L' by {moved.equation}",
-        {f"state.{part.z.name}": stages.result["z"], **_written(L, d)},
+        {Place("state", part.z.name): stages.result["z"], **_written(L, d)},
         {**stages.names, **entries("Phi", transition), **names},
     )
 
@@ -236,7 +237,7 @@ def _variances(part: Riccati) -> list[Any]:
 def _cap(part: Riccati) -> Program:
     L, d = _symbols(part)
 
-    def scaled(scale: Any) -> dict[str, Any]:
+    def scaled(scale: Any) -> dict[Place, Any]:
         return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
     return capped(part, _variances(part), scaled)
@@ -246,10 +247,10 @@ def capped(part: Riccati, variance: list[Any], scaled: Factors) -> Program:
     """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), a congruence."""
     caps = [float(value) for value in part.cap]
     scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
-    limited = {"status.COVARIANCE_LIMITED": ca.SX(1)}
+    limited = {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}
     return (
-        Block("largest variances", {"work.capped": _beyond(variance, caps)}),
-        When("work.capped", (Block("cap", {**scaled(scale), **limited}),)),
+        Block("largest variances", {Place("work", "capped"): _beyond(variance, caps)}),
+        When(Place("work", "capped"), (Block("cap", {**scaled(scale), **limited}),)),
     )
 
 
@@ -263,7 +264,7 @@ def _update(part: Riccati, clock: Clock, output: int) -> Program:
     return (
         Block(
             "correct by the scalar update",
-            {f"state.{part.z.name}": moved.z + gain * sym("work.e"), **_written(L, d)},
+            {Place("state", part.z.name): moved.z + gain * sym("work", "e"), **_written(L, d)},
             {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
         ),
     )
@@ -295,54 +296,59 @@ def _looped_predict(part: Riccati, clock: Clock) -> Program:
     moved, n, h = Moved(part, clock), part.dynamics.n, clock.dt
     stages = moved.stages()
     F = ca.sparsify(moved.jacobian(stages))
-    entries = sym("work.F", F.nnz())
+    entries = sym("work", "F", F.nnz())
     held = ca.SX(F.sparsity(), entries)
-    v = sym("column.v", n)
+    v = sym("column", "v", n)
     noise: Program = ()
     if part.factor.size:
-        scaled = Block("h Q_theta", {"work.w": moved.weights() * part.spread() ** 2})
-        noise = (scaled, Kernel("add", n, "column.v", (("state.D", n), ("work.w", n))))
+        scaled = Block("h Q_theta", {Place("work", "w"): moved.weights() * part.spread() ** 2})
+        noise = (scaled, Kernel("add", n, Place("column", "v"), ((Place("state", "D"), n), (Place("work", "w"), n))))
     return (
         Block(
             "z by classical Runge-Kutta; the Jacobian F at mid-step, its entries by columns",
-            {f"state.{part.z.name}": stages.result["z"], "work.F": ca.vertcat(*F.nonzeros())},
+            {Place("state", part.z.name): stages.result["z"], Place("work", "F"): ca.vertcat(*F.nonzeros())},
             stages.names,
         ),
-        Kernel("expand", n, "column.v"),
+        Kernel("expand", n, Place("column", "v")),
         Loop(
             "column",
             n,
-            (Block("a column of Phi L", {"column.v": v + h * (held @ (v + h / 2 * (held @ v)))}),),
+            (Block("a column of Phi L", {Place("column", "v"): v + h * (held @ (v + h / 2 * (held @ v)))}),),
         ),
-        *((Block("forgetting", {"state.D": moved.grown(sym("state.D", n))}),) if part.forgetting is not None else ()),
-        Kernel("triangularise", n, "column.v", (("state.D", n),)),
+        *(
+            (Block("forgetting", {Place("state", "D"): moved.grown(sym("state", "D", n))}),)
+            if part.forgetting is not None
+            else ()
+        ),
+        Kernel("triangularise", n, Place("column", "v"), ((Place("state", "D"), n),)),
         *noise,
         *_looped_limit(part),
-        When("work.limited", (Block("limited", {"status.COVARIANCE_LIMITED": ca.SX(1)}),)),
+        When(Place("work", "limited"), (Block("limited", {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}),)),
         *_looped_keep(n),
     )
 
 
 def _looped_limit(part: Riccati) -> Program:
     n = part.dynamics.n
-    limits = Block("largest variances", {"work.caps": ca.SX(ca.DM(part.cap))})
-    name, more = ("cap", ()) if part.forgetting is None else ("renew", (("derived.prior", n),))
-    return (limits, Kernel(name, n, "column.v", (("state.D", n), ("work.caps", n), *more), result="work.limited"))
+    limits = Block("largest variances", {Place("work", "caps"): ca.SX(ca.DM(part.cap))})
+    name, more = ("cap", ()) if part.forgetting is None else ("renew", ((Place("derived", "prior"), n),))
+    arguments = ((Place("state", "D"), n), (Place("work", "caps"), n), *more)
+    return (limits, Kernel(name, n, Place("column", "v"), arguments, result=Place("work", "limited")))
 
 
 def _looped_keep(n: int) -> Program:
-    v = sym("column.v", n)
+    v = sym("column", "v", n)
     kept = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
-    return (Loop("column", n, (Block("a lost value restarts", {"column.v": kept}),)),)
+    return (Loop("column", n, (Block("a lost value restarts", {Place("column", "v"): kept}),)),)
 
 
 def _looped_update(part: Riccati, clock: Clock, output: int) -> Program:
     moved, n = Moved(part, clock), part.dynamics.n
-    row = {"work.c": ca.densify(moved.row(output)).T, "work.r": moved.variance(output)}
-    arguments = (("state.D", n), ("work.c", n), ("work.r", 1), ("work.K", n))
-    gain = sym("work.K", n)
+    row = {Place("work", "c"): ca.densify(moved.row(output)).T, Place("work", "r"): moved.variance(output)}
+    arguments = ((Place("state", "D"), n), (Place("work", "c"), n), (Place("work", "r"), 1), (Place("work", "K"), n))
+    gain = sym("work", "K", n)
     return (
         Block("the measurement's row and variance", row),
-        Kernel("correct", n, "column.v", arguments),
-        Block("correct", {f"state.{part.z.name}": moved.z + gain * sym("work.e")}),
+        Kernel("correct", n, Place("column", "v"), arguments),
+        Block("correct", {Place("state", part.z.name): moved.z + gain * sym("work", "e")}),
     )

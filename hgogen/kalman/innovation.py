@@ -26,7 +26,7 @@ from hgogen.discretisation.stability import EVERYWHERE, decay_limits
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
 from hgogen.part import Clock, Part, Pieces
-from hgogen.program import INF, Block, Field, Group, Loop, Program, When, scalar, sym
+from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
 from hgogen.reading.given import real, reals
 from hgogen.reading.named import Values, of_outputs
 from hgogen.structure.dynamics import HUGE, Dynamics
@@ -145,39 +145,41 @@ class Staggered:
         members, period = self.predictors + 1, count // self.predictors
         most = members * period + 1
         n, p = predictor.dynamics.n, clock.outputs
-        z, total, valid = sym("predictor.z", n), sym("predictor.sum", p), sym("predictor.samples", p)
+        z, total, valid = sym("predictor", "z", n), sym("predictor", "sum", p), sym("predictor", "samples", p)
         moved = predictor.moved(z, clock.u, clock.dt)
-        move = Block(f"each predictor by {predictor.tableau.name}, without correction", {"predictor.z": moved})
+        move = Block(
+            f"each predictor by {predictor.tableau.name}, without correction", {Place("predictor", "z"): moved}
+        )
 
         def accumulate(output: int) -> Program:
-            error = sym("work.sample") - predictor.dynamics.output(z, clock.u_now)[output]
+            error = sym("work", "sample") - predictor.dynamics.output(z, clock.u_now)[output]
             squared = ca.fmin(total[output] + clock.period(output) * error * error, HUGE * HUGE)
             more = ca.if_else(valid[output] < most, valid[output] + 1, most)
-            add = Block("its squared output error", {"predictor.sum": _with(total, output, squared)})
-            tally = Block("one more sample", {"predictor.samples": _with(valid, output, more)})
+            add = Block("its squared output error", {Place("predictor", "sum"): _with(total, output, squared)})
+            tally = Block("one more sample", {Place("predictor", "samples"): _with(valid, output, more)})
             return (Loop("predictor", members, (add, tally)),)
 
         wanted = _wanted(count, clock)
         scaled = total * (wanted / ca.fmax(valid, wanted))
         read = Block(
             "innovation: the sum of the oldest predictor, scaled to the window, never scaled up",
-            {"state.innovation": _summed(self.weights, scaled)},
+            {Place("state", "innovation"): _summed(self.weights, scaled)},
         )
-        tick = sym("state.tick") + 1
+        tick = sym("state", "tick") + 1
         due = Block(
             f"one predictor restarts every {period} samples",
-            {"work.restart": tick >= period, "state.tick": ca.if_else(tick >= period, 0, tick)},
+            {Place("work", "restart"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)},
         )
         restart = (
             Block(
                 "the oldest predictor restarts from the estimate",
-                {"predictor.z": sym(f"state.{predictor.z.name}", n), "predictor.sum": ca.SX.zeros(p)},
+                {Place("predictor", "z"): sym("state", predictor.z.name, n), Place("predictor", "sum"): ca.SX.zeros(p)},
             ),
-            Block("no sample yet", {"predictor.samples": ca.SX.zeros(p)}),
+            Block("no sample yet", {Place("predictor", "samples"): ca.SX.zeros(p)}),
         )
-        after = sym("state.oldest") + 1
-        rotate = Block("the next one is the oldest", {"state.oldest": ca.if_else(after >= members, 0, after)})
-        oldest = "state.oldest"
+        after = sym("state", "oldest") + 1
+        rotate = Block("the next one is the oldest", {Place("state", "oldest"): ca.if_else(after >= members, 0, after)})
+        oldest = Place("state", "oldest")
         return Pieces(
             fields=(
                 scalar("innovation", 0, low=0.0, high=HUGE * HUGE, unit="y^2 s", meaning="innovation I_d"),
@@ -215,7 +217,7 @@ class Staggered:
             adapt=(
                 Loop("predictor", 1, (read,), start=oldest),
                 due,
-                When("work.restart", (Loop("predictor", 1, restart, start=oldest), rotate)),
+                When(Place("work", "restart"), (Loop("predictor", 1, restart, start=oldest), rotate)),
             ),
         )
 
@@ -237,34 +239,43 @@ class Window:
     def _pieces(self, predictor: Predictor, clock: Clock) -> Pieces:
         steps = samples(self.d, clock.dt)
         n, m, p, size = predictor.dynamics.n, clock.inputs, clock.outputs, steps + 1
-        z, u, y, valid = sym("past.z", n), sym("past.u", m), sym("past.y", p), sym("past.valid", p)
-        newest, filled = sym("state.newest"), sym("state.filled")
+        z, u, y, valid = sym("past", "z", n), sym("past", "u", m), sym("past", "y", p), sym("past", "valid", p)
+        newest, filled = sym("state", "newest"), sym("state", "filled")
         after = ca.if_else(newest + 1 >= size, 0, newest + 1)
-        push = Block("the newest sample takes the place of the oldest", {"state.newest": after})
-        store = {"past.z": sym(f"state.{predictor.z.name}", n)}
-        store |= {"past.y": sym("state.recent_y", p), "past.valid": sym("state.recent_valid", p)}
-        store |= {"past.u": sym("state.u", m)} if m else {}
+        push = Block("the newest sample takes the place of the oldest", {Place("state", "newest"): after})
+        store = {Place("past", "z"): sym("state", predictor.z.name, n)}
+        store |= {
+            Place("past", "y"): sym("state", "recent_y", p),
+            Place("past", "valid"): sym("state", "recent_valid", p),
+        }
+        store |= {Place("past", "u"): sym("state", "u", m)} if m else {}
         count = ca.if_else(filled < size, filled + 1, size)
         oldest = ca.if_else(newest + 1 < count, newest + 1 + size - count, newest + 1 - count)
         first = ca.if_else(oldest + 1 >= size, 0, oldest + 1)
         find = Block(
             "the window starts at the oldest sample",
-            {"state.filled": count, "work.oldest": oldest, "work.first": first, "work.steps": count - 1},
+            {
+                Place("state", "filled"): count,
+                Place("work", "oldest"): oldest,
+                Place("work", "first"): first,
+                Place("work", "steps"): count - 1,
+            },
         )
-        load = {"work.zw": z, "work.sum": ca.SX(0)} | ({"work.uw": u} if m else {})
-        before = sym("work.uw", m)
-        moved = predictor.moved(sym("work.zw", n), lambda c: clock.between_samples(c, before, u), clock.dt)
+        load = {Place("work", "zw"): z, Place("work", "sum"): ca.SX(0)} | ({Place("work", "uw"): u} if m else {})
+        before = sym("work", "uw", m)
+        moved = predictor.moved(sym("work", "zw", n), lambda c: clock.between_samples(c, before, u), clock.dt)
         error = y - predictor.dynamics.output(moved, u)
         rates = ca.SX(ca.DM(clock.every)) * valid if clock.every else valid
         added = _summed(self.weights, rates * (error * error))
-        squared = ca.fmin(sym("work.sum") + clock.dt * added, HUGE * HUGE)
-        replay = {"work.zw": moved, "work.sum": squared} | ({"work.uw": u} if m else {})
-        recent = Block("no sample yet", {"state.recent_valid": ca.SX.zeros(p)})
+        squared = ca.fmin(sym("work", "sum") + clock.dt * added, HUGE * HUGE)
+        replay = {Place("work", "zw"): moved, Place("work", "sum"): squared} | ({Place("work", "uw"): u} if m else {})
+        recent = Block("no sample yet", {Place("state", "recent_valid"): ca.SX.zeros(p)})
 
         def remember(output: int) -> Program:
-            values = ca.SX(sym("state.recent_y", p)), ca.SX(sym("state.recent_valid", p))
-            values[0][output], values[1][output] = sym("work.sample"), 1
-            return (Block("this sample", {"state.recent_y": values[0], "state.recent_valid": values[1]}),)
+            values = ca.SX(sym("state", "recent_y", p)), ca.SX(sym("state", "recent_valid", p))
+            values[0][output], values[1][output] = sym("work", "sample"), 1
+            writes = {Place("state", "recent_y"): values[0], Place("state", "recent_valid"): values[1]}
+            return (Block("this sample", writes),)
 
         zeros = (0.0,) * p
         past = [replace(predictor.z, meaning="estimate")]
@@ -283,17 +294,19 @@ class Window:
             update=tuple(remember(j) for j in range(p)),
             adapt=(
                 push,
-                Loop("past", 1, (Block("store", store),), start="state.newest"),
+                Loop("past", 1, (Block("store", store),), start=Place("state", "newest")),
                 find,
-                Loop("past", 1, (Block("the model starts from the estimate d ago", load),), start="work.oldest"),
+                Loop(
+                    "past", 1, (Block("the model starts from the estimate d ago", load),), start=Place("work", "oldest")
+                ),
                 Loop(
                     "past",
                     steps,
                     (Block(f"the model again by {predictor.tableau.name}, its squared output error", replay),),
-                    start="work.first",
-                    active="work.steps",
+                    start=Place("work", "first"),
+                    active=Place("work", "steps"),
                 ),
-                Block("innovation", {"state.innovation": sym("work.sum")}),
+                Block("innovation", {Place("state", "innovation"): sym("work", "sum")}),
             ),
         )
 

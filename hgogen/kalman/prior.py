@@ -15,7 +15,7 @@ import numpy as np
 
 from hgogen.kalman.covariance import pivots, unpack
 from hgogen.kalman.riccati_part import Riccati
-from hgogen.program import Block, column, sym
+from hgogen.program import Block, Place, column, sym
 
 SHARE = 0.5
 
@@ -28,7 +28,7 @@ def near(part: Riccati, variance: list[Any]) -> Block:
 def near_view(part: Riccati, view: Literal["information", "covariance"]) -> Block:
     """The same of the symbols of S or P in full."""
     n = part.dynamics.n
-    matrix = unpack(sym("state.S" if view == "information" else "state.P", n * (n + 1) // 2), n)
+    matrix = unpack(sym("state", "S" if view == "information" else "P", n * (n + 1) // 2), n)
     if view == "covariance":
         return near(part, [matrix[i, i] for i in range(n)])
     _, left = pivots(matrix - ca.SX(ca.DM(np.diag(1 / (SHARE * part.cap)))))
@@ -36,4 +36,4 @@ def near_view(part: Riccati, view: Literal["information", "covariance"]) -> Bloc
 
 
 def _told(near: Any) -> Block:
-    return Block("is the covariance near S_0^-1?", {"status.COVARIANCE_LIMITED": near})
+    return Block("is the covariance near S_0^-1?", {Place("status", "COVARIANCE_LIMITED"): near})

@@ -112,7 +112,7 @@ class Riccati(Part):
     @property
     def rho(self) -> Any:
         """The rate at which the past is forgotten, SX scalar; 0 for none."""
-        return sym(f"gain.{self.forgetting.name}") if self.forgetting else ca.SX(0)
+        return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
 
     def noise(self) -> Any:
         """Q_theta, n x n SX."""

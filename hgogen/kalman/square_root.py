@@ -22,7 +22,7 @@ from hgogen.kalman.factored import Moved, capped, common, entries, largest, smal
 from hgogen.kalman.prior import near
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
-from hgogen.program import Block, Field, Program, column, sym
+from hgogen.program import Block, Field, Place, Program, column, sym
 from hgogen.reading.given import BadGain
 
 LARGEST = 7  # states: beyond, straight-line code fills the flash
@@ -92,21 +92,21 @@ def _root(part: Riccati, clock: Clock) -> Field:
         tuple(float(start[i, j]) for i, j in _pairs(n)),
         low=tuple(float(floor[i] if i == j else -deviation[i]) for i, j in _pairs(n)),
         high=tuple(float(deviation[i]) for i, j in _pairs(n)),
-        labels=tuple(f"{i + 1},{j + 1}" for i, j in _pairs(n)),
+        entries=tuple((i + 1, j + 1) for i, j in _pairs(n)),
         meaning="S of the covariance P = S S', lower triangle by columns",
     )
 
 
 def _symbols(part: Riccati) -> Any:
     n = part.dynamics.n
-    packed, S = sym("state.root", n * (n + 1) // 2), ca.SX(n, n)
+    packed, S = sym("state", "root", n * (n + 1) // 2), ca.SX(n, n)
     for k, (i, j) in enumerate(_pairs(n)):
         S[i, j] = packed[k]
     return S
 
 
-def _written(S: Any) -> dict[str, Any]:
-    return {"state.root": column(S[i, j] for i, j in _pairs(S.shape[0]))}
+def _written(S: Any) -> dict[Place, Any]:
+    return {Place("state", "root"): column(S[i, j] for i, j in _pairs(S.shape[0]))}
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
@@ -114,12 +114,12 @@ def _predict(part: Riccati, clock: Clock) -> Block:
     stages = moved.stages()
     transition, S = moved.transition(stages), _symbols(part)
     if part.forgetting is not None:
-        S = ca.sqrt(sym("derived.growth")) * S
+        S = ca.sqrt(sym("derived", "growth")) * S
     shaped = part.scaled_factor() @ ca.diag(ca.sqrt(moved.weights()))
     S, names = triangle(ca.horzcat(transition @ S, shaped))
     return Block(
         f"z by classical Runge-Kutta; P = S S' by {moved.equation}",
-        {f"state.{part.z.name}": stages.result["z"], **_written(S)},
+        {Place("state", part.z.name): stages.result["z"], **_written(S)},
         {**stages.names, **entries("Phi", transition), **names},
     )
 
@@ -140,7 +140,7 @@ def _variances(part: Riccati) -> list[Any]:
 def _cap(part: Riccati) -> Program:
     S = _symbols(part)
 
-    def scaled(scale: Any) -> dict[str, Any]:
+    def scaled(scale: Any) -> dict[Place, Any]:
         return _written(ca.diag(scale) @ S)
 
     return capped(part, _variances(part), scaled)
@@ -152,7 +152,7 @@ def _update(part: Riccati, clock: Clock, output: int) -> Program:
     return (
         Block(
             "correct by the scalar update",
-            {f"state.{part.z.name}": moved.z + gain * sym("work.e"), **_written(S)},
+            {Place("state", part.z.name): moved.z + gain * sym("work", "e"), **_written(S)},
             {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
         ),
     )

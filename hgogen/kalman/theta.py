@@ -25,7 +25,7 @@ from hgogen.kalman.kalman_theorems import ADAPTIVE, DECAYING, HIGH_GAIN, KALMAN,
 from hgogen.kalman.riccati_part import HighGain
 from hgogen.observer import gain
 from hgogen.part import Clock, Jump, Part, Pieces
-from hgogen.program import Block, Field, scalar, sym
+from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.reading.given import BadGain, positive, real
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.scaling import SCALED, Scaled
@@ -88,7 +88,7 @@ class Constant:
     @property
     def value(self) -> Any:
         """1, or the gain."""
-        return ca.SX(1) if self.theta == 1 else sym("gain.theta")
+        return ca.SX(1) if self.theta == 1 else sym("gain", "theta")
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -155,7 +155,7 @@ class Decaying:
     @property
     def value(self) -> Any:
         """The place `state.theta`."""
-        return sym("state.theta")
+        return sym("state", "theta")
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -167,13 +167,13 @@ class Decaying:
         return (Jump(self._pieces),)
 
     def _pieces(self, clock: Clock) -> Pieces:
-        theta, decay = sym("state.theta"), sym("derived.decay")
-        factor = ca.exp(-sym("gain.rate") * clock.dt)
+        theta, decay = sym("state", "theta"), sym("derived", "decay")
+        factor = ca.exp(-sym("gain", "rate") * clock.dt)
         return Pieces(
             fields=(_theta_field(self.theta_0, self.theta_0),),
             derived=(scalar("decay", 0.0, meaning="exp(-rate dt)"),),
-            tune=(Block("decay of theta over one step", {"derived.decay": factor}),),
-            adapt=(Block("theta decays to 1", {"state.theta": 1 + (theta - 1) * decay}),),
+            tune=(Block("decay of theta over one step", {Place("derived", "decay"): factor}),),
+            adapt=(Block("theta decays to 1", {Place("state", "theta"): 1 + (theta - 1) * decay}),),
         )
 
 
@@ -197,7 +197,7 @@ class Smoothstep:
 
     def of(self, innovation: Any) -> Any:
         """SX mu(I)."""
-        low, high = sym("gain.gamma_0"), sym("gain.gamma_1")
+        low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
         x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
         return x * x * (3 - 2 * x)
 
@@ -221,7 +221,7 @@ class Logistic:
 
     def of(self, innovation: Any) -> Any:
         """SX mu(I); the exponent is clamped to +-80, where exp still is a float."""
-        exponent = sym("gain.slope") * (sym("gain.centre") - innovation)
+        exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
 
 
@@ -273,7 +273,7 @@ class Adaptive:
     @property
     def value(self) -> Any:
         """The place `state.theta`."""
-        return sym("state.theta")
+        return sym("state", "theta")
 
     @property
     def gains(self) -> tuple[Field, ...]:
@@ -292,14 +292,14 @@ class Adaptive:
         return (self.innovation.part(dynamics, z), Jump(self._pieces))
 
     def _pieces(self, clock: Clock) -> Pieces:
-        theta, mu = sym("state.theta"), self.mu.of(sym("state.innovation"))
-        risen = rise(theta, mu * clock.dt / sym("gain.rise_time"), sym("gain.theta_1"))
-        decay = ca.exp(-sym("gain.rate") * clock.dt * (1 - mu))
+        theta, mu = sym("state", "theta"), self.mu.of(sym("state", "innovation"))
+        risen = rise(theta, mu * clock.dt / sym("gain", "rise_time"), sym("gain", "theta_1"))
+        decay = ca.exp(-sym("gain", "rate") * clock.dt * (1 - mu))
         fallen = 1 + (risen - 1) * decay
-        top = 2 * sym("gain.theta_1")
+        top = 2 * sym("gain", "theta_1")
         block = Block(
             "theta by the exact sub-flows of its law: rise, then decay",
-            {"state.theta": ca.fmin(ca.fmax(fallen, 1), top)},
+            {Place("state", "theta"): ca.fmin(ca.fmax(fallen, 1), top)},
             {"mu": mu, "risen": risen, "decay": decay},
         )
         return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=(block,))

@@ -13,14 +13,14 @@ import numpy as np
 
 from hgogen.chains.core import Core
 from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
-from hgogen.program import Kernel
+from hgogen.program import Kernel, Place
 
 
 def _matrices(line: Core, h: float) -> Matrices:
     X = h / 2 * line.M
     program, size = balanced(X)
-    places = (("work.core", size**2), ("work.inverse", size**2))
-    S = spread("work.inverse", X, size)
+    places = ((Place("work", "core"), size**2), (Place("work", "inverse"), size**2))
+    S = spread(Place("work", "inverse"), X, size)
     source = h / 2 * S @ line.B
     return Matrices(
         program=(*program, Kernel("resolvent", size, None, places)),

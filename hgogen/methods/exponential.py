@@ -13,13 +13,13 @@ import numpy as np
 from hgogen.chains.core import Core
 from hgogen.chains.sampled import Matrices, Sampled, balanced, spread
 from hgogen.discretisation import kernels
-from hgogen.program import Kernel
+from hgogen.program import Kernel, Place
 
 
 def _matrices(line: Core, h: float) -> Matrices:
     X = h * line.M
     program, size = balanced(X)
-    places = tuple((f"work.{name}", size**2) for name in ("core", "phi_0", "phi_1", "phi_2"))
+    places = tuple((Place("work", name), size**2) for name in ("core", "phi_0", "phi_1", "phi_2"))
     phi_0, phi_1, phi_2 = (spread(place, X, size) for place, _ in places[1:])
     return Matrices(
         program=(*program, Kernel("exponential", size, None, places)),

@@ -127,7 +127,7 @@ def adaptive_lmi(
         "adaptive_lmi",
         parts=(_part(chain, w, moving, gains),),
         gains=tunable,
-        w=sym("state.w", chain.n),
+        w=sym("state", "w", chain.n),
         theorem=THEOREM,
         equations=(
             *EQUATIONS,
@@ -151,8 +151,8 @@ def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
         level = clamp(values["gamma"], low, high)
-        loud = ca.fabs(y - chain.offset(u) - values["w"][0]) > sym("gain.threshold")
-        law = level * ca.if_else(loud, sym("gain.rise"), -sym("gain.sigma") * level)
+        loud = ca.fabs(y - chain.offset(u) - values["w"][0]) > sym("gain", "threshold")
+        law = level * ca.if_else(loud, sym("gain", "rise"), -sym("gain", "sigma") * level)
         return {"w": chain.nonlinear(values["w"], u), "gamma": valid * law}
 
     return Ode((w, moving), rest, linear, chain.offset, frozen={"gamma": (high,)})

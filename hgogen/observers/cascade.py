@@ -30,7 +30,7 @@ from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.observer import Observer, founded, high_gain_parameter, tunable
-from hgogen.program import INF, Field, column, sym
+from hgogen.program import INF, Field, Place, column, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.signal import resting
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -73,7 +73,7 @@ def cascade(
     """
     accept = founded("cascade", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("cascade", form)
-    n, level = chain.n, sym("gain.theta")
+    n, level = chain.n, sym("gain", "theta")
     if n < 2:
         raise BadGain("cascade", f"wants at least two states, {form.system.name} has {n}; use high_gain")
     demand_ranges("cascade", form, range(1, n))
@@ -98,13 +98,13 @@ def cascade(
         first = (v[1] + level * alpha[0] * e, level * level * alpha[1] * e)
         return {"v": ca.vertcat(*first, *(level * alpha[i] * (found[i - 1] - v[i]) for i in range(2, n)))}
 
-    u = sym("state.u", len(form.system.inputs))
+    u = sym("state", "u", len(form.system.inputs))
     return observer_on(
         chain,
         "cascade",
         parts=(saturating(chain, (_field(chain, high.initial[0] * alpha, initial),), lines), unmodelled(form)),
         gains=(high,),
-        w=ca.vertcat(*estimates(sym("state.v", n), chain.saturated, lambda w: chain.nonlinear(w, u))),
+        w=ca.vertcat(*estimates(sym("state", "v", n), chain.saturated, lambda w: chain.nonlinear(w, u))),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"alpha = {listed(alpha)}"),
         reference=REFERENCE,
@@ -134,7 +134,7 @@ def _field(chain: Integrators, slopes: np.ndarray, initial: Mapping[str, float] 
     w, n = chain.field(initial, float(slopes[0])), chain.n
     system = chain.form.system
     u = column(map(resting, system.inputs))
-    places = {f"plant.{field.name}": np.array(field.initial) for field in tunable(system.parameters)}
+    places = {Place("plant", field.name): np.array(field.initial) for field in tunable(system.parameters)}
     c = numbers(chain.nonlinear(ca.SX(ca.DM(w.initial)), u), places).reshape(-1)
     rates = [w.initial[i + 1] + c[i] for i in range(n - 1)]
     bottom, top = _span(chain)

@@ -30,7 +30,7 @@ from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
-from hgogen.program import Field, sym
+from hgogen.program import Field, Place, sym
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -81,7 +81,7 @@ def filtered(
     """
     accept = founded("filtered", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("filtered", form)
-    n, level = chain.n, sym("gain.theta")
+    n, level = chain.n, sym("gain", "theta")
     a, b = positive("alpha", alpha), positive("beta", beta)
     L = _gains(poles, gains, n, a, b)
     fields = (
@@ -98,14 +98,14 @@ def filtered(
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(n, 1)}
 
     part, layout = Ode(fields, rest, linear, chain.offset), Layout((*range(n), *range(n)), (True,) * n + (False,) * n)
-    core = core_numbers(part, 1, {"gain.theta": np.ones(1)})
+    core = core_numbers(part, 1, {Place("gain", "theta"): np.ones(1)})
     bound = of_core(chain, layout, [core], {"alpha": a, "beta": b, "gains": L})
     return observer_on(
         chain,
         "filtered",
         parts=(part,),
         gains=(high,),
-        w=sym("state.w", n),
+        w=sym("state", "w", n),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"alpha = {same(a)}, beta = {same(b)}, L = {listed(L)}"),
         reference=REFERENCE,

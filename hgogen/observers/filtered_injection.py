@@ -73,7 +73,7 @@ def filtered_injection(
     """
     accept = founded("filtered_injection", form, accept, takes=integrators)
     high, chain = high_gain_parameter(theta), integrators("filtered_injection", form)
-    n, level, source = chain.n, sym("gain.theta"), reals("G", G)
+    n, level, source = chain.n, sym("gain", "theta"), reals("G", G)
     m = source.size
     source, filter_ = _matrix("G", source, (m,)), _matrix("F", F, (m, m))
     outer, inner = _matrix("N", np.eye(n) if N is None else N, (n, n)), _matrix("H", H, (n, m))
@@ -100,7 +100,7 @@ def filtered_injection(
         "filtered_injection",
         parts=(Ode(fields, rest, linear, chain.offset),),
         gains=(high,),
-        w=sym("state.w", n),
+        w=sym("state", "w", n),
         theorem=THEOREM,
         equations=(
             *EQUATIONS,

@@ -29,7 +29,7 @@ from hgogen.kalman.theta import constant
 from hgogen.kalman.weights import cap, limited, positive, spd, wide
 from hgogen.observer import Observer, founded, gain, linearised, state_field
 from hgogen.part import Clock, Jump, Pieces
-from hgogen.program import Block, Field, sym
+from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
 from hgogen.structure.clamped import clamped
@@ -98,17 +98,17 @@ def hamilton_jacobi(
         dynamics=dynamics,
         z=z,
         theta=constant(1.0),
-        weights=sym("derived.Q_inverse", n),
+        weights=sym("derived", "Q_inverse", n),
         factor=shape,
-        R=1 / sym("gain.R", outputs),
+        R=1 / sym("gain", "R", outputs),
         covariance=covariance,
         cap=cap(dynamics, z, noise, variances, covariance, 1.0),
         limited=LIMITED,
         nominal=(noise, np.array(variances)),
     )
-    u = sym("work.u", len(form.system.inputs))
-    curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state.z", n), u))
-    part = Curved(plain, sym("gain.curvature"), rate) if curved else plain
+    u = sym("work", "u", len(form.system.inputs))
+    curved = rate > 0 and any(slope.nnz() for slope in dynamics.output_curvature(sym("state", "z", n), u))
+    part = Curved(plain, sym("gain", "curvature"), rate) if curved else plain
     return Observer(
         form=form,
         name="hamilton_jacobi",
@@ -118,7 +118,7 @@ def hamilton_jacobi(
             wide("R", precisions, "weight of the output", "1/(y^2 s)", names_of(form.system.outputs)),
             *([gain("curvature", rate, 1e-6 * rate, rate, "largest rate of the curvature term", "1/s")] * curved),
         ),
-        z=sym("state.z", n),
+        z=sym("state", "z", n),
         dynamics=dynamics,
         checks=(*form.checks, *clamped("hamilton_jacobi", form), _quadratic(form)),
         accepted=accept,
@@ -143,7 +143,7 @@ def _inverse(name: str, matrix: np.ndarray) -> np.ndarray:
 def _inverted(n: int) -> Any:
     """Q^-1, once for each `tune`."""
     field = Field("Q_inverse", (0.0,) * n, unit="z^2/s", meaning="inverse of Q, diagonal factor")
-    block = Block("inverse weights", {"derived.Q_inverse": 1 / sym("gain.Q", n)})
+    block = Block("inverse weights", {Place("derived", "Q_inverse"): 1 / sym("gain", "Q", n)})
 
     def build(clock: Clock) -> Pieces:
         return Pieces(derived=(field,), tune=(block,))

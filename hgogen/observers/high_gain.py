@@ -26,7 +26,7 @@ from hgogen.guarantees.certified import checks
 from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
 from hgogen.observer import Observer, founded, high_gain_parameter, state_field
 from hgogen.part import Ode
-from hgogen.program import Block, Field, sym
+from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
@@ -97,14 +97,14 @@ def high_gain(
         _part(dynamics, chosen, theta, least),
         fields=(z,),
         derived=(Field("K", (0.0,) * form.n, labels=chosen.labels, meaning="observer gain"),),
-        tune=(Block("observer gain", {"derived.K": chosen.scaled(form)}),),
+        tune=(Block("observer gain", {Place("derived", "K"): chosen.scaled(form)}),),
     )
     return Observer(
         form=form,
         name="high_gain",
         parts=(part,),
         gains=(high,),
-        z=sym("state.z", form.n),
+        z=sym("state", "z", form.n),
         dynamics=dynamics,
         checks=(*form.checks, *clamped("high_gain", form), *checks("high_gain", theta, chosen.bound)),
         accepted=accept,
@@ -160,7 +160,7 @@ def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.nd
     n = dynamics.n
 
     def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
-        push = dynamics.pulled(sym("derived.K", n), values["z"], u, least)
+        push = dynamics.pulled(sym("derived", "K", n), values["z"], u, least)
         return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
 
     return Ode((), rest, core=theta * (np.diag(np.ones(n - 1), 1) - np.outer(p, np.eye(n)[0])))
@@ -177,6 +177,8 @@ def _least(dynamics: Dynamics, share: float) -> float | None:
 
 
 def _notices(dynamics: Dynamics, least: float) -> tuple[Block, ...]:
-    z, u = sym("state.z", dynamics.n), sym("state.u", len(dynamics.form.system.inputs))
+    z, u = sym("state", "z", dynamics.n), sym("state", "u", len(dynamics.form.system.inputs))
     regular = ca.fabs(dynamics.determinant(dynamics.saturated(z), u)) > least
-    return (Block("near a singular point there is no correction", {"status.SINGULAR": ca.logic_not(regular)}),)
+    return (
+        Block("near a singular point there is no correction", {Place("status", "SINGULAR"): ca.logic_not(regular)}),
+    )

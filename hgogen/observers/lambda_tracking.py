@@ -48,7 +48,7 @@ from hgogen.form import Form
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
-from hgogen.program import INF, Block, Field, When, scalar, sym
+from hgogen.program import INF, Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
 from hgogen.stepping.guards import readings
 from hgogen.stepping.patience import FINE
@@ -159,9 +159,9 @@ def lambda_tracking(
     )
 
     def law(e: Any) -> Any:
-        room = ca.fmax(sym("gain.reach") - sym("gain.strip"), 0)
-        outside = ca.fmin(ca.fmax(ca.fabs(e) - sym("gain.strip"), 0), room)
-        return sym("gain.gamma") * (outside * outside)
+        room = ca.fmax(sym("gain", "reach") - sym("gain", "strip"), 0)
+        outside = ca.fmin(ca.fmax(ca.fabs(e) - sym("gain", "strip"), 0), room)
+        return sym("gain", "gamma") * (outside * outside)
 
     return observer_on(
         chain,
@@ -177,7 +177,7 @@ def lambda_tracking(
             gain("strip", width, 1e-3 * width, widest, "output error up to which the gain rests", "y"),
             gain("reach", end, end, 1e3 * end, "output error from which it grows no faster", "y"),
         ),
-        w=sym("state.w", chain.n),
+        w=sym("state", "w", chain.n),
         theorem=MODELLED if model else THEOREM,
         equations=(
             *(line.format(phi="c_n + " if model else "") for line in EQUATIONS),
@@ -196,18 +196,18 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
     ((least, most),) = k.box
     slowest = float(-np.linalg.eigvals(companion(p)).real.max())
     needed, times = 2 * log(FINE * max(3.0, most ** (chain.n - 1))) / slowest, float(ceil(log2(most / least)))
-    e, quiet, falls = ca.fabs(last_error(chain, w, clock)), sym("state.quiet"), sym("state.falls")
-    level, seen = sym("state.k"), sym("state.y_valid") > 0
+    e, quiet, falls = ca.fabs(last_error(chain, w, clock)), sym("state", "quiet"), sym("state", "falls")
+    level, seen = sym("state", "k"), sym("state", "y_valid") > 0
     low, high = readings(chain.form)[0]
-    far = ca.fmin(sym("gain.reach"), SHARE * (high - low)) if high - low < INF else sym("gain.reach")
-    counted = ca.if_else(e <= sym("gain.strip"), ca.fmin(quiet + level * clock.dt, needed), 0)
-    known = ca.fmax(sym("state.settled"), quiet >= 1 / slowest)
-    may = ca.if_else(ca.logic_and(e > far, sym("state.settled") > 0), times, falls)
+    far = ca.fmin(sym("gain", "reach"), SHARE * (high - low)) if high - low < INF else sym("gain", "reach")
+    counted = ca.if_else(e <= sym("gain", "strip"), ca.fmin(quiet + level * clock.dt, needed), 0)
+    known = ca.fmax(sym("state", "settled"), quiet >= 1 / slowest)
+    may = ca.if_else(ca.logic_and(e > far, sym("state", "settled") > 0), times, falls)
     test = ca.logic_and(quiet >= needed, ca.logic_and(falls >= 1, level > least))
     fall = {
-        "state.quiet": ca.SX(0),
-        "state.falls": ca.fmax(falls - 1, 0),
-        "state.k": ca.fmax(level / 2, least),
+        Place("state", "quiet"): ca.SX(0),
+        Place("state", "falls"): ca.fmax(falls - 1, 0),
+        Place("state", "k"): ca.fmax(level / 2, least),
     }
     return Pieces(
         fields=(
@@ -226,13 +226,13 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
             Block(
                 "has the output error stayed inside the strip?",
                 {
-                    "state.quiet": ca.if_else(seen, counted, quiet),
-                    "state.falls": ca.if_else(seen, may, falls),
-                    "state.settled": known,
+                    Place("state", "quiet"): ca.if_else(seen, counted, quiet),
+                    Place("state", "falls"): ca.if_else(seen, may, falls),
+                    Place("state", "settled"): known,
                 },
             ),
-            Block("may the gain fall?", {"work.falling": test}),
-            When("work.falling", (Block("it falls by half", fall),)),
+            Block("may the gain fall?", {Place("work", "falling"): test}),
+            When(Place("work", "falling"), (Block("it falls by half", fall),)),
         ),
     )
 

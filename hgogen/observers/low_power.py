@@ -29,7 +29,7 @@ from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
-from hgogen.program import sym
+from hgogen.program import Place, sym
 from hgogen.reading.given import BadGain
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -75,7 +75,7 @@ def low_power(
     if n < 2:
         raise BadGain("low_power", f"wants at least two states, {form.system.name} has {n}; use high_gain")
     k = pair_gains("low_power", n, gains, poles)
-    w, level = chain.field(initial, high.initial[0]), sym("gain.theta")
+    w, level = chain.field(initial, high.initial[0]), sym("gain", "theta")
     fields = (
         rows(w, "xi_p", range(pairs), "p_i, first of the pair xi_i: estimate of the states but the last"),
         rows(w, "xi_q", range(1, n), "q_i, second of the pair xi_i: estimate of the states but the first"),
@@ -91,7 +91,7 @@ def low_power(
         return {"xi_p": c[:pairs], "xi_q": c[1:]}
 
     part = Ode(fields, rest, linear, chain.offset)
-    core = core_numbers(part, 1, {"gain.theta": np.ones(1)})
+    core = core_numbers(part, 1, {Place("gain", "theta"): np.ones(1)})
     demand_hurwitz("gains", core, "leave them out: (2, (n - i)/i)")
     layout = Layout((*range(pairs), *range(1, n)), (True,) * (2 * pairs))
     return observer_on(
@@ -99,7 +99,7 @@ def low_power(
         "low_power",
         parts=(part,),
         gains=(high,),
-        w=ca.vertcat(sym("state.xi_p", pairs)[0], sym("state.xi_q", pairs)),
+        w=ca.vertcat(sym("state", "xi_p", pairs)[0], sym("state", "xi_q", pairs)),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(k_i1, k_i2) = {', '.join(map(listed, k))}"),
         reference=REFERENCE,

@@ -31,7 +31,7 @@ from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, high_gain_parameter
-from hgogen.program import sym
+from hgogen.program import Place, sym
 from hgogen.reading.given import BadGain, positive
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -89,7 +89,7 @@ def peaking_free(
     k = pair_gains("peaking_free", n, gains, poles)
     if not (k > 0).all():
         raise BadGain(f"gains = {k.tolist()}", "must all be positive: a pair behind a saturation decays by itself")
-    w, level = chain.field(initial, high.initial[0]), sym("gain.theta")
+    w, level = chain.field(initial, high.initial[0]), sym("gain", "theta")
     fields = (
         rows(w, "xi_p", range(n), "p_i, first of the pair xi_i: estimate"),
         rows(w, "xi_q", range(1, n), "q_i, second of the pair xi_i: estimate of the states but the first"),
@@ -103,7 +103,7 @@ def peaking_free(
         return {"xi_p": ca.vertcat(q + onto_p, last) + c, "xi_q": shifted(sat) + onto_q + c[1:]}
 
     part = saturating(chain, fields, lines)
-    one = {"gain.theta": np.ones(1)}
+    one = {Place("gain", "theta"): np.ones(1)}
     demand_hurwitz("gains", core_numbers(part, 1, one), "leave them out: (2, (n - i)/i)")
     layout = Layout((*range(n), *range(1, n)), (True,) * (n + pairs))
     bound = of_core(chain, layout, vertices(chain, fields, lines, one), {"gains": k, "last": alpha})
@@ -112,7 +112,7 @@ def peaking_free(
         "peaking_free",
         parts=(part,),
         gains=(high,),
-        w=sym("state.xi_p", n),
+        w=sym("state", "xi_p", n),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"(alpha_i, beta_i) = {', '.join(map(listed, k))}, alpha_n = {same(alpha)}"),
         reference=REFERENCE,

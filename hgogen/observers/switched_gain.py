@@ -23,7 +23,7 @@ from hgogen.guarantees.dwell import switching
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
-from hgogen.program import Block, Field, scalar, sym
+from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.reading.given import BadGain, positive
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -104,7 +104,7 @@ def switched_gain(
             gain("theta_low", low, 1.0, low, "high-gain parameter when the output error has stayed small"),
             gain("threshold", d, 1e-3 * d, 1e3 * d, "output error up to which it is small", "y"),
         ),
-        w=sym("state.w", chain.n),
+        w=sym("state", "w", chain.n),
         theorem=THEOREM,
         equations=(*EQUATIONS, f"K = {listed(K)}, hold = {same(time)} {form.system.time}"),
         reference=REFERENCE,
@@ -119,15 +119,17 @@ def _switch(clock: Clock, chain: Integrators, w: Field, hold: float) -> Pieces:
     needed = ceil(hold / clock.dt * (1 - 1e-12)) + 1  # n samples span n - 1 periods
     if needed > LONGEST:
         raise BadGain(f"hold = {hold:g}", f"is more than {LONGEST} samples of dt = {clock.dt:g}; shorten it")
-    quiet, high = sym("state.quiet"), sym("gain.theta")
-    small = ca.fabs(last_error(chain, w, clock)) <= sym("gain.threshold")
+    quiet, high = sym("state", "quiet"), sym("gain", "theta")
+    small = ca.fabs(last_error(chain, w, clock)) <= sym("gain", "threshold")
     counted = ca.if_else(small, ca.fmin(quiet + 1, needed), 0)
-    after = ca.if_else(sym("state.y_valid") > 0, counted, quiet)
-    low = ca.fmin(sym("gain.theta_low"), high)
+    after = ca.if_else(sym("state", "y_valid") > 0, counted, quiet)
+    low = ca.fmin(sym("gain", "theta_low"), high)
     return Pieces(
         fields=(scalar("quiet", 0.0, low=0.0, high=needed, meaning="samples in a row with a small output error"),),
         adapt=(
-            Block("has the output error stayed small?", {"state.quiet": after}),
-            Block("a low gain then, else the high one", {"state.level": ca.if_else(quiet >= needed, low, high)}),
+            Block("has the output error stayed small?", {Place("state", "quiet"): after}),
+            Block(
+                "a low gain then, else the high one", {Place("state", "level"): ca.if_else(quiet >= needed, low, high)}
+            ),
         ),
     )

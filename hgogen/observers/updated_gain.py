@@ -33,7 +33,7 @@ from hgogen.guarantees.lmi import STATES
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
-from hgogen.program import Block, Field, scalar, sym
+from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.reading.given import BadGain, positive
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -130,7 +130,7 @@ def updated_gain(
             gain("p_2", low, 1.0, low, "where the gain falls to", "1/s"),
             gain("p_3", rise, 1e-3 * rise, 1e3 * rise, "how much the gain follows the slope of the model"),
         ),
-        w=sym("state.w", chain.n),
+        w=sym("state", "w", chain.n),
         theorem=THEOREM if form.behind is None else THEOREM.under(CLAMPED),
         equations=(*EQUATIONS, f"K = {listed(K)}, L(0) = {same(first)}, L <= {same(top)}"),
         reference=REFERENCE,
@@ -156,9 +156,9 @@ def _power(L: Any, k: int) -> Any:
 
 
 def _update(clock: Clock, chain: Integrators, w: Field) -> Pieces:
-    L, p_1, p_2, p_3 = (sym(place) for place in ("state.L", "gain.p_1", "gain.p_2", "gain.p_3"))
-    rate = p_1 * p_2 + p_3 * _slope(chain, sym(f"state.{w.name}", chain.n), clock.u_now, L)
+    L, p_1, p_2, p_3 = sym("state", "L"), sym("gain", "p_1"), sym("gain", "p_2"), sym("gain", "p_3")
+    rate = p_1 * p_2 + p_3 * _slope(chain, sym("state", w.name, chain.n), clock.u_now, L)
     left = ca.exp(-clock.dt * rate)
     after = L / (left + p_1 * L * (1 - left) / rate)
     title = "L by the exact flow of its law over a sample"
-    return Pieces(adapt=(Block(title, {"state.L": after}, {"rate": rate, "left": left}),))
+    return Pieces(adapt=(Block(title, {Place("state", "L"): after}, {"rate": rate, "left": left}),))

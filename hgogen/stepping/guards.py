@@ -17,13 +17,13 @@ from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
 from hgogen.part import Clock
-from hgogen.program import INF, Block, Field, Program, When, address, column, scope, sym, walk
+from hgogen.program import INF, Block, Field, Place, Program, When, address, column, sym, walk
 from hgogen.signal import Signal
 from hgogen.structure.dynamics import HUGE, widened
 
 LARGEST_NUMBER = 3e38  # every finite float is within; what is not counts as "not a number"
 
-SCOPES = ("state", "input", "output", "plant", "gain", "derived", "work")  # other scopes are groups
+STRUCTS = ("state", "input", "output", "plant", "gain", "derived", "work")  # others are members of groups
 SIGNALS = ("u", "y", "y_valid")  # fields of the state that remember signals, not estimates
 
 SIGNAL_BITS: dict[str, tuple[str, str]] = {
@@ -97,12 +97,12 @@ def outside(observer: Observer, margin: float = 0.0) -> Any:
     z, dynamics = observer.z, observer.dynamics
     ends = [widened(*end, margin) for end in dynamics.box]
     tests = [ca.logic_or(z[i] < low, z[i] > high) for i, (low, high) in enumerate(ends) if low > -INF]
-    return any_of(tests + dynamics.beyond(z, sym("state.u", len(observer.form.system.inputs)), margin))
+    return any_of(tests + dynamics.beyond(z, sym("state", "u", len(observer.form.system.inputs)), margin))
 
 
 def outside_bit(observer: Observer) -> Block:
     """Raise the bit where it is."""
-    bit = {"status.OUTSIDE_BOX": outside(observer)}
+    bit = {Place("status", "OUTSIDE_BOX"): outside(observer)}
     return Block("outside the declared box the model is evaluated at its edge", bit)
 
 
@@ -111,11 +111,11 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
-    _, usable = observer.dynamics.recovered(observer.z, sym("state.u", len(form.system.inputs)))
+    _, usable = observer.dynamics.recovered(observer.z, sym("state", "u", len(form.system.inputs)))
     return (
         Block(
             "where the inverse has no value, each state is told at its nominal value, else 0",
-            {"status.SINGULAR": ca.logic_not(usable)},
+            {Place("status", "SINGULAR"): ca.logic_not(usable)},
         ),
     )
 
@@ -134,18 +134,18 @@ def _within(value: Any, limit: float) -> Any:
 def guard_inputs(observer: Observer) -> Block:
     """Each input: the last valid one where it is no number or absurd, clamped to its range."""
     values, writes, names = [], {}, dict[str, Any]()
-    last = sym("state.u", len(observer.form.system.inputs))
+    last = sym("state", "u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
-        raw, (low, high) = sym(f"input.{signal.name}"), signal.interval
+        raw, (low, high) = sym("input", signal.name), signal.interval
         usable = _within(raw, HUGE)
         taken = ca.if_else(usable, raw, last[i])
         clamped = ca.fmin(ca.fmax(taken, low), high) if signal.bounded else taken
         values.append(clamped)
-        writes[f"status.REUSED_{signal.name}"] = ca.logic_not(usable)
+        writes[Place("status", f"REUSED_{signal.name}")] = ca.logic_not(usable)
         if signal.bounded:
-            writes[f"status.CLAMPED_{signal.name}"] = ca.logic_or(taken < low, taken > high)
+            writes[Place("status", f"CLAMPED_{signal.name}")] = ca.logic_or(taken < low, taken > high)
         names |= {f"{signal.name}_usable": usable, f"{signal.name}_taken": taken}
-    return Block("guard the input", {"work.u": column(values), **writes}, names)
+    return Block("guard the input", {Place("work", "u"): column(values), **writes}, names)
 
 
 def plausible(reading: tuple[float, float], raw: Any) -> Any:
@@ -164,15 +164,15 @@ def implausible(reading: tuple[float, float]) -> str:
     return f"{place}, or {10 * HUGE:g} off its estimate"
 
 
-def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[str, Any]]:
+def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[Place, Any]]:
     """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
     prediction."""
     number = _within(raw, LARGEST_NUMBER)
     valid = ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE))
     rejected = ca.logic_and(number, ca.logic_not(valid))
     return valid, {
-        f"status.MISSING_{signal.name}": ca.logic_not(number),
-        f"status.REJECTED_{signal.name}": rejected,
+        Place("status", f"MISSING_{signal.name}"): ca.logic_not(number),
+        Place("status", f"REJECTED_{signal.name}"): rejected,
     }
 
 
@@ -190,20 +190,25 @@ def readings(form: Form) -> list[tuple[float, float]]:
 def measure(observer: Observer, clock: Clock, j: int) -> Block:
     """The sample of output j, its innovation, and whether it can be used."""
     signal = observer.form.system.outputs[j]
-    raw = sym(f"output.{signal.name}")
+    raw = sym("output", signal.name)
     error = raw - observer.dynamics.output(observer.z, clock.u_now)[j]
     valid, status = _judged(signal, readings(observer.form)[j], raw, error)
-    values = {"work.sample": raw, "work.e": error, "work.innovation": error, "work.valid": valid}
+    values = {
+        Place("work", "sample"): raw,
+        Place("work", "e"): error,
+        Place("work", "innovation"): error,
+        Place("work", "valid"): valid,
+    }
     return Block(f"guard the sample of {signal}", {**values, **status})
 
 
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
     """All samples at once for a part that integrates with the measurement: y now, y at the last call, valid."""
-    predicted = observer.dynamics.output(observer.z, sym("state.u", clock.inputs))
-    last, had = sym("state.y", clock.outputs), sym("state.y_valid", clock.outputs) > 0
+    predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
+    last, had = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
-        raw = sym(f"output.{signal.name}")
+        raw = sym("output", signal.name)
         usable, bits = _judged(signal, readings(observer.form)[j], raw, raw - predicted[j])
         now.append(ca.if_else(usable, raw, predicted[j]))
         before.append(ca.if_else(ca.logic_and(usable, had[j]), last[j], now[-1]))
@@ -211,7 +216,12 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
         status.update(bits)
     return Block(
         "guard the samples",
-        {"work.y": column(now), "work.y_last": column(before), "work.valid": column(valid), **status},
+        {
+            Place("work", "y"): column(now),
+            Place("work", "y_last"): column(before),
+            Place("work", "valid"): column(valid),
+            **status,
+        },
     )
 
 
@@ -219,26 +229,26 @@ def kept(program: Program, state: tuple[Field, ...], others: Program = ()) -> Pr
     """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
     by `others` what else there is."""
     written = _written(program)
-    fields = [f for f in state if f"state.{f.name}" in written and f.kind == "real"]
+    fields = [f for f in state if Place("state", f.name) in written and f.kind == "real"]
     if not fields:
         return ()
-    usable = [_within(sym(f"state.{f.name}", f.size)[i], HUGE * HUGE) for f in fields for i in range(f.size)]
-    lost = Block("is a value lost?", {"work.lost": ca.logic_not(reduce(ca.logic_and, usable))})
-    fresh = {f"state.{f.name}": column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
-    restart = Block("a value is lost: all restart", {**fresh, "status.RESTARTED": ca.SX(1)})
-    return (lost, When("work.lost", (restart, *others)), *(_kept(f) for f in fields))
+    usable = [_within(sym("state", f.name, f.size)[i], HUGE * HUGE) for f in fields for i in range(f.size)]
+    lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(reduce(ca.logic_and, usable))})
+    fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
+    restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
+    return (lost, When(Place("work", "lost"), (restart, *others)), *(_kept(f) for f in fields))
 
 
-def _written(program: Program) -> set[str]:
+def _written(program: Program) -> set[Place]:
     """The places that a program changes."""
     writes = (item for s in walk(program) if isinstance(s, Block) for item in s.writes.items())
-    return {p for p, value in writes if not _same(value, sym(p, ca.SX(value).numel())) and not _of_member(value)}
+    return {p for p, value in writes if not _same(value, sym(*p, ca.SX(value).numel())) and not _of_member(value)}
 
 
 def _of_member(value: Any) -> bool:
     """Whether the value is that of a field of a group, which is kept in its box there."""
     elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
-    return all(e.is_symbolic() and scope(address(e)[0]) not in SCOPES for e in elements)
+    return all(e.is_symbolic() and address(e)[0].struct not in STRUCTS for e in elements)
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -246,12 +256,12 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _kept(field: Field) -> Block:
-    value, limit = sym(f"state.{field.name}", field.size), HUGE * HUGE
+    value, limit = sym("state", field.name, field.size), HUGE * HUGE
     box = [(max(low, -limit), min(high, limit)) for low, high in field.box]
     clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
-    writes = {f"state.{field.name}": column(clamped)}
+    writes = {Place("state", field.name): column(clamped)}
     if field.outer:
-        writes["status.STATE_LIMITED"] = any_of(
+        writes[Place("status", "STATE_LIMITED")] = any_of(
             ca.logic_or(value[i] < low, value[i] > high) for i, (low, high) in enumerate(box)
         )
     return Block(f"keep {field.name} in its box", writes)
@@ -262,12 +272,12 @@ def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived
     blocks = []
     for kind, fields in (("plant", plant), ("gain", gains)):
         for field in fields:
-            value = sym(f"{kind}.{field.name}", field.size)
+            value = sym(kind, field.name, field.size)
             kept, changed = [], []
             for i, (low, high) in enumerate(field.box):
                 clamped = ca.fmin(ca.fmax(value[i], low), high)
                 kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
                 changed.append(ca.logic_not(ca.logic_and(value[i] >= low, value[i] <= high)))
-            writes = {f"{kind}.{field.name}": column(kept), "status.PARAMETER_LIMITED": any_of(changed)}
+            writes = {Place(kind, field.name): column(kept), Place("status", "PARAMETER_LIMITED"): any_of(changed)}
             blocks.append(Block(f"{field.name} in its range", writes))
     return (*blocks, *derived)

@@ -15,11 +15,11 @@ from hgogen.program import (
     Group,
     Kernel,
     Loop,
+    Place,
     Program,
     When,
     lines_of,
     places,
-    scope,
     walk,
 )
 from hgogen.step import Step
@@ -61,10 +61,10 @@ class Reading:
         dtype: Any = np.float64,
     ) -> None:
         self._bind, self._dtype = bind, dtype
-        self.memory: dict[str, np.ndarray] = {}
+        self.memory: dict[Place, np.ndarray] = {}
         self.status = 0
-        self._rows: dict[str, np.ndarray] = {}  # the member that a loop is at
-        self._tables: dict[str, np.ndarray] = {}  # the array that a loop runs over: in a group, that of its member
+        self._rows: dict[Place, np.ndarray] = {}  # the member that a loop is at
+        self._tables: dict[Place, np.ndarray] = {}  # the array that a loop runs over: in a group, that of its member
         self._groups = {line[-1].name: line for line in lines_of(groups)}
         self._bits = {bit.name: 1 << k for k, bit in enumerate(bits)}
         self._sections: dict[str, Action] = {}
@@ -72,12 +72,12 @@ class Reading:
             self.memory.setdefault(place, np.zeros(size, dtype))
         for name, line in self._groups.items():
             for field in line[-1].fields:
-                place, shape = f"{name}.{field.name}", (*(group.count for group in line), field.size)
+                place, shape = Place(name, field.name), (*(group.count for group in line), field.size)
                 self.memory[place] = np.zeros(shape, dtype)
                 self._tables[place] = self.memory[place] if len(line) == 1 else np.zeros(shape[1:], dtype)
                 self._rows[place] = np.zeros(field.size, dtype)
 
-    def give(self, values: Mapping[str, Any]) -> None:
+    def give(self, values: Mapping[Place, Any]) -> None:
         """Numbers to the places that the programs have."""
         for place in values.keys() & self.memory.keys():
             self.memory[place][:] = np.ravel(values[place])
@@ -100,17 +100,13 @@ class Reading:
 
         return run
 
-    def _array(self, place: str) -> np.ndarray:
-        return self._rows[place] if scope(place) in self._groups else self.memory[place]
+    def _array(self, place: Place) -> np.ndarray:
+        return self._rows[place] if place.struct in self._groups else self.memory[place]
 
     def _block(self, block: Block) -> Action:
         evaluate, results = self._bind(block, [self._array(place) for place, _ in block.reads])
-        writes = [(self._array(p), r) for p, r in zip(block.writes, results, strict=True) if scope(p) != "status"]
-        raised = [
-            (self._bits[p.split(".", 1)[1]], r)
-            for p, r in zip(block.writes, results, strict=True)
-            if scope(p) == "status"
-        ]
+        writes = [(self._array(p), r) for p, r in zip(block.writes, results, strict=True) if p.struct != "status"]
+        raised = [(self._bits[p.name], r) for p, r in zip(block.writes, results, strict=True) if p.struct == "status"]
 
         def run() -> None:
             evaluate()
@@ -128,7 +124,7 @@ class Reading:
             {p for p, _ in places(loop.body)}
             | {s.columns for s in walk(loop.body) if isinstance(s, Kernel) and s.columns}
         )
-        pairs = [(self._tables[p], self._rows[p]) for p in touched if scope(p) == loop.group]
+        pairs = [(self._tables[p], self._rows[p]) for p in touched if p.struct == loop.group]
         pairs += [(self.memory[p], self._tables[p]) for p in touched if self._inside(p, loop.group)]
         start = self._array(loop.start) if loop.start else np.zeros(1)
         active = self._array(loop.active) if loop.active else np.array([loop.count])
@@ -147,12 +143,12 @@ class Reading:
 
         return run
 
-    def _inside(self, place: str, group: str) -> bool:
+    def _inside(self, place: Place, group: str) -> bool:
         """Whether the place is one of a group in the members of `group`."""
-        return any(above.name == group for above in self._groups.get(scope(place), ())[:-1])
+        return any(above.name == group for above in self._groups.get(place.struct, ())[:-1])
 
     def _copy(self, copy: Copy) -> Action:
-        arrays = [a for p, a in self.memory.items() if scope(p) == copy.group or self._inside(p, copy.group)]
+        arrays = [a for p, a in self.memory.items() if p.struct == copy.group or self._inside(p, copy.group)]
         source, target = self._array(copy.source), self._array(copy.target)
 
         def run() -> None:
@@ -204,7 +200,7 @@ class Machine(Reading):
             ("state", step.state),
         ):
             for field in fields:
-                self.memory[f"{kind}.{field.name}"] = np.zeros(field.size, dtype)
+                self.memory[Place(kind, field.name)] = np.zeros(field.size, dtype)
         for kind, fields in (("plant", step.plant), ("gain", step.gains)):
             self._fill(kind, fields)
         self._tune = self.action(step.tuning)
@@ -223,7 +219,7 @@ class Machine(Reading):
         self._fill("state", self.step.state)
         for name, line in self._groups.items():
             for field in line[-1].fields:
-                self.memory[f"{name}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+                self.memory[Place(name, field.name)][:] = np.asarray(field.initial, self._dtype)
 
     def section(self, name: str) -> int:
         """Run one section; returns its status."""
@@ -244,9 +240,10 @@ class Machine(Reading):
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
         step, memory = self.step, self.memory
-        given = [memory[f"input.{s.name}"] for s in step.inputs] + [memory[f"output.{s.name}"] for s in step.outputs]
-        results = [memory[f"estimate.{s.name}"] for s in step.states]
-        scalars = [memory[f"state.{name}"] for name in step.observer.traces]
+        kinds = (("input", step.inputs), ("output", step.outputs))
+        given = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]
+        results = [memory[Place("estimate", s.name)] for s in step.states]
+        scalars = [memory[Place("state", name)] for name in step.observer.traces]
         x, traces = np.zeros((len(y), len(results))), np.zeros((len(y), len(scalars)))
         status = np.zeros(len(y), np.uint32)
         for k in range(len(y)):
@@ -259,7 +256,7 @@ class Machine(Reading):
 
     def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
         for field in fields:
-            self.memory[f"{kind}.{field.name}"][:] = np.asarray(field.initial, self._dtype)
+            self.memory[Place(kind, field.name)][:] = np.asarray(field.initial, self._dtype)
 
     def _run(self, action: Action) -> int:
         self.status = 0

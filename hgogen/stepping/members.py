@@ -19,12 +19,12 @@ from hgogen.program import (
     Group,
     Kernel,
     Loop,
+    Place,
     Program,
     Statement,
     When,
     address,
     column,
-    scope,
     sym,
 )
 
@@ -34,26 +34,25 @@ class Moved:
     """Where places go: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
     names of groups."""
 
-    places: Mapping[str, Any]
+    places: Mapping[Place, Any]
     groups: Mapping[str, str]
 
     def program(self, program: Iterable[Statement]) -> Program:
         """Every statement with its places moved."""
         return tuple(self._statement(statement) for statement in program)
 
-    def place(self, place: str) -> str:
+    def place(self, place: Place) -> Place:
         """Where a place that may be written goes."""
-        kind, name = place.split(".", 1)
-        if kind in self.groups:
-            return f"{self.groups[kind]}.{name}"
+        if place.struct in self.groups:
+            return place._replace(struct=self.groups[place.struct])
         moved = self.places.get(place, place)
-        assert isinstance(moved, str), f"{place} is only read"
+        assert isinstance(moved, Place), f"{place} is only read"
         return moved
 
-    def value(self, place: str, size: int) -> Any:
+    def value(self, place: Place, size: int) -> Any:
         """SX column of what stands for a place that is read."""
         moved = self.places.get(place)
-        return sym(self.place(place), size) if moved is None or isinstance(moved, str) else moved
+        return sym(*self.place(place), size) if moved is None or isinstance(moved, Place) else moved
 
     def values(self, *graphs: Any) -> list[Any]:
         """SX graphs of the moved places."""
@@ -92,9 +91,9 @@ class Moved:
         return Block(block.title, writes, dict(zip(block.names, values[len(writes) :], strict=True)))
 
 
-def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[str, Any]) -> Pieces:
+def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Any]) -> Pieces:
     """The pieces with other names for their fields and groups; `places` as in `Moved`, for what else they read."""
-    fields = {f"state.{field.name}": f"state.{name(field.name)}" for field in pieces.fields}
+    fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
     moved = Moved({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
     return replace(
         pieces,
@@ -134,7 +133,7 @@ def fresh(group: str, fields: Iterable[Field]) -> Program:
     """A member's fields as after a reset; counters in a block of their own."""
     programs = []
     for kind, title in (("real", "as after a reset"), ("index", "counters as after a reset")):
-        writes = {f"{group}.{field.name}": ca.SX(column(field.initial)) for field in fields if field.kind == kind}
+        writes = {Place(group, field.name): ca.SX(column(field.initial)) for field in fields if field.kind == kind}
         programs += [Block(title, writes)] if writes else []
     return tuple(programs)
 
@@ -164,14 +163,14 @@ def _fresh(above: str, fields: Iterable[Field], group: Group, z: Any) -> Program
 def _copied(above: str, fields: Iterable[Field], group: Group, z: Any) -> tuple[list[Field], Program]:
     """The fields of a group that take the estimate of `above`, and the block that copies it."""
     known = {field.name for field in fields} | {"z"}
-    own = Moved({f"state.{name}": f"{above}.{name}" for name in read_fields([z])}, {})
-    of = {f.name: own.values(z)[0] if f.name == "z" else sym(f"{above}.{f.name}", f.size) for f in group.fields}
+    own = Moved({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
+    of = {f.name: own.values(z)[0] if f.name == "z" else sym(above, f.name, f.size) for f in group.fields}
     shown = [f for f in group.fields if f.outer and f.name in known]
-    start = Block("from the estimate", {f"{group.name}.{f.name}": of[f.name] for f in shown})
+    start = Block("from the estimate", {Place(group.name, f.name): of[f.name] for f in shown})
     return shown, (start,) if shown else ()
 
 
 def read_fields(graphs: Iterable[Any]) -> set[str]:
     """Names of the fields of the state that SX graphs read."""
     found = {address(symbol)[0] for symbol in ca.symvar(ca.veccat(*graphs))}
-    return {place.split(".", 1)[1] for place in found if scope(place) == "state"}
+    return {place.name for place in found if place.struct == "state"}

@@ -20,7 +20,7 @@ import numpy as np
 from hgogen.chains.core import nominal, numbers
 from hgogen.observer import Observer
 from hgogen.part import Clock
-from hgogen.program import INF, Block, Field, Program, column, sym
+from hgogen.program import INF, Block, Field, Place, Program, column, sym
 from hgogen.stepping.guards import readings
 from hgogen.structure.dynamics import HUGE, clamp
 
@@ -34,8 +34,8 @@ def nearest(
 ) -> Program:
     """The `shown` fields of the state set to x of the module; `samples` by output, the most trusted last: what was
     measured, and whether that is plausible."""
-    u = sym("state.u", len(observer.form.system.inputs))
-    x = ca.vertcat(*(sym(f"state.{field.name}", field.size) for field in shown))
+    u = sym("state", "u", len(observer.form.system.inputs))
+    x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
     h = observer.dynamics.output(observer.z, u)
     ends, V = _ends(observer, shown, x), _weights(shown)
     g = observer.dynamics.output_jacobian(observer.z, u) @ ca.jacobian(observer.z, x)
@@ -60,10 +60,10 @@ def _number(value: Any, end: tuple[float, float], other: Any) -> Any:
     return ca.if_else(ca.fabs(value) <= HUGE * HUGE, clamp(value, *end), other)
 
 
-def _placed(shown: tuple[Field, ...], value: Any) -> dict[str, Any]:
+def _placed(shown: tuple[Field, ...], value: Any) -> dict[Place, Any]:
     """The writes of an SX column to the fields, one after the other."""
     parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in shown)]).tolist())
-    return {f"state.{field.name}": part for field, part in zip(shown, parts, strict=True)}
+    return {Place("state", field.name): part for field, part in zip(shown, parts, strict=True)}
 
 
 def _weights(shown: tuple[Field, ...]) -> Any:
@@ -95,9 +95,9 @@ def _start(
 ) -> np.ndarray:
     """x_0: the first values, or the point of the ranges at which the most outputs, of these spans, tell something."""
     least = (FLAT * np.where(np.isfinite(spans), spans, 0.0)) ** 2
-    places = [f"state.{field.name}" for field in shown]
+    places = [Place("state", field.name) for field in shown]
     sizes = np.cumsum([field.size for field in shown])[:-1]
-    rest = {"state.u": np.zeros(len(observer.form.system.inputs)), **nominal(observer)}
+    rest = {Place("state", "u"): np.zeros(len(observer.form.system.inputs)), **nominal(observer)}
 
     def seen(point: np.ndarray) -> int:
         values = {**rest, **dict(zip(places, np.split(point, sizes), strict=True))}

@@ -16,7 +16,7 @@ from hgogen.errors import HgogenError
 from hgogen.kalman.innovation import Innovation, staggered
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
-from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Program, When, scalar, sym
+from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Place, Program, When, scalar, sym
 from hgogen.stepping.guards import kept
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.structure.dynamics import HUGE
@@ -71,7 +71,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     every = joined((alone, score))
     shown = tuple(field for field in alone.fields if field.name in part.shown)
     show = _show(shown)
-    moved = Moved({f"state.{f.name}": f"member.{f.name}" for f in every.fields}, {})
+    moved = Moved({Place("state", f.name): Place("member", f.name) for f in every.fields}, {})
 
     def loop(program: Program) -> Program:
         return (Loop("member", part.count, moved.program((*program, *kept(program, every.fields)))),)
@@ -90,11 +90,12 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
 
 def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Program) -> Program:
     """A member's correction by output j, left out where its error is absurd, then its score."""
-    error = sym("work.sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+    error = sym("work", "sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
     if not correct:
         return score
-    judge = Block("the member's innovation", {"work.e": error, "work.near": ca.fabs(error) <= 10 * HUGE})
-    return (judge, When("work.near", correct), *score)
+    writes = {Place("work", "e"): error, Place("work", "near"): ca.fabs(error) <= 10 * HUGE}
+    judge = Block("the member's innovation", writes)
+    return (judge, When(Place("work", "near"), correct), *score)
 
 
 # --- the score
@@ -103,7 +104,7 @@ def _update(part: Parallel, clock: Clock, j: int, correct: Program, score: Progr
 def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callable[[Part], Pieces]) -> Pieces:
     if part.newest:
         return _newest(part, clock)
-    start = {f"state.{field.name}": field.initial for field in fields}
+    start = {Place("state", field.name): field.initial for field in fields}
     values = nominal(part.member) | {place: ca.DM(value).full()[:, 0] for place, value in start.items()}
     z = next((field for field in fields if field.name == "z"), None) or replace(
         state_field(part.member.form, None, 1.0),
@@ -111,7 +112,7 @@ def _score(part: Parallel, clock: Clock, fields: Iterable[Field], pieces: Callab
     )
     judged = pieces(_judge(part, clock.dt).part(part.member.dynamics, z))
     names = {"innovation": "score"}
-    return renamed(judged, lambda name: names.get(name, f"score_{name}"), {"state.z": part.member.z})
+    return renamed(judged, lambda name: names.get(name, f"score_{name}"), {Place("state", "z"): part.member.z})
 
 
 def _judge(part: Parallel, dt: float) -> Innovation:
@@ -132,13 +133,13 @@ def _newest(part: Parallel, clock: Clock) -> Pieces:
     worst = HUGE * HUGE  # a member that is lost restarts with
 
     def add(j: int) -> Program:
-        error = sym("work.sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
-        total = sym("state.score") + ca.fmin(ca.fabs(error), HUGE) ** 2
-        return (Block("its squared output error", {"state.score": ca.fmin(total, worst)}),)
+        error = sym("work", "sample") - part.member.dynamics.output(part.member.z, clock.u_now)[j]
+        total = sym("state", "score") + ca.fmin(ca.fabs(error), HUGE) ** 2
+        return (Block("its squared output error", {Place("state", "score"): ca.fmin(total, worst)}),)
 
     return Pieces(
         fields=(scalar("score", worst, low=0.0, high=worst, unit="y^2", meaning="squared output error"),),
-        predict=(Block("no sample yet", {"state.score": ca.SX(0)}),),
+        predict=(Block("no sample yet", {Place("state", "score"): ca.SX(0)}),),
         update=tuple(add(j) for j in range(clock.outputs)),
     )
 
@@ -163,32 +164,38 @@ def _samples(part: Parallel, dt: float) -> int:
 
 def _choose(part: Parallel, period: int) -> Program:
     """Of the members that stay the one with the smallest score, if it is better by the hysteresis."""
-    tick, selected, score = sym("state.tick") + 1, sym("state.selected"), sym("member.score")
-    best, after = sym("work.best"), _after_the_oldest(part)
-    clock = {"work.due": tick >= period, "state.tick": ca.if_else(tick >= period, 0, tick)}
-    every = {"work.first": ca.SX(0), "work.staying": ca.SX(part.count)}
+    tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
+    best, after = sym("work", "best"), _after_the_oldest(part)
+    clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}
+    every = {Place("work", "first"): ca.SX(0), Place("work", "staying"): ca.SX(part.count)}
     others = {
-        "work.first": after,
-        "work.staying": ca.SX(part.count - 1),
-        "state.selected": ca.if_else(selected == sym("state.oldest"), after, selected),
+        Place("work", "first"): after,
+        Place("work", "staying"): ca.SX(part.count - 1),
+        Place("state", "selected"): ca.if_else(selected == sym("state", "oldest"), after, selected),
     }
     compare = (
-        Block("is it better than the best so far?", {"work.better": score < best}),
+        Block("is it better than the best so far?", {Place("work", "better"): score < best}),
         When(
-            "work.better",
-            (Block("its score", {"work.best": score}), Block("its number", {"work.choice": sym("work.at")})),
+            Place("work", "better"),
+            (
+                Block("its score", {Place("work", "best"): score}),
+                Block("its number", {Place("work", "choice"): sym("work", "at")}),
+            ),
         ),
     )
-    clearly = Block("by the hysteresis", {"work.clear": best < sym("gain.hysteresis") * score})
+    clearly = Block("by the hysteresis", {Place("work", "clear"): best < sym("gain", "hysteresis") * score})
     return (
         Block(f"one member restarts every {period} samples", clock),
         Block("every member may be chosen", every),
-        When("work.due", (Block("but the one that restarts", others),)),
-        Block("none is chosen yet", {"work.choice": selected}),
-        Block("any score is better", {"work.best": ca.SX(2 * HUGE * HUGE)}),
-        Loop("member", part.count, compare, "work.first", "work.staying", "work.at"),
-        Loop("member", 1, (clearly,), "state.selected"),
-        When("work.clear", (Block("the better one is selected", {"state.selected": sym("work.choice")}),)),
+        When(Place("work", "due"), (Block("but the one that restarts", others),)),
+        Block("none is chosen yet", {Place("work", "choice"): selected}),
+        Block("any score is better", {Place("work", "best"): ca.SX(2 * HUGE * HUGE)}),
+        Loop("member", part.count, compare, Place("work", "first"), Place("work", "staying"), Place("work", "at")),
+        Loop("member", 1, (clearly,), Place("state", "selected")),
+        When(
+            Place("work", "clear"),
+            (Block("the better one is selected", {Place("state", "selected"): sym("work", "choice")}),),
+        ),
     )
 
 
@@ -198,15 +205,15 @@ def _restart(part: Parallel, alone: Pieces) -> Program:
     renewed = [field for field in alone.fields if not field.outer and field.name not in carried]
     begin = (*fresh("member", renewed), *fresh_groups("member", alone.fields, alone.groups, part.member.z))
     restart = (
-        Copy("member", "state.selected", "state.oldest"),
-        *((Loop("member", 1, begin, "state.oldest"),) if begin else ()),
-        Block("the next one is the oldest", {"state.oldest": _after_the_oldest(part)}),
+        Copy("member", Place("state", "selected"), Place("state", "oldest")),
+        *((Loop("member", 1, begin, Place("state", "oldest")),) if begin else ()),
+        Block("the next one is the oldest", {Place("state", "oldest"): _after_the_oldest(part)}),
     )
-    return (When("work.due", restart),)
+    return (When(Place("work", "due"), restart),)
 
 
 def _after_the_oldest(part: Parallel) -> Any:
-    after = sym("state.oldest") + 1
+    after = sym("state", "oldest") + 1
     return ca.if_else(after >= part.count, 0, after)
 
 
@@ -217,5 +224,7 @@ def _copy(field: Field) -> Field:
 
 def _show(shown: tuple[Field, ...]) -> Loop:
     """The selected member's estimate as the step's."""
-    writes = {f"state.{f.name}": sym(f"member.{f.name}", f.size) for f in shown}
-    return Loop("member", 1, (Block("the estimate is the selected member's", writes),), start="state.selected")
+    writes = {Place("state", f.name): sym("member", f.name, f.size) for f in shown}
+    return Loop(
+        "member", 1, (Block("the estimate is the selected member's", writes),), start=Place("state", "selected")
+    )

@@ -41,7 +41,7 @@ import numpy as np
 from hgogen.chains.core import nominal, numbers
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
-from hgogen.program import INF, Block, Field, Program, When, scalar, sym
+from hgogen.program import INF, Block, Field, Place, Program, When, scalar, sym
 from hgogen.stepping.guards import any_of, outside, plausible, readings
 from hgogen.stepping.members import fresh, fresh_groups, read_fields
 from hgogen.stepping.nearest import nearest
@@ -100,9 +100,9 @@ class Sign:
             scalar(self.patience, self.wait, low=self.wait, high=self.most, meaning=limit),
         )
 
-    def doubts(self, value: Any) -> dict[str, Any]:
+    def doubts(self, value: Any) -> dict[Place, Any]:
         """c set to a value, where it can be."""
-        return {f"state.{self.doubt}": clamp(value, 0.0, float(self.most))}
+        return {Place("state", self.doubt): clamp(value, 0.0, float(self.most))}
 
     def limit(self, value: Any) -> Any:
         """A value of w, where it can be; SX."""
@@ -111,12 +111,12 @@ class Sign:
     def counted(self, weight: int) -> Program:
         """One sample more that shows it, where `work.shows_NAME` says so, or that does not; `work.over_NAME` says
         whether the count is at its end."""
-        doubt, limit, over = sym(f"state.{self.doubt}"), sym(f"state.{self.patience}"), f"work.over_{self.name}"
+        doubt, limit, over = sym("state", self.doubt), sym("state", self.patience), Place("work", f"over_{self.name}")
         more = Block("more doubt", self.doubts(doubt + weight))
         ended = Block("is patience at its end?", {over: doubt >= self.limit(limit)})
         again = ca.if_else(doubt <= weight, self.wait, self.limit(limit))
-        writes = {**self.doubts(doubt - weight), f"state.{self.patience}": again, over: ca.SX(0)}
-        return (When(f"work.shows_{self.name}", (more, ended), (Block("less doubt", writes),)),)
+        writes = {**self.doubts(doubt - weight), Place("state", self.patience): again, over: ca.SX(0)}
+        return (When(Place("work", f"shows_{self.name}"), (more, ended), (Block("less doubt", writes),)),)
 
     @property
     def longest(self) -> float:
@@ -126,11 +126,11 @@ class Sign:
     @property
     def later(self) -> Block:
         """The next restart by this sign asks for twice the doubt."""
-        limit = sym(f"state.{self.patience}")
+        limit = sym("state", self.patience)
         begun = clamp(limit, float(self.wait), self.most / 2)
         return Block(
             "patience doubles",
-            {f"state.{self.doubt}": begun, f"state.{self.patience}": self.limit(2 * limit)},
+            {Place("state", self.doubt): begun, Place("state", self.patience): self.limit(2 * limit)},
         )
 
 
@@ -191,14 +191,14 @@ class Recovery:
     @property
     def _sum(self) -> Any:
         """Of all doubt, and of what patience is beyond the first; SX."""
-        return sum(sym(f"state.{sign.doubt}") + (sym(f"state.{sign.patience}") - sign.wait) for sign in self.signs)
+        return sum(sym("state", sign.doubt) + (sym("state", sign.patience) - sign.wait) for sign in self.signs)
 
     def watch(self, samples: Samples, says: bool) -> Program:
         """The law at the end of a section that has corrected the estimate.
 
         `says`: whether this section also raises OUTSIDE_BOX.
         """
-        bit = {"status.OUTSIDE_BOX": outside(self.observer)} if says else {}
+        bit = {Place("status", "OUTSIDE_BOX"): outside(self.observer)} if says else {}
         samples = {j: samples[j] for j in self.judged if j in samples}
         if not self.signs or not samples:
             return (Block("is the estimate outside the declared box?", bit),) if bit else ()
@@ -206,28 +206,30 @@ class Recovery:
         rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
         sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
         near = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
-        doubtful = any_of([*near, ca.logic_not(sym("state.doubt_sum") <= 0), rejected])
+        doubtful = any_of([*near, ca.logic_not(sym("state", "doubt_sum") <= 0), rejected])
         shows = {sign: self._shows(sign, samples) for sign in signs}
-        judged_by = Block("is there a sample to judge by?", {"work.sampled": sampled})
-        judgement = Block("which signs show?", {f"work.shows_{sign.name}": value for sign, value in shows.items()})
+        judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
+        judgement = Block(
+            "which signs show?", {Place("work", f"shows_{sign.name}"): value for sign, value in shows.items()}
+        )
         counts = (statement for sign in signs for statement in self._counted(sign, samples))
-        over = Block("is it lost?", {"work.lost": any_of(sym(f"work.over_{sign.name}") for sign in signs)})
-        judged = (*self._checked, judgement, *counts, over, When("work.lost", self._restart(signs, samples)))
-        remember = Block("remember what doubt and patience add up to", {"state.doubt_sum": self._sum})
+        over = Block("is it lost?", {Place("work", "lost"): any_of(sym("work", f"over_{sign.name}") for sign in signs)})
+        judged = (*self._checked, judgement, *counts, over, When(Place("work", "lost"), self._restart(signs, samples)))
+        remember = Block("remember what doubt and patience add up to", {Place("state", "doubt_sum"): self._sum})
         return (
-            Block("is the estimate where it cannot be for long?", {**bit, "work.doubtful": doubtful}),
-            When("work.doubtful", (judged_by, When("work.sampled", (*judged, remember)))),
+            Block("is the estimate where it cannot be for long?", {**bit, Place("work", "doubtful"): doubtful}),
+            When(Place("work", "doubtful"), (judged_by, When(Place("work", "sampled"), (*judged, remember)))),
         )
 
     @property
     def _checked(self) -> Program:
         """Doubt and patience as after a reset, where they are out of their ranges or not what they were left at."""
-        same = ca.fabs(self._sum - sym("state.doubt_sum")) < 0.5
-        counts = [(sym(f"state.{field.name}"), field) for sign in self.signs for field in sign.fields]
+        same = ca.fabs(self._sum - sym("state", "doubt_sum")) < 0.5
+        counts = [(sym("state", field.name), field) for sign in self.signs for field in sign.fields]
         inside = [ca.logic_and(c >= field.low[0], c <= field.high[0]) for c, field in counts]
         sound = reduce(ca.logic_and, inside, same)
-        spoiled = Block("was doubt or patience spoiled?", {"work.spoiled": ca.logic_not(sound)})
-        return (spoiled, When("work.spoiled", fresh("state", self.fields)))
+        spoiled = Block("was doubt or patience spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
+        return (spoiled, When(Place("work", "spoiled"), fresh("state", self.fields)))
 
     def _beyond(self, sign: Sign, samples: Samples) -> Any:
         """Whether the error of a sign's output, a number, is beyond what is near."""
@@ -250,11 +252,14 @@ class Recovery:
             return sign.counted(self._weight(tuple(samples)))
         if len(samples) == 1:
             return sign.counted(1)
-        taken = f"work.counts_{sign.name}"
+        taken = Place("work", f"counts_{sign.name}")
         return (
             Block(
                 "is there a sample to judge by?",
-                {taken: self._plausible(sign.output, samples[sign.output]), f"work.over_{sign.name}": ca.SX(0)},
+                {
+                    taken: self._plausible(sign.output, samples[sign.output]),
+                    Place("work", f"over_{sign.name}"): ca.SX(0),
+                },
             ),
             When(taken, sign.counted(1)),
         )
@@ -269,11 +274,11 @@ class Recovery:
         """Memory as after a reset, but for the estimate, which is the nearest to it that fits the samples."""
         shown = self._shown()
         rest = fresh("state", [field for field in self.pieces.fields if field not in shown and not field.lasting])
-        later = (When(f"work.over_{sign.name}", (sign.later,)) for sign in signs)
+        later = (When(Place("work", f"over_{sign.name}"), (sign.later,)) for sign in signs)
         return (
             *later,
             *nearest(self.observer, self.clock, shown, {j: (s.y, self._plausible(j, s)) for j, s in samples.items()}),
-            Block("the estimate has restarted from the sample", {"status.RESTARTED_FROM_SAMPLE": ca.SX(1)}),
+            Block("the estimate has restarted from the sample", {Place("status", "RESTARTED_FROM_SAMPLE"): ca.SX(1)}),
             *rest,
             *fresh_groups("state", self.pieces.fields, self.pieces.groups, self.observer.z),
         )
@@ -286,9 +291,9 @@ class Recovery:
     def _widest(self) -> float:
         """r: by how much the outer box is wider than the declared one, at the coordinate where it is the most."""
         shown = self._shown()
-        x = ca.vertcat(*(sym(f"state.{field.name}", field.size) for field in shown))
-        values = {f"state.{field.name}": np.array(field.initial) for field in shown}
-        values |= {"state.u": np.zeros(len(self.observer.form.system.inputs)), **nominal(self.observer)}
+        x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
+        values = {Place("state", field.name): np.array(field.initial) for field in shown}
+        values |= {Place("state", "u"): np.zeros(len(self.observer.form.system.inputs)), **nominal(self.observer)}
         slope = np.abs(numbers(ca.jacobian(self.observer.z, x), values))
         outer = np.array([high - low for field in shown for low, high in field.box])
         inner = np.array([high - low for low, high in self.observer.dynamics.box])

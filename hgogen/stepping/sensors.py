@@ -15,14 +15,14 @@ from typing import Any
 import casadi as ca
 
 from hgogen.errors import BadArgument
-from hgogen.program import Block, Call, Field, Program, Section, When, scalar, sym
+from hgogen.program import Block, Call, Field, Place, Program, Section, When, scalar, sym
 from hgogen.reading.time_unit import plural
 from hgogen.signal import Signal
 from hgogen.system import System
 
 ROUND = 1 << 16  # periods after which the count begins again: what the smallest `unsigned` of C holds
 OLDEST = ROUND // 2  # periods back that still count as late
-AT = "argument.at"  # the place of the number of the period in which a sample was taken
+AT = Place("argument", "at")  # the place of the number of the period in which a sample was taken
 
 
 class BadRate(BadArgument):
@@ -72,44 +72,45 @@ def _used(output: Signal) -> str:
 
 def tick(outputs: tuple[Signal, ...], adapts: bool) -> Block:
     """The next period, before the first call's flag is raised."""
-    now = sym("state.now")
+    now = sym("state", "now")
     after = ca.if_else(now >= ROUND - 1, 0, now + 1)
-    fresh = {f"state.{name}": ca.SX(0) for name in (*["adapted"] * adapts, *map(_used, outputs))}
-    return Block("the next period", {"state.now": ca.if_else(sym("state.calls") >= 1, after, now), **fresh})
+    fresh = {Place("state", name): ca.SX(0) for name in (*["adapted"] * adapts, *map(_used, outputs))}
+    later = ca.if_else(sym("state", "calls") >= 1, after, now)
+    return Block("the next period", {Place("state", "now"): later, **fresh})
 
 
 def once(output: Signal, correct: Program) -> Program:
     """An update by one output, once a period, none before the first; `correct` ends with what a valid sample does."""
-    used, begun = sym(f"state.{_used(output)}"), sym("state.calls") >= 1
+    used, begun = sym("state", _used(output)), sym("state", "calls") >= 1
     test = {
-        "work.fresh": ca.logic_and(used < 1, begun),
-        f"status.REPEATED_{output}": used >= 1,
-        f"status.EARLY_{output}": ca.logic_not(begun),
+        Place("work", "fresh"): ca.logic_and(used < 1, begun),
+        Place("status", f"REPEATED_{output}"): used >= 1,
+        Place("status", f"EARLY_{output}"): ca.logic_not(begun),
     }
-    return (Block(f"one sample of {output} a period", test), When("work.fresh", correct))
+    return (Block(f"one sample of {output} a period", test), When(Place("work", "fresh"), correct))
 
 
 def use(output: Signal) -> Block:
     """What a valid sample leaves."""
-    return Block(f"{output} is used", {f"state.{_used(output)}": ca.SX(1)})
+    return Block(f"{output} is used", {Place("state", _used(output)): ca.SX(1)})
 
 
 def adapt_once(program: Program) -> Program:
     """Adaptation, once a period."""
-    done = sym("state.adapted")
-    test = {"work.fresh": done < 1, "status.ADAPTED": done >= 1}
-    mark = Block("adapted", {"state.adapted": ca.SX(1)})
-    return (Block("one adaptation a period", test), When("work.fresh", (*program, mark)))
+    done = sym("state", "adapted")
+    test = {Place("work", "fresh"): done < 1, Place("status", "ADAPTED"): done >= 1}
+    mark = Block("adapted", {Place("state", "adapted"): ca.SX(1)})
+    return (Block("one adaptation a period", test), When(Place("work", "fresh"), (*program, mark)))
 
 
 def timed(section: Section, output: Signal) -> Section:
     """The update section of an output for a sample that says when it was taken."""
-    now, at = sym("state.now"), sym(AT)
+    now, at = sym("state", "now"), sym(*AT)
     age = ca.if_else(now >= at, now - at, ROUND - 1 - at + now + 1)
     test = {
-        "work.timely": age < 1,
-        f"status.LATE_{output}": ca.logic_and(age >= 1, age <= OLDEST),
-        f"status.EARLY_{output}": age > OLDEST,
+        Place("work", "timely"): age < 1,
+        Place("status", f"LATE_{output}"): ca.logic_and(age >= 1, age <= OLDEST),
+        Place("status", f"EARLY_{output}"): age > OLDEST,
     }
-    program = (Block("is the sample of now?", test), When("work.timely", (Call(section),)))
+    program = (Block("is the sample of now?", test), When(Place("work", "timely"), (Call(section),)))
     return replace(section, name=f"{section.name}_at", meaning=f"{section.meaning} of period `at`", program=program)

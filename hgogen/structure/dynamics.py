@@ -244,17 +244,17 @@ class Dynamics:
 
     def _numbers(self, matrix: Any, points: np.ndarray) -> np.ndarray:
         plant = [p for p in self.form.system.parameters if p.bounded]
-        graph = ca.Function("F", [self._z, self._u, *(sym(f"plant.{p.name}") for p in plant)], [matrix])
+        graph = ca.Function("F", [self._z, self._u, *(sym("plant", p.name) for p in plant)], [matrix])
         nominal = [float(p.nominal or 0) for p in plant]
         return np.array([np.array(graph(v[: self.n], v[self.n :], *nominal)) for v in points])
 
     @cached_property
     def _z(self) -> Any:
-        return sym("form.z", self.n)
+        return sym("form", "z", self.n)
 
     @cached_property
     def _u(self) -> Any:
-        return sym("form.u", len(self.form.system.inputs))
+        return sym("form", "u", len(self.form.system.inputs))
 
     def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
         """A and b at z, which its callers have clamped."""
@@ -272,7 +272,7 @@ class Dynamics:
     def _slope_behind(self, behind: Sequence[sp.Expr], z: Any, u: Any) -> Any:
         """db/dx (dPhi/dx)^-1, n x n, at x = Psi(sat(z)) in the plant's ranges. There dPhi/dx is regular, as phase has
         proved, while dPsi/dz may have poles in the box of z."""
-        states, x = self.form.system.states, sym("form.x", self.n)
+        states, x = self.form.system.states, sym("form", "x", self.n)
         rows = (column(self._convert(e, x, self._u, states)) for e in (behind, self.form.to_form))
         slope, map_ = (ca.jacobian(row, x) for row in rows)
         pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
@@ -307,7 +307,7 @@ class Dynamics:
         constants = {p: value for p, value in system.nominal.items() if not p.bounded}
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
-        symbols |= {p: sym(f"plant.{p.name}") for p in system.parameters if p.bounded}
+        symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
         return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)
 
 

@@ -5,18 +5,19 @@ with 0 for ok. Compile with `-ffp-contract=off` for the same bits
 on every IEEE 754 target whose FLT_EVAL_METHOD is 0.
 """
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from hgogen.emit.ccheck import check as self_check
+from hgogen.emit.ccode import HEADERS, Code, Uses, braced, code, joined, spaced
 from hgogen.emit.cfold import folded
-from hgogen.emit.cheader import Prototype, header, prototypes
+from hgogen.emit.cfunction import Prototype, own, prototypes
+from hgogen.emit.cheader import header
 from hgogen.emit.ckernels import kernels
 from hgogen.emit.cmath import functions, includes
 from hgogen.emit.cnames import demand_names
 from hgogen.emit.cprint import Real, literal
-from hgogen.emit.ctext import Writer, called, indented, named, status_type
+from hgogen.emit.ctext import Writer, called, named
 from hgogen.errors import HgogenError
 from hgogen.program import Field, Group
 from hgogen.step import Step
@@ -59,37 +60,39 @@ _IEEE = (
 
 
 def _source(step: Step, real: Real) -> list[str]:
-    writer, name = Writer(step, real), step.name
+    name, declared = step.name, prototypes(step)
+    interface = spaced(_function(declared[key], body) for key, body in _bodies(step, real).items())
+    helpers, matrices = interface.uses.helpers, interface.uses.kernels
+    text = functions(name, real, helpers) + kernels(name, real, matrices) + interface
+    return [
+        f"/* {name}: see {name}.h, which is the manual. */",
+        f'#include "{name}.h"',
+        "",
+        *_includes(step, includes(name, real, helpers), text.uses),
+        *_IEEE,
+        *text.lines,
+    ]
+
+
+def _bodies(step: Step, real: Real) -> dict[str, Code]:
+    """The statements of each function."""
+    writer = Writer(step, real)
     bodies = {section.name: writer.function(section.program) for section in step.sections}
     if len(step.sections) > 1:
-        bodies["step"] = [called(step, section) for section in step.sections]
+        bodies["step"] = joined(called(step, section) for section in step.sections)
     else:
         bodies = {"step": bodies[step.sections[0].name]}
     bodies |= {section.name: writer.function(section.program) for section in step.timed}
     bodies["estimate"] = writer.function(step.estimate)
     bodies["tune"] = writer.function(step.tuning)
-    bodies["reset"] = _reset(step, writer)
-    bodies["init"] = _init(step, writer)
-    declared = {prototype.name: prototype for prototype in prototypes(step)}
-    interface = [line for key, body in bodies.items() for line in (*_function(step, declared[key], body), "")]
-    text = [*functions(name, real, writer.used), *kernels(name, real, writer.kernels), *interface[:-1]]
-    return [
-        f"/* {name}: see {name}.h, which is the manual. */",
-        f'#include "{name}.h"',
-        "",
-        *_includes(step, includes(name, real, writer.used), text),
-        *_IEEE,
-        *text,
-    ]
+    return bodies | {"reset": _reset(step, real), "init": _init(step, real)}
 
 
-def _includes(step: Step, chosen: list[str], text: list[str]) -> list[str]:
+def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
     """The standard headers that the text needs, and a guard where a counter needs more than 16 bits."""
-    whole = "\n".join(text)
-    wide = max((int(number) for number in re.findall(r"\b(\d+)u\b", whole)), default=0) > 0xFFFF
+    wide = uses.widest > 0xFFFF
     lines = ["#include <limits.h>"] if wide else []
-    lines += ["#include <stdbool.h>"] if re.search(r"\b(bool|true|false)\b", whole) else []
-    lines += ["#include <stdint.h>"] if re.search(r"\bint(32|64)_t\b", whole) else []
+    lines += [f"#include <{header}>" for header in sorted({HEADERS[kind] for kind in uses.types})]
     lines += chosen
     lines += [""] if lines else []
     guard = [
@@ -101,38 +104,39 @@ def _includes(step: Step, chosen: list[str], text: list[str]) -> list[str]:
     return lines + (guard if wide else [])
 
 
-def _function(step: Step, prototype: Prototype, lines: list[str]) -> list[str]:
-    kind = status_type(step)
-    returns = prototype.text.removeprefix("static ").startswith(f"{kind} ")
-    code = re.sub(r"/\*.*?\*/", "", "\n".join(lines))
-    shorts = re.findall(r"\*(\w+)[,)]", prototype.text)
-    idle = [short for short in shorts if not re.search(rf"(?<!->)(?<!\.)\b{short}\b", code)]
-    inner = [f"(void){short};" for short in idle] + lines
-    inner = [f"{kind} status = 0u;", *inner, "return status;"] if returns else inner
-    return [prototype.text, "{", *indented(inner), "}"]
+def _function(prototype: Prototype, body: Code) -> Code:
+    """A function; one that returns anything returns a status."""
+    idle = [parameter.name for parameter in prototype.parameters if parameter.name not in body.uses.parameters]
+    inner = code(*(f"(void){name};" for name in idle)) + body
+    if prototype.returns != "void":
+        inner = code(f"{prototype.returns} status = 0u;") + inner + code("return status;")
+    return code(str(prototype), "{") + inner.indented() + code("}")
 
 
-def _assign(start: str, item: Field, real: Real) -> list[str]:
-    texts = [literal(value, "unsigned" if item.kind == "index" else real) for value in item.initial]
-    return [f"{start}{item.name}{f'[{i}]' if item.size > 1 else ''} = {text};" for i, text in enumerate(texts)]
+def _assign(start: str, item: Field, real: Real) -> Code:
+    counts = item.kind == "index"
+    texts = [literal(value, "unsigned" if counts else real) for value in item.initial]
+    places = [f"{start}{item.name}{f'[{i}]' if item.size > 1 else ''}" for i in range(item.size)]
+    lines = (f"{place} = {text};" for place, text in zip(places, texts, strict=True))
+    return code(*lines, widest=int(max(item.initial)) if counts else 0)
 
 
-def _reset(step: Step, writer: Writer) -> list[str]:
-    lines = [line for item in step.state for line in _assign("s->", item, writer.real)]
-    return lines + _fresh("s->", step.groups, writer.real)
+def _reset(step: Step, real: Real) -> Code:
+    lines = joined(_assign("s->", item, real) for item in step.state)
+    return code(parameters="s") + lines + _fresh("s->", step.groups, real)
 
 
-def _fresh(start: str, groups: Iterable[Group], real: Real, k: str = "k") -> list[str]:
-    lines: list[str] = []
+def _fresh(start: str, groups: Iterable[Group], real: Real, k: str = "k") -> Code:
+    lines = Code()
     for group in groups:
         one = f"{start}{group.name}[{k}]."
-        inner = [line for f in group.fields for line in _assign(one, f, real)]
-        inner += _fresh(one, group.groups, real, "k2")
-        lines += [f"for (unsigned {k} = 0u; {k} < {group.count}u; ++{k}) {{", *indented(inner), "}"]
+        inner = joined(_assign(one, f, real) for f in group.fields) + _fresh(one, group.groups, real, "k2")
+        lines += braced(f"for (unsigned {k} = 0u; {k} < {group.count}u; ++{k}) {{", inner) + code(widest=group.count)
     return lines
 
 
-def _init(step: Step, writer: Writer) -> list[str]:
+def _init(step: Step, real: Real) -> Code:
     kinds = (("plant", map(named, step.plant)), ("gain", step.gains))
-    lines = [line for kind, fields in kinds for f in fields for line in _assign(f"p->{kind}.", f, writer.real)]
-    return [*lines, f"(void){step.name}_tune(p);", f"{step.name}_reset(s);"]
+    lines = joined(_assign(f"p->{kind}.", f, real) for kind, fields in kinds for f in fields)
+    calls = [prototypes(step)[name].call(own) for name in ("tune", "reset")]
+    return lines + code(f"(void){calls[0]};", f"{calls[1]};", parameters="ps")

@@ -5,40 +5,48 @@
 `NAME_kept_step`, or `NAME_kept_SECTION` for a part of it, takes a sample from it and leaves the estimate in it.
 """
 
+from hgogen.emit.ccode import indented
+from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.cprint import Real
-from hgogen.emit.ctext import arguments, indented, status_type
 from hgogen.step import Step
 from hgogen.target import Files
 
 
 def record(step: Step, *, real: Real = "double") -> Files:
     """The record runner of a step as C99 text."""
-    name, m, p, n, kind = step.name, len(step.inputs), len(step.outputs), len(step.states), status_type(step)
-    traces = _traces(step, real)
-    of_record = f"{name}_state *s, const {name}_params *p, size_t count, const {real} *u, const {real} *y"
-    sizes = [f"size_t {name}_{struct}_size(void)" for struct in ("state", "params", "kept")]
-    bodies = {size: [f"return sizeof({size.split()[1].removesuffix('_size(void)')});"] for size in sizes}
+    name, traces = step.name, _traces(step, real)
+    sizes = {Prototype("size_t", f"{name}_{struct}_size"): f"{name}_{struct}" for struct in ("state", "params", "kept")}
+    bodies = {prototype: [f"return sizeof({struct});"] for prototype, struct in sizes.items()}
     bodies |= _entries(step, traces)
-    inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
-    inner += [f"out.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.outputs)]
-    inner += [f"status[k] = {name}_step({', '.join(['s', 'p', *(['&in'] if m else []), '&out'])});"]
-    inner += [f"{name}_estimate(s, p, &plant);"]
-    inner += [f"x[{n}u*k + {i}u] = plant.{c_name(s.name)};" for i, s in enumerate(step.states)]
-    inner += [f"traces[{len(traces)}u*k + {j}u] = {value};" for j, value in enumerate(traces)]
-    unused = ([] if m else ["(void)u;"]) + ([] if traces else ["(void)traces;"])
-    declared = [*([f"{name}_input in;"] if m else []), f"{name}_output out;", f"{name}_plant plant;", *unused]
-    bodies[f"void {name}_record({of_record}, {real} *x, {real} *traces, {kind} *status)"] = [
-        *declared,
-        "for (size_t k = 0u; k < count; ++k) {",
-        *indented(inner),
-        "}",
-    ]
+    bodies[_runner(step, real)] = _run(step, traces)
     lines = ["#include <stddef.h>", "", f'#include "{name}.h"', "", *_kept(step, real), ""]
     lines += [*(f"{prototype};" for prototype in bodies), ""]
     for prototype, body in bodies.items():
-        lines += [prototype, "{", *indented(body), "}", ""]
+        lines += [str(prototype), "{", *indented(body), "}", ""]
     return Files(((f"{name}_record.c", "\n".join(lines[:-1]) + "\n"),))
+
+
+def _runner(step: Step, real: Real) -> Prototype:
+    s, p, *_ = prototypes(step)["step"].parameters
+    given = (Parameter("size_t", "count", pointer=False), *(Parameter(real, name, constant=True) for name in "uy"))
+    results = (Parameter(real, "x"), Parameter(real, "traces"), Parameter(status_type(step), "status"))
+    return Prototype("void", f"{step.name}_record", (s, p, *given, *results))
+
+
+def _run(step: Step, traces: list[str]) -> list[str]:
+    """A step for each row."""
+    name, declared, m, p, n = step.name, prototypes(step), len(step.inputs), len(step.outputs), len(step.states)
+    arguments = {"s": "s", "p": "p", "in": "&in", "out": "&out", "x": "&plant"}
+    steps, shown = (declared[key].call(lambda each: arguments[each.name]) for key in ("step", "estimate"))
+    inner = [f"in.{c_name(s.name)} = u[{m}u*k + {j}u];" for j, s in enumerate(step.inputs)]
+    inner += [f"out.{c_name(s.name)} = y[{p}u*k + {j}u];" for j, s in enumerate(step.outputs)]
+    inner += [f"status[k] = {steps};", f"{shown};"]
+    inner += [f"x[{n}u*k + {i}u] = plant.{c_name(s.name)};" for i, s in enumerate(step.states)]
+    inner += [f"traces[{len(traces)}u*k + {j}u] = {value};" for j, value in enumerate(traces)]
+    unused = ([] if m else ["(void)u;"]) + ([] if traces else ["(void)traces;"])
+    structs = [*([f"{name}_input in;"] if m else []), f"{name}_output out;", f"{name}_plant plant;", *unused]
+    return [*structs, "for (size_t k = 0u; k < count; ++k) {", *indented(inner), "}"]
 
 
 def _traces(step: Step, real: Real) -> list[str]:
@@ -48,28 +56,32 @@ def _traces(step: Step, real: Real) -> list[str]:
 
 def _kept(step: Step, real: Real) -> list[str]:
     """The struct of a sample, as `layout.kept_type` has it."""
-    kinds = {"input": ("in", step.inputs), "output": ("out", step.outputs), "plant": ("x", step.states)}
-    members = [f"{step.name}_state s;", f"{step.name}_params p;", *(["unsigned at;"] if step.timed else [])]
-    members += [f"{step.name}_{kind} {short};" for kind, (short, signals) in kinds.items() if signals]
+    s, p, *others = (each.local for each in structs(step))
+    members = [s, p, *(["unsigned at;"] if step.timed else []), *others]
     members += [f"{real} traces[{len(step.observer.traces)}];"] if step.observer.traces else []
     return ["typedef struct {", *indented(members), f"}} {step.name}_kept;"]
 
 
-def _entries(step: Step, traces: list[str]) -> dict[str, list[str]]:
-    """The functions of a sample, by prototype."""
-    name, kind = step.name, status_type(step)
-    places = {"s": "s", "p": "&k->p", "in": "&k->in", "out": "&k->out", "at": "(uint16_t)k->at"}
-    called = {"step": arguments(step)}
-    if step.apart:
-        called |= {part.name: arguments(step, part.program) for part in (*step.sections, *step.timed)}
-    given = {
-        section: ", ".join(places[text.replace("*", " ").split()[-1]] for text in texts)
-        for section, texts in called.items()
-    }
-    calls = {section: f"const {kind} status = {name}_{section}({text});" for section, text in given.items()}
-    shown = [f"{name}_estimate(s, &k->p, &k->x);", *(f"k->traces[{j}] = {value};" for j, value in enumerate(traces))]
+def _entries(step: Step, traces: list[str]) -> dict[Prototype, list[str]]:
+    """The functions of a sample."""
+    declared = prototypes(step)
+    parts = [section.name for section in (*step.sections, *step.timed)] if step.apart else []
+    calls = {name: declared[name].call(_held) for name in ("step", *parts)} | {"estimate": "0u"}
+    shown = [f"{declared['estimate'].call(_held)};", *(f"k->traces[{j}] = {value};" for j, value in enumerate(traces))]
+    kind, s = status_type(step), f"{step.name}_state *s = &k->s;"
     found = {
-        f"{kind} {name}_kept_{section}({name}_kept *k)": [f"{name}_state *s = &k->s;", call, *shown, "return status;"]
-        for section, call in (calls | {"estimate": f"const {kind} status = 0u;"}).items()
+        _entry(step, name): [s, f"const {kind} status = {call};", *shown, "return status;"]
+        for name, call in calls.items()
     }
-    return found | {f"{kind} {name}_kept_tune({name}_kept *k)": [f"return {name}_tune(&k->p);"]}
+    return found | {_entry(step, "tune"): [f"return {declared['tune'].call(_held)};"]}
+
+
+def _entry(step: Step, name: str) -> Prototype:
+    return Prototype(status_type(step), f"{step.name}_kept_{name}", (Parameter(f"{step.name}_kept", "k"),))
+
+
+def _held(parameter: Parameter) -> str:
+    """The argument from what holds all of a sample, whose state has a pointer of its own."""
+    if not parameter.pointer:
+        return f"({parameter.type})k->{parameter.name}"
+    return "s" if parameter.name == "s" else f"&k->{parameter.name}"

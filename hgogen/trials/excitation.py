@@ -78,7 +78,7 @@ def _numbers(dynamics: Dynamics, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     z = known(dynamics)(ca.SX.zeros(dynamics.n), inputs, outputs, ca.SX.ones(p))
     graphs = [ca.densify(dynamics.affine(z, inputs)[0]), ca.densify(dynamics.output_jacobian(z, inputs))]
     plant = [s for s in dynamics.form.system.parameters if s.bounded]
-    evaluate = ca.Function("pair", [inputs, outputs, *(sym(f"plant.{s.name}") for s in plant)], graphs)
+    evaluate = ca.Function("pair", [inputs, outputs, *(sym("plant", s.name) for s in plant)], graphs)
     middle = [(a[:-1] + a[1:]) / 2 for a in (u if m else np.zeros((len(y), 0)), y)]
     nominal = [float(s.nominal or 0) for s in plant]
     pairs = [evaluate(*point, *nominal) for point in zip(*middle, strict=True)]

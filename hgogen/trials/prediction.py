@@ -120,7 +120,7 @@ def _functions(step: Step) -> tuple[Any, Any, Any]:
 
 def _nominal(step: Step, graph: Any) -> Any:
     """The graph with tunable parameters at their nominal values."""
-    tunable = [(sym(f"plant.{field.name}"), field.initial[0]) for field in step.plant]
+    tunable = [(sym("plant", field.name), field.initial[0]) for field in step.plant]
     return ca.substitute([graph], [s for s, _ in tunable], [ca.SX(v) for _, v in tunable])[0] if tunable else graph
 
 

@@ -32,12 +32,12 @@ from hgogen.kalman.riccati_part import HighGain, Riccati
 from hgogen.kalman.theta import Decaying
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Part, Pieces
-from hgogen.program import Block, sym
+from hgogen.program import Block, Place, sym
 from hgogen.step import Step, plan
 from hgogen.stepping.machine import Bound, Machine, casadi_block
 
 FINE = repeated(RK4, 16)
-TIME = "work.time"  # since the last sample
+TIME = Place("work", "time")  # since the last sample
 # CVODES bounds a step's local error; it starts anew at each sample, where u and y have a kink.
 OPTIONS = {**CVODES, "abstol": 1e-12, "reltol": 1e-12}
 
@@ -114,14 +114,14 @@ class Continuous:
         return Lengths()
 
     def _moved(self, part: Ode, clock: Clock, now: Callable[[Any, Any], Any]) -> Pieces:
-        time, start = sym(TIME), {field.name: sym(f"state.{field.name}", field.size) for field in part.fields}
+        time, start = sym(*TIME), {field.name: sym("state", field.name, field.size) for field in part.fields}
         share = time / clock.dt
         u = clock.u(0.0) + share * (clock.u(1.0) - clock.u(0.0))
         y = clock.y(0.0) + share * (clock.y(1.0) - clock.y(0.0))
         rates = part.rhs(start, u, y, clock.valid)
         block = Block(
             f"{', '.join(start)} by CVODES: their rates",
-            {f"state.{name}": now(ca.SX(rate), time) for name, rate in rates.items()},
+            {Place("state", name): now(ca.SX(rate), time) for name, rate in rates.items()},
             {"time": time, **start},  # named so that they count as read, whether or not a rate needs them
         )
         return Pieces(fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True)
@@ -130,7 +130,7 @@ class Continuous:
 def _after(theta: HighGain, time: Any) -> Any:
     """theta a time after the last sample: a decaying one decays on, any other is held."""
     if isinstance(theta, Decaying):
-        return 1 + (theta.value - 1) * ca.exp(-sym("gain.rate") * time)
+        return 1 + (theta.value - 1) * ca.exp(-sym("gain", "rate") * time)
     return theta.value
 
 
@@ -155,9 +155,9 @@ def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
     return run, results
 
 
-def _solver(block: Block, moving: Iterable[str], given: Iterable[str], dt: float) -> Any:
+def _solver(block: Block, moving: Iterable[Place], given: Iterable[Place], dt: float) -> Any:
     """CVODES from one sample to the next: the places `moving` move, those of `given` are parameters."""
     sizes = dict(block.reads)
-    state, parameters = (ca.vertcat(*(sym(place, sizes[place]) for place in places)) for places in (moving, given))
-    ode = {"x": state, "p": parameters, "t": sym(TIME), "ode": ca.vertcat(*block.writes.values())}
+    state, parameters = (ca.vertcat(*(sym(*place, sizes[place]) for place in places)) for places in (moving, given))
+    ode = {"x": state, "p": parameters, "t": sym(*TIME), "ode": ca.vertcat(*block.writes.values())}
     return ca.integrator("flow", "cvodes", ode, 0.0, dt, OPTIONS)

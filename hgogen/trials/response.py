@@ -21,13 +21,13 @@ from hgogen.chains.core import Core, core, nominal, numbers
 from hgogen.errors import HgogenError
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
-from hgogen.program import address, scope, sym
+from hgogen.program import Place, address, sym
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import reals
 from hgogen.step import Step
 from hgogen.stepping.machine import Reading
 
-Values = Mapping[str, np.ndarray]
+Values = Mapping[Place, np.ndarray]
 
 
 @dataclass(eq=False)
@@ -128,14 +128,14 @@ def _found(observer: Observer) -> tuple[Ode, Core]:
 def _estimate(observer: Observer, part: Ode, line: Core, values: Values) -> tuple[np.ndarray, tuple[str, ...], str]:
     """E (n, N), the names of its rows, and whose coordinates they are."""
     form = observer.form
-    known = {**values, **{f"state.{field.name}": np.array(field.initial) for field in part.fields}}
+    known = {**values, **{Place("state", field.name): np.array(field.initial) for field in part.fields}}
     strange = {address(symbol)[0] for symbol in ca.symvar(observer.z)} - known.keys()
     if strange:
         raise NoResponse(observer.name, f"its estimate reads {min(strange)}, which is not in its linear error core")
     E = numbers(ca.jacobian(observer.z, line.x), known)
-    z, u = sym("form.z", form.n), sym("form.u", len(form.system.inputs))
+    z, u = sym("form", "z", form.n), sym("form", "u", len(form.system.inputs))
     back = ca.jacobian(observer.dynamics.estimate(z, u), z)
-    if any(scope(address(symbol)[0]) == "form" for symbol in ca.symvar(back)):
+    if any(address(symbol)[0].struct == "form" for symbol in ca.symvar(back)):
         return E, tuple(signal.name for signal in form.states), "form"
     return numbers(back, values) @ E, tuple(signal.name for signal, _ in form.estimates), "plant"
 
@@ -146,16 +146,16 @@ def _discretised(part: Ode, line: Core, step: Step, values: Values) -> tuple[np.
     linear = _linear(part)
     pieces = step.method.ode(linear, Clock(step.dt, step.between, m, p))
     reading = Reading((*pieces.tune, *pieces.predict))
-    reading.give({**values, "work.valid": np.ones(p)})
+    reading.give({**values, Place("work", "valid"): np.ones(p)})
     reading.action(pieces.tune)()
     predict, ends = reading.action(pieces.predict), np.cumsum([field.size for field in linear.fields])[:-1]
 
     def moved(unit: np.ndarray) -> np.ndarray:
         x, before, now = np.split(unit, [N, N + p])
-        start = {f"state.{f.name}": piece for f, piece in zip(linear.fields, np.split(x, ends), strict=True)}
-        reading.give({**start, "work.y_last": before, "work.y": now})
+        start = {Place("state", f.name): piece for f, piece in zip(linear.fields, np.split(x, ends), strict=True)}
+        reading.give({**start, Place("work", "y_last"): before, Place("work", "y"): now})
         predict()
-        return np.concatenate([reading.memory[f"state.{field.name}"] for field in linear.fields])
+        return np.concatenate([reading.memory[Place("state", field.name)] for field in linear.fields])
 
     Phi, before, now = np.split(np.column_stack([moved(unit) for unit in np.eye(N + 2 * p)]), [N, N + p], axis=1)
     return Phi, before, now
