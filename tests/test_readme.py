@@ -39,6 +39,8 @@ def test_the_first_two_shell_blocks_are_one_line_each() -> None:
     assert run[0].endswith("hgogen build models/fitzhugh_nagumo.py")
     assert len(test) == 1
     assert test[0].endswith("pytest -q")
+    (run_by_ci,) = re.findall(r"^test_command='(.*)'$", (ROOT / ".ci" / "run").read_text(), re.MULTILINE)
+    assert run_by_ci == test[0]
 
 
 def test_the_python_lines_run(
