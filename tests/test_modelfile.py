@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pages
 import pytest
 import sympy as sp
 from typer.testing import CliRunner
@@ -428,8 +429,8 @@ def test_the_command_line_checks_and_simulates_it(tmp_path: Path) -> None:
     assert "Traceback" not in bad.output
 
 
-def test_the_model_of_the_readme_works(tmp_path: Path) -> None:
-    text = (ROOT / "README.md").read_text().partition("```toml\n")[2].partition("```")[0]
-    loaded = load(written(tmp_path, text, "oscillator.toml"))
+def test_the_model_of_the_page_works(tmp_path: Path) -> None:
+    model, _ = pages.blocks("toml", pages.text("plain_text"))
+    loaded = load(written(tmp_path, model, "oscillator.toml"))
     assert loaded.plant.name == "oscillator"
     assert loaded.step().dt == 1e-3
