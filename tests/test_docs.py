@@ -20,6 +20,8 @@ from hgogen.cli import app
 from hgogen.commands.answers import answers
 from hgogen.commands.app import _FILES as COMMANDS
 from hgogen.model import load
+from hgogen.modelfiles import recipe, tuning
+from hgogen.reading import text_model
 from hgogen.reading.entry import entry
 from hgogen.stepping.guards import STEP_BITS
 
@@ -143,6 +145,35 @@ def test_the_tunings_in_plain_text_are_observers(tmp_path: Path) -> None:
     (tmp_path / "oscillator.toml").write_text(model + tunings)
     loaded = load(tmp_path / "oscillator.toml")
     assert [loaded.step(name).observer.name for name in ("high_gain", "quiet")] == ["high_gain", "filtered"]
+
+
+def test_every_key_of_a_plain_text_model_is_listed() -> None:
+    """And no key that is none, but for the arguments of observers and of dissipation, which other tests ask."""
+    rows = re.findall(r"^\| (at the top|`\w+(?:\.NAME)?`) \| (.*) \|$", text("plain_text"), re.MULTILINE)
+    listed = {name.strip("`").removesuffix(".NAME"): re.findall(r"`(\w+)`", keys) for name, keys in rows}
+    signals = {kind: keys for kind, (keys, _) in text_model._KINDS.items()}
+    assert set(listed) == {"at the top", *(key for key, kind in text_model._TOP.items() if kind == text_model.TABLE)}
+    assert {kind: set(listed[kind]) for kind in signals} == {kind: set(keys) for kind, keys in signals.items()}
+    assert set(listed["trial"]) == set(recipe._TRIAL)
+    assert set(listed["observer"]) == set(tuning._PLACED) - {"member"}
+    assert set(listed["at the top"]) == set(text_model._TOP) - set(listed)
+
+
+def test_every_key_of_a_certificate_is_listed() -> None:
+    form = hg.forms.triangular(load(ROOT / "models" / "pendulum.py").plant)
+    found = hg.certificate(form, form.checks)
+    listed = re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| (`.*?`) \|", text("certificates"), re.MULTILINE)))
+    assert listed == list(found)
+    assert f"The format has the version {found['version']}." in text("certificates")
+    (about,) = re.findall(r"^\| `plant` \| (.*) \|$", text("certificates"), re.MULTILINE)
+    assert {*found["plant"], "low", "high"} == set(re.findall(r"`(\w+)`", about))
+    (about,) = re.findall(r"^\| `form` \| (.*) \|$", text("certificates"), re.MULTILINE)
+    assert set(found["form"]) == set(re.findall(r"`(\w+)`", about))
+
+
+def test_what_is_to_be_generated_anew_is_what_is_there() -> None:
+    (names,) = re.findall(r"`hgogen generate ((?:\w+ )+\w+)`", text("contributing"))
+    assert names.split() == sorted(path.name for path in (ROOT / "generated").iterdir() if path.is_dir())
 
 
 # --- tables -----------------------------------------------------------------------------------------------------
