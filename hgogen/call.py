@@ -22,6 +22,7 @@ from hgogen.reading.named import in_order
 from hgogen.reading.time_unit import plural
 from hgogen.step import BadStep, CannotUpdate, Step, StepMayFail, plan
 from hgogen.stepping.sensors import AT, ROUND
+from hgogen.system import System
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,6 +199,19 @@ class CallableStep(Step):
         Raises: `BadGain`.
         """
         return _quietly(self.observer.started(initial), self.method, self.dt, self._options)
+
+    def made_again(
+        self,
+        form: Callable[[System], Form] | None = None,
+        method: Method | None = None,
+        dt: float | None = None,
+    ) -> "CallableStep":
+        """A step of the same observer with another form of its plant, another method or period; the same where None.
+
+        Raises: as `sample` and the observer do.
+        """
+        observer = self.observer.on(form) if form else self.observer
+        return sample(observer, method or self.method, self.dt if dt is None else dt, **self._options)
 
     def flags(self, status: int) -> tuple[str, ...]:
         """The names of the bits that a status holds."""

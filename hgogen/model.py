@@ -24,6 +24,7 @@ from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
 from hgogen.modelfiles.recipe import trial_of
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.modelfiles.storage import stored
 from hgogen.modelfiles.tuning import Start, Tuning
 from hgogen.reading import filename
@@ -79,7 +80,7 @@ class Model:
 
     `module` holds its parts; `fixes` says, for a part that is missing, what the file should define; `default`: the
     tuning that stands in the table `observer` of a plain-text model; `folds`: the texts of a plain-text model from
-    which SymPy folded something away.
+    which SymPy folded something away; `setting`: what a user sets in the place of what the file says of its steps.
     """
 
     name: str
@@ -88,6 +89,15 @@ class Model:
     fixes: Mapping[str, str]
     default: str = ""
     folds: tuple[Fold, ...] = ()
+    setting: Setting = AS_WRITTEN
+
+    def set(self, setting: Setting) -> "Model":
+        """The model with a form, a method or a period of its steps in the place of what its file says.
+
+        Raises: `UnknownCase`.
+        """
+        setting.demand()
+        return replace(self, setting=setting)
 
     @property
     def plain(self) -> bool:
@@ -125,7 +135,7 @@ class Model:
     @property
     def tuning(self) -> Tuning:
         """Its observers by name, empty where it defines no `tuning`. Raises: `MissingPart`."""
-        return Tuning(self.path, self.plant, self._tables, self.default)
+        return Tuning(self.path, self.plant, self._tables, self.default, self.setting)
 
     @property
     def _tables(self) -> Mapping[str, Any]:
@@ -196,7 +206,7 @@ class Model:
             raise MissingPart(
                 self.path, "step", f"step() returns the type {type(step).__name__}; return hg.sample(...)"
             )
-        return step
+        return self.setting.on(step)
 
     def trials(self) -> tuple[Trial, ...]:
         """What its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""

@@ -18,6 +18,7 @@ from hgogen.reading.named import Values, in_order, names_of
 from hgogen.signal import Signal, resting
 from hgogen.structure.dynamics import Dynamics, Singular
 from hgogen.structure.scaling import exponents
+from hgogen.system import System
 from hgogen.theorem import Theorem
 
 STARTS = ("initial", "start")  # the arguments of an observer that say where its estimate starts
@@ -57,14 +58,31 @@ class Observer:
 
         Raises: `BadGain` for a start that its form does not take, or where it was not made by `hg.observers`.
         """
-        if self.made is None:
-            raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how it starts")
-        given = signature(self.made.func).bind(*self.made.args, **self.made.keywords).arguments
-        (_, base), *rest = given.items()
+        make, base, gains = self._making
         if isinstance(base, Observer):
-            return remembered(self.made.func)(base.started(initial), **dict(rest))
-        kept = {name: value for name, value in rest if name not in STARTS}
-        return remembered(self.made.func)(base, **kept, initial=initial(base))
+            return make(base.started(initial), **gains)
+        others = {name: value for name, value in gains.items() if name not in STARTS}
+        return make(base, **others, initial=initial(base))
+
+    def on(self, form: Callable[[System], Form]) -> "Observer":
+        """The same observer, or one around the same member, on another form of its plant.
+
+        Raises: as the observer does of that form; `BadGain` where it was not made by `hg.observers`.
+        """
+        make, base, gains = self._making
+        if isinstance(base, Observer):
+            return make(base.on(form), **gains)
+        origin = base.system.origin
+        return make(form(origin.plant if origin else base.system), **gains)
+
+    @property
+    def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
+        """What makes it, of which form or member, with which other arguments. Raises: `BadGain`."""
+        if self.made is None:
+            raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
+        given = signature(self.made.func).bind(*self.made.args, **self.made.keywords).arguments
+        (_, base), *gains = given.items()
+        return remembered(self.made.func), base, dict(gains)
 
     def __repr__(self) -> str:
         return f"<{self.name} observer of {self.form.system.name} in {self.form.kind} form>"

@@ -5,15 +5,17 @@ import copy
 import json
 import random
 import re
+import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 import sympy as sp
@@ -27,8 +29,8 @@ from hgogen.certificates.of_forms import outward
 from hgogen.check import Check, Verdict
 from hgogen.commands import jobs
 from hgogen.model import load
-from hgogen.recheck.file import VERSION, digest, model_digest, read
-from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
+from hgogen.recheck.file import VERSION, digest, model_digest
+from hgogen.recheck.verification import NoCertificate, Unreadable, read, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = sorted(p for p in ROOT.glob("models/*.*") if p.suffix in (".py", ".toml") and not p.name.startswith("_"))
@@ -909,38 +911,80 @@ def test_what_is_only_stated_is_said(tmp_path: Path) -> None:
 
 
 def test_the_verifier_shares_no_code() -> None:
-    """It imports nothing of the package but its own files and the base of the errors, and neither SymPy nor Arb."""
-    files = sorted((PACKAGE / "recheck").glob("*.py"))
-    assert len(files) >= 7
-    own = {f"hgogen.recheck.{path.stem}" for path in files} | {"hgogen.errors"}
-    for path in files:
+    """It imports its own files, mpmath and Python's library."""
+    imported = set()
+    for path in sorted((PACKAGE / "recheck").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
-            names = [node.module] if isinstance(node, ast.ImportFrom) else []
-            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            for name in names:
-                assert name is not None
-                assert not name.startswith("hgogen") or name in own, (path.name, name)
-                assert name.split(".")[0] not in ("sympy", "flint", "numpy", "casadi"), (path.name, name)
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(str(node.module).partition(".")[0])
+            elif isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+    assert "mpmath" in imported
+    assert imported - {"mpmath"} <= sys.stdlib_module_names
 
 
-ALONE = """
-import sys, types
-package = types.ModuleType("hgogen")
-package.__path__ = [sys.argv[1]]
-sys.modules["hgogen"] = package
-sys.modules |= dict.fromkeys(("sympy", "flint", "numpy", "casadi", "scipy"))  # None: an import of them fails
-from hgogen.recheck.recheck import load, recheck
-print(len(recheck(load(sys.argv[2])).failed), sorted(name for name in sys.modules if name.startswith("hgogen.")))
-"""
+def test_a_sign_of_the_row_itself_is_0_at_the_edge() -> None:
+    """x1' = x2 sign(u): where u is 0 its slope in x2 is 0, and not that of |u|, which at the edge u = 0 would be 1."""
+    x, u = [hg.Signal(f"x{i}", low=0, high=1) for i in (1, 2)], hg.Signal("u", low=0, high=1)
+    flow = [x[1] * (2 + sp.sign(u)) + abs(x[1]), 0]
+    plant = hg.System("edge", states=x, inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x[0]])
+    form = hg.forms.uniform(plant)
+    content = certificate(form, form.checks)
+    assert found(sealed(content))["uniform.slope_2"] == "verified"
+    content = json.loads(json.dumps(content).replace("sign(u) + 2", "sign(u)"))
+    claim = next(claim for claim in content["claims"] if claim["id"] == "uniform.slope_2")
+    claim["evidence"] |= {"low": "2", "high": "2"}
+    assert found(sealed(content))["uniform.slope_2"] == "fails"
 
 
-def test_the_verifier_runs_alone(tmp_path: Path) -> None:
-    """Without the package's other modules, and without the libraries that they compute with."""
+def alone(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """`python -m recheck` in a folder that holds it and mpmath, and nothing else that Python finds."""
+    if not (folder / "recheck").exists():
+        shutil.copytree(PACKAGE / "recheck", folder / "recheck")
+        shutil.copytree(Path(str(mpmath.__file__)).parent, folder / "mpmath", ignore=shutil.ignore_patterns("tests"))
+    command = [sys.executable, "-S", "-m", "recheck", *arguments]
+    only = {"PYTHONPATH": str(folder)}
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=only, check=False)
+
+
+def false_threshold(content: dict[str, Any]) -> None:
+    """The observer's theta below the bound that its claim of convergence has."""
+    content["observer"]["theta"] = "1"
+
+
+def no_structure(content: dict[str, Any]) -> None:
+    content["claims"] = [claim for claim in content["claims"] if claim["id"] != "triangular.structure"]
+
+
+def of_another_version(content: dict[str, Any]) -> None:
+    content["version"] = "1"
+
+
+@pytest.mark.parametrize(
+    ("forge", "status"),
+    [(None, 0), (false_threshold, 1), (no_structure, 1), (of_another_version, 2)],
+)
+def test_the_verifier_runs_alone(tmp_path: Path, forge: Callable[[dict[str, Any]], None] | None, status: int) -> None:
+    """It says the same as the command where nothing else is installed, of true certificates and of false ones."""
+    content = copy.deepcopy(observed("pendulum"))
+    if forge:
+        forge(content)
     file = tmp_path / "pendulum.json"
-    file.write_text(json.dumps(observed("pendulum")))
-    run = subprocess.run(
-        [sys.executable, "-c", ALONE, str(PACKAGE), str(file)], capture_output=True, text=True, check=True
-    )
-    failed, _, names = run.stdout.partition(" ")
-    assert failed == "0"
-    assert {name for name in ast.literal_eval(names) if "recheck" not in name} == {"hgogen.errors"}
+    file.write_text(sealed(content))
+    by_command = command("recheck", str(file), "--json")
+    by_itself = alone(tmp_path, str(file), "--json")
+    assert (by_itself.returncode, by_command.exit_code) == (status, status), by_itself.stderr
+    assert by_itself.stderr.split() == by_command.stderr.split()[1:]  # which begins with the command's name
+    if status == 2:
+        assert by_itself.stdout == by_command.stdout == ""
+        return
+    told = json.loads(by_itself.stdout)
+    assert told == json.loads(by_command.stdout)
+    text = alone(tmp_path, str(file))
+    assert text.returncode == status
+    assert all(row["sentence"] in text.stdout for row in told["claims"])
+
+
+def test_the_verifier_says_which_format_it_reads(tmp_path: Path) -> None:
+    told = alone(tmp_path, "--version")
+    assert told.stdout.strip() == f"it reads hgogen certificates of format version {VERSION}"

@@ -14,7 +14,7 @@ import sympy as sp
 import hgogen as hg
 from hgogen.certificates.certificate import certificate
 from hgogen.recheck.file import digest, model_digest
-from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
+from hgogen.recheck.verification import NoCertificate, Unreadable, recheck
 
 SAMPLES = 400
 e_x, e_q, e_w = sp.symbols("e_x e_q e_w", real=True)

@@ -16,7 +16,7 @@ import hgogen as hg
 from hgogen import cli
 from hgogen.certificates.certificate import NotCertifiable, certificate, fingerprint
 from hgogen.recheck.file import SHOWN, digest, model_digest
-from hgogen.recheck.recheck import NoCertificate, Row, recheck
+from hgogen.recheck.verification import NoCertificate, Row, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 LINKED = ("pendulum", "fitzhugh_nagumo", "cascaded_tanks", "two", "tunable", "no_input")

@@ -19,7 +19,7 @@ from hgogen.commands import jobs
 from hgogen.guarantees.lmi import common
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
-from hgogen.recheck.recheck import NoCertificate, Unreadable, recheck
+from hgogen.recheck.verification import NoCertificate, Unreadable, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = 20

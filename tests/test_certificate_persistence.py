@@ -17,7 +17,7 @@ from hgogen.commands import jobs
 from hgogen.kalman.persistence import persistent
 from hgogen.model import load
 from hgogen.recheck.file import digest, model_digest
-from hgogen.recheck.recheck import recheck
+from hgogen.recheck.verification import recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 ID = "kalman_like.persistence"

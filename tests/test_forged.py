@@ -19,7 +19,7 @@ from hgogen.certificates.certificate import certificate
 from hgogen.commands import jobs
 from hgogen.model import load
 from hgogen.recheck.file import VERSION
-from hgogen.recheck.recheck import NoCertificate, NothingVerified, Rechecked, Unreadable, recheck
+from hgogen.recheck.verification import NoCertificate, NothingVerified, Rechecked, Unreadable, recheck
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = sorted(p for p in ROOT.glob("models/*.*") if p.suffix in (".py", ".toml") and not p.name.startswith("_"))

@@ -13,6 +13,7 @@ import pytest
 
 import hgogen as hg
 from hgogen.errors import HgogenError
+from hgogen.recheck.errors import RecheckError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hgogen"
@@ -38,19 +39,34 @@ def tree(name: str) -> ast.Module:
     return ast.parse(FILES[name].read_text(), str(FILES[name]))
 
 
+def alone(name: str) -> bool:
+    """Whether a file is the checker's, which shares nothing with the rest."""
+    return name.startswith("hgogen.recheck")
+
+
+def library(node: ast.ImportFrom) -> bool:
+    """Whether an import is of what does not belong to the package."""
+    return not node.level and str(node.module).partition(".")[0] != "hgogen"
+
+
 @cache
 def imports(name: str) -> frozenset[str]:
     """The modules of the package that a module imports, anywhere in it, for types as well; a folder imports its
-    cases."""
+    cases. Relative are the imports of the checker alone, whose folder can be copied."""
     found = set()
     for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert not node.level, f"{name} imports relatively"
-            inner = {f"{node.module}.{alias.name}" for alias in node.names}
+            assert bool(node.level) is (alone(name) and not library(node)), f"{name} imports {ast.unparse(node)}"
+            source = str(node.module)
+            if node.level:
+                folder = name if FILES[name].name == "__init__.py" else name.rpartition(".")[0]
+                above = folder.rsplit(".", node.level - 1)[0]
+                source = f"{above}.{node.module}" if node.module else above
+            inner = {f"{source}.{alias.name}" for alias in node.names}
             found |= {module for module in inner if module in FILES}
-            found |= {node.module} if inner - FILES.keys() else set()
+            found |= {source} if inner - FILES.keys() else set()
     if name.removeprefix("hgogen.") in FOLDERS:
         found |= {case for case in CASES if case.startswith(f"{name}.")}
     return frozenset(found & FILES.keys())
@@ -116,7 +132,7 @@ def test_folders_stand_one_on_the_other() -> None:
 
 def test_no_two_files_have_one_name() -> None:
     """But for a contract and its folder; the checker of certificates stands alone."""
-    names = [name.split(".")[1:] for name in FILES if not name.startswith("hgogen.recheck")]
+    names = [name.split(".")[1:] for name in FILES if not alone(name)]
     last = [name[-1] for name in names if name]
     assert not {name for name in last if last.count(name) > 1}
 
@@ -213,9 +229,10 @@ def subclasses(kind: type) -> set[type]:
 def test_an_error_is_a_dataclass_with_a_sentence() -> None:
     """Not a frozen one: Python writes the traceback into it."""
     for name in FILES:
-        if name != "hgogen.__main__":
+        if not name.endswith("__main__"):
             import_module(name)
-    errors = [kind for kind in subclasses(HgogenError) - {HgogenError} if kind.__module__ in FILES]
+    bases = {HgogenError, RecheckError}
+    errors = [kind for base in bases for kind in subclasses(base) - bases if kind.__module__ in FILES]
     assert len(errors) > 40
     for kind in errors:
         assert is_dataclass(kind), kind
@@ -233,7 +250,7 @@ def test_values_are_frozen() -> None:
         f"{name}.{node.name}"
         for name in FILES
         for node in ast.walk(tree(name))
-        if isinstance(node, ast.ClassDef) and not any("HgogenError" in ast.unparse(base) for base in node.bases)
+        if isinstance(node, ast.ClassDef) and not {"HgogenError", "RecheckError"} & set(map(ast.unparse, node.bases))
         for decorator in map(ast.unparse, node.decorator_list)
         if decorator.startswith("dataclass") and "frozen=True" not in decorator
     }

@@ -28,7 +28,7 @@ from hgogen.kalman.covariance import unpack
 from hgogen.kalman.persistence import persistent
 from hgogen.model import load
 from hgogen.reading.given import BadGain
-from hgogen.recheck.recheck import recheck
+from hgogen.recheck.verification import recheck
 from hgogen.structure.affine import measurements
 from hgogen.theorem import rows
 from hgogen.trial import Truth, simulate, t, try_out

@@ -24,7 +24,7 @@ from hgogen.intervals.bounds import bound
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.intervals.slope import lipschitz_bound
-from hgogen.recheck.recheck import recheck
+from hgogen.recheck.verification import recheck
 from hgogen.structure.apart import apart
 from hgogen.structure.positive import positive
 
@@ -265,6 +265,14 @@ def test_a_direction_can_be_read_wherever_it_is(args: tuple[Any, ...], text: str
     assert str(Direction(*map(sp.sympify, args))) == text
 
 
+def test_a_direction_of_a_range_of_one_point_is_every_number_of_it() -> None:
+    """y s with s = sign(x) at x = 0, a set: no side of the box is the inner one there."""
+    box = {x: (Fraction(0), Fraction(0)), y: (Fraction(1), Fraction(2)), z: (Fraction(0), Fraction(0))}
+    for e in (Direction(sp.S.Zero, x), Direction(sp.S.Zero, x, z)):
+        found = bound(y * e, box)
+        assert (found.low, found.high) == (-2, 2)
+
+
 @pytest.mark.parametrize("at", [0, 1])
 def test_a_direction_at_a_face_leaves_the_other_factor_its_range(at: int) -> None:
     """Its slope is 0 within the box: of a box with both ends exchanged y sign(x) would be 0."""
@@ -360,3 +368,33 @@ def test_what_is_left_of_an_affine_row_is_read_as_its_slopes_are() -> None:
         "plant", states=x, inputs=(u, w), outputs=(hg.Signal("y"),), flow=[-x[0], x[0] + w], output=[output]
     )
     assert {check.verdict for check in forms.state_affine(plant).checks} == {Verdict.PROVED}
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        lambda e: sp.Max(e, 5),
+        lambda e: sp.Min(-5, sp.exp(e)),
+        lambda e: sp.sign(5 - e),
+        lambda e: sp.Heaviside(5 - e),
+        lambda e: sp.Piecewise((e, e > 5), (1, True)),
+    ],
+)
+def test_what_is_not_real_everywhere_is_not_left_out(hidden: Any) -> None:
+    """max(sqrt(x - 1), 5) has no value where x < 1: to read it as 5 would prove forms of a plant that is not there."""
+    x, z = hg.Signal("x", low=0, high=2), hg.Signal("z", low=-1, high=1)
+    row = hidden(sp.sqrt(x - 1))
+    assert one_sided(row, {x: (Fraction(0), Fraction(2))}).has(x)
+    assert not one_sided(row, {x: (Fraction(1), Fraction(2))}).has(x)
+    plant = hg.System("plant", states=(x, z), outputs=(hg.Signal("y"),), flow=[z + row, 0], output=[x])
+    (check,) = (check for check in forms.triangular(plant).checks if check.id == "triangular.lipschitz")
+    assert check.verdict is not Verdict.PROVED
+
+
+@pytest.mark.parametrize(("power", "steepest"), [(3, 24), (1, 1), (-1, 0.5), (-3, 0.75)])
+def test_a_power_of_a_root_of_squares_is_as_steep_as_it_is(power: int, steepest: float) -> None:
+    """r^p with r^2 = x^2 + y^2 has the slope |p| r^(p-1), and 2 <= r^2 <= 8 here."""
+    box = {x: (Fraction(1), Fraction(2)), y: (Fraction(1), Fraction(2))}
+    found = lipschitz_bound([(x**2 + y**2) ** sp.Rational(power, 2)], (x, y), box)
+    assert found.verdict is Verdict.PROVED
+    assert steepest * (1 - 1e-12) <= found.high <= 1.03 * steepest

@@ -21,8 +21,8 @@ from hgogen.errors import HgogenError
 from hgogen.model import load
 from hgogen.recheck.algebra import Algebra
 from hgogen.recheck.arithmetic import Undefined, evaluate
-from hgogen.recheck.recheck import Rechecked, recheck
 from hgogen.recheck.text import expression
+from hgogen.recheck.verification import Rechecked, recheck
 
 MODEL = load(Path(__file__).resolve().parents[1] / "models" / "not_iss.py")
 ERROR = MODEL.module.error

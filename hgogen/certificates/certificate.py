@@ -1,4 +1,4 @@
-"""Certificates: what was proved of a model, as a JSON value that `recheck.recheck` verifies again.
+"""Certificates: what was proved of a model, as a JSON value that `recheck.verification` verifies again.
 
     {"format": "hgogen certificate", "version": "2", "hgogen": its version,
      "plant": {"name", "states", "inputs", "parameters": [{"name", "low", "high"}], "outputs": [name], "flow",
@@ -15,8 +15,8 @@ z' = A z + b, y = output the form, with the number of states of each output's ch
 A high_gain observer is z' = A z + b(sat z) + diag(theta, .., theta^n) gains (y - output(z)), b's argument clamped to
 the box; of a form "phase.recovered" b is taken at the recovered state instead. from_form is the plain inverse: what an
 observer evaluates is the same on the image of the plant's ranges, and beyond keeps its denominators off 0. The
-equations of the others, with their numbers, stand where they are verified (`hgogen.recheck.core`, ..). `model` stands
-in the banner of the C as well. The digests find accidents; they are no signature.
+equations of the others, with their numbers, stand where they are verified, in the files of `hgogen.recheck.rules`.
+`model` stands in the banner of the C as well. The digests find accidents; they are no signature.
 
 Evidence of an enclosure: "expression", "box", "low", "high", "tree"; of a Lipschitz bound: "box", "bound" of |db/dz| in
 the spectral norm, "tree"; of a refutation: "expression", "witness", and "other" where the sign is another; of a phase
@@ -52,9 +52,9 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.proof import Grounds
-from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest, read
-from hgogen.recheck.recheck import recheck
+from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
 from hgogen.recheck.text import Unreadable
+from hgogen.recheck.verification import read, recheck
 from hgogen.signal import Signal
 
 
@@ -75,7 +75,7 @@ class NotCertifiable(HgogenError):
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
     """The certificate of a form's checks, and of the observer of that name.
 
-    What `recheck.recheck` does not verify is "stated" in it, not "proved".
+    What `recheck.verification` does not verify is "stated" in it, not "proved".
 
     Raises: `NotCertifiable` for a model with functions that the certificate's grammar has not (Piecewise, floor).
     """
@@ -103,7 +103,7 @@ def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
 
 
 def asserted(content: Mapping[str, Any]) -> int:
-    """How many claims of a certificate say something that `recheck.recheck` verifies."""
+    """How many claims of a certificate say something that `recheck.verification` verifies."""
     return sum(claim["verdict"] in ("proved", "refuted") for claim in content["claims"])
 
 

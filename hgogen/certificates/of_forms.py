@@ -1,4 +1,4 @@
-"""The evidence of a claim about a form: what `recheck.recheck` needs to verify it again, by the claim's id.
+"""The evidence of a claim about a form: what `hgogen recheck` needs to verify it again, by the claim's id.
 
 What was found when a check was proved is used again: its bounds and its bisection, carried to the form's coordinates.
 """

@@ -1,4 +1,4 @@
-"""The evidence of a claim about an observer: what `recheck.recheck` needs to verify it, by what was found of it."""
+"""The evidence of a claim about an observer: what `hgogen recheck` needs to verify it, by what was found of it."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace

@@ -32,7 +32,8 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.process import console, note
 from hgogen.emit.cnames import renamed, says
-from hgogen.model import load
+from hgogen.model import Model, load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
 from hgogen.step import Step
@@ -58,9 +59,9 @@ def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
-def _made_by(name: str, observer: str | None, real: Precision) -> str:
+def _made_by(model: Model, observer: str | None, real: Precision) -> str:
     """The command that makes the same C, for its banner."""
-    words = ["hgogen generate", name, *(["--observer", observer] if observer else [])]
+    words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     return " ".join([*words, *(["--real double"] if real is Precision.DOUBLE else [])])
 
 
@@ -68,6 +69,7 @@ def _made_by(name: str, observer: str | None, real: Precision) -> str:
 def build_(
     model: ModelArgument,
     observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
     out: Out = None,
     real: Real = Precision.FLOAT,
     seeds: Seeds = None,
@@ -83,7 +85,7 @@ def build_(
     seeds, engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped, left),
     comparison (trial, seed, until, before, after, settled, dt, agreed), files.
     """
-    loaded = load(model)
+    loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)
     folder.demand("report.json")
     step, trials = loaded.step(observer), loaded.trials()
@@ -92,7 +94,7 @@ def build_(
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     for sentence in claims.notes:
         note(sentence)
-    files = c99(step, real=real.value, command=_made_by(loaded.name, observer, real))
+    files = c99(step, real=real.value, command=_made_by(loaded, observer, real))
     _note_names(step)
     engine = engine_here()
     self_check = native.run_check(files).strip() if engine == "c" else None
@@ -133,6 +135,7 @@ def generate_(
         list[str], typer.Argument(metavar="MODEL...", help="Model files, or names that `hgogen list` shows.")
     ],
     observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
     real: Real = Precision.FLOAT,
     as_json: Json = False,
@@ -141,7 +144,7 @@ def generate_(
 
     JSON keys: models (a list of: model, c_names, by signal where C has another name, files).
     """
-    loaded = [load(given) for given in models]
+    loaded = [load(given).set(setting) for given in models]
     folders = [Folder(out, named(one, observer)) for one in loaded]
     for first, second in combinations(loaded, 2):
         if same(first.name) == same(second.name):
@@ -154,7 +157,7 @@ def generate_(
         for sentence in one.notes:
             note(sentence)
         step = one.step(observer)
-        files: dict[str, str | bytes] = {**c99(step, real=real.value, command=_made_by(one.name, observer, real))}
+        files: dict[str, str | bytes] = {**c99(step, real=real.value, command=_made_by(one, observer, real))}
         _note_names(step)
         if one.has("trial"):
             done = _tried(step, one.trials(), "c", 1)
@@ -172,6 +175,7 @@ def generate_(
 def simulate_(
     model: ModelArgument,
     observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
     seeds: Seeds = None,
     reader: ReaderOption = None,
     trial: OneTrial = None,
@@ -187,7 +191,7 @@ def simulate_(
     leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, each: the same by
     seed, without left).
     """
-    loaded = load(model)
+    loaded = load(model).set(setting)
     step, trials = loaded.step(observer), loaded.trials()
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     done = _tried(step, chosen, engine, seeds)

@@ -22,6 +22,7 @@ from hgogen.commands.process import note, results
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Range
 from hgogen.model import Model, load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.target import demand as demand_place
 from hgogen.trial import Trial
 from hgogen.trials.sight import Sight, sight
@@ -60,6 +61,7 @@ def check_(
         typer.Option("--bound", metavar="EXPR", help="The range of an expression on the declared box; repeat it."),
     ] = None,
     observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
     deep: Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")] = False,
     many: Annotated[
         Path | None, typer.Option("--library", metavar="FILE", help="Answer every model of a JSON file.")
@@ -110,6 +112,7 @@ def check_(
         "--bound": bounds,
         "--deep": deep,
         "--observer": observer,
+        **dict(word.split(maxsplit=1) for word in setting.words),
     }
     unused = [name for name, given in ({"--limit": limit} if many is None else options).items() if given]
     if unused:
@@ -118,7 +121,7 @@ def check_(
     if many is not None:
         _library(many, limit or library.LIMIT, as_json)
         return
-    _one(load(str(model)), observer, bounds or (), deep, certificate, latex, as_json)
+    _one(load(str(model)).set(setting), observer, bounds or (), deep, certificate, latex, as_json)
 
 
 def _file(as_json: str | None) -> Path | None:
@@ -168,7 +171,9 @@ def _one(
     if seen.rank == seen.n:
         say(tables.checks(singular.head, singular.checks, ()))
     say(tables.theorem(claims.theorem, claims.hypotheses))
-    take = None if latex else advice(loaded, seen, forms, claims, deep=deep)
+    written = loaded.set(AS_WRITTEN)  # what to take is asked of the file
+    own = jobs.checked(written, forms, observer) if loaded.setting else claims
+    take = None if latex else advice(written, seen, forms, own, deep=deep)
     if take:
         say(findings.taking(take))
     if latex:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,7 +24,9 @@ from hgogen.commands.process import INTERRUPTED, console, dropped, interrupted, 
 from hgogen.errors import HgogenError
 from hgogen.model import Model, ends_python
 from hgogen.modelfiles.scenario import SEEDS
-from hgogen.recheck.recheck import NothingVerified, NotVerified
+from hgogen.modelfiles.setting import Setting
+from hgogen.recheck.errors import RecheckError
+from hgogen.recheck.verification import NothingVerified, NotVerified
 from hgogen.target import demand, write
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
@@ -52,11 +55,44 @@ OneTrial = Annotated[str | None, typer.Option("--trial", help="The trial of this
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 
 
+_SET = {  # what a user may set of every step that a command makes
+    "form": (str, typer.Option("--form", metavar="NAME", help="The form, in the place of the model's.")),
+    "method": (str, typer.Option("--method", metavar="NAME", help="The method, in the place of the model's.")),
+    "dt": (float, typer.Option("--dt", help="The sampling period, in the model's unit of time.")),
+}
+
+
+def _settable(function: Callable[..., None]) -> Callable[..., None]:
+    """A command with an option for each part of a `Setting` in the place of its argument of that type, if any."""
+    parameters = signature(function).parameters
+    place = next((name for name, each in parameters.items() if each.annotation is Setting), None)
+    if place is None:
+        return function
+
+    @wraps(function)
+    def taking(**given: Any) -> None:
+        chosen = Setting(**{name: given.pop(name) for name in _SET})
+        function(**given, **{place: chosen})
+
+    taking.__annotations__ = {name: each.annotation for name, each in parameters.items() if name != place}
+    taking.__annotations__ |= {name: Annotated[kind | None, option] for name, (kind, option) in _SET.items()}
+    defaults = {**{name: each.default for name, each in parameters.items()}, **dict.fromkeys(_SET)}
+    taking.__signature__ = Signature(  # type: ignore[attr-defined]
+        [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=kind)
+            for name, kind in taking.__annotations__.items()
+        ]
+    )
+    return taking
+
+
 def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., None]], Any]:
     """Make a command of a function, whose errors become one sentence and an exit status."""
 
     def register(function: Callable[..., None]) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
+
+        function = _settable(function)
 
         @app.command(cls=cls)
         @wraps(function)
@@ -72,7 +108,7 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
             except FAILURES as error:
                 note(str(error))
                 raise typer.Exit(1) from None
-            except (HgogenError, OSError) as error:
+            except (HgogenError, RecheckError, OSError) as error:
                 note(str(error))
                 raise typer.Exit(2) from None
             except MemoryError:

@@ -23,6 +23,7 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.process import note
 from hgogen.model import MissingPart, Model, load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.trials.comparison import Measured, measured
@@ -38,6 +39,7 @@ Names = Annotated[
 def compare_(
     model: ModelArgument,
     observers: Names = None,
+    setting: Setting = AS_WRITTEN,
     seeds: Seeds = None,
     trial: OneTrial = None,
     reader: ReaderOption = None,
@@ -58,7 +60,7 @@ def compare_(
     settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
     in float), files.
     """
-    loaded = load(model)
+    loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     names = _names(loaded, observers)
     chosen, engine = one_or_all(loaded.trials(), trial), engine_here(reader)

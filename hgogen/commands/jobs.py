@@ -131,8 +131,8 @@ def checked(model: Model, asked: Survey | None = None, name: str | None = None) 
 def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
     if name is None and not model.has("step"):
         asked = asked or hg.survey(model.plant)
-        form = asked.best
-        notes = (*model.notes, _alone(model, asked))
+        form = getattr(hg.forms, model.setting.form)(model.plant) if model.setting.form else asked.best
+        notes = (*model.notes, _alone(model, asked, form))
         return Checked(model.plant.name, form, form.checks, (), notes=notes, demanded=False)
     try:
         step = model.step(name)
@@ -146,10 +146,10 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
     return Checked(*told, model.notes, step=step, tuning=name or "")
 
 
-def _alone(model: Model, asked: Survey) -> str:
+def _alone(model: Model, asked: Survey, form: Form) -> str:
     """What a model without an observer does not claim."""
-    form, proved = asked.best, ", ".join(row.kind for row in asked.proved)
-    if form.structured:
+    proved = ", ".join(row.kind for row in asked.proved)
+    if form.structured or model.setting.form:
         return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
     if proved:
         return f"{model.path} has no observer; of the forms asked its plant is in {proved}, proved, and in no other"
@@ -255,13 +255,16 @@ def estimates(step: CallableStep, record: Record, run: Run) -> str:
     return stream.getvalue()
 
 
-def window(model: Model, option: str) -> float:
-    """The innovation's window d (s) in a model's `tuning`; `option` is the command's that gives another.
+def window(model: Model, option: str, observer: str | None = None) -> float:
+    """The innovation's window d (s) in a tuning of a model, by default the first that has one; `option` is the
+    command's that gives another.
 
-    Raises: `MissingPart` if no adaptive theta is there.
+    Raises: `MissingPart` if no adaptive theta is there, or no tuning of that name.
     """
     tuning = model.tuning
-    for name in tuning.tables:
+    if observer is not None:
+        model.demand_tuned(observer)
+    for name in tuning.tables if observer is None else (observer,):
         innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
         if innovation is not None:
             return float(innovation.d)

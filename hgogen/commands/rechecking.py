@@ -8,7 +8,7 @@ import typer
 from hgogen.commands import tables
 from hgogen.commands.command import Json, command, show
 from hgogen.reading.content import content_of
-from hgogen.recheck import recheck
+from hgogen.recheck import verification
 from hgogen.recheck.file import LARGEST
 
 
@@ -30,7 +30,7 @@ def recheck_(
     try:
         text = content_of(file, LARGEST).decode()
     except UnicodeDecodeError:
-        raise recheck.CannotRead(str(file), "is no text in UTF-8") from None
-    found = recheck.recheck(text)
+        raise verification.CannotRead(str(file), "is no text in UTF-8") from None
+    found = verification.recheck(text)
     show(as_json, found.as_dict(), tables.rechecked(found))
     found.demand()

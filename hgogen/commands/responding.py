@@ -12,6 +12,7 @@ from hgogen.commands import tables
 from hgogen.commands.command import Folder, Json, ModelArgument, Tuned, command, rendered, show
 from hgogen.commands.process import note
 from hgogen.model import load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.trials.response import Response, pace
 
 COUNT = 6  # frequencies of the table, unless they are given
@@ -22,6 +23,7 @@ POINTS = 200  # frequencies of the figure
 def response_(
     model: ModelArgument,
     observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
     omega: Annotated[str, typer.Option("--omega", help="Frequencies (rad/s), such as 50,100,300.")] = "",
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figure; by default none.")] = None,
     as_json: Json = False,
@@ -35,7 +37,7 @@ def response_(
     whose names are then given), dt, omega, gains (output, state, continuous, step: a number for each omega, of the
     step null beyond the Nyquist frequency pi/dt), files.
     """
-    loaded = load(model)
+    loaded = load(model).set(setting)
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
     given = _frequencies(omega) if omega else _around(slow, fast, step.dt)

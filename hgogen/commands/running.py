@@ -20,6 +20,7 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.model import load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.filename import fault
 from hgogen.reading.measured import Record, mapping, read
 from hgogen.signal import Signal
@@ -42,6 +43,7 @@ def run_(
     model: ModelArgument,
     data: Data,
     observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
     time: Time = None,
     period: Period = None,
     map_: Map = None,
@@ -58,7 +60,7 @@ def run_(
     loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), files.
     """
     ahead = _horizons(horizon)
-    loaded = load(model)
+    loaded = load(model).set(setting)
     folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
     folder.demand(f"{name}_report.json")
     step = loaded.step(observer)
@@ -116,6 +118,8 @@ def _record(
 def noise_(
     model: ModelArgument,
     data: Data,
+    observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
     time: Time = None,
     period: Period = None,
     map_: Map = None,
@@ -129,9 +133,9 @@ def noise_(
     JSON keys: model, record (as in `run`), noise (a list of: output, samples, sigma, tau, d, spread,
     gamma_0, gamma_1, R, notes).
     """
-    loaded = load(model)
-    step = loaded.step()
-    d = d if d is not None else jobs.window(loaded, "--window")
+    loaded = load(model).set(setting)
+    step = loaded.step(observer)
+    d = d if d is not None else jobs.window(loaded, "--window", observer)
     record = _record(step, data, time, period, map_, step.outputs)
     quiet = noise.quiet(record.t, begin, end)
     found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]

@@ -6,7 +6,7 @@ import typer
 
 import hgogen as hg
 from hgogen.commands import jobs, tables
-from hgogen.commands.command import Json, ModelArgument, command, show
+from hgogen.commands.command import Json, ModelArgument, Tuned, command, show
 from hgogen.model import load
 
 
@@ -14,12 +14,14 @@ from hgogen.model import load
 def window_(
     model: ModelArgument,
     lengths: Annotated[str, typer.Option("--d", help="Windows d (s), such as 0.5,1,2.")] = "",
+    observer: Tuned = None,
     trial: Annotated[str | None, typer.Option(help="The trial of this name; by default the first.")] = None,
     as_json: Json = False,
 ) -> None:
     """Tell how well windows d of the innovation show the state along a trial: the observability Gramian of each.
 
-    By default half of the model's window d, itself, twice and four times it, as far as the trial is long.
+    By default half of the window d of the model, or of one of its tunings, itself, twice and four times it, as far as
+    the trial is long.
 
     JSON keys: model, trial, windows (d, least, median and most of the Gramian's smallest eigenvalue, weakest: the state
     with the largest share of the direction that shows least, share).
@@ -28,7 +30,7 @@ def window_(
     chosen = next((one for one in loaded.trials() if trial in (None, one.name)), None)
     if chosen is None:
         raise typer.BadParameter(f"{trial!r} is none of the model's trials", param_hint="--trial")
-    given = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d"), chosen.duration)
+    given = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d", observer), chosen.duration)
     found = hg.gramian(loaded.plant, chosen, given)
     value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in found]}
     show(as_json, value, tables.windows(chosen.name, found, loaded.plant.time))

@@ -17,7 +17,7 @@ from hgogen.intervals.digits import down, up
 from hgogen.program import Bit
 from hgogen.reading.measured import Report
 from hgogen.recheck.file import SHOWN
-from hgogen.recheck.recheck import Rechecked
+from hgogen.recheck.verification import Rechecked
 from hgogen.theorem import Row, Theorem
 from hgogen.trials.agreement import Agreement
 from hgogen.trials.alarm import ITSELF

@@ -1,6 +1,7 @@
 """The same function on a box, without the kinks and jumps whose side the box decides: |x| is x where x >= 0.
 
-What is proved of a side is proved in exact or outward-rounded arithmetic, on the closed box.
+What is proved of a side is proved in exact or outward-rounded arithmetic, on the closed box. What is left out is a
+finite real number there: max(sqrt(x - 1), 5) stays where x may be below 1, for it has no value there.
 """
 
 from collections.abc import Iterable
@@ -8,10 +9,12 @@ from collections.abc import Iterable
 import sympy as sp
 
 from hgogen.algebra.kinks import Norm, bent, signed
-from hgogen.algebra.tape import NoTape
+from hgogen.algebra.points import exact
+from hgogen.algebra.tape import NoTape, tape
 from hgogen.check import Verdict
-from hgogen.intervals.box import Box
+from hgogen.intervals.box import Box, sides
 from hgogen.intervals.rational import rational
+from hgogen.intervals.search import everywhere, search
 from hgogen.intervals.sign import nonzero
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise)
@@ -46,9 +49,9 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     if isinstance(found, sp.Abs) or (isinstance(found, Norm) and len(found.args) == 1):
         return _size(found.args[0], box)
     if isinstance(found, sp.sign):
-        return sp.Integer(_strict(found.args[0], box)) or found
+        return sp.Integer(_constant(found.args[0], box)) or found
     if isinstance(found, sp.Heaviside):
-        way = _strict(found.args[0], box)
+        way = _constant(found.args[0], box)
         return found if way == 0 else sp.Integer(way > 0)
     if isinstance(found, sp.Pow) and _rooted(found):
         whole = bent(found)
@@ -71,9 +74,9 @@ def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
     way = 1 if kind is sp.Max else -1
     kept: list[sp.Expr] = []
     for a in args:
-        if any(_side(way * (b - a), box) > 0 for b in kept):
+        if any(_side(way * (b - a), box) > 0 for b in kept) and _defined(a, box):
             continue
-        kept = [b for b in kept if _side(way * (a - b), box) <= 0]
+        kept = [b for b in kept if _side(way * (a - b), box) <= 0 or not _defined(b, box)]
         kept.append(a)
     return kind(*kept)
 
@@ -101,7 +104,26 @@ def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
     strict = isinstance(condition, (sp.StrictLessThan, sp.StrictGreaterThan))
     above = _side(rise, box) if weakly or not strict else _strict(rise, box)
     below = _side(rise, box) if weakly or strict else _strict(rise, box)
-    return True if above > 0 else False if below < 0 else None
+    holds = True if above > 0 else False if below < 0 else None
+    return holds if holds is None or _defined(rise, box) else None
+
+
+def _constant(e: sp.Expr, box: Box) -> int:
+    """`_strict` of what is proved to be defined on the box, else 0."""
+    way = _strict(e, box)
+    return way if way and _defined(e, box) else 0
+
+
+def _defined(e: sp.Expr, box: Box) -> bool:
+    """Whether it is proved that e is a finite real number on the whole box."""
+    fixed, around = sides(exact(e), box)
+    if fixed.has(*_STRANGE):
+        return False
+    try:
+        program = tape([fixed], around.symbols)
+    except NoTape:
+        return False
+    return search(program, around.outer, around.inner, everywhere, _BOXES).defined
 
 
 def _side(e: sp.Expr, box: Box) -> int:

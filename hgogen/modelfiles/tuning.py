@@ -39,6 +39,7 @@ from hgogen.check import Refuted, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.modelfiles.arguments import faults, poles, value
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.observer import STARTS, Observer
 from hgogen.reading import filename
 from hgogen.reading.text_model import NUMBER, READERS, TEXT, BadModelFile, demand_keys
@@ -54,12 +55,14 @@ _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
 
 @dataclass(frozen=True)
 class Tuning:
-    """The tunings of a plant by name; `default` is the name of the one that stands in the table `observer`."""
+    """The tunings of a plant by name; `default` is the name of the one that stands in the table `observer`; `setting`:
+    what holds in the place of what the tables say."""
 
     file: str
     plant: System
     tables: Mapping[str, Mapping[str, Any]]
     default: str = ""
+    setting: Setting = AS_WRITTEN
 
     def where(self, name: str) -> str:
         """The path of keys to a table in its file."""
@@ -74,9 +77,12 @@ class Tuning:
         Raises: `BadModelFile` for a table that makes none; `Refuted`.
         """
         where, table = self.where(name), self._sampling(name)
-        method = self._case(f"{where}.method", methods, table.get("method", "continuous_discrete"))
+        asked = self.setting.method or table.get("method", "continuous_discrete")
+        method = self._case(f"{where}.method", methods, asked)
         observer = self.observer(name, start=start)
-        period = dt if dt is not None else table["dt"] if "dt" in table else default()
+        periods = (dt, self.setting.dt, table.get("dt"))
+        period = next((each for each in periods if each is not None), None)
+        period = default() if period is None else period
         options = {key: table[key] for key in _OPTIONS if key in table}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step
@@ -92,7 +98,7 @@ class Tuning:
         elif "member" in table:
             raise BadModelFile(self.file, f"{where}.member", f"{make.__name__} is no observer around another one")
         else:
-            base = self._form(f"{where}.form", table.get("form", "triangular"))
+            base = self._form(f"{where}.form", self.setting.form or table.get("form", "triangular"))
             if start is not None and isinstance(base, Form):
                 gains = {key: value for key, value in gains.items() if key not in STARTS}
                 gains |= {"initial": start(base)}

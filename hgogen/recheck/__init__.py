@@ -1,1 +1,1 @@
-"""Certificates verified again: code and arithmetic that share nothing with the rest of the package but its errors."""
+"""Certificates verified again, by code and arithmetic of its own; the folder runs alone where mpmath is installed."""

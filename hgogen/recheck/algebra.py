@@ -11,7 +11,7 @@ from fractions import Fraction
 from functools import reduce
 from typing import Any
 
-from hgogen.recheck.arithmetic import Arithmetic, Undefined
+from .arithmetic import Arithmetic, Undefined
 
 MOST_TERMS = 20_000
 _LONGEST = 20_000  # bits of a coefficient

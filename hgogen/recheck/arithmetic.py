@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.text import Expression
+from .text import Expression
 
 
 class Undefined(Exception):  # not an error of the user: the walk over the boxes catches it

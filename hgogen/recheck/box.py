@@ -12,9 +12,9 @@ from fractions import Fraction
 
 from mpmath import libmp
 
-from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
-from hgogen.recheck.interval import Interval, NotExact, between, fractions, intervals, point
-from hgogen.recheck.text import Expression
+from .arithmetic import Dual, Undefined, dual, evaluate
+from .interval import Interval, NotExact, between, fractions, intervals, point
+from .text import Expression
 
 MORE = 2000  # boxes beyond the certificate's own leaves
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.algebra import Quotient
-from hgogen.recheck.box import NotShown, covered
-from hgogen.recheck.context import Context, declared_box, finite, only
-from hgogen.recheck.file import Claim, Observer, part
-from hgogen.recheck.matrix import column, entries
-from hgogen.recheck.slope import Norm, spectral, steep
-from hgogen.recheck.text import Expression, expression, number
+from .algebra import Quotient
+from .box import NotShown, covered
+from .context import Context, Shown, declared_box, finite, on, only, short
+from .file import Claim, Observer, part
+from .matrix import column, entries
+from .slope import Norm, spectral, steep
+from .text import Expression, expression, number
 
 
 def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
@@ -38,7 +38,7 @@ def place_of(context: Context, chain: int, index: int) -> int:
 
 def built(context: Context, claim: Claim) -> Observer:
     """The file's observer with its numbers, which the claim's id names. Raises: `NotShown`."""
-    observer, name = context.file.observer, claim.id.partition(".")[0]
+    observer, name = context.file.observer, claim.maker
     if observer is None or observer.name != name or not observer.numbers:
         raise NotShown(f"the file has no {name} observer with its numbers")
     return observer
@@ -99,3 +99,15 @@ def slope(
     if bound < 0:
         raise NotShown("its bound is negative")
     return bound, covered(where, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
+
+
+def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], name: str) -> Shown:
+    """|d rows/dz| <= the claim's bound in the spectral norm, on the form's box. Raises: `NotShown`."""
+    _ = context.equations
+    names = {read for row in rows for read in row.names}
+    box = declared_box(claim.evidence, context.form.box, names)
+    bound = number(claim.evidence.get("bound"))
+    if bound < 0:
+        raise NotShown("its bound is negative")
+    boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))
+    return Shown(f"|{name}| <= {short(bound, 1)}{on(box)}", boxes)

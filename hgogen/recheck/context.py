@@ -16,11 +16,11 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
-from hgogen.recheck.algebra import Algebra, Quotient, TooLarge
-from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import Box, NotShown, covered, ranged
-from hgogen.recheck.file import Certificate, Claim, ends, part
-from hgogen.recheck.text import Expression, expression, number
+from .algebra import Algebra, Quotient, TooLarge
+from .arithmetic import Dual, Undefined, dual, evaluate
+from .box import Box, NotShown, covered, ranged
+from .file import Certificate, Claim, ends, part
+from .text import Expression, expression, number
 
 
 @dataclass(frozen=True)
@@ -267,3 +267,19 @@ def on(box: Box) -> str:
     """The sides of a box that are no points, for a sentence."""
     named = [f"{name} in [{low}, {high}]" for name, (low, high) in box.items() if low < high]
     return f" on {', '.join(named)}" if named else ""
+
+
+def witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness") -> dict[str, Fraction]:
+    """The claim's point in the box, names with one value among it. Raises: `NotShown`."""
+    given = part(claim.evidence, key, dict)
+    at = {name: number(value) for name, value in sorted(given.items())}
+    for name, value in at.items():
+        if name not in box or not box[name][0] <= value <= box[name][1]:
+            raise NotShown(f"its witness has {name} = {value}, outside the model's range")
+    for name in names:
+        low, high = box[name]
+        if name not in at and low == high:
+            at[name] = Fraction(low)
+        if name not in at:
+            raise NotShown(f"its witness does not say {name}")
+    return at

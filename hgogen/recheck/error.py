@@ -14,12 +14,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hgogen.recheck.arithmetic import Arithmetic, evaluate
-from hgogen.recheck.box import Box, NotShown
-from hgogen.recheck.context import Context, cut
-from hgogen.recheck.file import Equations, signals
-from hgogen.recheck.matrix import entries
-from hgogen.recheck.text import Expression, expression
+from .arithmetic import Arithmetic, evaluate
+from .box import Box, NotShown
+from .context import Context, cut
+from .file import Equations, signals
+from .matrix import entries
+from .text import Expression, expression
 
 Rows = tuple[tuple[Expression, ...], ...]
 PARTS = ("gain", "G1", "G2", "errors")  # what a claim tells of the system

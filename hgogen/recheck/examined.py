@@ -10,13 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.algebra import TooLarge
-from hgogen.recheck.arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.context import Context, algebra_of, letters_of, short
-from hgogen.recheck.file import words
-from hgogen.recheck.interval import intervals, point
-from hgogen.recheck.phase import box_of_rates
+from .algebra import TooLarge
+from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
+from .box import NotShown
+from .context import Context, algebra_of, letters_of, short
+from .file import words
+from .interval import intervals, point
+from .rules.phase import box_of_rates
 
 KINDS = (
     *("triangular", "uniform", "block_triangular", "state_affine"),

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any
 
-from hgogen.errors import HgogenError
-from hgogen.recheck.box import Box, End
-from hgogen.recheck.text import Expression, expression, number
+from .box import Box, End
+from .errors import RecheckError
+from .text import Expression, expression, number
 
 FORMAT, VERSION = "hgogen certificate", "2"
 LARGEST = 50_000_000  # characters of a file
@@ -21,7 +21,8 @@ ABOUT = ("plant", "form", "observer")  # the parts that say what is proved about
 SHOWN = 16  # digits of their digest that are printed
 LONGEST = 300  # characters of the file's words that are printed
 DEEPEST = 20  # lists and objects in each other
-_ID = re.compile(r"[a-z_0-9]{1,60}\.[A-Za-z_0-9]{1,60}\Z", re.ASCII)
+_ID = re.compile(r"([a-z_0-9]{1,60})\.([A-Za-z_0-9]{1,60})\Z", re.ASCII)
+_ROWS = re.compile(r"(.*?)((?:_[1-9][0-9]{0,3})*)\Z", re.ASCII)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}\Z", re.ASCII)
 _KEYS = {
     "the file": ("format", "version", "hgogen", *ABOUT, "model", "claims", "digest"),
@@ -32,25 +33,8 @@ _KEYS = {
 }
 
 
-# What an observer is built with, by its name: its equations stand where a rule reads them. Numbers, or lists of them;
-# of `EXPRESSED` the gains of z, which may hold parameters.
-OBSERVERS: Mapping[str, tuple[str, ...]] = {
-    "high_gain": ("theta", "gains"),
-    "filtered": ("theta", "alpha", "beta", "gains"),
-    "filtered_injection": ("theta", "F", "G", "NH"),
-    "low_power": ("theta", "gains"),
-    "peaking_free": ("theta", "gains", "last"),
-    "stubborn": ("theta", "decay", "r", "gains"),
-    "dead_zone": ("theta", "decay", "r", "gains"),
-    "switched_gain": ("theta", "theta_low", "hold", "gains"),
-    "updated_gain": ("p_1", "p_2", "p_3", "cap", "gains"),
-    "adaptive_lmi": ("gamma", "sigma", "gains"),
-}
-EXPRESSED = ("high_gain", "switched_gain")
-
-
 @dataclass(eq=False)
-class NoCertificate(HgogenError):
+class NoCertificate(RecheckError):
     """A file that is no certificate."""
 
     reason: str
@@ -87,9 +71,18 @@ class FormFile:
 
 
 @dataclass(frozen=True)
+class Built:
+    """What an observer is built with: the names of `numbers`, or lists of them, and of `expressions`, one for each
+    state."""
+
+    numbers: tuple[str, ...]
+    expressions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Observer:
-    """An observer; where something is proved of it, the `numbers` that it is built with, by the names of `OBSERVERS`,
-    and the `gains` of those in `EXPRESSED`."""
+    """An observer; where something is proved of it, the `numbers` that it is built with, and its `gains` where they may
+    hold parameters."""
 
     name: str
     numbers: Mapping[str, Any]
@@ -98,11 +91,18 @@ class Observer:
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim: its verdict, and what shows it, as the file says."""
+    """One claim: its verdict, and what shows it, as the file says.
+
+    Its `id` is `maker`.`what`, and `what` the `fact` with the numbers `at`, of rows.
+    """
 
     id: str
     verdict: str
     evidence: Mapping[str, Any]
+    maker: str
+    what: str
+    fact: str
+    at: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,8 @@ def _hashed(value: Mapping[str, Any]) -> str:
     return sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def read(text: str) -> Certificate:
-    """The certificate in a text.
+def read(text: str, observers: Mapping[str, Built]) -> Certificate:
+    """The certificate in a text, of observers that are built as told.
 
     Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an expression or number.
     """
@@ -164,7 +164,7 @@ def read(text: str) -> Certificate:
         raise NoCertificate(f'it does not say "format": "{FORMAT}"')
     if content.get("version") != VERSION:
         raise NoCertificate(f"its version is not {VERSION!r}, which this reader has")
-    return _read(content)
+    return _read(content, observers)
 
 
 def _shallow(content: Any) -> None:
@@ -189,7 +189,7 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no number here")
 
 
-def _read(content: Mapping[str, Any]) -> Certificate:
+def _read(content: Mapping[str, Any], observers: Mapping[str, Built]) -> Certificate:
     plant, form = part(content, "plant", dict), part(content, "form", dict)
     _known("the file", content)
     _known("plant", plant)
@@ -219,7 +219,7 @@ def _read(content: Mapping[str, Any]) -> Certificate:
             blocks=_blocks(form, len(z)),
             alignment=part(form, "alignment", str),
         ),
-        observer=_observer(content, z_box, len(z)),
+        observer=_observer(content, observers, z_box, len(z)),
         inputs=tuple(inputs),
         parameters=tuple(parameters),
         claims=_claims(content),
@@ -255,21 +255,25 @@ def _blocks(form: Mapping[str, Any], count: int) -> tuple[int, ...]:
     return tuple(map(int, sizes))
 
 
-def _observer(content: Mapping[str, Any], names: Mapping[str, Any], count: int) -> Observer | None:
+def _observer(
+    content: Mapping[str, Any], observers: Mapping[str, Built], names: Mapping[str, Any], count: int
+) -> Observer | None:
     if content.get("observer", 0) is None:
         return None
-    found = dict(part(content, "observer", dict))
-    name = part(found, "name", str)
+    parts = dict(part(content, "observer", dict))
+    name = part(parts, "name", str)
     if not _NAME.match(name):
         raise NoCertificate(f"{words(name)} is no name of an observer")
-    del found["name"]
-    if not found:
+    del parts["name"]
+    if not parts:
         return Observer(name, {})
-    _parts("observer", found, OBSERVERS.get(name, ()))
-    if missing := sorted(set(OBSERVERS.get(name, ())) - found.keys()):
+    known = observers.get(name, Built(()))
+    wanted = (*known.numbers, *known.expressions)
+    _parts("observer", parts, wanted)
+    if missing := sorted(set(wanted) - parts.keys()):
         raise NoCertificate(f"its observer {name!r} has no part {missing[0]!r}")
-    gains = _rows({"gains": found.pop("gains")}, "gains", names, count) if name in EXPRESSED else ()
-    return Observer(name, {key: _numbers(value) for key, value in found.items()}, gains)
+    gains = [gain for key in known.expressions for gain in _rows(parts, key, names, count)]
+    return Observer(name, {key: _numbers(parts[key]) for key in known.numbers}, tuple(gains))
 
 
 def _numbers(value: Any, depth: int = 0) -> Any:
@@ -318,14 +322,22 @@ def _claims(content: Mapping[str, Any]) -> tuple[Claim, ...]:
         if not isinstance(entry, dict):
             raise NoCertificate("a claim is no object")
         _known("a claim", entry)
-        id = part(entry, "id", str)
-        if not _ID.match(id):
-            raise NoCertificate(f"{words(id)} is no id of a claim")
-        found.append(Claim(id, part(entry, "verdict", str), part(entry, "evidence", dict)))
+        found.append(_claim(part(entry, "id", str), entry))
     return tuple(found)
 
 
+def _claim(id: str, entry: Mapping[str, Any]) -> Claim:
+    named = _ID.match(id)
+    if not named:
+        raise NoCertificate(f"{words(id)} is no id of a claim")
+    maker, what = named.groups()
+    rows = _ROWS.match(what)
+    assert rows is not None  # it matches any text
+    fact, at = rows[1], tuple(map(int, rows[2].split("_")[1:]))
+    return Claim(id, part(entry, "verdict", str), part(entry, "evidence", dict), maker, what, fact, at)
+
+
 __all__ = [
-    *("FORMAT", "SHOWN", "VERSION", "Certificate", "Claim", "NoCertificate", "Unreadable"),
+    *("FORMAT", "SHOWN", "VERSION", "Built", "Certificate", "Claim", "NoCertificate", "Unreadable"),
     *("digest", "model_digest", "part", "read", "words"),
 ]

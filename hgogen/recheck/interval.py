@@ -9,7 +9,7 @@ from typing import Any
 
 from mpmath import libmp
 
-from hgogen.recheck.arithmetic import Arithmetic, Undefined
+from .arithmetic import Arithmetic, Undefined
 
 PRECISION = 80  # bits
 _GUARD = 30  # bits computed beyond these, and then given away as a margin for the error of a function's value
@@ -181,8 +181,9 @@ def _abs(x: Interval) -> Interval:
 
 
 def _sign(x: Interval) -> Interval:
-    """Of a number that may be zero: [-1, 1]."""
-    return _UNIT if x.sign == 0 else point(Fraction(x.sign))
+    """It rises from -1 over 0 to 1; of what is 0 alone [-1, 1], which the slope of |x| may be."""
+    low, high = (libmp.mpf_sign(end) for end in x.ends)
+    return between(low, high) if low or high else _UNIT
 
 
 def _side(x: Interval) -> Interval:

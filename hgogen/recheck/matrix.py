@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.text import number
+from .box import NotShown
+from .text import number
 
 LARGEST = 40  # rows or columns: beyond, an elimination in fractions takes too long
 Matrix = list[list[Fraction]]

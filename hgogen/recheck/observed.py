@@ -15,15 +15,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.algebra import Algebra, Quotient
-from hgogen.recheck.arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import Box, NotShown
-from hgogen.recheck.context import Context, algebra_of, cut, letters_of, value_of
-from hgogen.recheck.error import Rows, around_of, flat, matrix_of, names_of, smooth, text_of
-from hgogen.recheck.file import Equations, part
-from hgogen.recheck.interval import intervals, point
-from hgogen.recheck.matrix import entries
-from hgogen.recheck.text import Expression, expression
+from .algebra import Algebra, Quotient
+from .arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
+from .box import Box, NotShown
+from .context import Context, algebra_of, cut, letters_of, value_of
+from .error import Rows, around_of, flat, matrix_of, names_of, smooth, text_of
+from .file import Equations, part
+from .interval import intervals, point
+from .matrix import entries
+from .text import Expression, expression
 
 PARTS = ("observer", "unknown", "along", "flow", "noise", "errors")  # what a claim tells of the system
 Values = dict[str, Quotient]

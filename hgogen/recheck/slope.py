@@ -10,11 +10,11 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
 
-from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import Box, NotShown, Slopes, Try, centre_of, sides
-from hgogen.recheck.context import cut
-from hgogen.recheck.interval import Interval, intersection, intervals, point
-from hgogen.recheck.text import Expression
+from .arithmetic import Dual, Undefined, dual, evaluate
+from .box import Box, NotShown, Slopes, Try, centre_of, sides
+from .context import Context, cut
+from .interval import Interval, intersection, intervals, point
+from .text import Expression
 
 _duals = dual(intervals)
 Norm = Callable[[list[list[Interval]], Fraction], bool]  # whether a matrix, however it lies in intervals, is within
@@ -32,10 +32,22 @@ def regular(expressions: Sequence[Expression], names: Sequence[str]) -> Callable
     return attempt
 
 
-def at_kinks(slope: Expression) -> Expression:
-    """A slope of what has no jumps, its `sign` read as the slope of |e|, which at e = 0 is a set and not 0."""
-    steps = tuple(step._replace(op="side") if step.op == "sign" else step for step in slope.instructions)
-    return replace(slope, instructions=steps)
+def at_kinks(slope: Expression, row: Expression, context: Context) -> Expression:
+    """The slope of a row, its `sign` read as the slope of |e|, which at e = 0 is a set and not 0.
+
+    A sign that the row itself has stays: x sign(u) has the slope sign(u), which is 0 at u = 0, at an edge too.
+    """
+    jumps = [context.value(replace(row, result=args[0])) for op, args, _ in row.instructions if op == "sign"]
+
+    def stays(place: int) -> bool:
+        argument = context.value(replace(slope, result=place))
+        return any(context.algebra.is_zero(argument - jump) for jump in jumps)
+
+    steps = (
+        step._replace(op="side") if step.op == "sign" and not stays(step.args[0]) else step
+        for step in slope.instructions
+    )
+    return replace(slope, instructions=tuple(steps))
 
 
 def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
-from hgogen.errors import HgogenError
+from .errors import RecheckError
 
 LONGEST = 100_000  # characters of one expression
 DEEPEST = 60  # nested brackets, signs and powers
@@ -34,7 +34,7 @@ _NUMBER = re.compile(r"-?(?:\d+(?:\.\d+)?|\d+/0*[1-9]\d*)\Z", re.ASCII)
 
 
 @dataclass(eq=False)
-class Unreadable(HgogenError):
+class Unreadable(RecheckError):
     """A text of a certificate that is no expression or number of its grammar."""
 
     text: str

@@ -22,11 +22,11 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.chain import built, integrators, slope
-from hgogen.recheck.context import Context, Shown, on, short
-from hgogen.recheck.file import Claim, Observer
-from hgogen.recheck.matrix import (
+from ..box import NotShown
+from ..chain import built, integrators, slope
+from ..context import Context, Shown, on, short
+from ..file import Built, Claim, Observer
+from ..matrix import (
     Matrix,
     above_zero,
     column,
@@ -43,11 +43,12 @@ from hgogen.recheck.matrix import (
     twice,
     unit,
 )
+from ..rule import STEEP, of_observer
+from ..structure import clamped, on_chains
+from ..threshold import above
 
-NAMES = ("stubborn", "dead_zone")
 
-
-def core(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
+def core(context: Context, claim: Claim) -> Shown:
     """The linear core decays behind its saturation or dead zone."""
     observer = built(context, claim)
     units = column(claim.evidence, "units", len(context.z))
@@ -55,7 +56,7 @@ def core(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
     return Shown("the linear error core decays, by a quadratic form")
 
 
-def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
+def convergence(context: Context, claim: Claim) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
     observer, evidence = built(context, claim), claim.evidence
     scale, n = integrators(context, evidence), len(context.z)
@@ -109,3 +110,17 @@ def _form(observer: Observer, units: list[Fraction], evidence: Mapping[str, Any]
         last = mu * decay - 2 * tau
     whole = [[*row, end] for row, end in zip(top, side, strict=True)]
     return scaled(Fraction(-1), [*whole, [*side, last]])
+
+
+OBSERVERS = dict.fromkeys(("stubborn", "dead_zone"), Built(("theta", "decay", "r", "gains")))
+_KEYS = (*STEEP, "units", "scale", "P", "mu", "tau", "peak", "margin")
+RULES = tuple(
+    rule
+    for name in OBSERVERS
+    for rule in (
+        of_observer(name, "core", core, ("units", "P", "mu", "tau")),
+        *on_chains(name, "convergence", convergence, _KEYS),
+        *on_chains(name, "theta", above(threshold), rests=(f"{name}.convergence",)),
+        clamped(name),
+    )
+)

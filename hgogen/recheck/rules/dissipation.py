@@ -20,21 +20,21 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.algebra import Quotient
-from hgogen.recheck.arithmetic import Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import Box, NotShown, Try, centre_of, covered, ranged, sides
-from hgogen.recheck.context import Context, Shown, algebra_of, cut, letters_of, narrowed, on, short, value_of
-from hgogen.recheck.error import PARTS as ERROR_PARTS
-from hgogen.recheck.error import ErrorSystem, error_system, smooth
-from hgogen.recheck.file import Claim, part
-from hgogen.recheck.interval import intersection, intervals, point
-from hgogen.recheck.matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
-from hgogen.recheck.observed import PARTS as OBSERVED_PARTS
-from hgogen.recheck.observed import ObservedSystem, observed_system
-from hgogen.recheck.slope import mean_value, positive, weights
-from hgogen.recheck.text import Expression, expression
+from ..algebra import Quotient
+from ..arithmetic import Dual, Undefined, dual, evaluate
+from ..box import Box, NotShown, Try, centre_of, covered, ranged, sides
+from ..context import Context, Shown, algebra_of, cut, letters_of, narrowed, on, short, value_of
+from ..error import PARTS as ERROR_PARTS
+from ..error import ErrorSystem, error_system, smooth
+from ..file import Claim, part
+from ..interval import intersection, intervals, point
+from ..matrix import Matrix, above_zero, demand_nonnegative, entries, matrix, scalar
+from ..observed import PARTS as OBSERVED_PARTS
+from ..observed import ObservedSystem, observed_system
+from ..rule import Rule
+from ..slope import mean_value, positive, weights
+from ..text import Expression, expression
 
-Row = tuple[int, ...]
 _MADE: Mapping[tuple[str, ...], Callable[[Context, Mapping[str, Any]], "System"]] = {
     ERROR_PARTS: error_system,
     OBSERVED_PARTS: observed_system,
@@ -74,7 +74,7 @@ class Told:
         return Shown(f"{sentence}; of the error {self.system.sentence}", boxes)
 
 
-def is_positive(context: Context, claim: Claim, row: Row) -> Shown:
+def is_positive(context: Context, claim: Claim) -> Shown:
     """V(0) = 0 and V(e) > 0 for every other e of the box."""
     told = _told(context, claim)
     share, T = _share(claim, told)
@@ -86,7 +86,7 @@ def is_positive(context: Context, claim: Claim, row: Row) -> Shown:
     return told.shown(f"V = {cut(told.V.text)} > 0 for every e but 0{on(told.around)}", boxes)
 
 
-def inequality(context: Context, claim: Claim, row: Row) -> Shown:
+def inequality(context: Context, claim: Claim) -> Shown:
     """S(e, x) < 0 for every e of the box but 0, and every x."""
     told = _told(context, claim)
     share, T = _share(claim, told)
@@ -103,7 +103,7 @@ def inequality(context: Context, claim: Claim, row: Row) -> Shown:
     return told.shown(f"inequality (38) holds with V = {cut(told.V.text)}, mu = {short(told.mu)}{on(told.box)}", boxes)
 
 
-def level(context: Context, claim: Claim, row: Row) -> Shown:
+def level(context: Context, claim: Claim) -> Shown:
     """Every set {V <= c} with c below the claim's keeps off the faces of the box."""
     told, floor = _told(context, claim), above_zero(claim.evidence, "floor")
     faces = [(i, end) for i, name in enumerate(told.errors) for end in _ends(told, name)]
@@ -131,7 +131,7 @@ def _told(context: Context, claim: Claim) -> Told:
     if own is None:
         raise NotShown("its system has not the parts " + ", or ".join(", ".join((*made, *_OF_ALL)) for made in _MADE))
     for other in context.file.claims:
-        if other.id.startswith("dissipation.") and other.evidence.get("system", told) != told:
+        if other.maker == claim.maker and other.evidence.get("system", told) != told:
             raise NotShown(f"it is about another system than {other.id}")
     system = _MADE[own](context, told)
     found = Told(system, expression(told["V"], system.around), above_zero(told, "mu"))
@@ -350,3 +350,12 @@ def _second_order(told: Told, box: Box) -> list[list[Dual]]:
         return -(HF[i][j] + HF[j][i] + level_ * squares + (one if i == j else zero))
 
     return [[entry(i, j) for j in n] for i in n]
+
+
+_SECOND = ("system", "share", "basis", "slabs")
+_ABOUT = "the plant"
+RULES = (
+    Rule("dissipation", "positive", is_positive, _SECOND, about=_ABOUT),
+    Rule("dissipation", "inequality", inequality, (*_SECOND, "left"), about=_ABOUT),
+    Rule("dissipation", "level", level, ("system", "floor"), about=_ABOUT),
+)

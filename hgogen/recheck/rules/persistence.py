@@ -14,12 +14,14 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
-from hgogen.recheck.box import Box, NotShown, Try, covered, ranged, sides
-from hgogen.recheck.context import Context, Shown, algebra_of, cut, letters_of, narrowed, only, value_of
-from hgogen.recheck.file import Claim, part
-from hgogen.recheck.interval import intervals, point
-from hgogen.recheck.text import Expression, expression
+from ..arithmetic import Arithmetic, Dual, Undefined, dual, evaluate
+from ..box import Box, NotShown, Try, covered, ranged, sides
+from ..context import Context, Shown, algebra_of, cut, letters_of, narrowed, only, value_of
+from ..file import Claim, part
+from ..interval import intervals, point
+from ..rule import Rule
+from ..structure import CHAINS
+from ..text import Expression, expression
 
 MOST = 5  # states, beyond which determinants and derivatives are too long
 _KINKS = ("Abs", "sign", "Min", "Max")
@@ -27,7 +29,7 @@ _TURNS = 1000  # of an argument over a period
 _TIME = {"t": (-math.inf, math.inf)}
 
 
-def persistent(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
+def persistent(context: Context, claim: Claim) -> Shown:
     """The claim's inputs show every state, for all parameter values."""
     _ = context.equations
     evidence, form = claim.evidence, context.form
@@ -212,3 +214,16 @@ def _determinant(rows: list[list[Any]]) -> Any:
         minor = _determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]])
         terms.append(entry * minor if j % 2 == 0 else -(entry * minor))
     return _total(terms)
+
+
+RULES = (
+    Rule(
+        "kalman_like",
+        "persistence",
+        persistent,
+        ("inputs", "period", "at"),
+        ("state_affine", *CHAINS),
+        rests=("{kind}.structure",),
+        about="the plant in {kind} form",
+    ),
+)

@@ -22,11 +22,11 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.chain import built, integrators, slope
-from hgogen.recheck.context import Context, Shown, on, short
-from hgogen.recheck.file import Claim, Observer
-from hgogen.recheck.matrix import (
+from ..box import NotShown
+from ..chain import built, integrators, slope
+from ..context import Context, Shown, on, short
+from ..file import Built, Claim, Observer
+from ..matrix import (
     Matrix,
     above_zero,
     column,
@@ -42,6 +42,9 @@ from hgogen.recheck.matrix import (
     unit,
     zeros,
 )
+from ..rule import STEEP
+from ..structure import clamped, on_chains
+from ..threshold import above
 
 Numbers = Mapping[str, Any]
 _SATURATED = 8  # states up to which the saturations are tried in all their combinations
@@ -56,7 +59,7 @@ class Core:
     fed: list[bool]
 
 
-def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
+def convergence(context: Context, claim: Claim) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
     observer, evidence = built(context, claim), claim.evidence
     scale = integrators(context, evidence)
@@ -145,3 +148,20 @@ _CORES: Mapping[str, Callable[[Numbers, int], Core]] = {
     "low_power": _low_power,
     "peaking_free": _peaking_free,
 }
+
+
+OBSERVERS = {
+    "filtered": Built(("theta", "alpha", "beta", "gains")),
+    "filtered_injection": Built(("theta", "F", "G", "NH")),
+    "low_power": Built(("theta", "gains")),
+    "peaking_free": Built(("theta", "gains", "last")),
+}
+RULES = tuple(
+    rule
+    for name in OBSERVERS
+    for rule in (
+        *on_chains(name, "convergence", convergence, (*STEEP, "units", "scale", "P", "push")),
+        *on_chains(name, "theta", above(threshold), rests=(f"{name}.convergence",)),
+        clamped(name),
+    )
+)

@@ -12,20 +12,24 @@ Gauthier, Hammouri, Othman, IEEE TAC 37 (1992).
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.chain import built, constants, invertible, slope, wanted_gain
-from hgogen.recheck.context import RANGE, Context, Shown, enclosed, finite, on, only, short
-from hgogen.recheck.file import Claim, Observer
-from hgogen.recheck.matrix import Matrix, decaying, demand_positive, entries, matrix, minus, scalar, scaled, unit, zeros
-from hgogen.recheck.text import Expression
+from ..box import NotShown
+from ..chain import built, constants, invertible, slope, wanted_gain
+from ..context import RANGE, Context, Shown, enclosed, finite, on, only, short
+from ..file import Built, Claim, Observer
+from ..matrix import Matrix, decaying, demand_positive, entries, matrix, minus, scalar, scaled, unit, zeros
+from ..rule import STEEP
+from ..structure import clamped, on_chains
+from ..text import Expression
+from ..threshold import above
 
 _CORNERS = 1024  # of the a_i's ranges
 
 
-def convergence(context: Context, claim: Claim, row: tuple[int, ...]) -> Shown:
+def convergence(context: Context, claim: Claim) -> Shown:
     """Every theta above the bound converges; the structure of the form is another claim."""
     _ = context.equations
     evidence, n, box = claim.evidence, len(context.z), context.form.box
@@ -83,7 +87,7 @@ def _corners(
     for place, told in zip(places, entries(claim.evidence, "ranges", n), strict=True):
         if not isinstance(told, Mapping) or told.keys() != set(RANGE):
             raise NotShown(f"a range of an a_i is no object with {', '.join(RANGE)}")
-        low, high, shown = enclosed(context, Claim(claim.id, claim.verdict, told), *wanted_gain(context, place))
+        low, high, shown = enclosed(context, replace(claim, evidence=told), *wanted_gain(context, place))
         boxes += shown.boxes
         ends.append((low,) if low == high else (low, high))
     S, K = ([_number(context, text) for text in texts] for texts in (scale, gains))
@@ -116,3 +120,17 @@ def _decays(vertices: list[Matrix], P: Matrix, peak: Fraction) -> None:
     demand_positive({"P": P, "peak I - P": above})
     for N in vertices:
         demand_positive({"-I - N'P - P N": decaying(N, P)})
+
+
+_KEYS = (*STEEP, "scale", "core", "ranges", "P", "peak")
+OBSERVERS = {
+    "high_gain": Built(("theta",), ("gains",)),
+    "switched_gain": Built(("theta", "theta_low", "hold"), ("gains",)),
+}
+RULES = (
+    *on_chains("high_gain", "convergence", convergence, _KEYS),
+    *on_chains("high_gain", "theta", above(threshold), rests=("high_gain.convergence",)),
+    *on_chains("switched_gain", "convergence", convergence, _KEYS),
+    *on_chains("switched_gain", "theta", above(threshold, "theta_low"), rests=("switched_gain.convergence",)),
+    *map(clamped, OBSERVERS),
+)

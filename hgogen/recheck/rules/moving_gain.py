@@ -25,12 +25,12 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.chain import built, integrators, slope
-from hgogen.recheck.context import Context, Shown, on, short
-from hgogen.recheck.file import Claim, Observer
-from hgogen.recheck.interval import intervals, point
-from hgogen.recheck.matrix import (
+from ..box import NotShown
+from ..chain import built, integrators, slope
+from ..context import Context, Shown, on, short
+from ..file import Built, Claim, Observer
+from ..interval import intervals, point
+from ..matrix import (
     Matrix,
     above_zero,
     column,
@@ -48,35 +48,34 @@ from hgogen.recheck.matrix import (
     twice,
     unit,
 )
-from hgogen.recheck.slope import frobenius
-
-Row = tuple[int, ...]
-
+from ..rule import STEEP, of_observer
+from ..slope import frobenius
+from ..structure import clamped, on_chains
 
 # --- adaptive_lmi
 
 
-def definite(context: Context, claim: Claim, row: Row) -> Shown:
+def definite(context: Context, claim: Claim) -> Shown:
     """P > 0."""
     built(context, claim)
     demand_positive({"P": _P(context, claim)})
     return Shown("P is positive definite")
 
 
-def shrink(context: Context, claim: Claim, row: Row) -> Shown:
+def shrink(context: Context, claim: Claim) -> Shown:
     """D P + P D >= 0."""
     built(context, claim)
     demand_nonnegative({"D P + P D": _spread(_P(context, claim), Fraction(1))})
     return Shown("D P + P D is positive semidefinite")
 
 
-def decay(context: Context, claim: Claim, row: Row) -> Shown:
+def decay(context: Context, claim: Claim) -> Shown:
     """N'P + P N + sigma (D P + P D) < 0."""
     demand_positive({"-N'P - P N - sigma (D P + P D)": _rate(built(context, claim), _P(context, claim))})
     return Shown("N'P + P N + sigma (D P + P D) is negative definite")
 
 
-def convergence(context: Context, claim: Claim, row: Row) -> Shown:
+def convergence(context: Context, claim: Claim) -> Shown:
     """gamma_inf is above its bound."""
     observer, rate = built(context, claim), above_zero(claim.evidence, "decay")
     low, _, k, peak = _bounds(context, claim)
@@ -92,7 +91,7 @@ def convergence(context: Context, claim: Claim, row: Row) -> Shown:
     return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
-def attenuation(context: Context, claim: Claim, row: Row) -> Shown:
+def attenuation(context: Context, claim: Claim) -> Shown:
     """The L2 gain from the claim's disturbance has the claim's bound."""
     observer, evidence = built(context, claim), claim.evidence
     low, high, k, peak = _bounds(context, claim)
@@ -150,9 +149,9 @@ def _rate(observer: Observer, P: Matrix) -> Matrix:
 
 def _P(context: Context, claim: Claim) -> Matrix:
     """P, the same in every claim about the observer: together they speak of one Lyapunov function."""
-    n, told, observer = len(context.z), claim.evidence.get("P"), claim.id.partition(".")[0]
+    n, told = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
-        if other.id.startswith(f"{observer}.") and other.evidence.get("P", told) != told:
+        if other.maker == claim.maker and other.evidence.get("P", told) != told:
             raise NotShown(f"{other.id} tells another P")
     return matrix(claim.evidence, "P", n, n)
 
@@ -165,14 +164,14 @@ def _spread(P: Matrix, b: Fraction) -> Matrix:
 # --- updated_gain
 
 
-def falls(context: Context, claim: Claim, row: Row) -> Shown:
+def falls(context: Context, claim: Claim) -> Shown:
     """N'P + P N + p_1 (D P + P D) < 0."""
     p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
     demand_positive({"-N'P - P N - p_1 (D P + P D)": minus(scaled(Fraction(-1), twice(P, N)), scaled(p_1, spread))})
     return Shown(f"p_1 = {short(p_1)} is small enough for its P")
 
 
-def rises(context: Context, claim: Claim, row: Row) -> Shown:
+def rises(context: Context, claim: Claim) -> Shown:
     """p_3 (D P + P D) >= 2 lambda_max(P), of the P by which p_1 is small enough, where that is claimed."""
     p_3, (P, _, spread) = above_zero(built(context, claim).numbers, "p_3"), _weighted(context, claim)
     peak, n = scalar(claim.evidence, "peak"), len(P)
@@ -196,7 +195,7 @@ def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
     return evidence.get("P"), evidence.get("b")
 
 
-def stays(context: Context, claim: Claim, row: Row) -> Shown:
+def stays(context: Context, claim: Claim) -> Shown:
     """L' < 0 at the cap."""
     numbers = built(context, claim).numbers
     p_1, p_2, p_3, cap = (above_zero(numbers, name) for name in ("p_1", "p_2", "p_3", "cap"))
@@ -217,7 +216,7 @@ def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
 # --- switched_gain
 
 
-def held(context: Context, claim: Claim, row: Row) -> Shown:
+def held(context: Context, claim: Claim) -> Shown:
     """The time hold is long enough; that both gains are above the bound is another claim."""
     numbers = built(context, claim).numbers
     theta, low, hold = (above_zero(numbers, name) for name in ("theta", "theta_low", "hold"))
@@ -232,3 +231,22 @@ def held(context: Context, claim: Claim, row: Row) -> Shown:
     if not theta >= low or (point((theta - 2 * peak * L) / peak * hold) - lost).sign <= 0:
         raise NotShown(f"hold = {short(hold)} is not shown to be long enough")
     return Shown(f"hold = {short(hold)} s is long enough: switching keeps the error's decay")
+
+
+_SLOPED = (*STEEP, "units", "scale", "P", "peak")
+OBSERVERS = {
+    "updated_gain": Built(("p_1", "p_2", "p_3", "cap", "gains")),
+    "adaptive_lmi": Built(("gamma", "sigma", "gains")),
+}
+RULES = (
+    of_observer("updated_gain", "p_1", falls, ("P", "b")),
+    of_observer("updated_gain", "p_3", rises, ("P", "b", "peak")),
+    *on_chains("updated_gain", "cap", stays, (*STEEP, "units", "scale")),
+    of_observer("adaptive_lmi", "definite", definite, ("P",)),
+    of_observer("adaptive_lmi", "shrink", shrink, ("P",)),
+    of_observer("adaptive_lmi", "decay", decay, ("P",)),
+    *on_chains("adaptive_lmi", "convergence", convergence, (*_SLOPED, "decay")),
+    *on_chains("adaptive_lmi", "attenuation", attenuation, (*_SLOPED, "G_1", "G_2", "delta_1", "share", "mu")),
+    *on_chains("switched_gain", "hold", held, ("least",), rests=("switched_gain.theta",)),
+    *map(clamped, OBSERVERS),
+)

@@ -9,10 +9,11 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import pairwise
 
-from hgogen.recheck.algebra import Algebra, Quotient
-from hgogen.recheck.arithmetic import Dual, dual, evaluate
-from hgogen.recheck.box import Box, NotShown, covered, ranged
-from hgogen.recheck.context import (
+from ..algebra import Algebra, Quotient
+from ..arithmetic import Dual, dual, evaluate
+from ..box import Box, NotShown, covered, ranged
+from ..context import (
+    RANGE,
     Context,
     Shown,
     algebra_of,
@@ -23,14 +24,15 @@ from hgogen.recheck.context import (
     short,
     value_of,
 )
-from hgogen.recheck.file import Claim, part
-from hgogen.recheck.slope import regular
-from hgogen.recheck.text import Expression, expression, number
+from ..file import Claim, part
+from ..rule import Needed, Rule
+from ..slope import regular
+from ..text import Expression, expression, number
 
 MOST = 6  # states, beyond which the determinant's expansion is too long
 
 
-def phases(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
+def phases(context: Context, claim: Claim) -> Shown:
     """Phi is the output with its derivatives along the plant's flow, and smooth on the box."""
     plant, states = context.plant, context.plant.states
     box, rates, Phi = _read(context, claim)
@@ -60,7 +62,7 @@ def phases(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
     return Shown("Phi = (y, y', ..) along the plant's flow", boxes)
 
 
-def rank(context: Context, claim: Claim, place: tuple[int, ...]) -> Shown:
+def rank(context: Context, claim: Claim) -> Shown:
     """det dPhi/dx keeps clear of zero; Phi is another claim."""
     box, _, Phi = _read(context, context.file.claim("phase.chain") or claim)
     states = context.plant.states
@@ -139,3 +141,11 @@ def _determinant(rows: list[list[Quotient]], algebra: Algebra) -> Quotient:
             minor = _determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]], algebra)
             total = total + (entry * minor if j % 2 == 0 else -(entry * minor))
     return total
+
+
+_ABOUT = "the plant"
+NEEDED = dict.fromkeys(("phase", "phase.recovered", "phase, original coordinates"), Needed("phase.chain"))
+RULES = (
+    Rule("phase", "chain", phases, ("chain",), about=_ABOUT),
+    Rule("phase", "rank", rank, RANGE, rests=("phase.chain",), about=_ABOUT),
+)

@@ -13,22 +13,23 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from hgogen.errors import HgogenError
-from hgogen.recheck.algebra import TooLarge
-from hgogen.recheck.arithmetic import Undefined
-from hgogen.recheck.box import NotShown
-from hgogen.recheck.context import Context, Shown, short
-from hgogen.recheck.examined import faults, unexamined
-from hgogen.recheck.file import LARGEST, Certificate, Claim, NoCertificate, part, read, words
-from hgogen.recheck.rules import required, rests, rule, subject
-from hgogen.recheck.text import Unreadable
+from .algebra import TooLarge
+from .arithmetic import Undefined
+from .box import NotShown
+from .context import Context, Shown, short
+from .errors import RecheckError
+from .examined import faults, unexamined
+from .file import LARGEST, Certificate, Claim, NoCertificate, part, words
+from .file import read as read_file
+from .rules import OBSERVERS, required, rests, rule_of
+from .text import Unreadable
 
 STATED = "stated"  # proved or refuted, but of no evidence that is verified here
 OPEN = ("where", "generic", "unknown", STATED)  # verdicts that assert nothing to verify
 
 
 @dataclass(eq=False)
-class CannotRead(HgogenError):
+class CannotRead(RecheckError):
     """A certificate file that cannot be read."""
 
     path: str
@@ -39,7 +40,7 @@ class CannotRead(HgogenError):
 
 
 @dataclass(eq=False)
-class NotVerified(HgogenError):
+class NotVerified(RecheckError):
     """A certificate of which a claim was not verified."""
 
     failed: tuple["Row", ...]
@@ -50,7 +51,7 @@ class NotVerified(HgogenError):
 
 
 @dataclass(eq=False)
-class NothingVerified(HgogenError):
+class NothingVerified(RecheckError):
     """A certificate of which nothing is verified, because no claim of it asserts anything."""
 
     plant: str
@@ -142,6 +143,14 @@ class Rechecked:
         return {**about, **found, "unexamined": list(self.unexamined), "points": dict(self.points)}
 
 
+def read(text: str) -> Certificate:
+    """The certificate in a text.
+
+    Raises: `NoCertificate` for what is no JSON, or misses a part; `Unreadable` for an expression or number.
+    """
+    return read_file(text, OBSERVERS)
+
+
 def recheck(text: str) -> Rechecked:
     """Verify the certificate in a text; what is not shown is a row that fails.
 
@@ -210,7 +219,9 @@ def rows(context: Context) -> Iterator[Row]:
 
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
     """What a claim rests on and is not verified."""
-    return [id for id in rests(certificate, row.id) if id not in known or known[id].found != "verified"]
+    claim = certificate.claim(row.id)
+    asked = rests(certificate, claim) if claim else ()
+    return [id for id in asked if id not in known or known[id].found != "verified"]
 
 
 def _resting(row: Row, missing: list[str]) -> Row:
@@ -236,8 +247,7 @@ def _row(context: Context, claim: Claim) -> Row:
         return Row(claim.id, verdict, "fails", error.reason)
     except Unreadable as error:
         return Row(claim.id, verdict, "fails", error.fault)
-    sentence = f"{subject(claim.id, context.form.kind)}: {shown.sentence}{_narrow(context)}"
-    return Row(claim.id, verdict, "verified", sentence, shown.boxes)
+    return Row(claim.id, verdict, "verified", f"{shown.sentence}{_narrow(context)}", shown.boxes)
 
 
 def _narrow(context: Context) -> str:
@@ -250,12 +260,13 @@ def _narrow(context: Context) -> str:
 
 
 def _shown(context: Context, claim: Claim) -> Shown:
-    found = rule(context.form.kind, claim)
-    if found is None:
+    kind = context.form.kind
+    rule = rule_of(kind, claim)
+    if rule is None:
         raise NotShown(f"no rule verifies that it is {_plain(claim.verdict)}")
-    verify, place, keys = found
-    _read_only(claim, keys)
-    return verify(context, claim, place)
+    _read_only(claim, rule.keys)
+    shown = rule.verify(context, claim)
+    return replace(shown, sentence=f"{rule.named(rule.about, kind)}: {shown.sentence}")
 
 
 def _read_only(claim: Claim, keys: Iterable[str]) -> None:
@@ -267,5 +278,5 @@ def _read_only(claim: Claim, keys: Iterable[str]) -> None:
 
 __all__ = [
     *("CannotRead", "NoCertificate", "NotVerified", "NothingVerified", "Rechecked", "Row", "Unreadable"),
-    *("load", "recheck"),
+    *("load", "read", "recheck"),
 ]

@@ -1,0 +1,58 @@
+"""What a user sets in the place of what a model's file says of its steps: the form, the method, the period."""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+
+from hgogen import forms, methods
+from hgogen.call import CallableStep
+from hgogen.errors import BadArgument
+
+
+class UnknownCase(BadArgument):
+    """A form or a method that there is not."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A form and a method by name, and the period `dt` in the model's unit of time; None for what its file says."""
+
+    form: str | None = None
+    method: str | None = None
+    dt: float | None = None
+
+    def __bool__(self) -> bool:
+        """Whether anything is set."""
+        return bool(self.words)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The words of a command line that set it."""
+        return tuple(f"--{name} {value}" for name, value in asdict(self).items() if value is not None)
+
+    def demand(self) -> None:
+        """Raises: `UnknownCase` for a form or a method that there is not."""
+        _known("form", self.form, forms.__all__)
+        _known("method", self.method, methods.__all__)
+
+    def on(self, step: CallableStep) -> CallableStep:
+        """A step made again with what is set.
+
+        Raises: as `hg.sample` and the observer do.
+        """
+        if not self:
+            return step
+        form = getattr(forms, self.form) if self.form else None
+        method = getattr(methods, self.method) if self.method else None
+        return step.made_again(form, method, self.dt)
+
+
+AS_WRITTEN = Setting()
+
+
+def _known(kind: str, name: str | None, cases: Iterable[str]) -> None:
+    if name is None or name in cases:
+        return
+    near = get_close_matches(name[:60], list(cases), n=1)
+    fix = f"did you mean {near[0]}?" if near else f"there are {', '.join(cases)}"
+    raise UnknownCase(f"--{kind} {name[:60]}:", f"there is no such {kind}; {fix}")

@@ -1,0 +1,44 @@
+"""`python -m recheck FILE`: verifies a certificate where nothing but this folder and mpmath is installed."""
+
+import argparse
+import json
+import sys
+
+from .errors import RecheckError
+from .file import FORMAT, VERSION
+from .verification import Rechecked, load, recheck
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Prints the claims, as text or JSON.
+
+    Returns 0 where every claim that is said to be proved or refuted is verified, 1 where one is not or there is none, 2
+    where the file is no certificate.
+    """
+    parser = argparse.ArgumentParser(prog="recheck", description="Verify a certificate of hgogen again.")
+    parser.add_argument("file", metavar="FILE", help="a certificate that hgogen check wrote")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument("--version", action="version", version=f"it reads {FORMAT}s of format version {VERSION}")
+    asked = parser.parse_args(arguments)
+    try:
+        result = recheck(load(asked.file))
+    except RecheckError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print(json.dumps(result.as_dict(), indent=2) if asked.json else _text(result))
+    try:
+        result.demand()
+    except RecheckError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+def _text(result: Rechecked) -> str:
+    head = f"{result.plant} in {result.form} form{f', {result.observer} observer' if result.observer else ''}"
+    rows = (f"{row.found:8}  {row.verdict:8}  {row.id}: {row.sentence}" for row in result.rows)
+    return "\n".join([head, f"model {result.model}", *rows, *result.remarks, result.count])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,121 @@
+"""The structure of a form in chains, and the rules of observers on it.
+
+z' = A(u) z + b(z, u),   y_i = a_1 z_1 + c of its chain:   A has a superdiagonal within each chain only
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from .box import NotShown, covered, ranged
+from .chain import jacobian_bound
+from .context import Context, Shown, narrowed, only
+from .file import Claim, FormFile
+from .rule import STEEP, Keys, Rule, Verify, of_observer
+
+CHAINS = ("triangular", "block_triangular")
+
+
+def structure(context: Context, claim: Claim) -> Shown:
+    """A has a superdiagonal within each chain only, of no state (but z_1 where there is one chain); b reads what the
+    alignment lets it; y_i = a_1 z_1 + c of its chain, a_1 and c of no state."""
+    form, z = context.form, context.z
+    several = form.kind == "block_triangular"
+    if len(form.blocks) != len(form.output) or not (several or len(form.blocks) == 1):
+        raise NotShown("it has not one chain for each output")
+    if form.alignment not in (("top", "end", "cascade") if several else ("",)):
+        raise NotShown(f"{form.alignment!r} is no alignment of its chains")
+    _ = context.equations
+    places = tuple((k, level) for k, size in enumerate(form.blocks) for level in range(1, size + 1))
+    for i, entries in enumerate(form.A):
+        for j, entry in enumerate(entries):
+            if j == i + 1 and places[j][0] == places[i][0]:
+                only(entry.names & set(z), () if several else z[:1], f"A[{i + 1},{j + 1}]")
+            elif not context.algebra.is_zero(context.value(entry)):
+                raise NotShown(f"A[{i + 1},{j + 1}] is not zero")
+    for i, rest in enumerate(form.b):
+        allowed = [z[j] for j in range(len(z)) if _readable(form, places[i], places[j])]
+        only(rest.names & set(z), allowed, f"b_{i + 1}")
+    _in_order(context, places)
+    for chain, output in enumerate(form.output):
+        only(output.names & set(z), (context.heads[chain],), f"output {chain + 1}")
+        _ = context.first_gain(chain)
+    ranges_kept(context)
+    reads = {name for entries in form.A for entry in entries for name in entry.names}
+    varies = f", gains vary with the measured {z[0]}" if z[0] in reads else ""
+    told = "; ".join(
+        " -> ".join((f"y_{k + 1}" if several else "y", *(s for s, (at, _) in zip(z, places, strict=True) if at == k)))
+        for k in range(len(form.blocks))
+    )
+    return Shown(f"{told}{varies}{f' ({form.alignment})' if several else ''}, and the form's equations are the plant's")
+
+
+def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
+    """Whether the row at (chain, level) may read the state at (chain, level)."""
+    (i, level), (k, at) = reader, read
+    if i == k:
+        return at <= level
+    if form.alignment == "top":
+        return at <= level
+    if form.alignment == "end":
+        return at <= level + form.blocks[k] - form.blocks[i]
+    return form.alignment == "cascade"
+
+
+def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
+    """A cascade: the chains have an order in which each reads only those before."""
+    form = context.form
+    if form.alignment != "cascade":
+        return
+    chain = {name: k for name, (k, _) in zip(context.z, places, strict=True)}
+    reads: dict[int, set[int]] = {k: {k} for k in range(len(form.blocks))}
+    for rest, (k, _) in zip(form.b, places, strict=True):
+        reads[k] |= {chain[name] for name in rest.names if name in chain}
+    done: set[int] = set()
+    while len(done) < len(reads):
+        ready = {k for k, others in reads.items() if k not in done and others <= done | {k}}
+        if not ready:
+            raise NotShown("its chains read each other in a circle")
+        done |= ready
+
+
+def ranges_kept(context: Context) -> int:
+    """The form's states keep to their ranges while the plant's do; where they are other than the plant's states, this
+    may be a claim of its own."""
+    boxes = 0
+    apart = any(claim.id == "recast.range" for claim in context.file.claims)
+    for name, row in zip(context.z, context.form.to_form, strict=True):
+        if apart and row.text.lstrip("-") not in context.plant.states:
+            continue
+        boxes += covered(narrowed(context.plant.box, row.names), ".", ranged(row, *context.form.box[name]))
+    return boxes
+
+
+def on_chains(
+    maker: str, fact: str, verify: Verify, keys: Keys = (), rests: tuple[str, ...] = ("{kind}.structure",)
+) -> tuple[Rule, Rule]:
+    """The rules of a claim about an observer on a form in chains; a phase form has no claim of its structure, which is
+    shown with it."""
+    rule = replace(of_observer(maker, fact, verify, keys), kinds=CHAINS, rests=rests)
+    own = tuple(id for id in rests if "{kind}" not in id)
+    return rule, replace(rule, kinds=("phase",), verify=_with_structure(verify), rests=own)
+
+
+def clamped(maker: str) -> Rule:
+    """The rule of |db/dz| <= bound on the whole box of z of a phase form, to which an observer clamps the argument of
+    b."""
+    return replace(of_observer(maker, "lipschitz", _with_structure(_steep), STEEP), kinds=("phase",))
+
+
+def _steep(context: Context, claim: Claim) -> Shown:
+    return jacobian_bound(context, claim, context.form.b, "db/dz")
+
+
+def _with_structure(verify: Verify) -> Verify:
+    def shown(context: Context, claim: Claim) -> Shown:
+        observer = context.file.observer
+        if observer is None or observer.name != claim.maker:
+            raise NotShown("the file's observer is another")
+        structure(context, claim)
+        return verify(context, claim)
+
+    return shown

@@ -1,0 +1,113 @@
+"""The form, the method and the period that a user sets in the place of what a model's file says."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hgogen.cli import app
+from hgogen.model import load
+from hgogen.modelfiles.setting import Setting, UnknownCase
+
+ROOT = Path(__file__).resolve().parents[1]
+COMMANDS = ("build", "generate", "simulate", "compare", "check", "run", "noise", "response")
+
+
+def model(name: str) -> str:
+    return str(ROOT / "models" / name)
+
+
+def command(*arguments: str) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, list(arguments))
+    return done.exit_code, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_that_makes_a_step_takes_them(name: str) -> None:
+    _, told, _ = command(name, "--help")
+    assert all(f"--{field.name} " in told for field in dataclasses.fields(Setting))
+
+
+@pytest.mark.parametrize("name", ["pendulum.py", "fitzhugh_nagumo.py"])
+def test_a_models_own_step_is_made_again(name: str) -> None:
+    """Of what is not set it keeps all: the observer with its gains, what the input does between samples."""
+    own = load(model(name)).step()
+    step = load(model(name)).set(Setting(method="euler", dt=own.dt / 4)).step()
+    assert (step.method.name, step.dt, step.between) == ("Euler", own.dt / 4, own.between)
+    assert step.gains == own.gains
+    assert step.observer.form.to_form == own.observer.form.to_form
+    moved = load(model(name)).set(Setting(form="phase")) if name == "pendulum.py" else None
+    assert moved is None or moved.step().observer.form.kind == "phase"
+
+
+def test_a_tuning_around_another_one_is_made_on_the_form() -> None:
+    step = load(model("pendulum.py")).set(Setting(form="phase", method="heun", dt=5e-4)).step("bank")
+    assert (step.observer.name, step.observer.form.kind, step.dt) == ("bank", "phase", 5e-4)
+    assert step.method.name == load(model("pendulum.py")).set(Setting(method="heun")).step().method.name
+
+
+def test_nothing_set_changes_nothing() -> None:
+    loaded = load(model("pendulum.py"))
+    assert not Setting()
+    assert loaded.set(Setting()).step().dt == loaded.step().dt
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        (Setting(form="triangle"), "--form triangle: there is no such form; did you mean triangular?"),
+        (Setting(method="qqq"), "--method qqq: there is no such method; there are bilinear"),
+    ],
+)
+def test_a_case_that_there_is_not(setting: Setting, said: str) -> None:
+    with pytest.raises(UnknownCase) as refused:
+        load(model("pendulum.py")).set(setting)
+    assert str(refused.value).startswith(said)
+
+
+def test_the_command_in_the_banner_makes_the_same_c_again(tmp_path: Path) -> None:
+    for place in ("one", "two"):
+        words = ("--form", "phase", "--dt", "0.002", "--method", "heun")
+        status, _, said = command("generate", model("pendulum.py"), *words, "-o", str(tmp_path / place))
+        assert status == 0, said
+    (header,) = (tmp_path / "one").rglob("pendulum.h")
+    (again,) = (tmp_path / "two").rglob("pendulum.h")
+    banner = " ".join(header.read_text()[:400].replace("\n *", " ").split())
+    assert "hgogen generate pendulum --form phase --method heun --dt 0.002" in banner
+    assert header.read_bytes() == again.read_bytes()
+
+
+def test_check_asks_the_form_that_is_set_and_takes_the_observers_as_they_are_tuned() -> None:
+    status, told, _ = command("check", model("pendulum.py"), "--form", "phase", "--json")
+    found = json.loads(told)
+    assert (status, found["form"]) == (0, "phase")
+    as_written = json.loads(command("check", model("pendulum.py"), "--json")[1])
+    assert found["take"] == as_written["take"]
+    without = json.loads(command("check", model("sir.toml"), "--form", "uniform", "--json")[1])
+    assert without["form"] == "uniform"
+    assert any("of the uniform form alone" in note for note in without["notes"])
+
+
+def test_a_period_that_is_too_long_is_refused_in_a_sentence() -> None:
+    status, _, said = command("simulate", model("pendulum.py"), "--dt", "5")
+    assert status == 2
+    assert "dt = 5 is too long" in said
+
+
+def test_a_setting_is_not_for_a_library(tmp_path: Path) -> None:
+    library = tmp_path / "many.json"
+    library.write_text('{"models": []}')
+    status, _, said = command("check", "--library", str(library), "--form", "phase")
+    assert status == 2
+    assert "--form" in said
+
+
+def test_window_asks_the_tuning_that_is_named() -> None:
+    status, told, said = command("window", model("fitzhugh_nagumo.py"), "--observer", "riccati", "--json")
+    assert status == 0, said
+    assert json.loads(told)["windows"]
+    status, _, said = command("window", model("fitzhugh_nagumo.py"), "--observer", "rikati")
+    assert status == 2
+    assert "riccati" in said

@@ -1,0 +1,58 @@
+"""A step's way to its text goes down the column of folders: what calls is below what it calls."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import pytest
+from test_house import COLUMN
+
+import hgogen as hg
+from hgogen.model import load
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "hgogen"
+
+
+def folder(code: CodeType) -> str:
+    """The folder of the package in which a function stands, "" for one at its root or of a library."""
+    path = Path(code.co_filename)
+    inner = path.relative_to(PACKAGE).parts if path.is_relative_to(PACKAGE) else ()
+    return inner[0] if len(inner) > 1 else ""
+
+
+def calls(function: Callable[[], Any]) -> set[tuple[str, str]]:
+    """The pairs of folders of which one calls the other, by whatever way between them, while a function runs."""
+    pairs: set[tuple[str, str]] = set()
+
+    def called(frame: FrameType, event: str, _: Any) -> None:
+        callee, caller = folder(frame.f_code), frame.f_back
+        while event == "call" and callee and caller is not None:
+            if above := folder(caller.f_code):
+                pairs.add((above, callee))
+                return
+            caller = caller.f_back
+
+    sys.setprofile(called)
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return {(caller, callee) for caller, callee in pairs if caller != callee}
+
+
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo.py", "pendulum.py"])
+def test_a_step_becomes_text_without_climbing_back(name: str) -> None:
+    """But for the reader that a program calls statement by statement."""
+    step = load(ROOT / "models" / name).step()
+    seen = calls(lambda: hg.targets.c99(step))
+    assert ("targets", "emit") in seen
+    assert {pair for pair in seen if COLUMN.index(pair[0]) < COLUMN.index(pair[1])} <= {("stepping", "emit")}
+
+
+def test_a_call_of_a_folder_is_seen() -> None:
+    form = load(ROOT / "models" / "pendulum.py").step().observer.form
+    assert ("certificates", "recheck") in calls(lambda: hg.certificate(form, ()))
+    assert calls(lambda: hg.System.__name__) == set()
