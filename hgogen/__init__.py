@@ -39,6 +39,8 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.trials.response import response
     from hgogen.which_forms import survey
 
+    __version__: str
+
 _MODULES = {  # public files and folders
     **{name: name for name in ("forms", "methods", "observers", "targets", "trial")},
     "design": "guarantees.design",
@@ -121,6 +123,8 @@ def __getattr__(name: str) -> object:
         value: object = import_module(f"{__name__}.{_MODULES[name]}")
     elif name in _NAMES:
         value = getattr(import_module(f"{__name__}.{_NAMES[name]}"), name)
+    elif name == "__version__":  # that of pyproject.toml, as it was installed
+        value = import_module("importlib.metadata").version(__name__)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     globals()[name] = value
@@ -128,4 +132,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, "__version__"})

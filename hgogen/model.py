@@ -22,6 +22,7 @@ from hgogen.errors import HgogenError
 from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
+from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
 from hgogen.modelfiles.recipe import trial_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.modelfiles.storage import stored
@@ -31,10 +32,6 @@ from hgogen.reading.folding import Fold
 from hgogen.reading.text_model import READERS, BadModelFile, PlainModel, read
 from hgogen.system import System
 from hgogen.trial import Trial
-
-FOLDER = Path("models")
-_NO_MODELS = f"give the path of a model file: a bare name is sought in ./{FOLDER}, and there is none here"
-
 
 _PYTHON = MappingProxyType(
     {
@@ -51,19 +48,6 @@ _PLAIN = MappingProxyType(
         "tuning": "a table [tuning.{observer}] with {arguments}",
     }
 )
-
-
-@dataclass(eq=False)
-class NoModel(HgogenError):
-    """A path that leads to no model file."""
-
-    path: str
-    reason: str
-    found: tuple[str, ...]
-
-    def __str__(self) -> str:
-        listed = f"the models here are {', '.join(self.found)}" if self.found else _NO_MODELS
-        return f"{self.path}: {self.reason}; {listed}"
 
 
 @dataclass(eq=False)
@@ -252,14 +236,15 @@ class Model:
 
 
 def load(given: str | Path) -> Model:
-    """The model at a path, or of a bare name in the folder `models`.
+    """The model at a path, or of a bare name in the folder `models` or, where nothing here is called so, among those
+    that come with hgogen.
 
     What the file prints goes to the standard error stream; one that ends the process itself, by os._exit, ends it.
 
     Raises: `NoModel`; `ModelFails` with file, line and error where Python cannot import it; `BadModelFile` for a name
     that cannot be part of a path, and with file, key and fix for plain text.
     """
-    path = _located(str(given))
+    path = located(str(given))
     if why := filename.fault(path.stem):
         raise BadModelFile(str(path), "", f"{filename.BadFileName(path.stem, why)} in the name of the file")
     return _LOADERS[path.suffix](path)
@@ -308,13 +293,7 @@ def _python(path: Path) -> Model:
     return Model(path.stem, str(path), module, _PYTHON)
 
 
-_LOADERS: dict[str, Callable[[Path], Model]] = {".py": _python, **dict.fromkeys(READERS, _plain)}  # by suffix
-
-
-def listed(folder: Path = FOLDER) -> tuple[str, ...]:
-    """The model files in a folder, by default `models` here, sorted."""
-    found = (path for path in folder.glob("*") if path.suffix in _LOADERS and path.is_file())
-    return tuple(sorted(str(path) for path in found if not path.name.startswith("_")))
+_LOADERS: dict[str, Callable[[Path], Model]] = {PYTHON: _python, **dict.fromkeys(READERS, _plain)}  # by suffix
 
 
 def summary(path: str) -> str:
@@ -340,25 +319,7 @@ def _meaning(reader: Callable[[str], Any]) -> Callable[[str], str]:
     return meaning
 
 
-_MEANINGS = {".py": _docstring, **{suffix: _meaning(reader) for suffix, reader in READERS.items()}}
-
-
-def _located(given: str) -> Path:
-    path = Path(given)
-    if path.is_file():
-        if path.suffix not in _LOADERS:
-            raise NoModel(given, f"is no model file ({', '.join(_LOADERS)})", listed())
-        return path
-    named = [file for suffix in _LOADERS if (file := FOLDER / f"{given}{suffix}").is_file()]
-    if given.isidentifier() and named:
-        if len(named) > 1:
-            raise NoModel(
-                given, f"the name is that of {len(named)} files; give the path of one", tuple(map(str, named))
-            )
-        return named[0]
-    if path.is_dir():
-        raise NoModel(given, "is a folder, not a model file", listed(path) or listed())
-    raise NoModel(given, "there is no such model file", listed())
+_MEANINGS = {PYTHON: _docstring, **{suffix: _meaning(reader) for suffix, reader in READERS.items()}}
 
 
 def _guarded(path: str, function: Callable[[], Any]) -> Any:

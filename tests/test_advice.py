@@ -4,6 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
+import pages
 import pytest
 from plants import MODELS
 
@@ -17,7 +18,6 @@ from hgogen.model import Model, load
 
 FILES = sorted(path for path in MODELS.glob("*.*") if path.is_file())
 QUICK = ("battery", "sir")
-README = (MODELS.parent / "README.md").read_text()
 
 
 def asked(path: Path, *, deep: bool = False) -> tuple[Model, Advice]:
@@ -166,8 +166,8 @@ def test_what_is_only_accepted_is_not_admitted(tmp_path: Path) -> None:
     assert any("riccati is built only by accepting what is refuted: triangular.a_2" in note for note in found.notes)
 
 
-def test_the_readme_says_where_to_take_each() -> None:
-    told = dict(re.findall(r"^\| `(\w+)` \| (.*?) \|", README, re.MULTILINE))
+def test_the_page_says_where_to_take_each() -> None:
+    told = dict(re.findall(r"^\| `(\w+)` \| (.*?) \|", pages.text("observers"), re.MULTILINE))
     assert set(PROPOSALS) == set(hg.observers.__all__)
     assert {kind: proposal.where for kind, proposal in PROPOSALS.items()} == {kind: told[kind] for kind in PROPOSALS}
 

@@ -35,7 +35,7 @@ needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C comp
 
 
 def step(theta: Any) -> Any:
-    """x1' = (1.5 + u/2) x2 - x1, x2' = p - x2 - sin x1, p' = 0, y = x1, with R and gamma_0 as the README advises."""
+    """x1' = (1.5 + u/2) x2 - x1, x2' = p - x2 - sin x1, p' = 0, y = x1, R and gamma_0 as docs/tuning.md advises."""
     x1, x2, p = (hg.Signal(name, low=-4, high=4) for name in ("x1", "x2", "p"))
     u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-6, high=6)
     flow = [(sp.Rational(3, 2) + u / 2) * x2 - x1, p - x2 - sp.sin(x1), 0]

@@ -6,6 +6,7 @@ from pathlib import Path
 from string import Template
 
 import emitted
+import pages
 import plants
 import pytest
 from emitted import M4F, M7, files, run, step, tool
@@ -309,9 +310,9 @@ def proved(name: str, folder: Path, source: str, precision: int) -> bool:
 INDUCTIVE = {"fitzhugh_nagumo": 3, "pendulum": 5, "cascaded_tanks": 3, "one_state": 5, "bank": 3}
 
 
-def test_the_readme_says_what_is_proved_by_induction() -> None:
-    text = " ".join((plants.MODELS.parent / "README.md").read_text().split())
-    said = re.search(r"By Frama-C Eva and induction (.*?) not proved\.", text).group(1)
+def test_the_page_says_what_is_proved_by_induction() -> None:
+    page = " ".join(pages.text("firmware").split())
+    said = re.search(r"By Frama-C Eva and induction (.*?) not proved\.", page).group(1)
     shipped = {name: step(name).observer.name for name in INDUCTIVE if (plants.MODELS / f"{name}.py").exists()}
     assert dict(re.findall(r"`(\w+)` \(`(\w+)`", said)) == shipped
 

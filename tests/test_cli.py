@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from hgogen.trials.agreement import Agreement
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 NEURON = MODELS / "fitzhugh_nagumo.py"
+VERSION = tomllib.loads((MODELS.parent / "pyproject.toml").read_text())["project"]["version"]
 SHORT = """
 
 def trial():
@@ -76,7 +78,8 @@ LOG = ("--data", "log.csv", "--map", "y=potential", "--map", "u=drive")
 
 def test_list(here: Path):
     found = as_json("list")
-    assert found["models"] == [str(Path("models/neuron.py"))]
+    assert found["models"][0] == str(Path("models/neuron.py"))
+    assert {"pendulum", "battery"} <= set(found["models"])  # which come with hgogen
     assert {"triangular"} <= set(found["forms"])
     assert {"riccati", "high_gain"} <= set(found["observers"])
     assert {"rk4", "continuous_discrete"} <= set(found["methods"])
@@ -85,8 +88,8 @@ def test_list(here: Path):
         kind: names for kind, names in found.items() if kind != "summaries"
     }
     assert found["summaries"]["observers"]["high_gain"] == "Standard high-gain observer with a constant gain."
-    (model,) = found["summaries"].pop("models").values()
-    assert model.startswith("Modified FitzHugh-Nagumo neuron")
+    models = found["summaries"].pop("models")
+    assert models[str(Path("models/neuron.py"))].startswith("Modified FitzHugh-Nagumo neuron")
     assert all(len(text) > 40 for told in found["summaries"].values() for text in told.values())
     assert "models/neuron.py" in hgogen("list")[0]
 
@@ -494,6 +497,55 @@ def test_bad_input_is_a_sentence_and_exit_2(here: Path, arguments: tuple[str, ..
     _, err = hgogen(*arguments, status=2)
     assert said in err
     assert {path: path.read_bytes() for path in here.rglob("*") if path.is_file()} == before
+
+
+def test_new_writes_a_model_that_builds(here: Path):
+    """Each part under a comment line of its own; what is built of it is checked, tried and drawn."""
+    assert as_json("new", "spring") == {"model": "spring", "files": ["spring.py"]}
+    text = (here / "spring.py").read_text()
+    assert "NAME" not in text
+    parts = re.split(r"\n\n+(?! |    )", text.partition("t\n\n")[2])
+    assert len(parts) >= 7
+    assert [part for part in map(str.strip, parts) if not re.match(r"# .*\n[^#]", part)] == []
+    out, err = hgogen("build", "spring.py")
+    assert "refuted" not in out
+    assert err == ("" if native.compiler() else err)
+    assert {"spring.h", "spring.c", "report.json", "blow_states.svg"} <= set(files(here / "build" / "spring"))
+    hgogen("compare", "spring.py", "--observers", "high_gain,riccati", "--seeds", "1")
+
+
+def test_new_writes_into_a_folder_and_replaces_nothing(here: Path):
+    hgogen("new", "spring", "--out", "made/here")
+    path = here / "made" / "here" / "spring.py"
+    path.write_text("mine")
+    _, err = hgogen("new", "spring", "-o", "made/here", status=2)
+    assert f"cannot write {Path('made/here/spring.py')}: it is there already" in err
+    assert path.read_text() == "mine"
+    (here / "led.py").symlink_to("nowhere")
+    hgogen("new", "led", status=2)
+    assert not (here / "nowhere").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("two words", "is not an identifier"),
+        ("../up", "is not an identifier"),
+        ("spring.py", "is not an identifier"),
+        ("a__b", "has a double underscore"),
+        ("con", "is that of a device on Windows"),
+        ("a" * 101, "is longer than 100 bytes"),
+    ],
+)
+def test_new_refuses_a_name_that_is_none(here: Path, name: str, said: str):
+    before = sorted(here.rglob("*"))
+    assert said in hgogen("new", name, status=2)[1]
+    assert sorted(here.rglob("*")) == before
+
+
+def test_the_version_is_that_of_the_project(here: Path):
+    assert hgogen("--version") == (f"hgogen {VERSION}\n", "")
+    assert hgogen("-h")[0].count("--version") == 1
 
 
 def test_the_installed_command(here: Path):

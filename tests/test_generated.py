@@ -2,9 +2,13 @@
 
 import subprocess
 import sys
+import tomllib
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from pinned import differing, versions
 
 ROOT = Path(__file__).parent.parent
 MODELS = sorted(path.name for path in (ROOT / "generated").iterdir() if path.is_dir())
@@ -37,4 +41,24 @@ def test_the_c_is_the_same_byte_for_byte(name: str, fresh: Path) -> None:
     sources = [file for file in made if file.endswith((".c", ".h"))]
     assert len(sources) == 3
     for file in sources:
-        assert (ROOT / "generated" / name / file).read_bytes() == (fresh / name / file).read_bytes(), file
+        same = (ROOT / "generated" / name / file).read_bytes() == (fresh / name / file).read_bytes()
+        assert same, f"{file} differs; {differing() or 'the installed versions are those that made it'}"
+
+
+# --- the versions that made it ------------------------------------------------------------------------------
+
+
+def test_versions_that_differ_are_named() -> None:
+    assert differing(versions().__getitem__) == ""
+    others = {**versions(), "sympy": "1.0", "numpy": "1.1"}
+    told = f"numpy 1.1 (made with {versions()['numpy']}), sympy 1.0 (made with {versions()['sympy']})"
+    assert differing(others.__getitem__) == f"installed are other versions than made generated/: {told}"
+    assert ("sympy" in differing()) is (metadata.version("sympy") != versions()["sympy"])
+
+
+def test_every_requirement_has_a_version_in_its_range() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = [Requirement(line) for line in project["dependencies"]]
+    assert {one.name for one in needed} <= set(versions())
+    assert [str(one) for one in needed if versions()[one.name] not in one.specifier] == []
+    assert [str(one) for one in needed if {part.operator for part in one.specifier} != {">=", "<"}] == []

@@ -119,7 +119,7 @@ def test_what_does_not_fit_is_a_sentence(name: str):
 
 
 def test_a_state_that_initial_leaves_out_rests():
-    """As the README says: at its nominal value, else at 0 or at the end of its range that is nearest to it."""
+    """As docs/tuning.md says: at its nominal value, else at 0 or at the end of its range that is nearest to it."""
     x = [hg.Signal("a", low=1, high=3), hg.Signal("b", nominal=0.5), hg.Signal("c", low=-1, high=1)]
     plant = hg.System("rests", states=x, outputs=(hg.Signal("y"),), flow=[x[1], x[2], -x[0]], output=[x[0]])
     observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=2, poles=(-1,) * 3, initial={"c": 0.25})

@@ -2,10 +2,14 @@
 
 import ast
 import re
+import subprocess
 from dataclasses import is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+
+import pages
+import pytest
 
 import hgogen as hg
 from hgogen.errors import HgogenError
@@ -118,12 +122,12 @@ def rooms(folder: str) -> set[str]:
 
 
 def test_folders_stand_one_on_the_other() -> None:
-    """Each imports only those before it in the column, which the README lists."""
+    """Each imports only those before it in the column, which the page of the architecture lists."""
     assert set(COLUMN) == {*ROOMS, *FOLDERS}
     assert "algebra" in rooms("intervals")
     for k, folder in enumerate(COLUMN):
         assert rooms(folder) <= set(COLUMN[:k]), folder
-    assert tuple(re.findall(r"^\| `(\w+)/` \|", (ROOT / "README.md").read_text(), re.MULTILINE)) == COLUMN
+    assert tuple(re.findall(r"^\| `(\w+)/` \|", pages.text("architecture"), re.MULTILINE)) == COLUMN
 
 
 def test_no_two_files_have_one_name() -> None:
@@ -330,17 +334,35 @@ def standard(name: str) -> set[str]:
 
 # --- what is not said ---------------------------------------------------------------------------------------
 
+WHERE = ("*", ".ci/*", "docs/*", "hgogen/**/*", "models/*", "tests/**/*", "generated/**/*")
+READ = {"", ".yml", ".cff", ".txt", ".py", ".md", ".toml", ".c", ".h", ".ld", ".json", ".csv", ".svg"}
 TEXTS = [
     path
-    for pattern in ("*.md", "*.toml", "LICENSE", ".ci/*", "hgogen/**/*", "models/*", "tests/**/*", "generated/**/*")
+    for pattern in WHERE
     for path in sorted(ROOT.glob(pattern))
-    if path.is_file() and path.suffix in ("", ".py", ".md", ".toml", ".c", ".h", ".ld", ".json", ".csv", ".svg")
+    if path.is_file() and path.suffix in READ and path.name != ".git"
 ]
 # Written so that no line of this file matches itself.
 STRANGE = re.compile(
     r"/(?:[h]ome|[r]oot|[w]ork|[U]sers)/|[p]ypi\.|[p]ythonhosted|[l]ocalhost|\b(?:TO[D]O|FIX[M]E|XX[X])\b|\b[s]essions?\b"
     r"|\b[i]ssue #?\d|\b(?:A[I]|LL[M])\b|\b[a]gents?\b"
 )
+
+
+TOP = {
+    *("pyproject.toml", "mkdocs.yml", "CITATION.cff", "LICENSE", "README.md", "CHANGELOG.md", "CONTRIBUTING.md"),
+    *("hgogen", "models", "generated", "tests", "docs"),
+}
+
+
+def test_little_lies_at_the_top() -> None:
+    """What is stored there, but for names that begin with a dot."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("no clone")
+    stored = {line.partition("/")[0] for line in listed.stdout.splitlines()}
+    assert {name for name in stored if not name.startswith(".")} <= TOP
+    assert all((ROOT / name).exists() for name in TOP)
 
 
 def test_nothing_strange_is_said() -> None:

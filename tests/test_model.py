@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 import hgogen as hg
-from hgogen.model import MissingPart, ModelFails, NoModel, listed, load
+from hgogen.model import MissingPart, ModelFails, load
+from hgogen.modelfiles.place import NoModel, available, listed, shipped
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 FIRST = "import hgogen as hg\n"
@@ -96,9 +97,40 @@ def test_paths_that_lead_nowhere(tmp_path: Path):
 def test_a_bare_name_says_where_it_is_sought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(
-        NoModel, match=r"pendulum: there is no such .*: a bare name is sought in \./models, and there is"
+        NoModel, match=r"nothing: there is no such .*; give .* one in \./models or of one that `hgogen list`"
     ):
+        load("nothing")
+
+
+def test_a_bare_name_is_that_of_a_model_that_comes_with_hgogen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Only where nothing here is called so: a file in `models` comes first, and a folder is not passed over."""
+    monkeypatch.chdir(tmp_path)
+    assert load("pendulum").path == str(MODELS / "pendulum.py")
+    assert load("sir").plant.name == "sir"
+    assert available()["pendulum"] == str(MODELS / "pendulum.py")
+    with pytest.raises(NoModel, match="no such model file"):
+        load("./pendulum")
+    (tmp_path / "pendulum").mkdir()
+    with pytest.raises(NoModel, match="is a folder, not a model file"):
         load("pendulum")
+    (tmp_path / "models").mkdir()
+    here = str(Path("models/pendulum.py"))
+    model(tmp_path / "models", "plant = 1\n", "pendulum.py")
+    assert load("pendulum").path == here
+    assert next(iter(available())) == here
+    assert "pendulum" not in available()
+    assert "sir" in available()
+
+
+def test_the_models_of_a_wheel_come_before_those_beside_the_package(tmp_path: Path):
+    package = tmp_path / "hgogen"
+    for folder in (package, tmp_path / "models"):
+        folder.mkdir()
+    beside = model(tmp_path / "models", "", "beside.py")
+    assert shipped(package) == {"beside": beside}
+    (package / "models").mkdir()
+    inside = model(package / "models", "", "inside.py")
+    assert shipped(package) == {"inside": inside}
 
 
 def test_missing_parts_say_so(tmp_path: Path):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pages
 import pytest
 import sympy as sp
 from typer.testing import CliRunner
@@ -16,7 +17,8 @@ import hgogen as hg
 from hgogen.check import Refuted
 from hgogen.cli import app
 from hgogen.commands import jobs
-from hgogen.model import MissingPart, NoModel, listed, load
+from hgogen.model import MissingPart, load
+from hgogen.modelfiles.place import NoModel, listed
 from hgogen.reading.text_model import BadModelFile, NoText, from_table, read, to_text
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -247,7 +249,7 @@ def test_a_bare_name_leads_to_any_kind(tmp_path: Path, monkeypatch: pytest.Monke
     assert listed() == tuple(str(Path("models") / name) for name in ("one.toml", "two.json"))
     assert load("one").plant == load("two").plant
     told = CliRunner().invoke(app, ["list", "--json"])
-    assert json.loads(told.stdout)["models"] == list(listed())
+    assert json.loads(told.stdout)["models"][:2] == list(listed())
     written(tmp_path / "models", "", "one.py")
     with pytest.raises(NoModel, match=r"the name is that of 2 files; give the path of one; .*one\.py, .*one\.toml"):
         load("one")
@@ -443,8 +445,8 @@ def test_the_command_line_checks_and_simulates_it(tmp_path: Path) -> None:
     assert "Traceback" not in bad.output
 
 
-def test_the_model_of_the_readme_works(tmp_path: Path) -> None:
-    text = (ROOT / "README.md").read_text().partition("```toml\n")[2].partition("```")[0]
-    loaded = load(written(tmp_path, text, "oscillator.toml"))
+def test_the_model_of_the_page_works(tmp_path: Path) -> None:
+    model, _ = pages.blocks("toml", pages.text("plain_text"))
+    loaded = load(written(tmp_path, model, "oscillator.toml"))
     assert loaded.plant.name == "oscillator"
     assert loaded.step().dt == 1e-3

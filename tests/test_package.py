@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,13 @@ print(*modules)"""
 def test_importing_it_imports_nothing() -> None:
     code = "import sys, importlib; before = set(sys.modules); import hgogen.cli; print(*set(sys.modules) - before)"
     assert set(python(code).split()) <= {"hgogen", "hgogen.cli", "_signal"}
+
+
+def test_the_version_is_read_when_it_is_asked_for() -> None:
+    """Of the one in pyproject.toml, as it was installed; where it changed since, install again."""
+    project = tomllib.loads((Path(str(hg.__file__)).parents[1] / "pyproject.toml").read_text())["project"]
+    assert hg.__version__ == project["version"]
+    assert python("import hgogen, sys; print('__version__' in vars(hgogen))") == "False"
 
 
 def test_a_name_that_is_not_there() -> None:

@@ -26,6 +26,7 @@ from test_call import BUILD, NAN, STEPS, built, needs_compiler, record
 
 import hgogen as hg
 from hgogen.call import CallableStep
+from hgogen.calling.native import NoCompiler
 from hgogen.calling.samples import BadShape
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import pygraph
@@ -306,7 +307,7 @@ def test_without_a_compiler_a_sample_says_nothing(monkeypatch: pytest.MonkeyPatc
         BUILD["high_gain"]()(u=0.1, y=0.2)
     step = hg.sample(pendulum(), hg.methods.rk4, dt=0.01, engine="c")
     before = step.save()
-    with pytest.raises(hg.calling.native.NoCompiler, match="engine='python'"):
+    with pytest.raises(NoCompiler, match="engine='python'"):
         step(u=0.1, y=0.2)
     assert step.save() == before
 

@@ -1,7 +1,6 @@
 """Sensors of different rates, late, early, repeated and missing samples, in Python and C."""
 
 import ctypes
-import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import emitted
 import neuron
 import numpy as np
+import pages
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -45,7 +45,7 @@ def adaptive() -> Any:
 
 @cache
 def pendulum_filter() -> Any:
-    """That of the README."""
+    """That of the page for firmware."""
     return hg.observers.riccati(pendulum().form, Q=(1, 10), R=1e-6)
 
 
@@ -281,9 +281,8 @@ def test_a_trial_samples_a_slow_sensor_seldom() -> None:
     assert np.array_equal([made.flags(status) == () for status in tried.status], there)
 
 
-# --- the README ---------------------------------------------------------------------------------------------
+# --- the page for firmware -----------------------------------------------------------------------------------
 
-README = (MODELS.parent / "README.md").read_text()
 PROGRAM = """
 #include <stdio.h>
 #include "pendulum.h"
@@ -308,9 +307,9 @@ LOOP
 """
 
 
-def test_the_loop_of_the_readme(tmp_path: Path) -> None:
+def test_the_loop_of_the_page(tmp_path: Path) -> None:
     """66,000 periods, more than the count holds: a third of the samples is late, no other one is refused."""
-    loop = next(block for block in re.findall(r"^```c\n(.*?)^```", README, re.MULTILINE | re.DOTALL) if "_at(" in block)
+    loop = next(block for block in pages.blocks("c", pages.text("firmware")) if "_at(" in block)
     count = "    late += (status & PENDULUM_LATE_y) != 0u;\n    if ((status & PENDULUM_EARLY_y) != 0u) { return 2; }\n"
     loop = loop.replace("    pendulum_estimate", f"{count}    pendulum_estimate")
     made = hg.sample(pendulum_filter(), dt=1e-3, periods={"y": 0.01})

@@ -8,7 +8,7 @@ or, with --json, as JSON alone; everything else goes to the standard error strea
 import ast
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -25,6 +25,7 @@ _FILES = {
     "noise": "running",
     "window": "showing",
     "list": "listing",
+    "new": "beginning",
 }  # each command, and the file of this folder that holds it
 
 
@@ -51,9 +52,26 @@ def _help(file: str, name: str) -> str:
     return ast.get_docstring(found) or ""
 
 
+def _version(asked: bool) -> None:
+    """Print the version and end."""
+    if asked:
+        import hgogen
+
+        typer.echo(f"hgogen {hgogen.__version__}")
+        raise typer.Exit()
+
+
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """What stands before a command."""
+
+
 app = typer.Typer(
     cls=_Commands,
-    callback=lambda: None,
+    callback=_main,
     help="From a nonlinear model to an observer: readable C for firmware and a running Python step.",
     epilog="Exit status: 0 done, 1 a refuted hypothesis nobody accepted, a failed comparison or a certificate that is "
     "not verified, 2 usage or bad input.",

@@ -131,7 +131,9 @@ def _note_names(step: Step) -> None:
 
 @command()
 def generate_(
-    models: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Model files, or names in models/.")],
+    models: Annotated[
+        list[str], typer.Argument(metavar="MODEL...", help="Model files, or names that `hgogen list` shows.")
+    ],
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),

@@ -52,7 +52,7 @@ class OptionalFile(TyperCommand):
 @command(OptionalFile)
 def check_(
     model: Annotated[
-        str | None, typer.Argument(metavar="[MODEL]", help="A model file, or the name of one in models/.")
+        str | None, typer.Argument(metavar="[MODEL]", help="A model file, or the name of one that `hgogen list` shows.")
     ] = None,
     certificate: CertificateFile = None,
     latex: Annotated[bool, typer.Option("--latex", help="Print the equations and the checks as LaTeX.")] = False,

@@ -42,7 +42,9 @@ class Reader(StrEnum):
     PYTHON = "python"
 
 
-ModelArgument = Annotated[str, typer.Argument(metavar="MODEL", help="A model file, or the name of one in models/.")]
+ModelArgument = Annotated[
+    str, typer.Argument(metavar="MODEL", help="A model file, or the name of one that `hgogen list` shows.")
+]
 Tuned = Annotated[
     str | None, typer.Option("--observer", metavar="NAME", help="A tuning of the model; by default its own step.")
 ]

@@ -3,17 +3,20 @@
 import hgogen as hg
 from hgogen.commands import tables
 from hgogen.commands.command import Json, command, show
-from hgogen.model import listed, summary
+from hgogen.model import summary
+from hgogen.modelfiles.place import available
 from hgogen.registry import summaries
 
 
 @command()
 def list_(as_json: Json = False) -> None:
-    """List the models found in models/, and the forms, observers, methods and targets there are.
+    """List the models found in models/ and those that come with hgogen, and the forms, observers, methods and targets
+    there are.
 
-    JSON keys: models (paths), forms, observers, methods, targets (names), summaries (of each: what it is in one line).
+    JSON keys: models (what to give as MODEL: paths of those in models/, names of those that come with hgogen), forms,
+    observers, methods, targets (names), summaries (of each: what it is in one line).
     """
     kinds = ("forms", "observers", "methods", "targets")
     cases = {kind: summaries(f"hgogen.{kind}", getattr(hg, kind).__all__) for kind in kinds}
-    told = {"models": {path: summary(path) for path in listed()}, **cases}
+    told = {"models": {given: summary(path) for given, path in available().items()}, **cases}
     show(as_json, {**{kind: list(found) for kind, found in told.items()}, "summaries": told}, tables.listed(told))

@@ -164,7 +164,7 @@ def _weights(scale: Scale) -> Gains:
     return {**inverse, "R": scale.noise(-1)}
 
 
-# Where to take each is the column of that name in the README.
+# Where to take each is the column of that name in docs/observers.md.
 PROPOSALS: Mapping[str, Proposal] = {
     "high_gain": Proposal("you begin: the model is known, the noise small", _high),
     "low_power": Proposal("n is 4 or more: no power of theta above 2", lambda s: {"theta": s.theta}),

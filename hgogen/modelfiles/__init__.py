@@ -1,1 +1,1 @@
-"""The tables of a model file: observers and their gains by name, the trial, what is asked of the errors."""
+"""What model files hold, and where they lie: observers and their gains, the trial, what is asked of the errors."""

@@ -1,0 +1,25 @@
+"""The command `new`: a model file to begin with."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hgogen.commands import tables
+from hgogen.commands.command import Folder, Json, command, show
+from hgogen.modelfiles import template
+
+
+@command()
+def new_(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="The name of the model, of its file and of its C.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the file; by default this one.")] = Path(),
+    as_json: Json = False,
+) -> None:
+    """Write NAME.py, a small model that builds at once, each part explained by a comment. A file that is there is
+    never replaced.
+
+    JSON keys: model (the name), files.
+    """
+    paths = Folder(out).write(template.model(name, out))
+    show(as_json, {"model": name, "files": list(map(str, paths))}, tables.files(paths))

@@ -1,0 +1,76 @@
+"""Where model files lie: at a path, in the folder `models` here, and with the package.
+
+Those that come with hgogen lie in the folder `models` of an installed package, and in a clone, where that folder is not
+there, in the one beside the package.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from hgogen.errors import HgogenError
+from hgogen.reading.text_model import READERS
+
+FOLDER = Path("models")
+PYTHON = ".py"
+SUFFIXES = (PYTHON, *READERS)
+PACKAGE = Path(__file__).resolve().parents[1]
+_NO_MODELS = f"give the path of a model file, or a bare name of one in ./{FOLDER} or of one that `hgogen list` shows"
+
+
+@dataclass(eq=False)
+class NoModel(HgogenError):
+    """A path that leads to no model file."""
+
+    path: str
+    reason: str
+    found: tuple[str, ...]
+
+    def __str__(self) -> str:
+        there = f"the models here are {', '.join(self.found)}" if self.found else _NO_MODELS
+        return f"{self.path}: {self.reason}; {there}"
+
+
+def listed(folder: Path = FOLDER) -> tuple[str, ...]:
+    """The model files in a folder, by default `models` here, sorted."""
+    return tuple(sorted(map(str, _models(folder))))
+
+
+def shipped(package: Path = PACKAGE) -> dict[str, Path]:
+    """The model files that come with hgogen, by name: those in the package, else those beside it in a clone."""
+    inside, beside = package / FOLDER, package.parent / FOLDER
+    return {path.stem: path for path in sorted(_models(inside if inside.is_dir() else beside))}
+
+
+def available() -> dict[str, str]:
+    """What may be given as a model, and its path: the paths of those here, and each bare name that comes with hgogen
+    and is not theirs."""
+    here = listed()
+    names = {Path(path).stem for path in here}
+    return {path: path for path in here} | {name: str(path) for name, path in shipped().items() if name not in names}
+
+
+def located(given: str) -> Path:
+    """The model file at a path, or of a bare name. Raises: `NoModel`."""
+    path = Path(given)
+    if path.is_file():
+        if path.suffix not in SUFFIXES:
+            raise NoModel(given, f"is no model file ({', '.join(SUFFIXES)})", listed())
+        return path
+    named = [file for suffix in SUFFIXES if (file := FOLDER / f"{given}{suffix}").is_file()]
+    if given.isidentifier() and named:
+        if len(named) > 1:
+            raise NoModel(
+                given, f"the name is that of {len(named)} files; give the path of one", tuple(map(str, named))
+            )
+        return named[0]
+    if path.is_dir():
+        raise NoModel(given, "is a folder, not a model file", listed(path) or listed())
+    if given in (ours := shipped()):
+        return ours[given]
+    raise NoModel(given, "there is no such model file", listed())
+
+
+def _models(folder: Path) -> Iterator[Path]:
+    found = (path for path in folder.glob("*") if path.suffix in SUFFIXES and path.is_file())
+    return (path for path in found if not path.name.startswith("_"))

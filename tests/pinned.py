@@ -1,0 +1,20 @@
+"""The versions that made generated/, and which of those that are installed differ from them."""
+
+import re
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+CONSTRAINTS = Path(__file__).parents[1] / ".ci" / "constraints.txt"
+
+
+def versions() -> dict[str, str]:
+    """The version of each package in .ci/constraints.txt."""
+    return dict(re.findall(r"^([\w-]+)==(\S+)$", CONSTRAINTS.read_text(), re.MULTILINE))
+
+
+def differing(installed: Callable[[str], str] = metadata.version) -> str:
+    """A sentence that names the packages whose versions are others; empty where there are none."""
+    others = {name: (there, made) for name, made in versions().items() if (there := installed(name)) != made}
+    told = ", ".join(f"{name} {there} (made with {made})" for name, (there, made) in others.items())
+    return f"installed are other versions than made generated/: {told}" if told else ""
