@@ -45,11 +45,13 @@ def calls(function: Callable[[], Any]) -> set[tuple[str, str]]:
 
 @pytest.mark.parametrize("name", ["fitzhugh_nagumo.py", "pendulum.py"])
 def test_a_step_becomes_text_without_climbing_back(name: str) -> None:
-    """But for the reader that a program calls statement by statement."""
+    """But for the reader that a program calls statement by statement, and for functions that the printer joins as they
+    come."""
     step = load(ROOT / "models" / name).step()
     seen = calls(lambda: hg.targets.c99(step))
     assert ("targets", "emit") in seen
-    assert {pair for pair in seen if COLUMN.index(pair[0]) < COLUMN.index(pair[1])} <= {("stepping", "emit")}
+    climbs = {pair for pair in seen if COLUMN.index(pair[0]) < COLUMN.index(pair[1])}
+    assert climbs <= {("stepping", "emit"), ("emit", "targets")}
 
 
 def test_a_call_of_a_folder_is_seen() -> None:
