@@ -15,6 +15,7 @@ from typing import Any
 
 import casadi as ca
 import emitted
+import plants
 import pytest
 from emitted import compiled, files, run, step, tool
 
@@ -212,6 +213,16 @@ def test_headers_and_casts_are_those_that_the_code_needs(name: str, real: str) -
         for pointer in re.findall(r"\*(\w+)[,)]", head):
             uses = len(re.findall(rf"(?<!->)(?<!\.)\b{pointer}\b", inner))
             assert uses == 1 if f"(void){pointer};" in inner else uses > 0, f"{pointer} of {head}"
+
+
+@pytest.mark.parametrize("periods", [65535, 65536])
+def test_a_count_beyond_16_bits_is_refused_where_int_has_no_more(periods: int) -> None:
+    member = hg.observers.high_gain(hg.forms.triangular(plants.chain(2)), theta=2, poles=(-1, -1))
+    made = hg.sample(hg.observers.bank(member, count=2, period=periods * 2**-6), dt=2**-6)
+    source = hg.targets.c99(made, check=False)[f"{made.name}.c"]
+    guard = ("#include <limits.h>", "#if UINT_MAX <= 0xFFFF", "counts beyond 65535")
+    assert f" >= {periods}u" in source
+    assert [line in source for line in guard] == [periods > 65535] * 3
 
 
 def test_few_bits_are_unsigned_and_many_have_32() -> None:
