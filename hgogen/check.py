@@ -78,6 +78,11 @@ class Check:
     consequence: str = ""
     proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
+    def __post_init__(self) -> None:
+        """A plain text, as of a user's own check, is a name that no maker of the package has given."""
+        if not isinstance(self.id, ClaimId):
+            object.__setattr__(self, "id", ClaimId("", self.id))
+
     @property
     def advice(self) -> str:
         """What a user can do about it, to accept it among that, in no model's language; "" where nothing is known."""

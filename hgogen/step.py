@@ -8,12 +8,9 @@ predict only; an input that is not a number reuses the last valid one; both are 
 
 import decimal
 import warnings
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
-
-import casadi as ca
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import BadArgument, HgogenError
@@ -23,42 +20,26 @@ from hgogen.part import Clock, Pieces
 from hgogen.program import (
     INF,
     Bit,
-    Block,
     Field,
     Group,
-    Place,
     Program,
     Section,
-    Statement,
-    When,
-    address,
     places,
-    pruned,
-    scalar,
-    sym,
-    walk,
 )
 from hgogen.reading.time_unit import of_time, plural
-from hgogen.signal import Signal, resting
-from hgogen.stepping import discretise, sensors
+from hgogen.signal import Signal
+from hgogen.stepping import discretise
 from hgogen.stepping.guards import (
     SIGNAL_BITS,
     STEP_BITS,
-    guard_inputs,
-    guard_outputs,
     implausible,
-    kept,
     limit_parameters,
-    measure,
     or_lower,
-    outside_bit,
     readings,
-    unrecovered,
 )
-from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
-from hgogen.stepping.recovery import Recovery, Sampled, Sign
-from hgogen.stepping.sensors import adapt_once, multiples, once, tick, timed, use
-from hgogen.structure.dynamics import HUGE
+from hgogen.stepping.recovery import Sign
+from hgogen.stepping.sections import Assembly, flat
+from hgogen.stepping.sensors import multiples
 
 
 class BadStep(BadArgument):
@@ -224,50 +205,8 @@ def plan(observer: Observer, method: Method, dt: float, between: str, periods: A
 
 
 def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[Pieces, ...], limit: float) -> Step:
-    system = observer.form.system
-    plant, derived = tunable(system.parameters), _all(piece.derived for piece in pieces)
-    whole = joined(pieces)
-    law = Recovery(observer, clock, whole)
-    state = _memory(observer, clock, pieces, law)
-    counters = fresh("state", [field for field in whole.fields if field.kind == "index"])
-    adapt = _all(piece.adapt for piece in pieces)
-    still = not adapt or not _moves(adapt, observer)  # whether the estimate of this call stands before `adapt`
-    others = (*counters, *fresh_groups("state", whole.fields, whole.groups, observer.z))
-    follow = following_groups("state", whole.fields, whole.groups, observer.z)
-    advance = When(Place("work", "running"), (*whole.predict, *kept(whole.predict, state, others)), follow)
-    sections = [Section("predict", "advance the estimate to now", _predict(observer, clock, pieces, advance))]
-    correcting = [j for j in range(clock.outputs) if any(piece.update and piece.update[j] for piece in pieces)]
-    for j in correcting:
-        output = system.outputs[j]
-        program = _all(piece.update[j] for piece in pieces if piece.update)
-        valid = (*program, *kept(program, state, others), *((use(output),) if clock.every else ()))
-        sample = {j: Sampled(sym("work", "sample"), sym("work", "valid"), sym("work", "innovation"))}
-        watch = law.watch(sample, says=still and not clock.every and j == correcting[-1])
-        guarded: Program = (measure(observer, clock, j), When(Place("work", "valid"), valid), *watch)
-        guarded = once(output, guarded) if clock.every else guarded
-        sections.append(Section(f"update_{output}", f"correct with {output}", guarded, output.name))
-    if not correcting:
-        read = observer.dynamics.output(observer.z, clock.u_now)
-        raw = [sym("output", output.name) for output in system.outputs]
-        samples = {j: Sampled(y, clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
-        watch = law.watch(samples, says=still)
-        sections[0] = replace(sections[0], program=(*sections[0].program, *watch))
-    if adapt:
-        running = Block(
-            "no time has passed before the second call", {Place("work", "running"): sym("state", "calls") >= 2}
-        )
-        program = (running, When(Place("work", "running"), (*adapt, *kept(adapt, state, others))))
-        program = adapt_once(program) if clock.every else program
-        sections.append(Section("adapt", "adapt the gain; once after the updates", program))
-    last = -2 if adapt and still else -1  # after it the estimate of this call stands
-    said = () if still and not clock.every else (outside_bit(observer),)
-    notices = (*said, *unrecovered(observer), *observer.notices)
-    for k, section in enumerate(sections):
-        if k == len(sections) + last or (clock.every and section.corrects):
-            sections[k] = replace(section, program=(*section.program, *notices))
-    sections = [replace(section, program=pruned(section.program)) for section in sections]
-    updates = {section.corrects: section for section in sections}
-    timed_ = (timed(updates[y.name], y) for y in system.outputs if clock.every and y.name in updates)
+    made, system = Assembly(observer, clock, pieces), observer.form.system
+    plant = tunable(system.parameters)
     step = Step(
         name=system.name,
         observer=observer,
@@ -276,89 +215,20 @@ def _assembled(observer: Observer, method: Method, clock: Clock, pieces: tuple[P
         between="hold" if clock.between == "hold" else "line",
         plant=plant,
         gains=observer.gains,
-        derived=derived,
-        state=state,
-        groups=whole.groups,
+        derived=flat(piece.derived for piece in pieces),
+        state=made.state,
+        groups=made.whole.groups,
         bits=(),
-        tuning=limit_parameters(plant, observer.gains, _all(piece.tune for piece in pieces)),
-        sections=tuple(sections),
-        estimate=_estimate(observer),
+        tuning=limit_parameters(plant, observer.gains, flat(piece.tune for piece in pieces)),
+        sections=made.sections,
+        estimate=made.estimate,
         limit=limit,
-        timed=tuple(timed_),
+        timed=made.timed,
         periods=tuple(map(clock.period, range(clock.outputs))),
         rule=next((piece.rule for piece in pieces if piece.rule), method.name),
-        signs=law.signs,
+        signs=made.law.signs,
     )
-    object.__setattr__(step, "bits", _bits(step, _all(piece.bits for piece in pieces)))
-    return step
-
-
-def _moves(program: Program, observer: Observer) -> bool:
-    """Whether a program writes to the estimate."""
-    shown = {place for place, _, _ in map(address, ca.symvar(observer.z))}
-    return any(shown & s.writes.keys() for s in walk(program) if isinstance(s, Block))
-
-
-def _all(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
-    return tuple(item for items in tuples for item in items)
-
-
-def _adapts(pieces: tuple[Pieces, ...]) -> bool:
-    """Whether a part adapts, which asks whether time has passed between two calls."""
-    return any(piece.adapt for piece in pieces)
-
-
-def _memory(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], law: Recovery) -> tuple[Field, ...]:
-    """The parts' fields, those of the law of recovery, then the clock's: calls, the last input, and the last sample
-    where predict reads it."""
-    system = observer.form.system
-    fields = [*_all(piece.fields for piece in pieces), *law.fields]
-    adapts = _adapts(pieces)
-    most, later = (2, ", then 2") if adapts else (1, "")
-    fields.append(scalar("calls", 0, kind="index", high=most, meaning=f"0 before the first call, 1 after it{later}"))
-    fields += sensors.fields(system.outputs, adapts) if clock.every else ()
-    if system.inputs:
-        start = tuple(resting(signal) for signal in system.inputs)
-        low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in system.inputs) for end in (0, 1))
-        names = tuple(s.name for s in system.inputs)
-        fields.append(Field("u", start, low=low, high=high, labels=names, meaning="last valid input"))
-    if any(piece.uses_output for piece in pieces):
-        zeros, names = (0.0,) * len(system.outputs), tuple(s.name for s in system.outputs)
-        fields.append(
-            Field("y", zeros, labels=names, meaning="sample of the last call, or its estimate where there was none")
-        )
-        fields.append(Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample"))
-    return tuple(fields)
-
-
-def _predict(observer: Observer, clock: Clock, pieces: tuple[Pieces, ...], advance: When) -> Program:
-    """`advance`: what moves the estimate; in the first call copies of the model start from it, where it was written."""
-    uses_output = any(piece.uses_output for piece in pieces)
-    program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
-    if uses_output:
-        program.append(guard_outputs(observer, clock))
-    adapts, calls = _adapts(pieces), sym("state", "calls")
-    program += [tick(observer.form.system.outputs, adapts)] if clock.every else []
-    counted = ca.if_else(calls < 2, calls + 1, 2) if adapts else ca.SX(1)
-    program.append(
-        Block(
-            "the first call advances no time",
-            {Place("work", "running"): calls >= 1, Place("state", "calls"): counted},
-        )
-    )
-    program.append(advance)
-    if clock.inputs:
-        program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
-    if uses_output:
-        remembered = {Place("state", "y"): sym("work", "y", clock.outputs), Place("state", "y_valid"): clock.valid}
-        program.append(Block("remember the sample", remembered))
-    return tuple(program)
-
-
-def _estimate(observer: Observer) -> Program:
-    values = observer.dynamics.estimate(observer.z, sym("state", "u", len(observer.form.system.inputs)))
-    writes = {Place("estimate", s.name): values[i] for i, (s, _) in enumerate(observer.form.estimates)}
-    return (Block("the plant's state", writes),)
+    return replace(step, bits=_bits(step, flat(piece.bits for piece in pieces)))
 
 
 def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:

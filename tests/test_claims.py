@@ -107,3 +107,13 @@ def test_a_claim_that_is_made_later_may_be_accepted() -> None:
     assert refuted((known,), (later,), (later,)) == (known,)
     with pytest.raises(UnknownCheck, match=r"did you mean observer\.decay"):
         refuted((known,), ("observer.decai",), (later,))
+
+
+def test_a_plain_text_is_a_name_of_the_users_own() -> None:
+    """Of no maker, so that nothing of the package takes it for a claim of its own; a certificate states it."""
+    own = hg.Check("triangular.lipschitz", "mine", Verdict.PROVED, "by hand")
+    assert own.id == "triangular.lipschitz"
+    assert own.id not in Claims("triangular", "lipschitz")
+    form = load("pendulum").step().observer.form
+    (claim,) = hg.certificate(form, (own,))["claims"]
+    assert (claim["id"], claim["verdict"]) == ("triangular.lipschitz", "stated")

@@ -1,0 +1,203 @@
+"""The sections of a step: what its parts do in a call, in order, with guards, memory, and the law of recovery.
+
+    predict   guard the input, advance the estimate from the last call to now
+    update_Y  for each output that corrects: guard the sample, correct
+    adapt     theta and the like, once after the updates
+
+A notice tells of the estimate of this call: it stands at the end of the last section before which that still moves.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from hgogen.observer import Observer
+from hgogen.part import Clock, Pieces
+from hgogen.program import Block, Field, Place, Program, Section, Statement, When, address, pruned, scalar, sym, walk
+from hgogen.signal import Signal, resting
+from hgogen.stepping import sensors
+from hgogen.stepping.guards import guard_inputs, guard_outputs, kept, measure, outside_bit, unrecovered
+from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
+from hgogen.stepping.recovery import Recovery, Sampled
+from hgogen.stepping.sensors import adapt_once, once, tick, timed, use
+from hgogen.structure.dynamics import HUGE
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """The parts of an observer as statements, put together by a clock."""
+
+    observer: Observer
+    clock: Clock
+    pieces: tuple[Pieces, ...]
+
+    @cached_property
+    def whole(self) -> Pieces:
+        """All parts as one."""
+        return joined(self.pieces)
+
+    @cached_property
+    def law(self) -> Recovery:
+        """By which an estimate that is lost restarts."""
+        return Recovery(self.observer, self.clock, self.whole)
+
+    @cached_property
+    def adapt(self) -> Program:
+        """What the parts do once after the updates; a part that does anything asks whether time has passed."""
+        return flat(piece.adapt for piece in self.pieces)
+
+    @property
+    def uses_output(self) -> bool:
+        """Whether the last sample is remembered, which the parts integrate with."""
+        return any(piece.uses_output for piece in self.pieces)
+
+    @property
+    def rated(self) -> bool:
+        """Whether sensors have different rates."""
+        return bool(self.clock.every)
+
+    @cached_property
+    def still(self) -> bool:
+        """Whether the estimate of this call stands before `adapt`."""
+        return not self.adapt or not _moves(self.adapt, self.observer)
+
+    @cached_property
+    def correcting(self) -> tuple[int, ...]:
+        """The outputs that correct, by their numbers."""
+        count = range(self.clock.outputs)
+        return tuple(j for j in count if any(piece.update and piece.update[j] for piece in self.pieces))
+
+    @cached_property
+    def state(self) -> tuple[Field, ...]:
+        """The parts' fields, those of the law of recovery, then the clock's: calls, the last input, and the last sample
+        where predict reads it."""
+        system = self.observer.form.system
+        counted = sensors.fields(system.outputs, bool(self.adapt)) if self.rated else ()
+        parts = flat(piece.fields for piece in self.pieces)
+        input = _last_input(system.inputs) if system.inputs else ()
+        sample = _last_sample(system.outputs) if self.uses_output else ()
+        return (*parts, *self.law.fields, _calls(bool(self.adapt)), *counted, *input, *sample)
+
+    @cached_property
+    def sections(self) -> tuple[Section, ...]:
+        """In order, what is written and never read left out."""
+        sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
+        last = len(sections) - (2 if self.adapt and self.still else 1)  # after it the estimate of this call stands
+        return tuple(
+            replace(section, program=pruned((*section.program, *self._notices)))
+            if k == last or (self.rated and section.corrects)
+            else replace(section, program=pruned(section.program))
+            for k, section in enumerate(sections)
+        )
+
+    @property
+    def timed(self) -> tuple[Section, ...]:
+        """The updates for samples that say when they were taken, of sensors of different rates."""
+        updates = {section.corrects: section for section in self.sections}
+        outputs = self.observer.form.system.outputs
+        return tuple(timed(updates[y.name], y) for y in outputs if self.rated and y.name in updates)
+
+    @property
+    def estimate(self) -> Program:
+        """The plant's state."""
+        observer = self.observer
+        values = observer.dynamics.estimate(observer.z, sym("state", "u", len(observer.form.system.inputs)))
+        writes = {Place("estimate", s.name): values[i] for i, (s, _) in enumerate(observer.form.estimates)}
+        return (Block("the plant's state", writes),)
+
+    @property
+    def _notices(self) -> Program:
+        said = () if self.still and not self.rated else (outside_bit(self.observer),)
+        return (*said, *unrecovered(self.observer), *self.observer.notices)
+
+    def _guarded(self, program: Program) -> Program:
+        """A program, and what keeps the state that it leaves behind in its box, or makes it anew."""
+        whole = self.whole
+        counters = fresh("state", [field for field in whole.fields if field.kind == "index"])
+        others = (*counters, *fresh_groups("state", whole.fields, whole.groups, self.observer.z))
+        return (*program, *kept(program, self.state, others))
+
+    @property
+    def _predict(self) -> Section:
+        """In the first call copies of the model start from the estimate, where it was written. Where no output
+        corrects, the law of recovery asks here."""
+        observer, clock = self.observer, self.clock
+        follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
+        program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []
+        program += [guard_outputs(observer, clock)] if self.uses_output else []
+        program += [tick(observer.form.system.outputs, bool(self.adapt))] if self.rated else []
+        calls = sym("state", "calls")
+        counted = ca.if_else(calls < 2, calls + 1, 2) if self.adapt else ca.SX(1)
+        running = {Place("work", "running"): calls >= 1, Place("state", "calls"): counted}
+        program.append(Block("the first call advances no time", running))
+        program.append(When(Place("work", "running"), self._guarded(self.whole.predict), follow))
+        if clock.inputs:
+            program.append(Block("remember the input", {Place("state", "u"): sym("work", "u", clock.inputs)}))
+        if self.uses_output:
+            sample = {Place("state", "y"): sym("work", "y", clock.outputs), Place("state", "y_valid"): clock.valid}
+            program.append(Block("remember the sample", sample))
+        watch = () if self.correcting else self.law.watch(self._samples, says=self.still)
+        return Section("predict", "advance the estimate to now", (*program, *watch))
+
+    @property
+    def _samples(self) -> dict[int, Sampled]:
+        """What the law of recovery reads where no output corrects."""
+        read = self.observer.dynamics.output(self.observer.z, self.clock.u_now)
+        raw = [sym("output", output.name) for output in self.observer.form.system.outputs]
+        return {j: Sampled(y, self.clock.valid[j] > 0, y - read[j]) for j, y in enumerate(raw)}
+
+    def _update(self, j: int) -> Section:
+        output = self.observer.form.system.outputs[j]
+        program = self._guarded(flat(piece.update[j] for piece in self.pieces if piece.update))
+        valid = (*program, *((use(output),) if self.rated else ()))
+        sample = {j: Sampled(sym("work", "sample"), sym("work", "valid"), sym("work", "innovation"))}
+        says = self.still and not self.rated and j == self.correcting[-1]
+        watch = self.law.watch(sample, says=says)
+        guarded: Program = (measure(self.observer, self.clock, j), When(Place("work", "valid"), valid), *watch)
+        guarded = once(output, guarded) if self.rated else guarded
+        return Section(f"update_{output}", f"correct with {output}", guarded, output.name)
+
+    @property
+    def _adapt(self) -> tuple[Section, ...]:
+        if not self.adapt:
+            return ()
+        passed = {Place("work", "running"): sym("state", "calls") >= 2}
+        running = Block("no time has passed before the second call", passed)
+        program: Program = (running, When(Place("work", "running"), self._guarded(self.adapt)))
+        program = adapt_once(program) if self.rated else program
+        return (Section("adapt", "adapt the gain; once after the updates", program),)
+
+
+def flat(tuples: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """All entries of all tuples."""
+    return tuple(item for items in tuples for item in items)
+
+
+def _moves(program: Program, observer: Observer) -> bool:
+    """Whether a program writes to the estimate."""
+    shown = {place for place, _, _ in map(address, ca.symvar(observer.z))}
+    return any(shown & s.writes.keys() for s in walk(program) if isinstance(s, Block))
+
+
+def _calls(adapts: bool) -> Field:
+    most, later = (2, ", then 2") if adapts else (1, "")
+    return scalar("calls", 0, kind="index", high=most, meaning=f"0 before the first call, 1 after it{later}")
+
+
+def _last_input(inputs: tuple[Signal, ...]) -> tuple[Field, ...]:
+    start = tuple(resting(signal) for signal in inputs)
+    low, high = (tuple(min(max(s.interval[end], -HUGE), HUGE) for s in inputs) for end in (0, 1))
+    names = tuple(s.name for s in inputs)
+    return (Field("u", start, low=low, high=high, labels=names, meaning="last valid input"),)
+
+
+def _last_sample(outputs: tuple[Signal, ...]) -> tuple[Field, ...]:
+    zeros, names = (0.0,) * len(outputs), tuple(s.name for s in outputs)
+    meaning = "sample of the last call, or its estimate where there was none"
+    return (
+        Field("y", zeros, labels=names, meaning=meaning),
+        Field("y_valid", zeros, labels=names, meaning="1 where the last call had a valid sample"),
+    )
