@@ -999,3 +999,18 @@ def test_the_verifier_runs_alone(tmp_path: Path, forge: Callable[[dict[str, Any]
 def test_the_verifier_says_which_format_it_reads(tmp_path: Path) -> None:
     told = alone(tmp_path, "--version")
     assert told.stdout.strip() == f"it reads hgogen certificates of format version {VERSION}"
+
+
+def test_a_reader_that_stops_early_leaves_the_verifier_without_a_traceback(tmp_path: Path) -> None:
+    file = tmp_path / "pendulum.json"
+    file.write_text(json.dumps(observed("pendulum")))
+    alone(tmp_path, "--version")
+    words = [sys.executable, "-S", "-m", "recheck", str(file)]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}
+    ) as running:
+        assert running.stdout is not None
+        assert running.stderr is not None
+        running.stdout.close()
+        said = running.stderr.read()
+    assert (said, running.returncode) == (b"", 141)

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 
 from .errors import RecheckError
@@ -40,5 +41,19 @@ def _text(result: Rechecked) -> str:
     return "\n".join([head, f"model {result.model}", *rows, *result.remarks, result.count])
 
 
+def _run() -> int:
+    """`main`, of which a reader that stops early, as after `| head`, or a Ctrl-C makes no traceback."""
+    try:
+        status = main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes it once more at its end
+        return 141  # 128 + SIGPIPE, as a shell has it
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return status
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(_run())
