@@ -371,3 +371,21 @@ def test_bad_systems_are_met_with_a_sentence() -> None:
         hg.error_system(model("pendulum"), [sp.Symbol("strange"), 1])
     with pytest.raises(BadErrorSystem, match=r"G2 of shape .* must be 1 x 2"):
         hg.error_system(model("pendulum"), [1, 2], G1=sp.eye(2), G2=[[1, 2, 3]])
+
+
+@pytest.mark.parametrize("place", ["rate", "output"])
+def test_a_part_of_the_plant_that_cancels_in_the_error_must_have_a_value(place: str) -> None:
+    """log(u) on both sides leaves the error without it, and the plant has no value where u <= 0."""
+    x1, x2 = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2"))
+    y, found = hg.Signal("y"), {}
+    for low in (-1, 1):
+        u = hg.Signal("u", low=low, high=2)
+        rate, seen = (x2 + sp.log(u), x1) if place == "rate" else (x2, x1 + sp.log(u))
+        flow = [rate, -x1 - x2]
+        plant = hg.System("plant", states=(x1, x2), inputs=(u,), outputs=(y,), flow=flow, output=[seen])
+        observer = [gain * (y - seen) + row for gain, row in zip((4, 3), flow, strict=True)]
+        V = [[2, -0.5], [-0.5, 1]]
+        for system in (hg.error_system(plant, [4, 3]), hg.observer_errors(plant, observer, unknown=())):
+            assert not any(row.has(u) for row in system.flow)
+            found.setdefault(low, set()).add(hg.dissipation(system, V, mu=30, within=[1, 1]).checks[1].verdict)
+    assert found == {-1: {Verdict.UNKNOWN}, 1: {Verdict.PROVED}}

@@ -398,3 +398,34 @@ def test_a_power_of_a_root_of_squares_is_as_steep_as_it_is(power: int, steepest:
     found = lipschitz_bound([(x**2 + y**2) ** sp.Rational(power, 2)], (x, y), box)
     assert found.verdict is Verdict.PROVED
     assert steepest * (1 - 1e-12) <= found.high <= 1.03 * steepest
+
+
+_X = hg.Signal("x", low=0, high=1)
+_U = hg.Signal("u", low=-1, high=1)
+_POSITIVE = hg.Signal("w", low=0, high=1)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        sp.Abs(_X) / _X,
+        sp.sqrt(_POSITIVE**2) / _POSITIVE,
+        sp.Max(sp.sqrt(_U), 0) - sp.sqrt(_U),
+        (_U * _X + _U) / _U,
+        sp.log(_U) - sp.log(2 * _U),
+        _X / (_X + _POSITIVE) + _POSITIVE / (_X + _POSITIVE),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("place", ["rate", "gain", "output"])
+def test_no_form_is_proved_of_a_plant_that_has_no_value_where_a_part_cancels(part: sp.Expr, place: str) -> None:
+    """|x|/x is 1 where x > 0, and no number at x = 0: the box holds a point where the plant has no value."""
+    z, y = hg.Signal("z", low=0, high=1), hg.Signal("y")
+    rate = {"rate": z + part, "gain": z * part, "output": z}[place]
+    output = _X + part if place == "output" else _X
+    states, inputs = (_X, z), (_U, _POSITIVE)
+    plant = hg.System("plant", states=states, inputs=inputs, outputs=(y,), flow=[rate, -z], output=[output])
+    for form in (forms.triangular, forms.uniform, forms.state_affine, forms.original, forms.block_triangular):
+        checks = [check for check in form(plant).checks if check.id != "original.convergence"]
+        assert {check.verdict for check in checks} - {Verdict.PROVED, Verdict.GENERIC}, form
+    assert hg.singularity(plant).checks[0].verdict is not Verdict.PROVED

@@ -74,3 +74,26 @@ def test_two_inputs_that_hide_a_state_together() -> None:
     form = hg.forms.state_affine(hg.System("hidden", **data, output=[x[0] + u * x[1]]))
     assert persistent(SHOWN, form, {"u": "sin(t)", "w": "-cos(t)"}, "2*pi").verdict is not Verdict.PROVED
     assert persistent(SHOWN, form, {"u": "sin(t)", "w": "cos(t)"}, "2*pi").verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(
+    ("row", "a", "b", "period"),
+    [
+        ("gain", "sin(t)", "sin(t)", "2*pi"),
+        ("gain", "sin(t)", "sin(t)", None),
+        ("rest", "2", "0", None),
+        ("output", "sin(t)", "sin(t)", "2*pi"),
+    ],
+)
+def test_an_input_for_which_the_plant_has_no_value_shows_nothing(row: str, a: str, b: str, period: str | None) -> None:
+    """a/b is 1 for a = b = sin t, and (b x + b)/b is x + 1, but the plant has no value where b = 0."""
+    x, z = (hg.Signal(name, low=-1, high=1) for name in "xz")
+    u, w = hg.Signal("a"), hg.Signal("b")
+    rate = {"gain": u / w * z, "rest": (w * z + w) / w, "output": z}[row]
+    output = u / w * x if row == "output" else x
+    plant = hg.System(
+        "plant", states=(x, z), inputs=(u, w), outputs=(hg.Signal("y"),), flow=[rate, -z], output=[output]
+    )
+    form = hg.forms.state_affine(plant)
+    assert persistent(SHOWN, form, {"a": a, "b": b}, period).verdict is Verdict.UNKNOWN
+    assert persistent(SHOWN, form, {"a": "2 + sin(t)", "b": "2 + sin(t)"}, "2*pi").verdict is Verdict.PROVED

@@ -159,3 +159,16 @@ def test_beyond_the_range_the_map_back_does_not_turn_round() -> None:
     estimate = ca.Function("estimate", [z], [dynamics.estimate(z, ca.SX(0, 1))])
     for inside, reported in (((0.5, 2.0), (0.5, 4.0)), ((-7.0, -3.0), (-7.0, 0.25)), ((7.0, 4.0), (7.0, 16.0))):
         assert np.allclose(np.array(estimate(inside)).ravel(), reported, rtol=1e-12)
+
+
+@pytest.mark.parametrize("place", ["rate", "output"])
+@pytest.mark.parametrize("low", [-1, 1])
+def test_what_cancels_in_new_coordinates_stays_where_it_may_have_no_value(place: str, low: float) -> None:
+    """(u x + u)/u, expanded, is x + 1: the recast plant would have a value where the plant has none."""
+    x, z, w = (Signal(name, low=-1, high=1) for name in ("x", "z", "w"))
+    u = Signal("u", low=low, high=2)
+    part = (u * x + u) / u
+    flow, output = ([z + part, -z], [x]) if place == "rate" else ([z, -z], [part])
+    plant = System("plant", states=(x, z), inputs=(u,), outputs=(Signal("y"),), flow=flow, output=output)
+    moved = recast(plant, {w: 2 * z}, {z: w / 2})
+    assert any(row.has(u) for row in (*moved.flow, *moved.output)) is (low < 0)

@@ -112,7 +112,7 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
     obstacle = _obstacle(system, level, around, boxes)
     answers = (
         _zero(level, system) or negative(_positive_function(system, level, around), boxes, obstacle),
-        negative(_inequality(system, level, mu, around), boxes, obstacle),
+        negative(_inequality(system, level, mu, around), boxes, _cancelled(system) or obstacle),
     )
     floor = _floor(level, around, boxes)
     asked = Dissipates(system, level, mu, around)
@@ -194,6 +194,11 @@ def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> str:
         if lipschitz_bound(rows, system.errors, box, boxes=boxes, relative=1.0).verdict is not Verdict.PROVED:
             return f"{what} is not shown to have a bounded slope"
     return ""
+
+
+def _cancelled(system: ErrorSystem) -> str:
+    """Why e' has a value where the plant may have none, or ""."""
+    return "" if system.lost is None else f"{system.lost} of the plant may have no value, and cancels in e'"
 
 
 def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:

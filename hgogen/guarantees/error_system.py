@@ -18,6 +18,7 @@ import sympy as sp
 from hgogen.algebra.points import exact
 from hgogen.errors import BadArgument
 from hgogen.intervals.box import Box, box
+from hgogen.intervals.lost import lost
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import in_order, names_of
 from hgogen.signal import Signal
@@ -70,7 +71,7 @@ class ErrorSystem:
 
     `errors`: the symbols e (n); `flow` (n); `noise` (n, k); `box`: the closed range of every other symbol; `states`:
     the x (n) that belong to the e, where x - e is the estimate, or none; `origin`: how it was made of a plant, None
-    where it is given.
+    where it is given; `lost`: a part of the plant that cancels in e' and may have no value on the box.
 
     Raises: `BadErrorSystem`.
     """
@@ -82,6 +83,7 @@ class ErrorSystem:
     box: Box = field(default_factory=dict, hash=False)
     states: tuple[sp.Symbol, ...] = ()
     origin: Injection | Equations | None = None
+    lost: sp.Expr | None = None
 
     def __post_init__(self) -> None:
         """Numbers exact, lengths and symbols as they should be."""
@@ -140,14 +142,16 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
     flow = f - f.xreplace(estimate) - behind * (h - h.xreplace(estimate))
     noise = G_1 - behind * G_2
     signals = (*plant.states, *plant.inputs, *plant.parameters)
+    around = box(signals, plant.nominal)
     return ErrorSystem(
         plant.name,
         errors,
         tuple(flow.xreplace(fixed)),
         noise.xreplace(fixed).as_immutable(),
-        {s: ends for s, ends in box(signals, plant.nominal).items() if s not in fixed},
+        {s: ends for s, ends in around.items() if s not in fixed},
         plant.states,
         Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
+        lost((*plant.flow, *plant.output), flow, around),
     )
 
 

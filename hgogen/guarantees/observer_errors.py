@@ -17,6 +17,7 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem
 from hgogen.intervals.box import box
+from hgogen.intervals.lost import lost
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import BadNames, in_order, names_of
 from hgogen.signal import Signal
@@ -62,8 +63,11 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     real = {s: _dummy(s) for s in plant.signals}
     plain = {dummy: s for s, dummy in real.items()}
 
+    def on_way(e: sp.Expr) -> sp.Expr:
+        return exact(e.xreplace(fixed).xreplace(on))
+
     def reduced(e: sp.Expr) -> sp.Expr:
-        return sp.cancel(exact(e.xreplace(fixed).xreplace(on)).xreplace(real)).xreplace(plain)
+        return sp.cancel(on_way(e).xreplace(real)).xreplace(plain)
 
     for x, a in made.along:
         drift = plant.flow[plant.states.index(x)] - sum(
@@ -82,7 +86,9 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
             raise BadErrorSystem(f"e_{x}' = {rate}", "is not shown to be affine in the unknown inputs")
     away = {*made.unknown, *on}
     shown = {s: ends for s, ends in around.items() if s not in away}
-    return ErrorSystem(plant.name, errors, tuple(flow), sp.ImmutableDenseMatrix(noise), shown, origin=made)
+    pushes = sp.ImmutableDenseMatrix(noise)
+    part = lost(map(on_way, (*plant.flow, *plant.output, *behind)), (*flow, *pushes), around)
+    return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part)
 
 
 def _dummy(s: Signal) -> sp.Dummy:

@@ -1,7 +1,8 @@
 """The same function on a box, without the kinks and jumps whose side the box decides: |x| is x where x >= 0.
 
 What is proved of a side is proved in exact or outward-rounded arithmetic, on the closed box. What is left out is a
-finite real number there: max(sqrt(x - 1), 5) stays where x may be below 1, for it has no value there.
+finite real number there: max(sqrt(x - 1), 5) stays where x may be below 1, for it has no value there, and |x|/x, which
+would be 1, where x may be 0.
 """
 
 from collections.abc import Iterable
@@ -9,18 +10,16 @@ from collections.abc import Iterable
 import sympy as sp
 
 from hgogen.algebra.kinks import Norm, bent, signed
-from hgogen.algebra.points import exact
-from hgogen.algebra.tape import NoTape, tape
+from hgogen.algebra.tape import NoTape
 from hgogen.check import Verdict
-from hgogen.intervals.box import Box, sides
+from hgogen.intervals.box import Box
+from hgogen.intervals.lost import STRANGE, is_defined, lost
 from hgogen.intervals.rational import rational
-from hgogen.intervals.search import everywhere, search
 from hgogen.intervals.sign import nonzero
 
 _KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise)
 _OPERATIONS = 200  # of an argument whose side is asked for
 _BOXES = 60
-_STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
 
 
 def one_sided(expression: sp.Expr, box: Box) -> sp.Expr:
@@ -42,7 +41,13 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     args = [_visited(part, box) if isinstance(part, sp.Expr) else part for part in node.args]
     if isinstance(node, (sp.Min, sp.Max)):
         return _extreme(type(node), args, box)
-    found = node if args == list(node.args) else node.func(*args)
+    built = node if args == list(node.args) else node.func(*args)
+    found = _plain(built, box)
+    return node if found != node and lost(args, (found,), box) is not None else found
+
+
+def _plain(found: sp.Expr, box: Box) -> sp.Expr:
+    """An expression whose parts were visited."""
     if isinstance(found, sp.Mul) and any(isinstance(part, sp.sign) for part in found.args):
         whole = signed(found)
         return found if whole == found else _visited(whole, box)
@@ -74,9 +79,9 @@ def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
     way = 1 if kind is sp.Max else -1
     kept: list[sp.Expr] = []
     for a in args:
-        if any(_side(way * (b - a), box) > 0 for b in kept) and _defined(a, box):
+        if any(_side(way * (b - a), box) > 0 for b in kept) and is_defined(a, box):
             continue
-        kept = [b for b in kept if _side(way * (a - b), box) <= 0 or not _defined(b, box)]
+        kept = [b for b in kept if _side(way * (a - b), box) <= 0 or not is_defined(b, box)]
         kept.append(a)
     return kind(*kept)
 
@@ -105,30 +110,18 @@ def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
     above = _side(rise, box) if weakly or not strict else _strict(rise, box)
     below = _side(rise, box) if weakly or strict else _strict(rise, box)
     holds = True if above > 0 else False if below < 0 else None
-    return holds if holds is None or _defined(rise, box) else None
+    return holds if holds is None or is_defined(rise, box) else None
 
 
 def _constant(e: sp.Expr, box: Box) -> int:
     """`_strict` of what is proved to be defined on the box, else 0."""
     way = _strict(e, box)
-    return way if way and _defined(e, box) else 0
-
-
-def _defined(e: sp.Expr, box: Box) -> bool:
-    """Whether it is proved that e is a finite real number on the whole box."""
-    fixed, around = sides(exact(e), box)
-    if fixed.has(*_STRANGE):
-        return False
-    try:
-        program = tape([fixed], around.symbols)
-    except NoTape:
-        return False
-    return search(program, around.outer, around.inner, everywhere, _BOXES).defined
+    return way if way and is_defined(e, box) else 0
 
 
 def _side(e: sp.Expr, box: Box) -> int:
     """1 where it is proved that e >= 0 on the box, -1 where e <= 0, else 0; 1 of what is 0."""
-    if e.count_ops() > _OPERATIONS or e.has(*_STRANGE):
+    if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
         return 0
     low, high = rational(e, box)
     return 1 if low >= 0 else -1 if high <= 0 else _strict(e, box)
@@ -136,7 +129,7 @@ def _side(e: sp.Expr, box: Box) -> int:
 
 def _strict(e: sp.Expr, box: Box) -> int:
     """1 where it is proved that e > 0 on the box, -1 where e < 0, else 0."""
-    if e.count_ops() > _OPERATIONS or e.has(*_STRANGE):
+    if e.count_ops() > _OPERATIONS or e.has(*STRANGE):
         return 0
     low, high = rational(e, box)
     if low > 0 or high < 0:

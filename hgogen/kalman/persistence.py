@@ -29,6 +29,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.sign import nonzero
+from hgogen.intervals.singular import singular
 from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.expression import parse
 from hgogen.reading.given import BadGain
@@ -88,6 +89,9 @@ def _judged(answer: Callable[..., Check], form: Form, given: Mapping[str, sp.Exp
     """Of known inputs, or of A and C that read none. Raises: `TooLarge`."""
     read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
     A, C = _along_time(form, given or {})
+    broken = _broken(form, given) if given else ""
+    if broken:
+        return answer(Verdict.UNKNOWN, f"{broken} of the plant is not shown to be a finite real number all the time")
     if given is None or t not in A.free_symbols | C.free_symbols:
         doubt = _doubt(form, A, C, {u: given[u.name] for u in form.system.inputs if u in read} if given else {})
         constants = {u: e for u, e in (given or {}).items() if u in {x.name for x in read}}
@@ -152,6 +156,17 @@ def _along_time(form: Form, given: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
     C = sp.Matrix([[sp.diff(row, z) for z in form.states] for row in form.output])
     return tuple(matrix.applyfunc(exact).xreplace(values) for matrix in (sp.Matrix(form.A), C))
+
+
+def _broken(form: Form, given: Mapping[str, sp.Expr]) -> str:
+    """A part of the plant, of inputs and parameters, that is not shown to be finite for these inputs at any time; "" if
+    none. A and C may not have it any more: a/b is 1 for a = b = sin t, and the plant has no value at t = 0."""
+    system, around = form.system, box(form.system.signals, form.system.nominal)
+    values = {u: given[u.name] for u in system.inputs}
+    values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
+    parts = singular(map(exact, (*system.flow, *system.output)), around)
+    known = (part for part in parts if part.free_symbols.isdisjoint(system.states))
+    return next((str(part) for part in known if not _finite(exact(part.xreplace(values)), around)), "")
 
 
 def _unbounded(form: Form, given: Mapping[str, sp.Expr], length: sp.Expr) -> str:

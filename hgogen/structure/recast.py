@@ -3,12 +3,14 @@
 The recast plant is a System of its own, whose estimates are reported in the coordinates of the plant it came from.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import sympy as sp
 
+from hgogen.intervals.box import box
+from hgogen.intervals.lost import lost
 from hgogen.signal import Signal
 from hgogen.structure.diffeomorphism import Change, checks, stand_ins
 from hgogen.system import BadSystem, Origin, System
@@ -48,13 +50,28 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
         inputs=plant.inputs,
         outputs=plant.outputs,
         parameters=plant.parameters,
-        flow=[sp.expand(sp.powdenest(sp.sympify(r).subs(backward))).xreplace(back) for r in rates],
-        output=[sp.expand(h.xreplace(plain).subs(backward)).xreplace(back) for h in plant.output],
+        flow=[_moved(sp.sympify(rate), backward, back, plant, sp.powdenest) for rate in rates],
+        output=[_moved(h.xreplace(plain), backward, back, plant) for h in plant.output],
         time=plant.time,
     )
     reported = tuple(backward.get(x, x).xreplace(back) for x in ones)
     to = tuple(forward[w].xreplace(back) for w in states)
     return replace(result, origin=Origin(plant, to, reported, checks(change)))
+
+
+def _moved(
+    row: sp.Expr,
+    backward: Mapping[sp.Symbol, sp.Expr],
+    back: Mapping[sp.Symbol, Signal],
+    plant: System,
+    tidy: Callable[[sp.Expr], sp.Expr] = sp.sympify,
+) -> sp.Expr:
+    """A row in the new states: expanded, but for one that has a value then where it may have none as it stands."""
+    plain = row.subs(backward)
+    moved, expanded = plain.xreplace(back), sp.expand(tidy(plain)).xreplace(back)
+    signals = (s for s in moved.free_symbols if isinstance(s, Signal))
+    part = lost((moved,), (expanded,), box(signals, plant.nominal))
+    return expanded if part is None else moved
 
 
 def _readable(change: Change) -> None:
