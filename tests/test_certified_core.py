@@ -138,6 +138,9 @@ def test_only_what_is_fed_counts() -> None:
         G = np.array([[float(k in group) for group in groups] for k in range(len(P))])
         assert float(found.push) == pytest.approx(np.linalg.norm(P @ G, 2), rel=1e-4)
         assert float(found.push) >= np.linalg.norm(P @ G, 2)
+        theta = 2 * float(found.theta)  # V' <= -(theta - 2 push L) |e|^2 with V <= lambda_max(P) |e|^2
+        room = theta - 2 * float(found.push) * float(found.lipschitz)
+        assert found.rate(theta) == pytest.approx(room / (2 * np.linalg.eigvalsh(P).max()), rel=1e-3)
 
 
 def test_the_error_decays_as_proved_through_saturations() -> None:
