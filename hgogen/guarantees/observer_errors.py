@@ -87,7 +87,8 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     away = {*made.unknown, *on}
     shown = {s: ends for s, ends in around.items() if s not in away}
     pushes = sp.ImmutableDenseMatrix(noise)
-    part = lost(map(on_way, (*plant.flow, *plant.output, *behind)), (*flow, *pushes), around)
+    # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
+    part = lost(map(on_way, (*plant.flow, *plant.output)), (*flow, *pushes), around)
     return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part)
 
 
