@@ -594,6 +594,21 @@ def test_the_claims_on_a_phase_form_are_verified(name: str) -> None:
         assert {found(forged)[id] for id in ids} == {"fails"}
 
 
+def test_a_gain_on_a_phase_form_rests_on_its_convergence() -> None:
+    """It is compared with the bound of that claim, whatever that claim is worth."""
+    claims = jobs.checked(load(ROOT / "models" / "lotka_volterra.toml"), None, "low_power")
+    content = certificate(claims.form, claims.checks, claims.observer)
+    content["observer"]["theta"] = str(10**9)
+    convergence, theta = (
+        next(claim for claim in content["claims"] if claim["id"] == f"low_power.{fact}")
+        for fact in ("convergence", "theta")
+    )
+    theta |= {"verdict": "proved", "evidence": {}}
+    assert found(content)["low_power.theta"] == "verified"
+    convergence["evidence"]["bound"] = "0"
+    assert found(content)["low_power.convergence"] == found(content)["low_power.theta"] == "fails"
+
+
 def test_a_form_whose_b_is_taken_at_the_recovered_state_says_so() -> None:
     claims = jobs.checked(load(ROOT / "models" / "cstr.toml"), None, "stubborn")
     content = certificate(claims.form, claims.checks, claims.observer)
