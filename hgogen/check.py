@@ -7,11 +7,10 @@ condition; `generic` holds outside a set of measure zero; `unknown` is an honest
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, Self
 
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, nearest
 
 
 class Verdict(StrEnum):
@@ -146,8 +145,7 @@ class UnknownCheck(HgogenError):
     known: tuple[str, ...]
 
     def __str__(self) -> str:
-        near = get_close_matches(str(self.id)[:60], self.known, n=1)
-        fix = f"did you mean {near[0]}?" if near else f"the checks are {', '.join(self.known)}"
+        fix = nearest(str(self.id), self.known, f"the checks are {', '.join(self.known)}")
         return f"accept names {self.id!r}, which is no check here; {fix}"
 
 

@@ -1,6 +1,8 @@
 """The base of every error hgogen raises: a sentence that names the thing and the fix."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 
 class HgogenError(Exception):
@@ -19,3 +21,9 @@ class BadArgument(HgogenError):
 
     def __str__(self) -> str:
         return f"{self.what} {self.reason}"
+
+
+def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
+    """What a sentence on an unknown name ends with: the known name that is nearest to it, or `otherwise`."""
+    close = get_close_matches(name[:60], list(known), n=1)
+    return f"did you mean {close[0]}?" if close else otherwise

@@ -8,7 +8,6 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 from hgogen import observers
 from hgogen.call import CallableStep
 from hgogen.check import Refuted
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
@@ -192,8 +191,8 @@ class Model:
         there = ", ".join(self.tuning.tables)
         known = f"it has tunings for {there}" if there else "it has no tuning"
         if name not in observers.__all__:
-            near = get_close_matches(name[:60], [*self.tuning.tables, *observers.__all__], n=1)
-            fix = f"did you mean {near[0]}?" if near else f"the observers are {', '.join(observers.__all__)}"
+            listed = f"the observers are {', '.join(observers.__all__)}"
+            fix = nearest(name, [*self.tuning.tables, *observers.__all__], listed)
             return f"there is no observer {name[:60]!r}, {known}; {fix}"
         every, needed = arguments(getattr(observers, name))
         fix = self.fixes["tuning"].format(observer=name, arguments=", ".join(needed))

@@ -6,7 +6,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.certificates.of_forms import Evidence, end, written
+from hgogen.certificates.of_forms import Evidence, end, tree, written
 from hgogen.check import Check, Verdict
 from hgogen.guarantees.dissipation import Dissipates
 from hgogen.guarantees.error_system import Equations, ErrorSystem, Injection
@@ -78,13 +78,4 @@ def _ranges(box: Box) -> list[dict[str, str | None]]:
 def _slab(proof: Proof, way: int) -> dict[str, str]:
     """S < 0 (`way` 1), or -V < 0 as V > 0 (-1), half of what was proved, so that a weaker arithmetic reaches it."""
     assert proof.high is not None  # it is negative
-    tokens, left = [], [proof.tree]
-    while left:
-        node = left.pop()
-        if isinstance(node, str):
-            tokens.append(".")
-            continue
-        _, index, first, second = node
-        tokens.append(proof.variables[int(index)].name)
-        left += [second, first]
-    return {"tree": " ".join(tokens), "bound": str(way * Fraction(f"{float(proof.high) / 2:.6g}"))}
+    return {"tree": tree(proof), "bound": str(way * Fraction(f"{float(proof.high) / 2:.6g}"))}

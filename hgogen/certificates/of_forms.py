@@ -99,7 +99,7 @@ def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
     return found
 
 
-def _tree(found: Range | Proof, form: Form | None) -> str:
+def tree(found: Range | Proof, form: Form | None = None) -> str:
     """The bisection in prefix order, in the form's coordinates; in the plant's without a form."""
     images = _mirrored(form) if form else {}
     names = [images.get(s, (s.name, False)) for s in found.variables]
@@ -130,7 +130,7 @@ def enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Side
         "box": _sides(_box(form, expression.free_symbols) if where is None else where),
         "low": str(outward(low, -1) if number is None else number),
         "high": str(outward(high, 1) if number is None else number),
-        "tree": _tree(found, form if where is None else None),
+        "tree": tree(found, form if where is None else None),
     }
 
 
@@ -212,7 +212,7 @@ def steep(form: Form, rows: Iterable[sp.Expr], proof: Proof, wider: float = 1e-9
         return None
     names = set().union(*(exact(sp.sympify(row)).free_symbols for row in rows))
     bound = outward(float(proof.high) * (1 + wider), 1)
-    return {"box": _sides(_box(form, names)), "bound": str(bound), "tree": _tree(proof, form)}
+    return {"box": _sides(_box(form, names)), "bound": str(bound), "tree": tree(proof, form)}
 
 
 def _chain(form: Form, check: Check) -> Evidence | None:

@@ -1,10 +1,10 @@
 """Arguments of a function as a table holds them: whether it takes them, and the values that text stands for."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from difflib import get_close_matches
 from inspect import Parameter, signature
 from typing import Any
 
+from hgogen.errors import nearest
 from hgogen.kalman import innovation, theta
 from hgogen.reading.given import BadGain
 
@@ -28,9 +28,8 @@ def faults(
     known, needed = _names(list(signature(make).parameters.values())[first:])
     for key in given:
         if key not in known:
-            near = get_close_matches(key[:60], [*known, *beside], n=1)
             listed = f"its arguments are {', '.join(known)}" if known else "it takes none"
-            fix = f"did you mean {near[0]}?" if near else listed
+            fix = nearest(key, [*known, *beside], listed)
             yield key, f"{make.__name__} has no argument {key[:60]!r}; {fix}"
     for key in needed:
         if key not in given:

@@ -2,11 +2,10 @@
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from difflib import get_close_matches
 
 from hgogen import forms, methods
 from hgogen.call import CallableStep
-from hgogen.errors import BadArgument
+from hgogen.errors import BadArgument, nearest
 
 
 class UnknownCase(BadArgument):
@@ -53,6 +52,5 @@ AS_WRITTEN = Setting()
 def _known(kind: str, name: str | None, cases: Iterable[str]) -> None:
     if name is None or name in cases:
         return
-    near = get_close_matches(name[:60], list(cases), n=1)
-    fix = f"did you mean {near[0]}?" if near else f"there are {', '.join(cases)}"
+    fix = nearest(name, cases, f"there are {', '.join(cases)}")
     raise UnknownCase(f"--{kind} {name[:60]}:", f"there is no such {kind}; {fix}")

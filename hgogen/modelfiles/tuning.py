@@ -27,7 +27,6 @@ In Python `form` may be a function of the plant, and every value may be what the
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import lru_cache
 from inspect import signature
 from pathlib import Path
@@ -36,7 +35,7 @@ from typing import Any
 from hgogen import forms, methods, observers
 from hgogen.call import CallableStep, sample
 from hgogen.check import Refuted
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, nearest
 from hgogen.form import Form
 from hgogen.modelfiles.arguments import faults, poles, value
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -171,8 +170,7 @@ class Tuning:
         if not isinstance(name, str):
             return name
         if name not in folder.__all__:
-            near = get_close_matches(name[:60], folder.__all__, n=1)
-            known = f"did you mean {near[0]}?" if near else f"there are {', '.join(folder.__all__)}"
+            known = nearest(name, folder.__all__, f"there are {', '.join(folder.__all__)}")
             raise BadModelFile(self.file, where, f"there is no {name[:60]!r}; {known}")
         return getattr(folder, name)
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.errors import nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
 from hgogen.reading.tokens import BadExpression, Token, tokens
 
@@ -205,8 +206,7 @@ class _Parser:
         if name not in FUNCTIONS:
             if name in self.symbols or name in _CONSTANTS:
                 raise self.bad(token, f"{name[:60]!r} is no function; write * before the parenthesis")
-            near = get_close_matches(name[:60], FUNCTIONS, n=1)
-            known = f"did you mean {near[0]}?" if near else f"the functions are {', '.join(FUNCTIONS)}"
+            known = nearest(name, FUNCTIONS, f"the functions are {', '.join(FUNCTIONS)}")
             raise self.bad(token, f"there is no function {name[:60]!r}; {known}")
         self.take()
         if name == "Piecewise":

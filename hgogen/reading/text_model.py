@@ -20,7 +20,6 @@ import json
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
@@ -28,7 +27,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, nearest
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
@@ -187,8 +186,7 @@ def demand_keys(file: str, where: str, table: Any, keys: Mapping[str, str], need
     for key, value in table.items():
         path = f"{where}.{key}" if where else key
         if key not in keys:
-            near = get_close_matches(key[:60], keys, n=1)
-            known = f"did you mean {near[0]}?" if near else f"the keys are {', '.join(keys)}"
+            known = nearest(key, keys, f"the keys are {', '.join(keys)}")
             raise BadModelFile(file, path, f"there is no key {key[:60]!r} here; {known}")
         if not _FITS[keys[key]](value):
             raise BadModelFile(file, path, f"is {_shown(value)}; write {keys[key]}, such as {_EXAMPLES[keys[key]]}")

@@ -113,12 +113,16 @@ class Assembly:
         said = () if self.still and not self.rated else (outside_bit(self.observer),)
         return (*said, *unrecovered(self.observer), *self.observer.notices)
 
-    def _guarded(self, program: Program) -> Program:
-        """A program, and what keeps the state that it leaves behind in its box, or makes it anew."""
+    @cached_property
+    def _fresh(self) -> Program:
+        """What makes counters and members anew where the state is lost."""
         whole = self.whole
         counters = fresh("state", [field for field in whole.fields if field.kind == "index"])
-        others = (*counters, *fresh_groups("state", whole.fields, whole.groups, self.observer.z))
-        return (*program, *kept(program, self.state, others))
+        return (*counters, *fresh_groups("state", whole.fields, whole.groups, self.observer.z))
+
+    def _guarded(self, program: Program) -> Program:
+        """A program, and what keeps the state that it leaves behind in its box, or makes it anew."""
+        return (*program, *kept(program, self.state, self._fresh))
 
     @property
     def _predict(self) -> Section:
