@@ -22,7 +22,6 @@ from hgogen.algebra.kinks import slope as slope_of
 from hgogen.algebra.points import put
 from hgogen.analysis.on_box import on_box
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import lost
 from hgogen.intervals.slope import JUMPS
 from hgogen.system import System
 
@@ -232,13 +231,6 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
     still = is_zero(slope, rows.box)
     moves = None if still is None else not still
     return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
-
-
-def remainder(link: Link, plant: System) -> sp.Expr:
-    """The rest of a link; row - gain * state as it stands where the row may have no value and gain and rest have one:
-    (u x + u)/u is not x + 1 at u = 0."""
-    part = lost((link.row,), (link.gain, link.rest), box(plant.signals, plant.nominal))
-    return link.rest if part is None else link.row - link.gain * link.state
 
 
 def _line(

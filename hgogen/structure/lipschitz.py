@@ -14,6 +14,7 @@ from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
+from hgogen.intervals.lost import lost
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.singular import minimal, singular
@@ -23,13 +24,19 @@ from hgogen.system import System
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
 
 
-def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
+def lipschitz(
+    maker: str, b: Iterable[sp.Expr], system: System, name: str = "b", beside: Iterable[sp.Expr] = ()
+) -> Check:
     """`MAKER.lipschitz`, that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters,
-    `name` is what the report calls it.
+    `name` is what the report calls it; `beside`: what else a form takes from the plant, and asks checks of its own.
 
-    proved: with L_b. refuted: with a point towards which a slope tends to infinity. where: for some inputs or
-    parameters alone it may be singular; closed parts of the box without them have a bound each. unknown: a range is
-    missing, there may be a jump or a singular state, near which no bound is known, or the boxes tried give no bound.
+    This check answers for the plant as it is written as well: (u x + u)/u is x + 1 in a form, and has no value at
+    u = 0.
+
+    proved: with L_b, and what the form no longer has of the plant is finite and real on the box. refuted: with a point
+    towards which a slope tends to infinity. where: for some inputs or parameters alone it may be singular; closed parts
+    of the box without them have a bound each. unknown: a range is missing, there may be a jump or a singular state,
+    near which no bound is known, the boxes tried give no bound, or a part of the plant that cancels may have no value.
     """
     id, claim = ClaimId(maker, "lipschitz"), f"{name} is Lipschitz in the state on the box"
 
@@ -45,6 +52,9 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
             Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
         )
     if found.verdict is Verdict.PROVED:
+        part = lost((*system.flow, *system.output), (*given, *beside), box)
+        if part is not None:
+            return answer(Verdict.UNKNOWN, f"{part} is not shown to have a value on the box, though it cancels")
         proof = Proof(given, None, ends(0.0, found.high)[1], found.variables, found.tree)
         return replace(answer(Verdict.PROVED, _bound(found)), proofs=(proof,))
     if found.verdict is Verdict.REFUTED:
