@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.check import Verdict
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 from hgogen.intervals import bounds, sign
 from hgogen.intervals.bounds import LIMIT, Box, End, Range, box
 from hgogen.intervals.sign import Sign
@@ -34,15 +34,10 @@ class NotInBox(HgogenError):
         return f"{self.symbol} is not in the box, which has {', '.join(self.known) or 'no symbols'}; declare it there"
 
 
-@dataclass(eq=False)
-class BadRange(HgogenError):
+class BadRange(BadArgument):
     """What is given in the place of a box, or of one of its ranges."""
 
-    name: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"the box: {self.name} {self.reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
+    text = "the box: {what} {reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
 
 
 def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:

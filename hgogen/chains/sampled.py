@@ -20,7 +20,7 @@ from hgogen.chains.core import Core, core
 from hgogen.chains.transient import first_unstable, lengths
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.stability import Limit
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -37,15 +37,10 @@ MEANINGS = {  # of the matrices, of which the elements are stored that are not 0
 Pattern = tuple[bool, ...]  # which outputs have a sample
 
 
-@dataclass(eq=False)
-class NoRealisation(HgogenError):
+class NoRealisation(BadArgument):
     """An observer that has no linear core with constant coefficients."""
 
-    method: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.method} realises a linear error core with constant coefficients; {self.reason}"
+    text = "{what} realises a linear error core with constant coefficients; {reason}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.digits import down
@@ -43,15 +43,10 @@ _POLES = 200  # phi is large, and with poles in the box of z, as they often are,
 _REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
 
 
-@dataclass(eq=False)
-class NoPhase(HgogenError):
+class NoPhase(BadArgument):
     """A plant that has no phase form here."""
 
-    system: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"system {self.system!r} {self.reason}"
+    text = "system {what!r} {reason}"
 
 
 @dataclass(frozen=True)
