@@ -46,8 +46,8 @@ class NotVerified(RecheckError):
     failed: tuple["Row", ...]
 
     def __str__(self) -> str:
-        told = "; ".join(f"{row.id}: {row.sentence}" for row in self.failed)
-        return f"not verified: {told}. Do not rely on this file; write it again with hgogen check --certificate"
+        failures = "; ".join(f"{row.id}: {row.sentence}" for row in self.failed)
+        return f"not verified: {failures}. Do not rely on this file; write it again with hgogen check --certificate"
 
 
 @dataclass(eq=False)
@@ -139,8 +139,8 @@ class Rechecked:
         """For JSON."""
         rows = [row.as_dict() for row in self.rows]
         about = {"plant": self.plant, "form": self.form, "observer": self.observer or None, "model": self.model}
-        found = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}
-        return {**about, **found, "unexamined": list(self.unexamined), "points": dict(self.points)}
+        outcome = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}
+        return {**about, **outcome, "unexamined": list(self.unexamined), "points": dict(self.points)}
 
 
 def read(text: str) -> Certificate:
@@ -161,15 +161,15 @@ def recheck(text: str) -> Rechecked:
     certificate = read(text)
     context = Context(certificate)
     observer = certificate.observer.name if certificate.observer else ""
-    found = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", said) for said in faults(context)))
-    verified = [row.id for row in found if row.found == "verified"]
+    outcomes = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", said) for said in faults(context)))
+    verified = [row.id for row in outcomes if row.found == "verified"]
     points = {name: short(Fraction(low)) for name, (low, high) in certificate.plant.box.items() if low == high}
     return Rechecked(
         _plain(certificate.name),
         _plain(certificate.form.kind),
         observer,
         certificate.model,
-        found,
+        outcomes,
         tuple(unexamined(context, verified)),
         points,
     )
@@ -200,20 +200,20 @@ def load(path: str | Path) -> str:
 
 
 def rows(context: Context) -> Iterator[Row]:
-    """One row a claim, and one for each that is missing."""
+    """A row for each claim, and one for each required claim that is missing."""
     certificate = context.file
-    found: dict[str, Row] = {}
+    by_id: dict[str, Row] = {}
     for claim in certificate.claims:
-        if claim.id in found:
-            found[claim.id] = Row(claim.id, _plain(claim.verdict), "fails", "it stands twice")
+        if claim.id in by_id:
+            by_id[claim.id] = Row(claim.id, _plain(claim.verdict), "fails", "it stands twice")
         else:
-            found[claim.id] = _row(context, claim)
-    known = dict(found)
+            by_id[claim.id] = _row(context, claim)
+    known = dict(by_id)
     while loose := [row for row in known.values() if row.found == "verified" and _missing(certificate, row, known)]:
         known |= {row.id: _resting(row, _missing(certificate, row, known)) for row in loose}
     yield from known.values()
     for id in required(certificate):
-        if id not in found:
+        if id not in by_id:
             yield Row(id, "", "fails", "the claim is missing")
 
 
@@ -229,13 +229,14 @@ def _resting(row: Row, missing: list[str]) -> Row:
 
 
 def _row(context: Context, claim: Claim) -> Row:
+    """What the verification of a claim gives: it is verified, it asserts nothing to verify, or it fails, and why."""
     verdict = _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
             _read_only(claim, ("reason",))
             reason = words(part(claim.evidence, "reason", str))
-            found = STATED if claim.verdict == STATED else "open"
-            return Row(claim.id, verdict, found, f"not verified; in the file's words: {reason}")
+            outcome = STATED if claim.verdict == STATED else "open"
+            return Row(claim.id, verdict, outcome, f"not verified; in the file's words: {reason}")
         shown = _shown(context, claim)
     except NotShown as error:
         return Row(claim.id, verdict, "fails", str(error))

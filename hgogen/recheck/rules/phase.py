@@ -125,10 +125,11 @@ def _entire(row: Expression) -> int:
 
 
 def _slope(row: Expression, name: str, letters: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
+    """The partial derivative of an expression in a name, in closed form."""
     one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
     values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in letters.items()}
-    found: Quotient = evaluate(row, values, dual(algebra.arithmetic)).slopes.get(0, zero)
-    return found
+    derivative: Quotient = evaluate(row, values, dual(algebra.arithmetic)).slopes.get(0, zero)
+    return derivative
 
 
 def _determinant(rows: list[list[Quotient]], algebra: Algebra) -> Quotient:
