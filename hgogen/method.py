@@ -1,8 +1,9 @@
 """A method turns the differential equations of an observer into the statements of a step, and says how long a step may
 be."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
+from hgogen.graph import Graph
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.prior import near_view
 from hgogen.kalman.riccati_part import Riccati
@@ -108,7 +110,7 @@ class Explicit:
         """One step of every field of the part at once, whatever the part is of."""
         start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
-        def rate(values: Any, c: float) -> Any:
+        def rate(values: Mapping[str, Graph], c: float) -> Mapping[str, Graph]:
             return part.rhs(values, clock.u(c), clock.y(c), clock.valid)
 
         stages = advance(self.tableau, rate, start, clock.dt)

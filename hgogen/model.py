@@ -209,10 +209,10 @@ class Model:
 
     def trials(self) -> tuple[Trial, ...]:
         """What its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""
-        given = self._called("trial")
-        trials = (given,) if isinstance(given, Trial) else given
+        returned = self._called("trial")
+        trials = (returned,) if isinstance(returned, Trial) else returned
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
-            kind = type(given).__name__
+            kind = type(returned).__name__
             raise MissingPart(self.path, "trial", f"trial() returns the type {kind}; return a Trial or a tuple of them")
         names = [trial.name for trial in trials]
         if len(set(map(filename.same, names))) < len(names):
@@ -250,27 +250,32 @@ def load(given: str | Path) -> Model:
 
 
 def _plain(path: Path) -> Model:
+    """The model of a plain-text file. Raises: `NoModel`, `BadModelFile`."""
     try:
-        told = read(path)
+        declared = read(path)
     except OSError as error:
         raise NoModel(str(path), f"cannot be read: {error.strerror}", listed()) from None
     parts = SimpleNamespace(
-        plant=told.plant, known=told.known, reference=told.reference, __doc__=told.meaning, __name__=path.stem
+        plant=declared.plant,
+        known=declared.known,
+        reference=declared.reference,
+        __doc__=declared.meaning,
+        __name__=path.stem,
     )
-    default = _default(told) if told.observer else ""
-    if told.observer or told.tuning:
-        parts.tuning = {default: told.observer} | dict(told.tuning) if default else dict(told.tuning)
-    if told.dissipation:
-        parts.dissipation = told.dissipation
-    if told.trial:
-        parts.trial = lambda: trial_of(told)
-    return Model(path.stem, str(path), parts, _PLAIN, default, told.folds)
+    default = _default(declared) if declared.observer else ""
+    if declared.observer or declared.tuning:
+        parts.tuning = {default: declared.observer} | dict(declared.tuning) if default else dict(declared.tuning)
+    if declared.dissipation:
+        parts.dissipation = declared.dissipation
+    if declared.trial:
+        parts.trial = lambda: trial_of(declared)
+    return Model(path.stem, str(path), parts, _PLAIN, default, declared.folds)
 
 
-def _default(told: PlainModel) -> str:
+def _default(declared: PlainModel) -> str:
     """The name of the table `observer` among the tunings: its observer's, if that is free."""
-    kind = told.observer.get("kind")
-    return kind if isinstance(kind, str) and kind not in told.tuning else "observer"
+    kind = declared.observer.get("kind")
+    return kind if isinstance(kind, str) and kind not in declared.tuning else "observer"
 
 
 def _python(path: Path) -> Model:
@@ -300,10 +305,10 @@ def summary(path: str) -> str:
     cannot be read. Nothing of the file is run."""
     try:
         with tokenize.open(path) as stream:
-            told = _MEANINGS[Path(path).suffix](stream.read())
+            meaning = _MEANINGS[Path(path).suffix](stream.read())
     except (OSError, ValueError, SyntaxError, RecursionError):  # `load` tells what is wrong with it
         return ""
-    return " ".join(told.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
+    return " ".join(meaning.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
 
 
 def _docstring(text: str) -> str:
@@ -335,11 +340,12 @@ def _guarded(path: str, function: Callable[[], Any]) -> Any:
         raise
     except BaseException as error:
         frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
-        told = _told(error) if isinstance(error, Exception) else ends_python(error)
-        raise ModelFails(path, frames[-1] or 1 if frames else 1, told) from error
+        reason = _sentence(error) if isinstance(error, Exception) else ends_python(error)
+        raise ModelFails(path, frames[-1] or 1 if frames else 1, reason) from error
 
 
-def _told(error: Exception) -> str:
+def _sentence(error: Exception) -> str:
+    """What an error says, after its type where it is none of hgogen's."""
     return str(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {error}"
 
 

@@ -98,8 +98,8 @@ class Row:
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
     """The theorem's hypotheses, each with the verdict of its worst check; unknown where no check knows it."""
     known = tuple(checks)
-    found = (_row(hypothesis, known) for hypothesis in theorem.hypotheses)
-    return tuple(row for row in found if row is not None)
+    candidates = (_row(hypothesis, known) for hypothesis in theorem.hypotheses)
+    return tuple(row for row in candidates if row is not None)
 
 
 def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:

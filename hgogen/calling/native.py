@@ -52,11 +52,11 @@ class CompilerFailed(HgogenError):
 
 
 def compiler() -> str | None:
-    """The C compiler: $CC, else cc, gcc or clang, whichever is found first; None where there is none."""
+    """The path of the C compiler: $CC, else the first of cc, gcc and clang that is installed; None where none is."""
     for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        found = shutil.which(name) if name else None
-        if found:
-            return found
+        path = shutil.which(name) if name else None
+        if path:
+            return path
     return None
 
 

@@ -61,10 +61,10 @@ def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
 
 
 def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
-    """Those that the reading does not make, each once."""
+    """The demands of the `written` expression that its `reading` does not make, each once."""
     written = dict.fromkeys(written)
-    kept = set(_all(reading)) if written else set()
-    return tuple(demand for demand in written if demand not in kept)
+    demanded = set(_all(reading)) if written else set()
+    return tuple(demand for demand in written if demand not in demanded)
 
 
 def _all(expression: sp.Expr) -> Iterator[Demand]:

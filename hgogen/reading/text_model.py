@@ -147,8 +147,8 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
         MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial", "dissipation")
     )
     folds = tuple(one for one in (*flow, *output) if one.lost)
-    told = (table.get("meaning", ""), table.get("reference", ""))
-    return PlainModel(file, plant, *told, known, observer, tuning, trial, dissipation, folds)
+    description = (table.get("meaning", ""), table.get("reference", ""))
+    return PlainModel(file, plant, *description, known, observer, tuning, trial, dissipation, folds)
 
 
 def _toml(text: str) -> Any:
@@ -224,8 +224,9 @@ def _text(value: str | float) -> str:
 
 
 def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
-    told = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
-    signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **told)
+    """The Signal that a table of the file declares. Raises: `BadModelFile`."""
+    declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
+    signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **declared)
     return signal
 
 

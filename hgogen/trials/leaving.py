@@ -40,15 +40,15 @@ def left(system: System, trajectory: Trajectory) -> tuple[Left, ...]:
     """The states and inputs of the plant as first declared that leave their ranges along the truth."""
     plant, truth = system if system.origin is None else system.origin.plant, trajectory.truth
     signals, values = (*plant.states, *plant.inputs), np.hstack([truth.x, truth.u])
-    found = []
+    leaving = []
     for signal, along in zip(signals, values.T, strict=True):
         low, high = signal.interval
         beyond = np.maximum(low - along, along - high)
         first = int(np.argmax(beyond > _ROUNDING * (high - low)))
         if signal.bounded and beyond[first] > _ROUNDING * (high - low):
-            told = (truth.t[first], along[first], along[np.argmax(beyond)])
-            found.append(Left(signal.name, low, high, *map(float, told)))
-    return tuple(found)
+            numbers = (truth.t[first], along[first], along[np.argmax(beyond)])
+            leaving.append(Left(signal.name, low, high, *map(float, numbers)))
+    return tuple(leaving)
 
 
 def notes(trial: str, each: Iterable[Left], unit: str) -> Iterator[str]:

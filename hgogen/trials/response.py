@@ -19,6 +19,7 @@ import numpy as np
 
 from hgogen.chains.core import Core, core, nominal, numbers
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
 from hgogen.program import Place, address, sym
@@ -40,10 +41,10 @@ class NoResponse(BadArgument):
 class BadFrequency(HgogenError):
     """Frequencies that are none."""
 
-    given: str
+    omega: str
 
     def __str__(self) -> str:
-        return f"omega = {self.given} must be positive numbers (rad/s), such as (50, 100, 300)"
+        return f"omega = {self.omega} must be positive numbers (rad/s), such as (50, 100, 300)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ def response(given: Observer | Step, omega: Any) -> Response:
     observer = step.observer if step else given
     if not isinstance(observer, Observer):
         raise Misfit("response", given, "an observer or a step")
-    part, line, values = *_found(observer), nominal(observer)
+    part, line, values = *_linear_core(observer), nominal(observer)
     E, states, coordinates = _estimate(observer, part, line, values)
     if step:
         M, before, now = _discretised(part, line, step, values)
@@ -102,13 +103,13 @@ def pace(observer: Observer) -> tuple[float, float]:
 
     Raises: `NoResponse`.
     """
-    _, line = _found(observer)
+    _, line = _linear_core(observer)
     sizes = np.abs(np.linalg.eigvals(numbers(line.M, nominal(observer))))
     return float(sizes.min()), float(sizes.max())
 
 
-def _found(observer: Observer) -> tuple[Ode, Core]:
-    """The part that has a linear core, and the core."""
+def _linear_core(observer: Observer) -> tuple[Ode, Core]:
+    """The part that has a linear error core, and that core. Raises: `NoResponse`."""
     odes = [part for part in observer.parts if isinstance(part, Ode)]
     for part in odes:
         line = core(part, len(observer.form.output))
@@ -162,10 +163,10 @@ def _linear(part: Ode) -> Ode:
     fixed = {name: ca.SX(ca.DM(values)) for name, values in part.frozen.items()}
     assert linear is not None
 
-    def lines(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def lines(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         return {name: line for name, line in linear({**values, **fixed}, y, valid).items() if name not in fixed}
 
-    def nothing(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def nothing(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {field.name: ca.SX(field.size, 1) for field in moving}
 
     return Ode(moving, nothing, lines, derived=part.derived, tune=part.tune)
