@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
+from hgogen.algebra.points import exact
 from hgogen.check import Check
 from hgogen.form import Form
 from hgogen.graph import to_casadi
@@ -25,6 +26,7 @@ from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.polytope import fixed, span
 from hgogen.theorem import Theorem
 
 T = TypeVar("T")
@@ -71,6 +73,16 @@ class Integrators:
         """The products (n) at the nominal parameters."""
         return np.array([float(p.subs(self.form.system.nominal)) for p in self.products])
 
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """The ends (2, n) of the products on the parameters' ranges; nominal ones where no finite range is known."""
+        return np.array([self._ends(p, at) for p, at in zip(self.products, self.nominal, strict=True)]).T
+
+    def _ends(self, product: sp.Expr, nominal: float) -> tuple[float, float]:
+        exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
+        found = None if exactly.is_number else span(exactly, self.form)
+        return (found.low, found.high) if found and found.defined and found.finite else (nominal, nominal)
+
     def z(self, w: Any) -> Any:
         """The form's state (n)."""
         return w / self.scale
@@ -91,12 +103,13 @@ class Integrators:
         return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
 
     def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
-        """The field `w` (n), with the outer box of `state_field` and `peak`.
+        """The field `w` (n), with the outer box of `state_field` and `peak` at any parameters in their ranges: the
+        plant's w is in it, whatever they are tuned to.
 
         Raises: `BadGain` for a bad initial state.
         """
         z, scale = state_field(self.form, initial, peak), self.nominal
-        ends = np.array([scale * z.low, scale * z.high])
+        ends = np.array([product * side for product in self.reach for side in (z.low, z.high)])
         names = (label if p == 1 else f"({p})*({label})" for p, label in zip(self.products, z.labels, strict=True))
         return replace(
             z,
