@@ -19,9 +19,9 @@ _TERMS = 3000
 
 
 def degrees(field: Field, polynomial: Any) -> dict[int, int]:
-    """The degree in each angle's generator."""
-    found = polynomial.degrees()
-    return {g: int(found[g]) for g in field.angles}
+    """The degree of a polynomial in each angle's generator."""
+    highest = polynomial.degrees()
+    return {g: int(highest[g]) for g in field.angles}
 
 
 def even(degree: Mapping[int, int]) -> bool:

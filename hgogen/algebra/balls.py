@@ -120,11 +120,11 @@ class Balls:
         raise Undecided
 
     def coefficients(self, a: Any, order: int) -> list[Any]:
-        """The first `order` coefficients."""
-        found: list[Any] = a.coeffs()[:order]
-        if not all(c.is_finite() for c in found):
+        """The first `order` coefficients of a series, padded with zeros."""
+        coefficients: list[Any] = a.coeffs()[:order]
+        if not all(c.is_finite() for c in coefficients):
             raise Undecided
-        return found + [flint.arb(0)] * (order - len(found))
+        return coefficients + [flint.arb(0)] * (order - len(coefficients))
 
     def matrix(self, rows: int, columns: int, entries: Iterable[Any]) -> Any:
         """A matrix from its entries, row by row."""

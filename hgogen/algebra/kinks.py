@@ -122,8 +122,8 @@ def over_reals(
 ) -> sp.Expr:
     """A function of an expression (and a symbol) with real symbols: SymPy's |x| of a complex x has another slope."""
     plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
-    found = function(row.xreplace(plain), plain.get(symbol, symbol))
-    return found.xreplace({dummy: s for s, dummy in plain.items()})
+    value = function(row.xreplace(plain), plain.get(symbol, symbol))
+    return value.xreplace({dummy: s for s, dummy in plain.items()})
 
 
 def _bent(e: sp.Expr) -> sp.Expr:
@@ -153,27 +153,28 @@ def _node(e: sp.Expr) -> sp.Expr:
 
 
 def signed(e: sp.Mul) -> sp.Expr:
-    """e sign(e) as |e|; itself without."""
+    """The product with e sign(e) written as |e|; the product itself where it has no such factors."""
     for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
         (base,), rest = node.args, e / node
         powers = (factor.as_base_exp() for factor in sp.Mul.make_args(rest))
         if any(b == base and k.is_Integer and k > 0 for b, k in powers):
-            found = rest / base * Norm(base)
-            return signed(found) if isinstance(found, sp.Mul) else found
+            as_norm = rest / base * Norm(base)
+            return signed(as_norm) if isinstance(as_norm, sp.Mul) else as_norm
     return e
 
 
 def _squares(e: sp.Expr) -> list[sp.Expr] | None:
-    """e_1 .. e_k, polynomials or functions, with e = e_1^2 + .. + e_k^2; numbers among them are not negative."""
+    """The e_1 .. e_k, polynomials or functions, with e = e_1^2 + .. + e_k^2, numbers among them not negative; None
+    where e is not such a sum."""
     if e.count_ops() > _LARGE:
         return None
-    found = []
+    roots = []
     for term in sp.Add.make_args(e):
         root = _square(term)
         if root is None:
             return _as_square(e)
-        found.append(root)
-    return found
+        roots.append(root)
+    return roots
 
 
 def _as_square(e: sp.Expr) -> list[sp.Expr] | None:

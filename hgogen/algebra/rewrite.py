@@ -66,9 +66,9 @@ def rational(expression: sp.Expr) -> Rational:
     writer = Writer()
     writer.measure(expression)
     value = writer.write(expression)
-    found = (*value.free_symbols, *(s for r in writer.relations for s in (r.generator, *r.value.free_symbols)))
+    generators = (*value.free_symbols, *(s for r in writer.relations for s in (r.generator, *r.value.free_symbols)))
     order = {s: i for i, s in enumerate((*sorted(expression.free_symbols, key=str), *writer.kernels.values()))}
-    return Rational(value, tuple(sorted(set(found), key=lambda s: order[s])), tuple(writer.relations))
+    return Rational(value, tuple(sorted(set(generators), key=lambda s: order[s])), tuple(writer.relations))
 
 
 @dataclass(frozen=True, eq=False)

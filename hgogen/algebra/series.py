@@ -86,13 +86,13 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
 
 
 def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int) -> list[Any]:
-    """Y_0, .., Y_(count - 1)."""
-    found: list[Any] = []
+    """The first `count` gradients Y_0, .., Y_(count - 1) of the outputs' derivatives."""
+    first: list[Any] = []
     for matrices in gradients(plant, numbers, point):
-        found += matrices
-        if len(found) >= count:
+        first += matrices
+        if len(first) >= count:
             break
-    return found[:count]
+    return first[:count]
 
 
 def evaluate(
