@@ -65,8 +65,8 @@ _ENTIRE = (
 def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Condition]:
     """Parts that may be singular somewhere on the box, each with what must hold to exclude it."""
     nodes = {node for expression in expressions for node in expression.atoms(sp.Pow, sp.Function)}
-    found = {node: _condition(node, box) for node in sorted(nodes, key=str)}
-    return {node: condition for node, condition in found.items() if condition}
+    conditions = {node: _condition(node, box) for node in sorted(nodes, key=str)}
+    return {node: condition for node, condition in conditions.items() if condition}
 
 
 def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
