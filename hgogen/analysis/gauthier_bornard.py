@@ -9,8 +9,8 @@ nonlinear systems", IEEE Trans. Automatic Control 26 (1981), theorem 4.
 
 The gradients come from power series at a random point, their slope along g from the same series at the point moved
 along g, in numbers modulo the square of a prime (or with balls): no Lie derivative is written out. A span that is
-left at one point is left almost everywhere; one that is kept, or a rank below n, is tried at several points: that is
-no proof. The theorem is of every real input: it does not know of declared ranges.
+left at one point is left almost everywhere; one that is invariant, or a rank below n, is tried at several points: that
+is no proof. The theorem is of every real input: it does not know of declared ranges.
 """
 
 from collections.abc import Iterable, Sequence

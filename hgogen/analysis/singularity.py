@@ -204,7 +204,8 @@ def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
 
 
 def _jet(where: Where, derived: _Derived, last: int) -> Jet:
-    """The first n rows (gradient, then the derivative itself) that are independent on the zero set, by order."""
+    """The jet of the first n rows, by order of derivative, that are independent on a zero set. A row is the gradient of
+    a derivative, followed by the derivative itself."""
     n = len(derived.plant.states)
     for order in range((n - 1) // len(derived.plant.outputs), last + 1):
         gradients = derived.order(order)
@@ -212,10 +213,10 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
         chosen = independent(there, n)
         if len(chosen) == n:
             square = [there[row] for row in chosen]
-            found = determinant(square)
+            det = determinant(square)
             parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
-            factors = (found.value,) if found.factors is None else found.factors
-            return Jet(where, chosen, found.value, factors, order, parts, as_written(square, found))
+            factors = (det.value,) if det.factors is None else det.factors
+            return Jet(where, chosen, det.value, factors, order, parts, as_written(square, det))
     return Jet(where, (), sp.S.Zero, None, last)
 
 
@@ -223,8 +224,8 @@ def _triangle(plant: System) -> Jet | None:
     """The generic jet of a chain, without a derivative: y reads z_1 alone, the rate of z_i no state beyond z_(i+1).
 
     Then y^(k) reads no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i = dz_i'/dz_(i+1), and
-    d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). None of another plant, of one with kinks,
-    and of one with roots, whose derivatives are singular where the root is not.
+    d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). It is None for any other plant, for one
+    with kinks, and for one with roots, whose derivatives are singular where the root is not.
     """
     order: list[sp.Symbol] = []
     slopes, row, n = list[sp.Expr](), plant.output[0], len(plant.states)
@@ -242,10 +243,10 @@ def _triangle(plant: System) -> Jet | None:
         return None
     sign = Permutation([plant.states.index(x) for x in order]).signature()
     each = [determinant([[slope]]) for slope in slopes]
-    found = _powers(each, sign)
+    det = _powers(each, sign)
     shown = _powers([as_written([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
-    factors = (found.value,) if found.factors is None else found.factors
-    return Jet((), tuple((0, k) for k in range(n)), found.value, factors, n - 1, (*rows, *slopes), shown)
+    factors = (det.value,) if det.factors is None else det.factors
+    return Jet((), tuple((0, k) for k in range(n)), det.value, factors, n - 1, (*rows, *slopes), shown)
 
 
 def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
@@ -257,8 +258,8 @@ def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
 
 
 def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
-    """The jets on the zero sets of a jet's factors; none where they would be too large."""
-    found: list[Jet] = []
+    """The jets on the zero sets of a jet's factors, without those that would be too large."""
+    jets: list[Jet] = []
     last = len(derived.plant.states) - 1 + _FURTHER
     for factor in _open(derived.plant, jet.factors or ()) if depth else ():
         root = _root(factor)
@@ -267,8 +268,8 @@ def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
                 deeper = _jet((*jet.where, root), derived, last)
             except (TooLarge, NoTape):
                 continue
-            found += [deeper, *_followed(deeper, derived, depth - 1)]
-    return found
+            jets += [deeper, *_followed(deeper, derived, depth - 1)]
+    return jets
 
 
 def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
