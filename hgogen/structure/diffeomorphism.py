@@ -49,9 +49,9 @@ class Change:
 
     @property
     def new(self) -> tuple[Signal, ...]:
-        """What `backward` may read."""
-        kept = (x for x in self.plant.states if x not in self.backward)
-        return (*self.forward, *kept, *self.tuned)
+        """The signals that `backward` may read."""
+        unchanged = (x for x in self.plant.states if x not in self.backward)
+        return (*self.forward, *unchanged, *self.tuned)
 
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:

@@ -131,10 +131,10 @@ class Dynamics:
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output_curvature(self, z: Any, u: Any) -> tuple[Any, ...]:
-        """d2h_j/dz2 (n, n) at (sat(z), u), for each output."""
+        """The second derivatives d2h_j/dz2 (n, n) at (sat(z), u) of each output."""
         rows = column(self._convert(self.form.output, self._z, self._u))
-        found = tuple(ca.hessian(rows[j], self._z)[0] for j in range(self.outputs))
-        return tuple(ca.substitute(list(found), [self._z, self._u], [self.saturated(z), u]))
+        hessians = tuple(ca.hessian(rows[j], self._z)[0] for j in range(self.outputs))
+        return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u]))
 
     def estimate(self, z: Any, u: Any) -> Any:
         """The plant's states, as first declared, from z (n) and u (m).
@@ -146,8 +146,8 @@ class Dynamics:
         if self._moved:
             return column(self._of_plant([expression for _, expression in system.reported], z, u))
         linear, rest = zip(*(_split(e, self.form.states) for _, e in self.form.estimates), strict=True)
-        kept = column(clamp(z[i], *_reach(rest, s, self.form.states)) for i, s in enumerate(self.form.states))
-        return column(self._convert(linear, z, u)) + column(self._convert(rest, kept, u))
+        clamped = column(clamp(z[i], *_reach(rest, s, self.form.states)) for i, s in enumerate(self.form.states))
+        return column(self._convert(linear, z, u)) + column(self._convert(rest, clamped, u))
 
     def recovered(self, z: Any, u: Any) -> tuple[Any, Any]:
         """(the states of the form's system from z, each in its range, whether the inverse is a number there).
@@ -318,13 +318,13 @@ def _regular(matrix: Any, test: Any) -> Any:
     """
     blocks, rows, columns, *_ = matrix.sparsity().btf()
     pivots = set(zip(rows, columns, strict=True))
-    kept = ca.SX(matrix)
+    regular = ca.SX(matrix)
     for i, j in zip(*matrix.sparsity().get_triplet(), strict=True):
         pivot = (i, j) in pivots
         moves = not matrix[i, j].is_constant() if pivot else blocks < len(rows)
         if moves:
-            kept[i, j] = ca.if_else(test, matrix[i, j], float(pivot))
-    return kept
+            regular[i, j] = ca.if_else(test, matrix[i, j], float(pivot))
+    return regular
 
 
 def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
