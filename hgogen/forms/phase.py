@@ -51,7 +51,7 @@ class NoPhase(BadArgument):
 
 @dataclass(frozen=True)
 class _Map:
-    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the given plant;
+    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the user's plant;
     `shown`: the determinant as it is read."""
 
     plant: System
@@ -93,7 +93,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
         _lipschitz(whole, rank, one_to_one),
     )
     if original or back is None or sign.verdict is not Verdict.PROVED:
-        return _kept(whole, checks)
+        return _in_plant_coordinates(whole, checks)
     return _changed(whole, z, back, checks, recovered)
 
 
@@ -116,10 +116,10 @@ def _map(plant: System) -> _Map:
         rough = without_derivative((*plant.flow, *plant.output)) or "something"
         raise NoPhase(plant.name, f"has no derivatives to order {n} here: {rough}")
     try:
-        found = determinant(jacobian.tolist())
+        det = determinant(jacobian.tolist())
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
-    return _Map(extended, plant, chain[:n], chain[n], jacobian, found.value, as_written(jacobian.tolist(), found).value)
+    return _Map(extended, plant, chain[:n], chain[n], jacobian, det.value, as_written(jacobian.tolist(), det).value)
 
 
 def _changed(
@@ -161,8 +161,8 @@ def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, ti
     return Signal(name, source.unit, meaning, low=low, high=high)
 
 
-def _kept(whole: _Map, checks: tuple[Check, ...]) -> Form:
-    """In the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
+def _in_plant_coordinates(whole: _Map, checks: tuple[Check, ...]) -> Form:
+    """The form in the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
     plant = whole.before
     read = tuple(u for u in whole.plant.inputs if u in plant.inputs or u in whole.jacobian.free_symbols)
     z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
