@@ -81,8 +81,8 @@ class Loops:
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
-        """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0, one number
-        for every `end`; inf where it is beyond."""
+        """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0. The
+        value does not depend on `end`; it is inf where it lies beyond `end`."""
         fastest = np.abs(np.linalg.eigvals(np.concatenate((self.F, self.continuous)))).max(initial=0.0)
         if not fastest or SHORT / fastest > end:
             return math.inf
@@ -93,8 +93,8 @@ class Loops:
         def grows(h: float) -> bool:
             return bool((growth(self.transition(h)) > most).any() or (free & ~(self.way(h) <= 1)).any())
 
-        near = end, WIDER * end  # the step of the search that is beyond `end` lies between them
-        return longest(grows, start, end) if any(map(grows, near)) else math.inf
+        bracket = end, WIDER * end  # the step of the search that is beyond `end` lies between them
+        return longest(grows, start, end) if any(map(grows, bracket)) else math.inf
 
     def refused(self, start: float) -> float:
         """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
@@ -150,16 +150,16 @@ def advised(part: Riccati, dt: float) -> tuple[float, float]:
 
 
 def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops:
-    """Those at F (k, n, n), C (k, p, n) that have a steady covariance at a theta; P starts at P(0), and where it is
-    steady at the theta `rest`."""
+    """The closed loops at F (k, n, n), C (k, p, n) that have a steady covariance at a theta; P starts at P(0), and at
+    its steady value at the theta `rest`."""
     Q, _ = part.nominal
     rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
     n, scaling = len(Q), part.scaling
     prior = rho * np.diag(1 / part.cap) if rho else np.zeros((n, n))
     noise = scaling.process(theta) * Q * np.outer(scaling.spread(theta), scaling.spread(theta))
     P, rested = _steady(part, F, C, theta, rho), _steady(part, F, C, rest, rho)
-    there, kept = _definite(P), _definite(rested)
-    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(kept[:, None, None], rested, P)])
+    there, settled = _definite(P), _definite(rested)
+    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(settled[:, None, None], rested, P)])
     F, C, P, starts = F[there], C[there], P[there], starts[:, there]
     N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(part.nominal[1]), theta)[:, None])
     L = np.linalg.cholesky(P)
@@ -229,9 +229,9 @@ def _moved(P: Array, steps: tuple[Array, Array, Array]) -> Array:
 
 
 def _solved(W: Array, B: Array) -> Array:
-    """W^-1 B (k, n, n); nan where W is not finite, or singular."""
+    """The solutions W^-1 B (k, n, n), nan where W is not finite or singular."""
     good = np.isfinite(W).all(axis=(1, 2))
     good[good] = np.abs(np.linalg.det(W[good])) > 0
-    found = np.full(B.shape, np.nan)
-    found[good] = np.linalg.solve(W[good], B[good])
-    return found
+    solution = np.full(B.shape, np.nan)
+    solution[good] = np.linalg.solve(W[good], B[good])
+    return solution

@@ -94,9 +94,9 @@ def _explicit(method: Any) -> Explicit:
 def _kept_definite(covariance: Field, n: int) -> Program:
     """The packed symmetric matrix (n, n) as it was first where a pivot of L D L' is not positive."""
     place = Place("state", covariance.name)
-    found = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
+    definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
     first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
     return (
-        Block("is it positive definite?", {Place("work", "broken"): ca.logic_not(found)}),
+        Block("is it positive definite?", {Place("work", "broken"): ca.logic_not(definite)}),
         When(Place("work", "broken"), (Block("a covariance that is none restarts", first),)),
     )

@@ -50,11 +50,11 @@ class Moved:
 
     def stages(self) -> Stages:
         """The Runge-Kutta step of z."""
-        return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._given(c))}, {"z": self.z}, self.clock.dt)
+        return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._signals(c))}, {"z": self.z}, self.clock.dt)
 
     def jacobian(self, stages: Stages) -> Any:
-        """F (n, n), at the third stage's argument and what is given at mid-step."""
-        return self.part.jacobian(stages.arguments[2]["z"], *self._given(0.5))
+        """F (n, n) at the third stage's argument and the signals at mid-step."""
+        return self.part.jacobian(stages.arguments[2]["z"], *self._signals(0.5))
 
     def transition(self, stages: Stages) -> Any:
         """Phi = I + hF + (hF)^2/2, sparse."""
@@ -80,8 +80,8 @@ class Moved:
             return "P <- exp(rho h) Phi P Phi' + h Q_0"
         return "P <- Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
 
-    def _given(self, c: float) -> tuple[Any, Any, Any]:
-        """Input, measurement and its validity at the fraction c of the step."""
+    def _signals(self, c: float) -> tuple[Any, Any, Any]:
+        """The input, the measurement and its validity at the fraction c of the step."""
         return self.clock.u(c), self.clock.y(c), self.clock.valid
 
     def row(self, output: int) -> Any:
@@ -338,8 +338,8 @@ def _looped_limit(part: Riccati) -> Program:
 
 def _looped_keep(n: int) -> Program:
     v = sym("column", "v", n)
-    kept = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
-    return (Loop("column", n, (Block("a lost value restarts", {Place("column", "v"): kept}),)),)
+    restarted = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
+    return (Loop("column", n, (Block("a lost value restarts", {Place("column", "v"): restarted}),)),)
 
 
 def _looped_update(part: Riccati, clock: Clock, output: int) -> Program:

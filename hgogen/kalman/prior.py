@@ -22,18 +22,19 @@ SHARE = 0.5
 
 def near(part: Riccati, variance: list[Any]) -> Block:
     """Say so where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than `SHARE`."""
-    return _told(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
+    return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 
 def near_view(part: Riccati, view: Literal["information", "covariance"]) -> Block:
-    """The same of the symbols of S or P in full."""
+    """The same for a method whose state is the symmetric matrix S or P itself."""
     n = part.dynamics.n
     matrix = unpack(sym("state", "S" if view == "information" else "P", n * (n + 1) // 2), n)
     if view == "covariance":
         return near(part, [matrix[i, i] for i in range(n)])
     _, left = pivots(matrix - ca.SX(ca.DM(np.diag(1 / (SHARE * part.cap)))))
-    return _told(ca.logic_not(reduce(ca.logic_and, (d > 0 for d in left))))
+    return _limit_status(ca.logic_not(reduce(ca.logic_and, (d > 0 for d in left))))
 
 
-def _told(near: Any) -> Block:
-    return Block("is the covariance near S_0^-1?", {Place("status", "COVARIANCE_LIMITED"): near})
+def _limit_status(limited: Any) -> Block:
+    """The block that writes the condition `limited` to the status."""
+    return Block("is the covariance near S_0^-1?", {Place("status", "COVARIANCE_LIMITED"): limited})

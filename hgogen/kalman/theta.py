@@ -8,7 +8,7 @@
 The adaptive law is stepped by its exact sub-flows, because explicit Euler lets theta pass 2 theta_1, where F_0 > 0, and
 escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by exp(-rate
 (1 - mu) dt), then a clamp to [1, 2 theta_1]. A decaying theta scales the process noise alone, as its theorem asks,
-unless it is told otherwise (`scaling`); the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
+unless `scaling` says otherwise; the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
 decaying: Busvelle's slides. mu is a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the
 paper's logistic, which is never 0 and so holds theta a little above 1.
 """
