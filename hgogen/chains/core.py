@@ -43,18 +43,18 @@ def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core 
 
 
 def core_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """M (N, N) of a part that has a core, at the numbers of the places it reads."""
-    found = core(part, outputs)
-    assert found is not None
-    return numbers(found.M, nominal)
+    """M (N, N) of a part that has a core, evaluated at the numbers of the places that it reads."""
+    linear = core(part, outputs)
+    assert linear is not None
+    return numbers(linear.M, nominal)
 
 
 def numbers(graph: Any, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """An SX of places of parameters and gains at their numbers."""
+    """The value of an SX graph of places of parameters and gains at their numbers."""
     symbols = ca.symvar(ca.SX(graph))
     values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]
-    (found,) = ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))]).call(values)  # of no symbols as well
-    return np.array(found)
+    (evaluated,) = ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))]).call(values)  # of no symbols as well
+    return np.array(evaluated)
 
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:

@@ -29,7 +29,7 @@ GAIN_LIMITED = Bit(
 
 
 def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray:
-    """K (n) from the `poles` of A - K C, or as the `gains` given in their place; A - K C is Hurwitz by exact test.
+    """K (n) from the `poles` of A - K C, or the `gains` in their place; an exact test shows that A - K C is Hurwitz.
 
     Raises: `BadPoles`; `NotHurwitz`; `BadGain` for both or none of the two, or gains of another length.
     """
@@ -56,12 +56,12 @@ def companion(K: Any) -> Any:
 
 
 def scaled(K: Sequence[float] | np.ndarray, level: Any) -> Any:
-    """D_l K (n), l = `level` an SX scalar."""
-    power, found = ca.SX(1), []
+    """The column D_l K (n) for the SX scalar l = `level`."""
+    power, gains = ca.SX(1), []
     for k in K:
         power = power * level
-        found.append(float(k) * power)
-    return ca.vertcat(*found)
+        gains.append(float(k) * power)
+    return ca.vertcat(*gains)
 
 
 def moving_gain(

@@ -138,19 +138,19 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     start = rest(line.x, 0.0)
     bent = [i for i in range(start.numel()) if not start[i].is_zero()]  # the rows that have a rest
     whole = method.matrices(line, clock.dt)
-    given = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
-    given |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
-    given = {name: ca.sparsify(matrix) for name, matrix in given.items()}
-    held = {name: _held(Place("derived", f"{name}{label}"), matrix) for name, matrix in given.items()}
+    matrices = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
+    matrices |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
+    matrices = {name: ca.sparsify(matrix) for name, matrix in matrices.items()}
+    held = {name: _held(Place("derived", f"{name}{label}"), matrix) for name, matrix in matrices.items()}
     guess = held["Phi"] @ line.x + held["Psi_0"] @ start[bent]
     guess += held["Gamma_0"] @ _source(part, clock, 0.0) + held["Gamma_1"] @ _source(part, clock, 1.0)
     after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent]
-    kept = {name: matrix for name, matrix in given.items() if matrix.nnz()}
-    stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in kept.items()}
+    nonempty = {name: matrix for name, matrix in matrices.items() if matrix.nnz()}
+    stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in nonempty.items()}
     return _Update(
         derived=tuple(
             Field(f"{name}{label}", (0.0,) * matrix.nnz(), meaning=f"{MEANINGS[name]}{said}, by columns")
-            for name, matrix in kept.items()
+            for name, matrix in nonempty.items()
         ),
         tune=(*whole.program, Block(f"the core over a step{said}", stored)),
         block=Block(
@@ -162,12 +162,12 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
 
 
 def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Any, float], Any]:
-    """r (N) of the fields' column (N) at an end of the step."""
+    """The nonlinear rest r (N) as a function of the fields' column (N) and of an end of the step, 0 or 1."""
     valid = ca.SX(ca.DM(list(map(float, seen))))
 
     def rest(x: Any, c: float) -> Any:
-        found = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
-        return ca.densify(ca.vertcat(*(found[field.name] for field in part.fields)))
+        rates = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
+        return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
 
     return rest
 
@@ -215,11 +215,12 @@ def balanced(X: Any) -> tuple[Program, int]:
 
 
 def spread(place: Place, X: Any, size: int) -> Any:
-    """S F S^-1 (N, N) of a function F of S^-1 X S, by rows in a place, F's elements not 0 by the structure of X."""
+    """S F S^-1 (N, N) of a function F of S^-1 X S, which lies by rows in a place. By the structure of X some elements
+    of F are 0, and these are left out."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0
-    found = ca.SX(n, n)
+    unscaled = ca.SX(n, n)
     for i, j in zip(*np.nonzero(reached), strict=True):
-        found[int(i), int(j)] = F[int(i) * size + int(j)] * (1 if i == j else scale[int(i)] / scale[int(j)])
-    return found
+        unscaled[int(i), int(j)] = F[int(i) * size + int(j)] * (1 if i == j else scale[int(i)] / scale[int(j)])
+    return unscaled
