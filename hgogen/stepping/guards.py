@@ -152,8 +152,8 @@ def plausible(reading: tuple[float, float], raw: Any) -> Any:
     """Whether a sample is a number that the sensor can read, or nearly."""
     low, high = reading
     width = high - low
-    near = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
-    return ca.logic_and(_within(raw, LARGEST_NUMBER), near)
+    in_range = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
+    return ca.logic_and(_within(raw, LARGEST_NUMBER), in_range)
 
 
 def implausible(reading: tuple[float, float]) -> str:
@@ -177,13 +177,14 @@ def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) 
 
 
 def readings(form: Form) -> list[tuple[float, float]]:
-    """What each output can read: its declared range, else what the ranges of states, inputs and parameters give."""
+    """The interval that each output can read: its declared range, or the one that follows from the ranges of states,
+    inputs and parameters."""
     signals = box((*form.states, *form.system.inputs, *form.system.parameters))
     signals |= {p: (Fraction(str(p.nominal)),) * 2 for p in form.system.parameters if not p.bounded}
-    given = [enclose(expression, signals) for expression in form.output]
+    computed = [enclose(expression, signals) for expression in form.output]
     return [
         signal.interval if signal.bounded else (float(low), float(high))
-        for signal, (low, high) in zip(form.system.outputs, given, strict=True)
+        for signal, (low, high) in zip(form.system.outputs, computed, strict=True)
     ]
 
 
@@ -236,7 +237,7 @@ def kept(program: Program, state: tuple[Field, ...], others: Program = ()) -> Pr
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(reduce(ca.logic_and, usable))})
     fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
-    return (lost, When(Place("work", "lost"), (restart, *others)), *(_kept(f) for f in fields))
+    return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(f) for f in fields))
 
 
 def _written(program: Program) -> set[Place]:
@@ -255,7 +256,7 @@ def _same(a: Any, b: Any) -> bool:
     return bool(ca.is_equal(ca.densify(ca.SX(a)), b, 1))
 
 
-def _kept(field: Field) -> Block:
+def _in_its_box(field: Field) -> Block:
     value, limit = sym("state", field.name, field.size), HUGE * HUGE
     box = [(max(low, -limit), min(high, limit)) for low, high in field.box]
     clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
@@ -268,16 +269,17 @@ def _kept(field: Field) -> Block:
 
 
 def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
-    """Each parameter in its range, its nominal value where it is no number; then the derived gains."""
+    """The program that clamps each parameter to its range, with its nominal value where it is not a number, and then
+    computes the derived gains."""
     blocks = []
     for kind, fields in (("plant", plant), ("gain", gains)):
         for field in fields:
             value = sym(kind, field.name, field.size)
-            kept, changed = [], []
+            limited, changed = [], []
             for i, (low, high) in enumerate(field.box):
                 clamped = ca.fmin(ca.fmax(value[i], low), high)
-                kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
+                limited.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
                 changed.append(ca.logic_not(ca.logic_and(value[i] >= low, value[i] <= high)))
-            writes = {Place(kind, field.name): column(kept), Place("status", "PARAMETER_LIMITED"): any_of(changed)}
+            writes = {Place(kind, field.name): column(limited), Place("status", "PARAMETER_LIMITED"): any_of(changed)}
             blocks.append(Block(f"{field.name} in its range", writes))
     return (*blocks, *derived)

@@ -171,6 +171,6 @@ def _copied(above: str, fields: Iterable[Field], group: Group, z: Any) -> tuple[
 
 
 def read_fields(graphs: Iterable[Any]) -> set[str]:
-    """Names of the fields of the state that SX graphs read."""
-    found = {address(symbol)[0] for symbol in ca.symvar(ca.veccat(*graphs))}
-    return {place.name for place in found if place.struct == "state"}
+    """The names of the fields of the state that the SX graphs read."""
+    places = {address(symbol)[0] for symbol in ca.symvar(ca.veccat(*graphs))}
+    return {place.name for place in places if place.struct == "state"}

@@ -205,8 +205,8 @@ class Recovery:
         signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
         rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
         sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
-        near = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
-        doubtful = any_of([*near, ca.logic_not(sym("state", "doubt_sum") <= 0), rejected])
+        beyond = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
+        doubtful = any_of([*beyond, ca.logic_not(sym("state", "doubt_sum") <= 0), rejected])
         shows = {sign: self._shows(sign, samples) for sign in signs}
         judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
         judgement = Block(
@@ -232,7 +232,7 @@ class Recovery:
         return (spoiled, When(Place("work", "spoiled"), fresh("state", self.fields)))
 
     def _beyond(self, sign: Sign, samples: Samples) -> Any:
-        """Whether the error of a sign's output, a number, is beyond what is near."""
+        """Whether the error of a sign's output is larger than its limit; not where the error is not a number."""
         assert sign.output is not None
         return ca.fabs(samples[sign.output].error) > SHARE * self._spans[sign.output]
 
