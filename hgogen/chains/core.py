@@ -7,11 +7,11 @@ measurement noise goes through.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.observer import Observer, tunable
 from hgogen.part import Ode
 from hgogen.program import Block, Place, address, sym
@@ -21,9 +21,9 @@ from hgogen.program import Block, Place, address, sym
 class Core:
     """x' = M x + B y, SX (N, N) and (N, p); `x`: the symbols of the fields that are not frozen, in their order."""
 
-    x: Any
-    M: Any
-    B: Any
+    x: Graph
+    M: Graph
+    B: Graph
 
 
 def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
@@ -34,7 +34,7 @@ def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core 
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
-    values: dict[str, Any] = {field.name: sym("state", field.name, field.size) for field in moving}
+    values: dict[str, Graph] = {field.name: sym("state", field.name, field.size) for field in moving}
     x, y = ca.vertcat(*values.values()), sym("work", "y", outputs)
     values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
     lines = part.linear(values, y, ca.SX(ca.DM(np.ones(outputs) if valid is None else valid)))
@@ -49,7 +49,7 @@ def core_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -
     return numbers(linear.M, nominal)
 
 
-def numbers(graph: Any, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
+def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
     """The value of an SX graph of places of parameters and gains at their numbers."""
     symbols = ca.symvar(ca.SX(graph))
     values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]

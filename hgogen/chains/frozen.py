@@ -8,13 +8,13 @@ Fields that adapt rest where the core is the fastest.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import core, nominal
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import address, sym
@@ -55,7 +55,7 @@ def frozen(part: Ode, observer: Observer) -> Frozen:
     reading = ca.SX.sym("reading", output.numel())
     pushed = output + PUSH * (1 + ca.fabs(output))
 
-    def slope(valid: Any) -> Any:
+    def slope(valid: Graph) -> Graph:
         rates = part.rhs(values, u, reading, valid * ca.SX.ones(output.numel()))
         matrix = ca.jacobian(ca.vertcat(*(rates[field.name] for field in moving)), x)
         return ca.substitute([matrix], [reading], [pushed])[0]
@@ -95,16 +95,18 @@ def box_points(form: Form) -> Array:
     return np.asarray(low + np.vstack(shares) * (high - low))
 
 
-def _numbers(graphs: list[Any], observer: Observer) -> list[Any]:
+def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
     """The graphs with parameters, gains and the values derived from them replaced by their numbers."""
     known = nominal(observer)
     symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in known]
     numbers = [ca.SX(float(known[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
-    substituted: list[Any] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, numbers) if symbols else graphs
+    substituted: list[Graph] = (
+        ca.substitute([ca.SX(graph) for graph in graphs], symbols, numbers) if symbols else graphs
+    )
     return substituted
 
 
-def _stacked(wide: Any, count: int) -> Array:
+def _stacked(wide: Graph, count: int) -> Array:
     """(r, count c) as (count, r, c)."""
     numbers = np.array(wide)
     return np.ascontiguousarray(numbers.reshape(len(numbers), count, -1).swapaxes(0, 1))

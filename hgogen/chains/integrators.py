@@ -10,7 +10,7 @@ are free of inputs and states; they may hold parameters.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -18,7 +18,7 @@ import sympy as sp
 
 from hgogen.check import Check
 from hgogen.form import Form
-from hgogen.graph import to_casadi
+from hgogen.graph import Graph, to_casadi
 from hgogen.observer import Observer, state_field
 from hgogen.part import Part
 from hgogen.program import Field, sym
@@ -59,7 +59,7 @@ class Integrators:
         return tuple(sp.prod(chain[: j + 1]) for chain in self.gains for j in range(len(chain)))
 
     @cached_property
-    def scale(self) -> Any:
+    def scale(self) -> Graph:
         """The products as SX (n) of parameters; those without a range are folded."""
         system = self.form.system
         places = {s: sym("plant", s.name) for s in system.parameters if s.bounded}
@@ -71,19 +71,19 @@ class Integrators:
         """The products (n) at the nominal parameters."""
         return np.array([float(p.subs(self.form.system.nominal)) for p in self.products])
 
-    def z(self, w: Any) -> Any:
+    def z(self, w: Graph) -> Graph:
         """The form's state (n)."""
         return w / self.scale
 
-    def nonlinear(self, w: Any, u: Any) -> Any:
+    def nonlinear(self, w: Graph, u: Graph) -> Graph:
         """c(w, u) (n), its argument saturated to the declared box."""
         return self.scale * self.dynamics.nonlinear(self.z(w), u)
 
-    def offset(self, u: Any) -> Any:
+    def offset(self, u: Graph) -> Graph:
         """o(u) (p)."""
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
-    def saturated(self, w: Any, i: int) -> Any:
+    def saturated(self, w: Graph, i: int) -> Graph:
         """An SX scalar clamped to the declared range of w_i; as it is where there is none."""
         if not self.form.states[i].bounded:
             return w
@@ -109,7 +109,7 @@ class Integrators:
         )
 
 
-def shifted(w: Any) -> Any:
+def shifted(w: Graph) -> Graph:
     """w_2, .., w_n, 0 of an SX column."""
     return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
 
@@ -120,7 +120,7 @@ def observer_on(
     *,
     parts: tuple[Part, ...],
     gains: tuple[Field, ...],
-    w: Any,
+    w: Graph,
     theorem: Theorem,
     equations: tuple[str, ...],
     reference: str,

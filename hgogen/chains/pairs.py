@@ -23,6 +23,7 @@ import mpmath
 import numpy as np
 
 from hgogen.chains.gains import BadPoles, coefficients
+from hgogen.graph import Graph
 from hgogen.reading.given import BadGain, reals
 
 _DIGITS = 60  # of the roots: close ones are less certain than the polynomial by many digits
@@ -90,11 +91,11 @@ def _divided(polynomial: list[Any], root: Any) -> list[Any]:
     return quotient
 
 
-def errors(first: Any, p: Any, q: Any) -> Any:
+def errors(first: Graph, p: Graph, q: Graph) -> Graph:
     """e (m): `first`, then q_(i-1) - p_i."""
     return ca.vertcat(first, *(q[i - 1] - p[i] for i in range(1, q.numel())))
 
 
-def injected(k: np.ndarray, theta: Any, e: Any) -> tuple[Any, Any]:
+def injected(k: np.ndarray, theta: Graph, e: Graph) -> tuple[Graph, Graph]:
     """What e (m) adds to p' (m) and q' (m)."""
     return theta * (ca.DM(k[:, 0]) * e), theta * theta * (ca.DM(k[:, 1]) * e)

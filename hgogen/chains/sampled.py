@@ -11,7 +11,6 @@ missing, M and B are those of `Ode.linear` without it. The core sets no limit to
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,6 +20,7 @@ from hgogen.chains.transient import first_unstable, lengths
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.stability import Limit
 from hgogen.errors import BadArgument
+from hgogen.graph import Graph
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -48,11 +48,11 @@ class Matrices:
     """Phi (N, N), Gamma_0, Gamma_1 (N, p), Psi_0, Psi_1 (N, N) as SX of the places that `program` writes."""
 
     program: Program
-    Phi: Any
-    Gamma_0: Any
-    Gamma_1: Any
-    Psi_0: Any
-    Psi_1: Any
+    Phi: Graph
+    Gamma_0: Graph
+    Gamma_1: Graph
+    Psi_0: Graph
+    Psi_1: Graph
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,29 +161,29 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     )
 
 
-def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Any, float], Any]:
+def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Graph, float], Graph]:
     """The nonlinear rest r (N) as a function of the fields' column (N) and of an end of the step, 0 or 1."""
     valid = ca.SX(ca.DM(list(map(float, seen))))
 
-    def rest(x: Any, c: float) -> Any:
+    def rest(x: Graph, c: float) -> Graph:
         rates = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
         return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
 
     return rest
 
 
-def _source(part: Ode, clock: Clock, c: float) -> Any:
+def _source(part: Ode, clock: Clock, c: float) -> Graph:
     """v (p) at an end of the step."""
     return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
 
 
-def _split(part: Ode, x: Any) -> dict[str, Any]:
+def _split(part: Ode, x: Graph) -> dict[str, Graph]:
     """A column (N) by fields."""
     ends = np.cumsum([0, *(field.size for field in part.fields)]).tolist()
     return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
 
 
-def _held(place: Place, matrix: Any) -> Any:
+def _held(place: Place, matrix: Graph) -> Graph:
     """A sparse matrix whose elements lie in a place, by columns."""
     return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
@@ -202,7 +202,7 @@ def _said(seen: Pattern) -> str:
 # --- what methods compute their matrices with --------------------------------------------------------------
 
 
-def balanced(X: Any) -> tuple[Program, int]:
+def balanced(X: Graph) -> tuple[Program, int]:
     """S^-1 X S of an SX matrix (N, N) in `work.core`, S in `work.scale`; and its size: an array of one element would be
     no array in C, so that X of one element gets a row and a column of zeros."""
     size = max(2, X.shape[0])
@@ -214,7 +214,7 @@ def balanced(X: Any) -> tuple[Program, int]:
     return (block, Kernel("balance", size, None, arguments)), size
 
 
-def spread(place: Place, X: Any, size: int) -> Any:
+def spread(place: Place, X: Graph, size: int) -> Graph:
     """S F S^-1 (N, N) of a function F of S^-1 X S, which lies by rows in a place. By the structure of X some elements
     of F are 0, and these are left out."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)

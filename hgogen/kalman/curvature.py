@@ -19,6 +19,7 @@ import casadi as ca
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4
+from hgogen.graph import Graph
 from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
@@ -38,7 +39,7 @@ class Curved(Part):
     """A Riccati observer at theta = 1 with the term; `rate` (1/s): SX scalar, at most `fastest`."""
 
     plain: Riccati
-    rate: Any
+    rate: Graph
     fastest: float
 
     def equation(self, view: str) -> Ode:
@@ -46,7 +47,7 @@ class Curved(Part):
         name, ode = VIEWS[view]
         plain, n = ode(self.plain), self.plain.dynamics.n
 
-        def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
             slopes, X = plain.rhs(values, u, y, valid), unpack(values[name], n)
             D = self._pull(values[self.plain.z.name], u, y, valid)
             PD = X @ D if name == "P" else ca.horzcat(*(solve(X, D[:, j]) for j in range(n)))
@@ -57,7 +58,7 @@ class Curved(Part):
 
         return Ode(plain.fields, rate)
 
-    def _pull(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
+    def _pull(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
         """D (n, n)."""
         dynamics = self.plain.dynamics
         pull = valid * (y - dynamics.output(z, u)) / self.plain.R

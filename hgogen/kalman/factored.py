@@ -21,6 +21,7 @@ import numpy as np
 from hgogen.discretisation.growth import FOUND
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
+from hgogen.graph import Graph
 from hgogen.kalman.closed_loop import advised
 from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.kalman.prior import near
@@ -32,7 +33,7 @@ from hgogen.structure.dynamics import HUGE
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
-Factors = Callable[[Any], dict[Place, Any]]  # of a vector (n), those of P as writes
+Factors = Callable[[Graph], dict[Place, Graph]]  # of a vector (n), those of P as writes
 POINTS = 12  # corners, and as many points inside, at which the model's growth is judged
 
 
@@ -44,7 +45,7 @@ class Moved:
     clock: Clock
 
     @property
-    def z(self) -> Any:
+    def z(self) -> Graph:
         """The symbols of z (n)."""
         return sym("state", self.part.z.name, self.part.dynamics.n)
 
@@ -52,24 +53,24 @@ class Moved:
         """The Runge-Kutta step of z."""
         return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._signals(c))}, {"z": self.z}, self.clock.dt)
 
-    def jacobian(self, stages: Stages) -> Any:
+    def jacobian(self, stages: Stages) -> Graph:
         """F (n, n) at the third stage's argument and the signals at mid-step."""
         return self.part.jacobian(stages.arguments[2]["z"], *self._signals(0.5))
 
-    def transition(self, stages: Stages) -> Any:
+    def transition(self, stages: Stages) -> Graph:
         """Phi = I + hF + (hF)^2/2, sparse."""
         F, h = self.jacobian(stages), self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
-    def weights(self) -> Any:
+    def weights(self) -> Graph:
         """h theta^(1+g) weights, the diagonal of h Q_theta in its factor (k)."""
         return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
 
-    def grown(self, d: Any) -> Any:
+    def grown(self, d: Graph) -> Graph:
         """The diagonal factor d (n) of P as it grows where the past is forgotten."""
         return d if self.part.forgetting is None else sym("derived", "growth") * d
 
-    def priors(self) -> list[Any]:
+    def priors(self) -> list[Graph]:
         """Rows (1, n) whose samples, of variance 1, have the information (1 - exp(-rho h)) S_0."""
         return [ca.sparsify(row) for row in ca.vertsplit(ca.diag(sym("derived", "prior", self.part.dynamics.n)))]
 
@@ -80,20 +81,20 @@ class Moved:
             return "P <- exp(rho h) Phi P Phi' + h Q_0"
         return "P <- Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
 
-    def _signals(self, c: float) -> tuple[Any, Any, Any]:
+    def _signals(self, c: float) -> tuple[Graph, Graph, Graph]:
         """The input, the measurement and its validity at the fraction c of the step."""
         return self.clock.u(c), self.clock.y(c), self.clock.valid
 
-    def row(self, output: int) -> Any:
+    def row(self, output: int) -> Graph:
         """c = dh/dz of an output (1, n), sparse."""
         return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
-    def variance(self, output: int) -> Any:
+    def variance(self, output: int) -> Graph:
         """r = R_theta/h, h the sampling period of that output."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
 
-def entries(name: str, matrix: Any) -> dict[str, Any]:
+def entries(name: str, matrix: Graph) -> dict[str, Graph]:
     """Those of a sparse SX matrix that are computed, by name, for the C printer."""
     rows, columns = matrix.shape
     listed = ((i, j, matrix[i, j]) for i in range(rows) for j in range(columns))
@@ -198,13 +199,13 @@ def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
     return (L, _diagonal(part, clock, diagonal))
 
 
-def _symbols(part: Riccati) -> tuple[Any, Any]:
+def _symbols(part: Riccati) -> tuple[Graph, Graph]:
     n = part.dynamics.n
     lower = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
     return lower, sym("state", "D", n)
 
 
-def _written(L: Any, d: Any) -> dict[Place, Any]:
+def _written(L: Graph, d: Graph) -> dict[Place, Graph]:
     lower = {Place("state", "L"): ca.densify(pack_unit_lower(L))} if d.numel() > 1 else {}
     return lower | {Place("state", "D"): d}
 
@@ -229,7 +230,7 @@ def _renewed(part: Riccati, clock: Clock) -> Program:
     return (*blocks, near(part, _variances(part)))
 
 
-def _variances(part: Riccati) -> list[Any]:
+def _variances(part: Riccati) -> list[Graph]:
     L, d = _symbols(part)
     return [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
 
@@ -237,13 +238,13 @@ def _variances(part: Riccati) -> list[Any]:
 def _cap(part: Riccati) -> Program:
     L, d = _symbols(part)
 
-    def scaled(scale: Any) -> dict[Place, Any]:
+    def scaled(scale: Graph) -> dict[Place, Graph]:
         return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
     return capped(part, _variances(part), scaled)
 
 
-def capped(part: Riccati, variance: list[Any], scaled: Factors) -> Program:
+def capped(part: Riccati, variance: list[Graph], scaled: Factors) -> Program:
     """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), a congruence."""
     caps = [float(value) for value in part.cap]
     scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
@@ -254,7 +255,7 @@ def capped(part: Riccati, variance: list[Any], scaled: Factors) -> Program:
     )
 
 
-def _beyond(variance: list[Any], limits: list[float]) -> Any:
+def _beyond(variance: list[Graph], limits: list[float]) -> Graph:
     return reduce(ca.logic_or, [value > limit for value, limit in zip(variance, limits, strict=True)])
 
 

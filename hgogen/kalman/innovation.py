@@ -24,6 +24,7 @@ from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, decay_limits
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.graph import Graph
 from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
@@ -90,7 +91,7 @@ class Predictor:
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
-    def moved(self, z: Any, u: Callable[[float], Any], dt: float) -> Any:
+    def moved(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
         """z one step later without correction, clamped to the box of the observer's state; z(0) where it is lost."""
         stages = advance(self.tableau, lambda v, c: {"z": self.dynamics.flow(v["z"], u(c))}, {"z": z}, dt)
         return kept(self.z, stages.result["z"])
@@ -105,7 +106,7 @@ class Predictors(Part):
     build: Callable[[Predictor, Clock], Pieces]
 
 
-def kept(field: Field, value: Any) -> Any:
+def kept(field: Field, value: Graph) -> Graph:
     """Each element clamped to the field's box; its initial value where it is not a number or absurd."""
     elements = []
     for i, (low, high) in enumerate(field.box):
@@ -311,7 +312,7 @@ class Window:
         )
 
 
-def _wanted(count: int, clock: Clock) -> Any:
+def _wanted(count: int, clock: Clock) -> Graph:
     """The number of samples of each output in a window of `count` periods; one number where it is the same for all."""
     counts = [max(1, count // every) for every in clock.every]
     return ca.SX(ca.DM(counts)) if len({*counts}) > 1 else counts[0] if counts else count
@@ -375,13 +376,13 @@ def _weighed(declared: Weights, dynamics: Dynamics) -> tuple[float, ...]:
     return weights
 
 
-def _summed(weights: Any, squares: Any) -> Any:
+def _summed(weights: Any, squares: Graph) -> Graph:
     """The weighted sum over outputs (p), clamped to a finite number."""
     if weights:
         return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), HUGE * HUGE)
     return squares if squares.numel() == 1 else ca.fmin(ca.sum1(squares), HUGE * HUGE)
 
 
-def _with(values: Any, index: int, value: Any) -> Any:
+def _with(values: Graph, index: int, value: Graph) -> Graph:
     """The SX column with another element."""
     return ca.vertcat(*(value if i == index else values[i] for i in range(values.numel())))

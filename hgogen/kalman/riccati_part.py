@@ -10,11 +10,12 @@ Middleton, International Journal of Control 47 (1988).
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.part import Part
 from hgogen.program import Bit, Field, sym
 from hgogen.structure.dynamics import Dynamics
@@ -25,7 +26,7 @@ class HighGain(Protocol):
     """What a Riccati observer needs to know of theta."""
 
     @property
-    def value(self) -> Any:
+    def value(self) -> Graph:
         """SX scalar."""
         ...
 
@@ -71,15 +72,15 @@ class Riccati(Part):
     dynamics: Dynamics
     z: Field
     theta: HighGain
-    weights: Any
+    weights: Graph
     factor: np.ndarray
-    R: Any
+    R: Graph
     covariance: np.ndarray
     cap: np.ndarray
     limited: Bit
     nominal: tuple[np.ndarray, np.ndarray]
     forgetting: Field | None = None
-    known: Callable[[Any, Any, Any, Any], Any] | None = None
+    known: Callable[[Graph, Graph, Graph, Graph], Graph] | None = None
     period: float | None = None
 
     @cached_property
@@ -87,14 +88,14 @@ class Riccati(Part):
         """How theta enters Q_theta and R_theta."""
         return scaling(self.dynamics.form, self.theta.scaled)
 
-    def flow(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
+    def flow(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
         """f (n)."""
         if self.known is None:
             return self.dynamics.flow(z, u)
         A, b = self.dynamics.affine(self.known(z, u, y, valid), u)
         return A @ z + b
 
-    def jacobian(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
+    def jacobian(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
         """F, n x n SX."""
         if self.known is None:
             return self.dynamics.jacobian(z, u)
@@ -110,19 +111,19 @@ class Riccati(Part):
         return (F if self.forgetting is None else F + self.forgetting.initial[0] / 2 * np.eye(len(self.covariance))), C
 
     @property
-    def rho(self) -> Any:
+    def rho(self) -> Graph:
         """The rate at which the past is forgotten, SX scalar; 0 for none."""
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
 
-    def noise(self) -> Any:
+    def noise(self) -> Graph:
         """Q_theta, n x n SX."""
         factor = self.scaled_factor()
         return factor @ ca.diag(self.scaling.process(self.theta.value) * self.weights) @ factor.T
 
-    def scaled_factor(self) -> Any:
+    def scaled_factor(self) -> Graph:
         """Delta^-1 G, n x k SX."""
         return ca.diag(self.spread()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
 
-    def spread(self) -> Any:
+    def spread(self) -> Graph:
         """The diagonal of Delta^-1, as SX column."""
         return ca.vertcat(*self.scaling.spread(self.theta.value))

@@ -14,10 +14,11 @@ paper's logistic, which is never 0 and so holds theta a little above 1.
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 
+from hgogen.graph import Graph
 from hgogen.intervals.digits import same
 from hgogen.kalman.decay import error_bound as error_bound
 from hgogen.kalman.innovation import Innovation
@@ -86,7 +87,7 @@ class Constant:
         return theta
 
     @property
-    def value(self) -> Any:
+    def value(self) -> Graph:
         """1, or the gain."""
         return ca.SX(1) if self.theta == 1 else sym("gain", "theta")
 
@@ -153,7 +154,7 @@ class Decaying:
         return theta
 
     @property
-    def value(self) -> Any:
+    def value(self) -> Graph:
         """The place `state.theta`."""
         return sym("state", "theta")
 
@@ -195,7 +196,7 @@ class Smoothstep:
             gain("gamma_1", self.gamma_1, 0.0, top, "innovation above which theta rises fully", "y^2 s"),
         )
 
-    def of(self, innovation: Any) -> Any:
+    def of(self, innovation: Graph) -> Graph:
         """SX mu(I)."""
         low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
         x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
@@ -219,7 +220,7 @@ class Logistic:
             gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
         )
 
-    def of(self, innovation: Any) -> Any:
+    def of(self, innovation: Graph) -> Graph:
         """SX mu(I); the exponent is clamped to +-80, where exp still is a float."""
         exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
@@ -271,7 +272,7 @@ class Adaptive:
         return float(rise(theta, dt / self.rise_time, self.theta_1))
 
     @property
-    def value(self) -> Any:
+    def value(self) -> Graph:
         """The place `state.theta`."""
         return sym("state", "theta")
 
@@ -305,7 +306,7 @@ class Adaptive:
         return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=(block,))
 
 
-def rise(theta: Any, s: Any, theta_1: Any) -> Any:
+def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
     """theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2 theta_1 - theta)^2; exact.
 
     `room` is the time to theta_1, 0 above it.

@@ -7,12 +7,12 @@ its box; each guard says in the status what it did.
 from collections.abc import Iterable
 from fractions import Fraction
 from functools import reduce
-from typing import Any
 
 import casadi as ca
 
 from hgogen.check import Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
@@ -91,7 +91,7 @@ def or_lower(observer: Observer) -> str:
     return "".join(f" or lower {name}" for name in high)
 
 
-def outside(observer: Observer, margin: float = 0.0) -> Any:
+def outside(observer: Observer, margin: float = 0.0) -> Graph:
     """Whether the estimate, or the plant's state that it stands for, is outside its declared range by more than
     `margin` of its width, so that the model is evaluated at the edge; SX."""
     z, dynamics = observer.z, observer.dynamics
@@ -120,20 +120,20 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
     )
 
 
-def any_of(tests: Iterable[Any]) -> Any:
+def any_of(tests: Iterable[Graph]) -> Graph:
     """Whether one of the truth values holds; 0 for none."""
     tests = list(tests)
     return reduce(ca.logic_or, tests) if tests else ca.SX(0)
 
 
-def _within(value: Any, limit: float) -> Any:
+def _within(value: Graph, limit: float) -> Graph:
     """|value| <= limit; 0 for what is not a number."""
     return ca.fabs(value) <= limit
 
 
 def guard_inputs(observer: Observer) -> Block:
     """Each input: the last valid one where it is no number or absurd, clamped to its range."""
-    values, writes, names = [], {}, dict[str, Any]()
+    values, writes, names = [], {}, dict[str, Graph]()
     last = sym("state", "u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
         raw, (low, high) = sym("input", signal.name), signal.interval
@@ -148,7 +148,7 @@ def guard_inputs(observer: Observer) -> Block:
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names)
 
 
-def plausible(reading: tuple[float, float], raw: Any) -> Any:
+def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
     """Whether a sample is a number that the sensor can read, or nearly."""
     low, high = reading
     width = high - low
@@ -164,7 +164,7 @@ def implausible(reading: tuple[float, float]) -> str:
     return f"{place}, or {10 * HUGE:g} off its estimate"
 
 
-def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[Place, Any]]:
+def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
     """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
     prediction."""
     number = _within(raw, LARGEST_NUMBER)
@@ -246,13 +246,13 @@ def _written(program: Program) -> set[Place]:
     return {p for p, value in writes if not _same(value, sym(*p, ca.SX(value).numel())) and not _of_member(value)}
 
 
-def _of_member(value: Any) -> bool:
+def _of_member(value: Graph) -> bool:
     """Whether the value is that of a field of a group, which is kept in its box there."""
     elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
     return all(e.is_symbolic() and address(e)[0].struct not in STRUCTS for e in elements)
 
 
-def _same(a: Any, b: Any) -> bool:
+def _same(a: Graph, b: Graph) -> bool:
     return bool(ca.is_equal(ca.densify(ca.SX(a)), b, 1))
 
 

@@ -33,12 +33,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from math import ceil
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import nominal, numbers
+from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import INF, Block, Field, Place, Program, When, scalar, sym
@@ -60,9 +60,9 @@ LONGEST = 1 << 23  # a float adds two such counts exactly
 class Sampled:
     """A sample of an output as SX scalars: `y`, whether it is `valid`, its `error` before the correction."""
 
-    y: Any
-    valid: Any
-    error: Any
+    y: Graph
+    valid: Graph
+    error: Graph
 
 
 Samples = Mapping[int, Sampled]  # by output
@@ -100,11 +100,11 @@ class Sign:
             scalar(self.patience, self.wait, low=self.wait, high=self.most, meaning=limit),
         )
 
-    def doubts(self, value: Any) -> dict[Place, Any]:
+    def doubts(self, value: Graph) -> dict[Place, Graph]:
         """c set to a value, where it can be."""
         return {Place("state", self.doubt): clamp(value, 0.0, float(self.most))}
 
-    def limit(self, value: Any) -> Any:
+    def limit(self, value: Graph) -> Graph:
         """A value of w, where it can be; SX."""
         return clamp(value, float(self.wait), float(self.most))
 
@@ -189,7 +189,7 @@ class Recovery:
         return (*fields, scalar("doubt_sum", 0.0, low=0.0, high=most, meaning=meaning))
 
     @property
-    def _sum(self) -> Any:
+    def _sum(self) -> Graph:
         """Of all doubt, and of what patience is beyond the first; SX."""
         return sum(sym("state", sign.doubt) + (sym("state", sign.patience) - sign.wait) for sign in self.signs)
 
@@ -231,18 +231,18 @@ class Recovery:
         spoiled = Block("was doubt or patience spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
         return (spoiled, When(Place("work", "spoiled"), fresh("state", self.fields)))
 
-    def _beyond(self, sign: Sign, samples: Samples) -> Any:
+    def _beyond(self, sign: Sign, samples: Samples) -> Graph:
         """Whether the error of a sign's output is larger than its limit; not where the error is not a number."""
         assert sign.output is not None
         return ca.fabs(samples[sign.output].error) > SHARE * self._spans[sign.output]
 
-    def _shows(self, sign: Sign, samples: Samples) -> Any:
+    def _shows(self, sign: Sign, samples: Samples) -> Graph:
         """Whether a sign shows, where there is a sample to judge by."""
         if sign.output is None:
             return outside(self.observer, MARGIN)
         return ca.logic_not(ca.fabs(samples[sign.output].error) <= SHARE * self._spans[sign.output])
 
-    def _plausible(self, j: int, sample: Sampled) -> Any:
+    def _plausible(self, j: int, sample: Sampled) -> Graph:
         """Whether the estimate is judged by a sample: a valid one, or one that is absurdly far from the prediction."""
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import sympy as sp
@@ -10,6 +9,7 @@ import sympy as sp
 from hgogen.algebra.identity import free_of
 from hgogen.algebra.kinks import bent, slope
 from hgogen.check import ClaimId, Verdict
+from hgogen.graph import Graph
 from hgogen.signal import Signal
 from hgogen.structure.apart import apart
 from hgogen.structure.chain import Rows, listed, of_plant
@@ -77,12 +77,12 @@ def measurements(plant: System) -> tuple[Measurement, ...]:
     return tuple(by_state.values())
 
 
-def known(dynamics: Dynamics) -> Callable[[Any, Any, Any, Any], Any]:
+def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
     """A function of the SX columns z (n), u (m), y (p), valid (p) that returns z with the measured states in the place
     of their estimates, for a form in the plant's own coordinates."""
     measured = measurements(dynamics.form.system)
 
-    def replaced(z: Any, u: Any, y: Any, valid: Any) -> Any:
+    def replaced(z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
         values = [z[i] for i in range(dynamics.n)]
         offset = dynamics.output(ca.SX.zeros(dynamics.n), u)
         slope = dynamics.output_jacobian(z, u)
