@@ -72,7 +72,7 @@ def _turn(c: Any, s: Any, k: int, degree: int) -> Any:
 
 
 def _less_cosine(polynomial: Any, index: int, s: Any) -> Any:
-    """With cos^2 as 1 - sin^2."""
+    """The polynomial with cos^2 written as 1 - sin^2."""
     ring = polynomial.context()
     layers: dict[int, dict[tuple[int, ...], Any]] = {}
     for powers, coefficient in polynomial.terms():

@@ -75,7 +75,7 @@ def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> b
 def dependence(
     expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None
 ) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-    """Those of the symbols that the value is proved to change with, and those of which it is not known.
+    """The symbols that the value is proved to depend on, and those for which this is not known.
 
     For the rest, e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two symbols; that the slope is 0
     would not be enough: atan(x) + atan(1/x) jumps.
@@ -100,7 +100,7 @@ def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = N
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """The same function written without those of the symbols on which it does not depend, as far as that is proved.
+    """The same function written without the symbols on which it is proved not to depend.
 
     Its value at one value of each: 0 where it is defined there.
     """

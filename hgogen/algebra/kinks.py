@@ -67,7 +67,7 @@ class Direction(_Shown):
 
     @classmethod
     def eval(cls, index: sp.Integer, *args: sp.Expr) -> sp.Expr | None:
-        """Of one argument the sign where that is known; without numbers before it."""
+        """The sign of one argument where it is known; else the direction without numerical factors."""
         if len(args) > 1:
             return None
         if args[0].is_positive or args[0].is_negative:
@@ -78,7 +78,7 @@ class Direction(_Shown):
         return None if factor == 1 or not rest.free_symbols else sp.sign(factor) * cls(index, rest)
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        """Of one e there is none at 0."""
+        """The derivative; that of one e has no value at 0."""
         e, *more = self.args[1:]
         if not more:
             return 2 * sp.DiracDelta(e) * e.diff(s)
@@ -86,7 +86,7 @@ class Direction(_Shown):
         return top.diff(s) / size - top * size.diff(s) / size**2
 
     def plain(self) -> sp.Expr:
-        """As SymPy has it, sign(e) or e_i/|e|, without the set at 0; only to be read."""
+        """SymPy's expression, sign(e) or e_i/|e|, without the set at 0: for a reader only."""
         e, *more = self.args[1:]
         if not more:
             return sp.sign(e, evaluate=False)
@@ -234,7 +234,7 @@ def _apart(a: sp.Expr, b: sp.Expr) -> bool:
 
 
 def _polynomial(e: sp.Expr) -> bool:
-    """In symbols and norms of polynomials: it has a value everywhere."""
+    """Whether it is a polynomial in symbols and norms of polynomials, so that it has a value everywhere."""
     if isinstance(e, sp.Pow):
         return bool(e.exp.is_Integer and e.exp > 0) and _polynomial(e.base)
     if isinstance(e, (sp.Add, sp.Mul, Norm)):

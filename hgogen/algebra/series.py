@@ -43,7 +43,8 @@ class Plant:
 
 @dataclass(frozen=True)
 class Point:
-    """Where the series start: `states` and `constants` (parameters, then the rest) at t = 0, and `inputs` as series."""
+    """The point at which the series start: `states` and `constants` (parameters, then the rest) at t = 0, and the
+    `inputs` as series."""
 
     states: tuple[Any, ...]
     constants: tuple[Any, ...]

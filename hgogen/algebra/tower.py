@@ -60,7 +60,7 @@ def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[s
 
 
 def _slopes(writer: Writer, states: Sequence[sp.Symbol]) -> Iterator[tuple[tuple[sp.Symbol, int], sp.Expr]]:
-    """dk/dx_i of every kernel, of those that the derivatives bring in, too."""
+    """The slopes dk/dx_i of every kernel, also of the kernels that the derivatives bring in."""
     done = 0
     while done < len(writer.kernels):
         if done >= _KERNELS:

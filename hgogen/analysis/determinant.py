@@ -86,7 +86,7 @@ def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determina
 
 
 def _squares(value: sp.Expr, tangents: set[sp.Symbol]) -> sp.Expr:
-    """With (T - 1)^k (T + 1)^k as (1 - T^2)^k, as the slope of tanh is written."""
+    """The expression with (T - 1)^k (T + 1)^k written as (1 - T^2)^k, as the slope of tanh is written."""
     powers = value.as_powers_dict()
     for T in tangents:
         k = powers.get(T - 1)
@@ -96,10 +96,10 @@ def _squares(value: sp.Expr, tangents: set[sp.Symbol]) -> sp.Expr:
 
 
 def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
-    """By elimination; with roots without a division, which might leave a pole that the determinant has not, if that is
-    short enough, or in any case where a division would be wrong.
+    """The determinant as a product of powers, by elimination. In a field with roots a division might leave a pole that
+    the determinant has not: there it is expanded without divisions, if that is short enough or a division is wrong.
 
-    Raises: `TooLarge`; `ZeroDivisionError` where it is 0.
+    Raises: `TooLarge`; `ZeroDivisionError` where the determinant is 0.
     """
     doubtful = branches(made)
     if doubtful or made.relations:

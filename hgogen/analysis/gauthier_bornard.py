@@ -47,7 +47,7 @@ class UniformObservability:
 
     @property
     def verdict(self) -> Verdict:
-        """Of the claim that the plant is observable, for every real input, ranges apart."""
+        """The verdict of the claim that the plant is observable for every real input, inside and outside its ranges."""
         if self.answer is None or not (self.answer or self.shown):
             return Verdict.UNKNOWN
         return Verdict.GENERIC if self.answer else Verdict.REFUTED

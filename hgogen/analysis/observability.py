@@ -40,7 +40,7 @@ class Answer:
     repairs: tuple[sp.Symbol, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The answer as plain data for JSON."""
         rank = self.rank
         return {
             "rank": rank.rank,
@@ -123,7 +123,7 @@ class Observability:
         return tuple(checks)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The answer as plain data for JSON."""
         joint = self.joint.as_dict() if self.joint else None
         checks = [check.as_dict() for check in self.checks]
         return {"known": self.known.as_dict(), "joint": joint, "method": self.method, "checks": checks}

@@ -45,7 +45,7 @@ class Symmetry:
 
 @dataclass(frozen=True)
 class _Sample:
-    """At one point: the unknowns' values and the independent rows of the observability matrix; the prime or 0."""
+    """The unknowns' values and the independent rows of the observability matrix at one point; the prime or 0."""
 
     values: tuple[Any, ...]
     rows: tuple[tuple[Any, ...], ...]

@@ -19,7 +19,8 @@ from hgogen.program import Block, Place, address, sym
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """x' = M x + B y, SX (N, N) and (N, p); `x`: the symbols of the fields that are not frozen, in their order."""
+    """The core x' = M x + B y with M (N, N) and B (N, p) in SX; `x`: the symbols of the fields that are not frozen, in
+    their order."""
 
     x: Graph
     M: Graph

@@ -107,6 +107,6 @@ def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
 
 
 def _stacked(wide: Graph, count: int) -> Array:
-    """(r, count c) as (count, r, c)."""
+    """Matrices (r, count c) side by side as an array (count, r, c)."""
     numbers = np.array(wide)
     return np.ascontiguousarray(numbers.reshape(len(numbers), count, -1).swapaxes(0, 1))

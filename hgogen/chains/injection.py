@@ -105,5 +105,5 @@ def unmodelled(form: Form) -> Jump:
 
 
 def last_error(chain: Integrators, w: Field, clock: Clock) -> Graph:
-    """y - o(u) - w_1 of the last valid sample, after the estimate has come to its time; SX scalar."""
+    """The error y - o(u) - w_1 at the last valid sample, once the estimate has come to its time; SX scalar."""
     return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]

@@ -55,7 +55,7 @@ class Integrators:
 
     @cached_property
     def products(self) -> tuple[sp.Expr, ...]:
-        """a_(i,1) .. a_(i,j) (n), the scale from z to w."""
+        """The products a_(i,1) .. a_(i,j) (n), which scale z to w."""
         return tuple(sp.prod(chain[: j + 1]) for chain in self.gains for j in range(len(chain)))
 
     @cached_property
@@ -76,11 +76,11 @@ class Integrators:
         return w / self.scale
 
     def nonlinear(self, w: Graph, u: Graph) -> Graph:
-        """c(w, u) (n), its argument saturated to the declared box."""
+        """The nonlinear terms c(w, u) (n), their argument saturated to the declared box."""
         return self.scale * self.dynamics.nonlinear(self.z(w), u)
 
     def offset(self, u: Graph) -> Graph:
-        """o(u) (p)."""
+        """The outputs' offset o(u) (p)."""
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
     def saturated(self, w: Graph, i: int) -> Graph:
@@ -110,7 +110,7 @@ class Integrators:
 
 
 def shifted(w: Graph) -> Graph:
-    """w_2, .., w_n, 0 of an SX column."""
+    """The SX column w_2, .., w_n, 0 of w."""
     return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
 
 

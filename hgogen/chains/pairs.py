@@ -52,7 +52,7 @@ def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
-    """k (n - 1, 2) of 2n - 2 poles; where there is a choice, the last pair is the slowest.
+    """The gains k (n - 1, 2) of 2n - 2 poles; where there is a choice, the last pair is the slowest.
 
     Raises: `BadPoles`, also where the search finds no positive gains for the poles.
     """
@@ -92,7 +92,7 @@ def _divided(polynomial: list[Any], root: Any) -> list[Any]:
 
 
 def errors(first: Graph, p: Graph, q: Graph) -> Graph:
-    """e (m): `first`, then q_(i-1) - p_i."""
+    """The errors e (m): `first`, then q_(i-1) - p_i."""
     return ca.vertcat(first, *(q[i - 1] - p[i] for i in range(1, q.numel())))
 
 

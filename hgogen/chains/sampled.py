@@ -96,7 +96,7 @@ class Sampled:
         )
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Of the nonlinear rest: the core sets no limit."""
+        """The step lengths of the nonlinear rest: the core sets no limit."""
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     @property
@@ -111,7 +111,7 @@ class Sampled:
         return np.asarray(first + Psi_1 @ J @ (first - np.eye(len(core))))
 
     def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
-        """By trying step lengths in turn (k)."""
+        """The refused step lengths (k), by trying lengths in turn."""
         return first_unstable(core, M, self)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -119,7 +119,7 @@ class Sampled:
         raise NoRealisation(self.name, "that of a Riccati observer moves with its covariance: take continuous_discrete")
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """None: the observer is refused by `riccati`."""
+        """There are none: `riccati` refuses the observer."""
         return Lengths()
 
 
@@ -173,12 +173,12 @@ def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Graph, float], Gr
 
 
 def _source(part: Ode, clock: Clock, c: float) -> Graph:
-    """v (p) at an end of the step."""
+    """The measurement without its offset, v (p), at an end of the step."""
     return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
 
 
 def _split(part: Ode, x: Graph) -> dict[str, Graph]:
-    """A column (N) by fields."""
+    """The parts of a column (N) by the names of the fields."""
     ends = np.cumsum([0, *(field.size for field in part.fields)]).tolist()
     return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
 

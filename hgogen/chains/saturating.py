@@ -44,8 +44,8 @@ def saturating(
     fields: tuple[Field, ...],
     lines: Lines,
 ) -> Saturating:
-    """field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of w_i, c(w) the
-    chain's nonlinear terms (n)."""
+    """The estimator field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of
+    w_i, c(w) are the chain's nonlinear terms (n)."""
 
     def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> Mapping[str, Graph]:
         return lines(values, y, valid, lambda value, _: value, lambda _: ca.SX.zeros(chain.n))

@@ -49,7 +49,7 @@ class Way(Protocol):
         ...
 
     def refused(self, core: Array, M: Array) -> Array:
-        """For each stable M the least h from which T(h) has an eigenvalue beyond 1 (k); inf for none."""
+        """The least h for each stable M (k) from which T(h) has an eigenvalue beyond 1; inf where there is none."""
         ...
 
     def __hash__(self) -> int:
@@ -140,7 +140,7 @@ def advised(core: Array, M: Array, way: Way, refused: float) -> float:
 
 
 def _shortest(M: Array, refused: float) -> float:
-    """Where the search for `take` ends, in any case a step that follows every M."""
+    """The step length at which the search for `take` ends, which follows every M in any case."""
     fastest = _fastest(M)
     return DEEPEST * refused if math.isfinite(refused) else SHORT / fastest if fastest else math.inf
 

@@ -223,7 +223,7 @@ class _Riccati:
         return F, N, np.broadcast_to(scaling.process(theta) * self.Q * np.outer(power, power), F.shape)
 
     def hamiltonian(self, theta: float) -> Array:
-        """(k, 2n, 2n), in the coordinates Delta z."""
+        """The Hamiltonian matrices (k, 2n, 2n) in the coordinates Delta z."""
         F, N, Q = self.parts(theta, theta)
         return np.block([[_t(F), -N], [-Q, -F]])
 

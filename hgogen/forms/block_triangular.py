@@ -61,7 +61,7 @@ class _Chain:
 
     @property
     def gains(self) -> list[sp.Expr]:
-        """a_1..a_n."""
+        """The gains a_1..a_n."""
         before = (1, *self.signs)
         return [s * link.gain * t for s, link, t in zip(before, self.links, self.signs, strict=False)]
 

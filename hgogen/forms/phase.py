@@ -125,7 +125,7 @@ def _map(plant: System) -> _Map:
 def _changed(
     whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...], recovered: bool
 ) -> Form:
-    """In z = (y, y', ..), each with the range that Phi has on the box."""
+    """The form in z = (y, y', ..), each with the range that Phi has on the box."""
     plant, n = whole.plant, len(z)
     box_x = box(plant.signals, plant.nominal)
     (y,) = plant.outputs
@@ -189,7 +189,8 @@ def _inputs(whole: _Map) -> Check:
 
 
 def _rank(whole: _Map) -> tuple[Check, Sign]:
-    """By rigorous bounds of the determinant; generic where it is not 0 identically, and its zeros are not excluded."""
+    """The check of the rank by rigorous bounds of the determinant, and its sign. The rank is generic where the
+    determinant is not 0 identically and its zeros are not excluded."""
     id, claim = ClaimId("phase", "rank"), f"det dPhi/dx = {whole.shown} has no zero on the box"
     jumps = any(row.has(*JUMPS) for row in (*whole.before.flow, *whole.before.output))
     det = whole.determinant if jumps else at_kinks(whole.determinant)
@@ -229,7 +230,8 @@ def _written(whole: _Map, point: Mapping[sp.Symbol, Fraction]) -> bool:
 def _one_to_one(
     whole: _Map, images: dict[Signal, sp.Expr], back: dict[sp.Symbol, sp.Expr] | None, rank: Check
 ) -> Check:
-    """By the inverse, wherever it is defined on the image; or by rows that each bring in one state, with a slope."""
+    """The check that Phi is one to one: by the inverse, wherever it is defined on the image, or by rows that each
+    bring in one state, with a slope."""
     id, claim = ClaimId("phase", "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim)
@@ -261,7 +263,8 @@ def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
 
 
 def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
-    """phi(Psi(z)): on a compact box, a one to one Phi of full rank has a smooth inverse on its compact image."""
+    """The check that phi(Psi(z)) is Lipschitz: on a compact box, a one to one Phi of full rank has a smooth inverse on
+    its compact image."""
     unknown = Check(ClaimId("phase", "lipschitz"), "phi is Lipschitz in z on the image of the box", Verdict.UNKNOWN, "")
     loose = [s.name for s in (*whole.plant.states, *whole.plant.inputs) if not s.bounded]
     if loose:

@@ -72,7 +72,7 @@ class Range:
         return "; ".join([*said, *filter(None, [self.note])])
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, which has no infinity: None for an end that is not bounded."""
+        """The range as plain data for JSON, which has no infinity: an unbounded end is None."""
         low, high = (end if math.isfinite(end) else None for end in (self.low, self.high))
         return {"low": low, "high": high, "defined": self.defined, "boxes": self.boxes, "note": self.note}
 
@@ -115,7 +115,7 @@ class Problem:
 
 
 def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
-    """None for an expression that is nowhere a finite real number."""
+    """The problem of an expression on a box; None where the expression is nowhere a finite real number."""
     fixed, around = sides(exact(sp.sympify(expression)), box)
     if fixed.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I, sp.AccumBounds):
         return None

@@ -124,7 +124,7 @@ class _Program:
         return cls(asked, symbols, tape([asked.value], symbols), sp.lambdify(symbols, asked.value, "numpy"))
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
-        """Those of the points where S >= 0 is proved and e is not 0, with the value there."""
+        """The points where S >= 0 is proved and e is not 0, with the value there."""
         everything = {**self.asked.box, **self.asked.around}
         sides = Sides(self.symbols, tuple(everything[s] for s in self.symbols))
         for point in points:
@@ -217,7 +217,7 @@ def _along(program: _Program) -> Iterator[Point]:
 
 
 def _of(sign: Sign) -> Iterator[Point]:
-    """Where a search met the largest value."""
+    """The point at which a search met the largest value, if any."""
     if sign.range.most is not None:
         yield dict(sign.range.most.point)
 
@@ -339,11 +339,11 @@ class _Eigenvalues:
 
     @property
     def middle(self) -> np.ndarray:
-        """(n, n)."""
+        """The matrix (n, n) in the middle of the box."""
         return np.asarray(self.floats(self.grid[:, :1])[0])
 
     def matrix(self, point: Point) -> np.ndarray:
-        """(n, n) at a point of the grid."""
+        """The matrix (n, n) at a point of the grid."""
         shares = [(point[s] - a) / (b - a) * _GRID for s, (a, b) in zip(self.symbols, self.sides, strict=True)]
         return np.asarray(self.floats(np.array([[float(share)] for share in shares]).reshape(-1, 1))[0])
 

@@ -25,7 +25,7 @@ class Condition:
 
     @property
     def failure(self) -> str:
-        """Where it fails, in words."""
+        """The places where the condition fails, in words."""
         return f"at {self.of} = 0" if self.relation == NONZERO else f"unless {self}"
 
     def implies(self, other: "Condition") -> bool:

@@ -76,7 +76,7 @@ class Loops:
         return largest
 
     def settles(self, h: float) -> Array:
-        """Where (k) no error grows for ever, neither by the steady P nor by what its cap leaves of it."""
+        """Whether no error grows for ever at a point (k), neither by the steady P nor by what its cap leaves of it."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
@@ -194,7 +194,7 @@ def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Arra
 
 
 def _decays(T: Array) -> Flags:
-    """Where T (k, n, n) is finite and has no eigenvalue beyond 1."""
+    """Whether each T (k, n, n) is finite and has no eigenvalue beyond 1."""
     finite = np.isfinite(T).all(axis=(1, 2))
     radius = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], T, 0.0))).max(axis=1)
     return np.asarray(finite & (radius <= 1 + ROUNDING))
@@ -205,8 +205,8 @@ def _definite(P: Array) -> Flags:
 
 
 def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Those of 1, 2, 4, .. steps (k, n, n) in one, until H is the steady P; where there is none it is not finite, or
-    large."""
+    """The maps of 1, 2, 4, .. steps (k, n, n) in one, until H is the steady P; where there is none, H is not finite or
+    it is large."""
     one = np.eye(A.shape[-1])
     for _ in range(DOUBLED):
         yield A, G, H

@@ -20,7 +20,7 @@ from hgogen.program import Field
 
 
 def pack(matrix: Graph) -> Graph:
-    """Lower triangle of a symmetric SX matrix, column by column (n (n + 1)/2)."""
+    """The lower triangle of a symmetric SX matrix, column by column (n (n + 1)/2)."""
     n = matrix.shape[0]
     return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j, n)))
 
@@ -46,7 +46,7 @@ def unit_lower(packed: Graph, n: int) -> Graph:
 
 
 def pack_unit_lower(matrix: Graph) -> Graph:
-    """Strict lower triangle, column by column."""
+    """The strict lower triangle of an SX matrix, column by column (n (n - 1)/2)."""
     n = matrix.shape[0]
     return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1, n))) if n > 1 else ca.SX(0, 1)
 

@@ -43,7 +43,7 @@ class Curved(Part):
     fastest: float
 
     def equation(self, view: str) -> Ode:
-        """z and Pi (its name is S), or z and P."""
+        """The differential equation of z and Pi (its name is S), or of z and P."""
         name, ode = VIEWS[view]
         plain, n = ode(self.plain), self.plain.dynamics.n
 
@@ -59,7 +59,7 @@ class Curved(Part):
         return Ode(plain.fields, rate)
 
     def _pull(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
-        """D (n, n)."""
+        """The matrix D (n, n) of the output errors and the outputs' second derivatives."""
         dynamics = self.plain.dynamics
         pull = valid * (y - dynamics.output(z, u)) / self.plain.R
         return sum(
@@ -69,7 +69,7 @@ class Curved(Part):
 
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
-    """By an explicit method in its own view; by classical Runge-Kutta on (z, P) where the method is another."""
+    """The pieces of a step: by an explicit method in its own view, else by classical Runge-Kutta on (z, P)."""
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
     moves = explicit.step(part.equation(explicit.view), clock)
@@ -82,7 +82,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """Those of the observer without the term, and of the term, which no other method is free of."""
+    """The step lengths of the observer without the term, and those of the term, which no other method is free of."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)

@@ -76,7 +76,7 @@ class Moved:
 
     @property
     def equation(self) -> str:
-        """Of P over one step."""
+        """The equation of P over one step."""
         if self.part.forgetting is not None:
             return "P <- exp(rho h) Phi P Phi' + h Q_0"
         return "P <- Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
@@ -86,16 +86,16 @@ class Moved:
         return self.clock.u(c), self.clock.y(c), self.clock.valid
 
     def row(self, output: int) -> Graph:
-        """c = dh/dz of an output (1, n), sparse."""
+        """The row c = dh/dz (1, n) of an output, sparse."""
         return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
     def variance(self, output: int) -> Graph:
-        """r = R_theta/h, h the sampling period of that output."""
+        """The variance r = R_theta/h of an output, h its sampling period."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
 
 def entries(name: str, matrix: Graph) -> dict[str, Graph]:
-    """Those of a sparse SX matrix that are computed, by name, for the C printer."""
+    """The computed entries of a sparse SX matrix by name, for the C printer."""
     rows, columns = matrix.shape
     listed = ((i, j, matrix[i, j]) for i in range(rows) for j in range(columns))
     return {f"{name}_{i + 1}{j + 1}": entry for i, j, entry in listed if entry.n_dep()}
@@ -111,15 +111,15 @@ def common(part: Riccati, clock: Clock) -> dict[str, Any]:
 
 
 def factored_lengths(part: Riccati, dt: float) -> Lengths:
-    """Those of the closed loop, for every factored covariance."""
+    """The step lengths of the closed loop, which are those of every factored covariance."""
     refused, take = advised(part, dt)
     why = "beyond it no error settles, wherever in the declared box it was tried"
     return Lengths(refused=refused, take=take, why=why, basis=FOUND)
 
 
 def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:
-    """exp(rho h), and the roots of (1 - exp(-rho h)) S_0; both from one rounding of exp, so that S tends to S_0 however
-    small rho h is."""
+    """The pieces that forget: exp(rho h), and the roots of (1 - exp(-rho h)) S_0. Both come from one rounding of exp,
+    so that S tends to S_0 however small rho h is."""
     growth = ca.exp(part.rho * clock.dt)
     share = ca.fmax(growth - 1, 0) / growth
     prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
@@ -245,7 +245,8 @@ def _cap(part: Riccati) -> Program:
 
 
 def capped(part: Riccati, variance: list[Graph], scaled: Factors) -> Program:
-    """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), a congruence."""
+    """The program that caps P where a P_ii (`variance`) exceeds its cap: it writes the factors `scaled` of
+    min(1, cap_i/P_ii) (n), a congruence."""
     caps = [float(value) for value in part.cap]
     scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
     limited = {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}

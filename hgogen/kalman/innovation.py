@@ -116,7 +116,7 @@ def kept(field: Field, value: Graph) -> Graph:
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:
-    """d/dt, which must be a whole multiple of `shares`.
+    """The number of samples d/dt, which must be a whole multiple of `shares`.
 
     Raises: `BadWindow`.
     """

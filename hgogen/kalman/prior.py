@@ -22,7 +22,7 @@ SHARE = 0.5
 
 
 def near(part: Riccati, variance: list[Graph]) -> Block:
-    """Say so where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than `SHARE`."""
+    """The status where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than `SHARE`."""
     return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 

@@ -27,7 +27,7 @@ class HighGain(Protocol):
 
     @property
     def value(self) -> Graph:
-        """SX scalar."""
+        """The gain theta as an SX scalar."""
         ...
 
     @property
@@ -42,7 +42,7 @@ class HighGain(Protocol):
 
     @property
     def rest(self) -> float | None:
-        """Where it rests, if it comes back to its peak from there."""
+        """The value at which it rests, if it comes back to its peak from there."""
         ...
 
     @property
@@ -85,18 +85,18 @@ class Riccati(Part):
 
     @cached_property
     def scaling(self) -> Scaling:
-        """How theta enters Q_theta and R_theta."""
+        """The scaling by which theta enters Q_theta and R_theta."""
         return scaling(self.dynamics.form, self.theta.scaled)
 
     def flow(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
-        """f (n)."""
+        """The prediction's rate f (n)."""
         if self.known is None:
             return self.dynamics.flow(z, u)
         A, b = self.dynamics.affine(self.known(z, u, y, valid), u)
         return A @ z + b
 
     def jacobian(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
-        """F, n x n SX."""
+        """The matrix F (n, n) of the Riccati equation, SX."""
         if self.known is None:
             return self.dynamics.jacobian(z, u)
         return self.dynamics.affine(self.known(z, u, y, valid), u)[0]
@@ -116,14 +116,14 @@ class Riccati(Part):
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
 
     def noise(self) -> Graph:
-        """Q_theta, n x n SX."""
+        """The process noise Q_theta (n, n), SX."""
         factor = self.scaled_factor()
         return factor @ ca.diag(self.scaling.process(self.theta.value) * self.weights) @ factor.T
 
     def scaled_factor(self) -> Graph:
-        """Delta^-1 G, n x k SX."""
+        """The factor Delta^-1 G (n, k) of the process noise, SX."""
         return ca.diag(self.spread()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
 
     def spread(self) -> Graph:
-        """The diagonal of Delta^-1, as SX column."""
+        """The diagonal of Delta^-1 as an SX column."""
         return ca.vertcat(*self.scaling.spread(self.theta.value))

@@ -39,11 +39,11 @@ class Theta(HighGain, Protocol):
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """Its tunable gains."""
+        """The tunable gains of theta."""
         ...
 
     def law(self, unit: str) -> str:
-        """What it does, for the banner; `unit`: that of time."""
+        """The law of theta for the banner; `unit`: the unit of time."""
         ...
 
     @property
@@ -70,12 +70,12 @@ class Constant:
 
     @property
     def peak(self) -> float:
-        """theta."""
+        """The largest value, which is theta."""
         return self.theta
 
     @property
     def late(self) -> float:
-        """theta."""
+        """The value while a large error lasts, which is theta."""
         return self.theta
 
     @property
@@ -88,32 +88,32 @@ class Constant:
 
     @property
     def value(self) -> Graph:
-        """1, or the gain."""
+        """The constant 1, or the gain."""
         return ca.SX(1) if self.theta == 1 else sym("gain", "theta")
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """theta, unless it is 1; step lengths are judged at its nominal value, which is its largest, alone."""
+        """The gain theta, unless it is 1; step lengths are judged at its nominal value alone, which is its largest."""
         if self.theta == 1:
             return ()
         return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
 
     def law(self, unit: str) -> str:
-        """For the banner."""
+        """The law for the banner."""
         return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
 
     @property
     def theorem(self) -> Theorem:
-        """Of the extended Kalman filter, or of the one with a high gain."""
+        """The theorem of the extended Kalman filter, or of the one with a high gain."""
         return KALMAN if self.theta == 1 else HIGH_GAIN
 
     @property
     def traces(self) -> tuple[str, ...]:
-        """None."""
+        """There are none: theta is constant."""
         return ()
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """None."""
+        """There are none: theta is constant."""
         return ()
 
 
@@ -127,7 +127,7 @@ class Decaying:
     traces: tuple[str, ...] = ("theta",)
 
     def law(self, unit: str) -> str:
-        """For the banner."""
+        """The law for the banner."""
         return "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
 
     @property
@@ -137,12 +137,12 @@ class Decaying:
 
     @property
     def peak(self) -> float:
-        """theta_0."""
+        """The largest value, theta_0."""
         return self.theta_0
 
     @property
     def late(self) -> float:
-        """1."""
+        """The value while a large error lasts, which is 1."""
         return 1.0
 
     @property
@@ -189,7 +189,7 @@ class Smoothstep:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The two thresholds."""
+        """The two thresholds gamma_0 and gamma_1."""
         top = 1e6 * self.gamma_1
         return (
             gain("gamma_0", self.gamma_0, 0.0, top, "innovation below which theta decays", "y^2 s"),
@@ -197,7 +197,7 @@ class Smoothstep:
         )
 
     def of(self, innovation: Graph) -> Graph:
-        """SX mu(I)."""
+        """The SX scalar mu(I)."""
         low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
         x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
         return x * x * (3 - 2 * x)
@@ -214,14 +214,14 @@ class Logistic:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """Centre and slope."""
+        """The centre and the slope."""
         return (
             gain("centre", self.centre, 0.0, 1e6 * self.centre, "innovation at which mu = 1/2", "y^2 s"),
             gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
         )
 
     def of(self, innovation: Graph) -> Graph:
-        """SX mu(I); the exponent is clamped to +-80, where exp still is a float."""
+        """The SX scalar mu(I); the exponent is clamped to +-80, where exp still is a float."""
         exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
 
@@ -239,7 +239,7 @@ class Adaptive:
     traces: tuple[str, ...] = ("theta", "innovation")
 
     def law(self, unit: str) -> str:
-        """For the banner."""
+        """The law for the banner."""
         return (
             "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
             "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "
@@ -254,7 +254,7 @@ class Adaptive:
 
     @property
     def peak(self) -> float:
-        """2 theta_1."""
+        """The largest value, 2 theta_1."""
         return 2 * self.theta_1
 
     @property
@@ -264,11 +264,11 @@ class Adaptive:
 
     @property
     def rest(self) -> float:
-        """1."""
+        """The value at rest, 1."""
         return 1.0
 
     def rise(self, theta: float, dt: float) -> float:
-        """By the exact sub-flow at mu = 1."""
+        """The value after a time dt by the exact sub-flow at mu = 1."""
         return float(rise(theta, dt / self.rise_time, self.theta_1))
 
     @property

@@ -107,7 +107,7 @@ def outside_bit(observer: Observer) -> Block:
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """Say so where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
+    """The status where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
@@ -157,7 +157,7 @@ def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
 
 
 def implausible(reading: tuple[float, float]) -> str:
-    """Where a sample is not plausible, in words."""
+    """The samples that are not plausible, in words."""
     low, high = reading
     width = high - low
     place = f"outside {low - width:g} .. {high + width:g}" if width < INF else f"beyond {HUGE:g}"
@@ -165,8 +165,8 @@ def implausible(reading: tuple[float, float]) -> str:
 
 
 def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
-    """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
-    prediction."""
+    """Whether a sample can be used, and its writes to the status: a usable sample is a number, plausible, and not
+    absurdly far from the prediction."""
     number = _within(raw, LARGEST_NUMBER)
     valid = ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE))
     rejected = ca.logic_and(number, ca.logic_not(valid))

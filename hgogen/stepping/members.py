@@ -32,7 +32,7 @@ from hgogen.program import (
 
 @dataclass(frozen=True)
 class Moved:
-    """Where places go: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
+    """A map of places: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
     names of groups."""
 
     places: Mapping[Place, Graph]
@@ -43,7 +43,7 @@ class Moved:
         return tuple(self._statement(statement) for statement in program)
 
     def place(self, place: Place) -> Place:
-        """Where a place that may be written goes."""
+        """The new place of one that may be written."""
         if place.struct in self.groups:
             return place._replace(struct=self.groups[place.struct])
         moved = self.places.get(place, place)

@@ -163,7 +163,7 @@ def _samples(part: Parallel, dt: float) -> int:
 
 
 def _choose(part: Parallel, period: int) -> Program:
-    """Of the members that stay the one with the smallest score, if it is better by the hysteresis."""
+    """The choice of the member with the smallest score among those that stay, if it is better by the hysteresis."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
     best, after = sym("work", "best"), _after_the_oldest(part)
     clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}

@@ -101,11 +101,11 @@ class Sign:
         )
 
     def doubts(self, value: Graph) -> dict[Place, Graph]:
-        """c set to a value, where it can be."""
+        """The write that sets c to a value, clamped to its range."""
         return {Place("state", self.doubt): clamp(value, 0.0, float(self.most))}
 
     def limit(self, value: Graph) -> Graph:
-        """A value of w, where it can be; SX."""
+        """A value of w, clamped to its range; SX."""
         return clamp(value, float(self.wait), float(self.most))
 
     def counted(self, weight: int) -> Program:
@@ -190,7 +190,7 @@ class Recovery:
 
     @property
     def _sum(self) -> Graph:
-        """Of all doubt, and of what patience is beyond the first; SX."""
+        """The sum of all doubt, and of the patience beyond the first; SX."""
         return sum(sym("state", sign.doubt) + (sym("state", sign.patience) - sign.wait) for sign in self.signs)
 
     def watch(self, samples: Samples, says: bool) -> Program:
@@ -265,7 +265,7 @@ class Recovery:
         )
 
     def _weight(self, judged: tuple[int, ...]) -> int:
-        """p_j: what a judgement by these outputs counts, so that all of them add up to p in a time dt."""
+        """The count p_j of a judgement by these outputs, so that all of them add up to p in a time dt."""
         if len(judged) == len(self.judged):
             return len(self.judged)
         return self.clock.every[judged[0]] if self.clock.every else 1
@@ -289,7 +289,7 @@ class Recovery:
         return tuple(field for field in self.pieces.fields if field.name in read and field.kind == "real")
 
     def _widest(self) -> float:
-        """r: by how much the outer box is wider than the declared one, at the coordinate where it is the most."""
+        """The largest ratio r, over the coordinates, of the widths of the outer box and the declared one."""
         shown = self._shown()
         x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
         values = {Place("state", field.name): np.array(field.initial) for field in shown}

@@ -61,7 +61,7 @@ class Rows:
         return dependence(row, among, self.box)
 
     def rate(self, state: sp.Symbol) -> sp.Expr:
-        """x' of a state."""
+        """The rate x' of a state."""
         return self.flow[self.states.index(state)]
 
 

@@ -91,11 +91,11 @@ class Dynamics:
         return tuple(z.interval for z in self.form.states)
 
     def saturated(self, z: Graph) -> Graph:
-        """z clamped to the box."""
+        """The state z clamped to the box."""
         return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self.box))
 
     def flow(self, z: Graph, u: Graph) -> Graph:
-        """z' (n), with the argument of b clamped."""
+        """The rate z' (n), with the argument of b clamped."""
         linear, nonlinear = self._graphs(self.saturated(z), u)
         return linear @ z + nonlinear
 
@@ -104,7 +104,7 @@ class Dynamics:
         return self._graphs(self._z, u)[0]
 
     def nonlinear(self, z: Graph, u: Graph) -> Graph:
-        """b (n), with its argument clamped."""
+        """The nonlinear part b (n), with its argument clamped."""
         return self._graphs(self.saturated(z), u)[1]
 
     def affine(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
@@ -112,7 +112,7 @@ class Dynamics:
         return self._graphs(self.saturated(z), u)
 
     def jacobian(self, z: Graph, u: Graph) -> Graph:
-        """d(A z + b)/dz at (sat(z), u), n x n: A(u) + b* where A is free of states."""
+        """The Jacobian d(A z + b)/dz (n, n) at (sat(z), u): A(u) + b* where A is free of states."""
         if self.form.behind is not None:
             return self.linear(u) + self._slope_behind(self.form.behind, z, u)
         linear, rest = self._graphs(self._z, self._u)
@@ -126,7 +126,7 @@ class Dynamics:
         return self._output(z, u)
 
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
-        """dh/dz, p x n."""
+        """The Jacobian dh/dz (p, n) of the output."""
         slope = ca.jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
@@ -150,15 +150,15 @@ class Dynamics:
         return column(self._convert(linear, z, u)) + column(self._convert(rest, clamped, u))
 
     def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
-        """(the states of the form's system from z, each in its range, whether the inverse is a number there).
+        """The states of the form's system from z, each in its range, and whether the inverse is a number there.
 
-        A state of which it is none takes its resting value. Denominators keep their side (structure/sided.py).
+        A state for which it is not takes its resting value. Denominators keep their sign (structure/sided.py).
         """
         return self._ranged(self._unranged(z, u))
 
     def beyond(self, z: Graph, u: Graph, margin: float = 0.0) -> list[Graph]:
-        """For each state of the form's system that is more than a z with a sign: whether it leaves its range by more
-        than `margin` of its width."""
+        """Whether each state of the form's system that is more than a z with a sign leaves its range by more than
+        `margin` of its width."""
         raw = self._unranged(z, u)
         ends = [widened(*s.interval, margin) for s in self.form.system.states]
         return [
@@ -188,7 +188,8 @@ class Dynamics:
         return column(values), reduce(ca.logic_and, looked.values()) if looked else ca.SX(1)
 
     def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
-        """(dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); None: it is proved to have no zero."""
+        """The product (dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); with None for `least` the
+        determinant is proved to have no zero."""
         n, place = self.n, self.saturated(z)
         map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
         if least is None:
@@ -198,7 +199,7 @@ class Dynamics:
         return column(ca.if_else(regular, solved[i], 0) for i in range(n))
 
     def determinant(self, z: Graph, u: Graph) -> Graph:
-        """det dPhi/dx."""
+        """The determinant of dPhi/dx."""
         return self._convert([determinant(self._map.tolist()).value], z, u)[0]
 
     def largest_determinant(self) -> float:
@@ -280,7 +281,7 @@ class Dynamics:
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
-        """dPhi/dx, of a form that carries it."""
+        """The Jacobian dPhi/dx of a form that carries it."""
         assert self.form.jacobian is not None
         return self.form.jacobian
 
@@ -328,7 +329,7 @@ def _regular(matrix: Graph, test: Graph) -> Graph:
 
 
 def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
-    """(terms linear in a state with a coefficient free of states, the rest)."""
+    """The sum of the terms that are linear in a state with a coefficient free of states, and the rest."""
     linear: list[sp.Expr] = []
     rest: list[sp.Expr] = []
     for term in sp.Add.make_args(sp.expand_mul(expression)):

@@ -31,7 +31,7 @@ def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
 
 
 def signals(form: Form) -> tuple[sp.Symbol, ...]:
-    """z, inputs and parameters."""
+    """The states z, the inputs and the parameters."""
     return (*form.states, *form.system.inputs, *form.system.parameters)
 
 

@@ -42,18 +42,18 @@ class Scaling:
         return [power(theta, exponent) for exponent in self.states]
 
     def process(self, theta: Graph) -> Graph:
-        """theta^(1+g)."""
+        """The factor theta^(1+g) of Q_theta."""
         return power(theta, 1 + self.gauge)
 
     def variance(self, R: Graph, theta: Graph, output: int, period: float = 1.0) -> Graph:
-        """R_theta/period of an output, whose own R is given."""
+        """The variance R_theta/period of an output with the variance R at theta = 1."""
         exponent = self._exponents[output]
         if exponent < 0:
             return R / (power(theta, -exponent) * period)
         return (R if exponent == 0 else R * power(theta, exponent)) * (1 / period)
 
     def weight(self, R: Graph, theta: Graph, output: int) -> Graph:
-        """1/R_theta of an output."""
+        """The weight 1/R_theta of an output."""
         exponent = self._exponents[output]
         return power(theta, -exponent) / R if exponent < 0 else 1 / (R * power(theta, exponent))
 
