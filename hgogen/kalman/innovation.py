@@ -24,6 +24,7 @@ from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import HEUN, Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, decay_limits
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.graph import Graph
 from hgogen.kalman.kalman_theorems import STAGGERED, WINDOW
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import INF, Block, Field, Group, Loop, Place, Program, When, scalar, sym
@@ -90,8 +91,8 @@ class Predictor:
         why = f"nowhere in the declared box does a predictor by {self.tableau.name} follow the model's decay beyond it"
         return Lengths(refused=float(limits.max()), take=float(limits.min()), why=why, basis=EVERYWHERE)
 
-    def moved(self, z: Any, u: Callable[[float], Any], dt: float) -> Any:
-        """z one step later without correction, kept in the box of the observer's state; z(0) where it is lost."""
+    def moved(self, z: Graph, u: Callable[[float], Graph], dt: float) -> Graph:
+        """z one step later without correction, clamped to the box of the observer's state; z(0) where it is lost."""
         stages = advance(self.tableau, lambda v, c: {"z": self.dynamics.flow(v["z"], u(c))}, {"z": z}, dt)
         return kept(self.z, stages.result["z"])
 
@@ -105,7 +106,7 @@ class Predictors(Part):
     build: Callable[[Predictor, Clock], Pieces]
 
 
-def kept(field: Field, value: Any) -> Any:
+def kept(field: Field, value: Graph) -> Graph:
     """Each element clamped to the field's box; its initial value where it is not a number or absurd."""
     elements = []
     for i, (low, high) in enumerate(field.box):
@@ -115,7 +116,7 @@ def kept(field: Field, value: Any) -> Any:
 
 
 def samples(d: float, dt: float, shares: int = 1) -> int:
-    """d/dt, which must be a whole multiple of `shares`.
+    """The number of samples d/dt, which must be a whole multiple of `shares`.
 
     Raises: `BadWindow`.
     """
@@ -311,10 +312,10 @@ class Window:
         )
 
 
-def _wanted(count: int, clock: Clock) -> Any:
-    """How many samples of each output a window of `count` periods has; a number where all have as many."""
-    found = [max(1, count // every) for every in clock.every]
-    return ca.SX(ca.DM(found)) if len({*found}) > 1 else found[0] if found else count
+def _wanted(count: int, clock: Clock) -> Graph:
+    """The number of samples of each output in a window of `count` periods; one number where it is the same for all."""
+    counts = [max(1, count // every) for every in clock.every]
+    return ca.SX(ca.DM(counts)) if len({*counts}) > 1 else counts[0] if counts else count
 
 
 def staggered(d: float, predictors: int = 4, method: Any = None, weights: float | Values | None = None) -> Staggered:
@@ -355,33 +356,33 @@ def _tableau(method: Any) -> Tableau:
     return tableau
 
 
-def _weights(given: Any) -> Weights:
+def _weights(declared: Any) -> Weights:
     """The weights of the outputs; () for all 1."""
-    if given is None:
+    if declared is None:
         return ()
-    values = list(given.values()) if isinstance(given, Mapping) else given
+    values = list(declared.values()) if isinstance(declared, Mapping) else declared
     weights = tuple(map(float, reals("weights", values).reshape(-1)))
     if not weights or not all(0 < weight < HUGE for weight in weights):
-        raise BadWindowSize(f"weights = {given!r}", "must be positive numbers, one for each output")
-    return dict(zip(given, weights, strict=True)) if isinstance(given, Mapping) else weights
+        raise BadWindowSize(f"weights = {declared!r}", "must be positive numbers, one for each output")
+    return dict(zip(declared, weights, strict=True)) if isinstance(declared, Mapping) else weights
 
 
-def _weighed(given: Weights, dynamics: Dynamics) -> tuple[float, ...]:
-    """In the order of the outputs."""
-    weights = tuple(of_outputs("weights", given, dynamics.form)) if given else ()
+def _weighed(declared: Weights, dynamics: Dynamics) -> tuple[float, ...]:
+    """The declared weights in the order of the outputs; () for all 1."""
+    weights = tuple(of_outputs("weights", declared, dynamics.form)) if declared else ()
     if weights and len(weights) != dynamics.outputs:
         reason = f"must have one number for each of {dynamics.outputs} outputs"
         raise BadWindowSize(f"weights of length {len(weights)}", reason)
     return weights
 
 
-def _summed(weights: Any, squares: Any) -> Any:
-    """The weighted sum over outputs (p), kept a number."""
+def _summed(weights: Any, squares: Graph) -> Graph:
+    """The weighted sum over outputs (p), clamped to a finite number."""
     if weights:
         return ca.fmin(ca.dot(ca.SX(ca.DM(weights)), squares), HUGE * HUGE)
     return squares if squares.numel() == 1 else ca.fmin(ca.sum1(squares), HUGE * HUGE)
 
 
-def _with(values: Any, index: int, value: Any) -> Any:
+def _with(values: Graph, index: int, value: Graph) -> Graph:
     """The SX column with another element."""
     return ca.vertcat(*(value if i == index else values[i] for i in range(values.numel())))

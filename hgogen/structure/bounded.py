@@ -14,7 +14,7 @@ BOXES = 500  # mu need not be the least
 
 
 def bounded(id: ClaimId, form: Form) -> Check:
-    """The check that every row of b is bounded, by mu: proved with it, or unknown."""
+    """The check that every row of b is bounded: it is proved with the bound mu, or unknown."""
     claim = "phi is bounded on the declared ranges of states and inputs"
     rows = form.b if form.behind is None else form.behind
     states = form.states if form.behind is None else form.system.states
@@ -26,10 +26,10 @@ def bounded(id: ClaimId, form: Form) -> Check:
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
-        found = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
+        ranges = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
     except NoTape as missing:
         return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
-    if not all(values.finite and values.defined for values in found):
+    if not all(values.finite and values.defined for values in ranges):
         return Check(id, claim, Verdict.UNKNOWN, "no bound was found; it may have poles on the box")
-    mu = max((max(abs(values.low), abs(values.high)) for values in found), default=0.0)
+    mu = max((max(abs(values.low), abs(values.high)) for values in ranges), default=0.0)
     return Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")
