@@ -17,7 +17,7 @@ bits: then those are computed as in the C (of a zero, the sign may differ).
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,7 +101,8 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
         raise NotInCasadi(f"{type(step).__name__} given to casadi", "is no step; make one by hg.sample")
     if real != "double":
         raise NotInCasadi(f"real = {real!r}", 'is not what CasADi computes in: take "double", or the target c99')
-    graphs = Graphs(step, _bundled if bundled else _plain)
+    known = elementary("double") if bundled else {}
+    graphs = Graphs(step, lambda block: _block(block, known))
     call, flow = graphs.step(), _flow(graphs)
     u, y, p = graphs.inputs
     vectors = {"memory": graphs.memory, "u": u, "y": y, "p": p, "x": graphs.estimates}
@@ -128,18 +129,20 @@ def _listed(step: Step, vectors: Mapping[str, Vector]) -> str:
 
 # --- the function of a block
 
+_CHOSEN: Mapping[int, Callable[[Any, Any], Any]] = {
+    ca.OP_FMIN: lambda a, b: ca.if_else(a <= b, a, b),
+    ca.OP_FMAX: lambda a, b: ca.if_else(a >= b, a, b),
+}
 
-def _plain(block: Block) -> Any:
-    """Without the values that only have a name in C."""
-    given = block.graph.sx_in()
-    return ca.Function("block", given, block.graph.call(given)[: len(block.writes)])
 
+def _block(block: Block, known: Mapping[str, Any]) -> Any:
+    """A block operation by operation, without the values that only have a name in C; by the functions of `known`.
 
-def _bundled(block: Block) -> Any:
-    """Operation by operation, with the elementary functions of the C."""
-    graph, known = block.graph, elementary("double")
-    given, work = graph.sx_in(), dict[int, Any]()
-    results = [ca.SX.zeros(*graph.size_out(k)) for k in range(graph.n_out())]
+    A clamp is a choice, of which the value is taken where it is at the end: there CasADi's own have half of its slope,
+    and a gain is often first at the end of its range.
+    """
+    graph, work = block.graph, dict[int, Any]()
+    given, results = graph.sx_in(), [ca.SX.zeros(*graph.size_out(k)) for k in range(graph.n_out())]
     for k in range(graph.n_instructions()):
         op, read, wrote = graph.instruction_id(k), graph.instruction_input(k), graph.instruction_output(k)
         if op == ca.OP_INPUT:
@@ -148,9 +151,12 @@ def _bundled(block: Block) -> Any:
             work[wrote[0]] = ca.SX(graph.instruction_constant(k))
         elif op == ca.OP_OUTPUT:
             results[wrote[0]][wrote[1]] = work[read[0]]
-        elif CALLS.get(op) in known:
-            work[wrote[0]] = known[CALLS[op]](*(work[place] for place in read))
         else:
-            apply = ca.SX.unary if len(read) == 1 else ca.SX.binary
-            work[wrote[0]] = apply(op, *(work[place] for place in read))
+            work[wrote[0]] = _applied(op, known)(*(work[place] for place in read))
     return ca.Function("block", given, results[: len(block.writes)])
+
+
+def _applied(op: int, known: Mapping[str, Any]) -> Callable[..., Any]:
+    """What an operation does with SX scalars."""
+    own = _CHOSEN.get(op) or known.get(CALLS.get(op, ""))
+    return own or (lambda *values: (ca.SX.unary if len(values) == 1 else ca.SX.binary)(op, *values))
