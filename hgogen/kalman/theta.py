@@ -165,7 +165,7 @@ class Decaying:
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
         """The exact decay."""
-        return (Jump(self._pieces),)
+        return (Jump(self._pieces, {"theta": -sym("gain", "rate") * (self.value - 1)}),)
 
     def _pieces(self, clock: Clock) -> Pieces:
         theta, decay = sym("state", "theta"), sym("derived", "decay")
@@ -290,7 +290,10 @@ class Adaptive:
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
         """The innovation, then the law."""
-        return (self.innovation.part(dynamics, z), Jump(self._pieces))
+        theta, theta_1, mu = self.value, sym("gain", "theta_1"), self.mu.of(sym("state", "innovation"))
+        growth = ca.if_else(theta <= theta_1, theta, theta - 2 * theta_1) ** 2 / sym("gain", "rise_time")
+        law = mu * growth + sym("gain", "rate") * (1 - mu) * (1 - theta)
+        return (self.innovation.part(dynamics, z), Jump(self._pieces, {"theta": law}))
 
     def _pieces(self, clock: Clock) -> Pieces:
         theta, mu = sym("state", "theta"), self.mu.of(sym("state", "innovation"))
