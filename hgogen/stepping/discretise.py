@@ -9,7 +9,7 @@ from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import HgogenError
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.curvature import Curved, curved, curved_lengths
-from hgogen.kalman.innovation import Predictors
+from hgogen.kalman.predictor import Predictors
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Method
 from hgogen.observer import Observer
