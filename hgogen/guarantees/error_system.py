@@ -22,6 +22,7 @@ from hgogen.intervals.lost import lost
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import in_order, names_of
 from hgogen.signal import Signal
+from hgogen.structure.written import written
 from hgogen.system import System
 
 
@@ -151,7 +152,7 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
         {s: ends for s, ends in around.items() if s not in fixed},
         plant.states,
         Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
-        lost((*plant.flow, *plant.output), flow, around),
+        lost(written(plant), flow, around),
     )
 
 

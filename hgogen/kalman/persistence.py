@@ -35,6 +35,7 @@ from hgogen.reading.expression import parse
 from hgogen.reading.given import BadGain
 from hgogen.reading.tokens import BadExpression
 from hgogen.signal import Signal
+from hgogen.structure.written import written
 
 t = Signal("t", "", "time")  # equal to that of a trial
 _EXACTLY = 'Write a multiple of pi as such: period = "2*pi", not 6.283185, which is the period of no sine of t.'
@@ -164,7 +165,7 @@ def _broken(form: Form, given: Mapping[str, sp.Expr]) -> str:
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: given[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
-    parts = singular(map(exact, (*system.flow, *system.output)), around)
+    parts = singular(map(exact, written(system)), around)
     known = (part for part in parts if part.free_symbols.isdisjoint(system.states))
     return next((str(part) for part in known if not _finite(exact(part.xreplace(values)), around)), "")
 

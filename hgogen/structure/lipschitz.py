@@ -19,6 +19,7 @@ from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.singular import minimal, singular
 from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
+from hgogen.structure.written import written
 from hgogen.system import System
 
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
@@ -52,7 +53,7 @@ def lipschitz(
             Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
         )
     if found.verdict is Verdict.PROVED:
-        part = lost((*system.flow, *system.output), (*given, *beside), box)
+        part = lost(written(system), (*given, *beside), box)
         if part is not None:
             return answer(Verdict.UNKNOWN, f"{part} is not shown to have a value on the box, though it cancels")
         proof = Proof(given, None, ends(0.0, found.high)[1], found.variables, found.tree)
