@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from hgogen import error_system, forms, observers, recast
+from hgogen import error_system, forms, observers, recast, singularity
 from hgogen.check import Check, Refuted, Verdict, demand
 from hgogen.signal import Signal
 from hgogen.system import BadSystem, System
@@ -187,3 +187,4 @@ def test_no_form_is_proved_where_the_new_states_lose_what_has_no_value(high: flo
         verdicts = {check.verdict for check in form(moved).checks}
         assert (verdicts == {Verdict.PROVED}) is (high < 0), form
     assert (error_system(moved, [1, 1, 1]).lost is None) is (high < 0)
+    assert (singularity(moved).checks[0].verdict is Verdict.PROVED) is (high < 0)

@@ -15,13 +15,13 @@ import sympy as sp
 
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
+from hgogen.analysis.written import written
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem
 from hgogen.intervals.box import box
 from hgogen.intervals.lost import lost, put_apart
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import BadNames, in_order, names_of
 from hgogen.signal import Signal
-from hgogen.structure.written import written
 from hgogen.system import System
 
 

@@ -25,6 +25,7 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
@@ -35,7 +36,6 @@ from hgogen.reading.expression import parse
 from hgogen.reading.given import BadGain
 from hgogen.reading.tokens import BadExpression
 from hgogen.signal import Signal
-from hgogen.structure.written import written
 
 t = Signal("t", "", "time")  # equal to that of a trial
 _EXACTLY = 'Write a multiple of pi as such: period = "2*pi", not 6.283185, which is the period of no sine of t.'

@@ -7,13 +7,13 @@ phi of a phase form, at its place in b, is taken as a function of the plant's st
 """
 
 from hgogen.algebra.tape import NoTape
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import up
 from hgogen.intervals.lost import lost
-from hgogen.structure.written import written
 
 BOXES = 500  # mu need not be the least
 

@@ -11,6 +11,7 @@ import sympy as sp
 
 from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
@@ -19,7 +20,6 @@ from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.singular import minimal, singular
 from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
-from hgogen.structure.written import written
 from hgogen.system import System
 
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
