@@ -47,7 +47,7 @@ _DEMANDS: dict[type, Callable[..., tuple[Demand, ...]]] = {
 def of_call(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
     """What function(arguments) demands."""
     if function is sp.sqrt:
-        yield from of_power(*arguments, sp.S.Half)
+        yield from of_power(arguments[0], sp.S.Half)
     elif isinstance(function, type) and function in _DEMANDS:
         for demand in _DEMANDS[function](*arguments):
             yield from _plain(demand)
