@@ -25,6 +25,7 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
@@ -169,7 +170,7 @@ def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> str:
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
-    parts = singular(map(exact, (*system.flow, *system.output)), around)
+    parts = singular(map(exact, written(system)), around)
     known = (part for part in parts if part.free_symbols.isdisjoint(system.states))
     return next((str(part) for part in known if not _finite(exact(part.xreplace(values)), around)), "")
 

@@ -11,6 +11,7 @@ import sympy as sp
 
 from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
@@ -47,8 +48,8 @@ def lipschitz(
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
         return Check(id, claim, verdict, reason, fix=fix)
 
-    box, written = box_of(system.signals, system.nominal), tuple(b)
-    rows = tuple(one_sided(row, box) for row in written)
+    box, entries = box_of(system.signals, system.nominal), tuple(b)
+    rows = tuple(one_sided(row, box) for row in entries)
     try:
         steepest = lipschitz_bound(rows, system.states, box)
     except NoTape as missing:
@@ -56,10 +57,10 @@ def lipschitz(
             Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
         )
     if steepest.verdict is Verdict.PROVED:
-        part = lost((*system.flow, *system.output), (*written, *beside), box)
+        part = lost(written(system), (*entries, *beside), box)
         if part is not None:
             return answer(Verdict.UNKNOWN, f"{part} is not shown to have a value on the box, though it cancels")
-        proof = Proof(written, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree)
+        proof = Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree)
         return replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(proof,))
     if steepest.verdict is Verdict.REFUTED:
         return _refuted(
