@@ -61,7 +61,7 @@ class _Chain:
 
     @property
     def gains(self) -> list[sp.Expr]:
-        """a_1..a_n."""
+        """The gains a_1..a_n."""
         before = (1, *self.signs)
         return [s * link.gain * t for s, link, t in zip(before, self.links, self.signs, strict=False)]
 
@@ -94,12 +94,12 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     if chains.broken or answer is False:
         refused = (structure, *cut_off("block_triangular", plant))
         return form_in(coordinates(plant), "block_triangular", refused, _REFERENCE)
-    found = [_signed(links, plant) for links in chains.links]
-    z = coordinates(plant, chains.order, [t for chain in found for t in chain.signs])
-    parts = _, b, _ = _parts(z, found)
-    beside = (e for chain in found for e in (*chain.gains, chain.rests[0]))
+    signed = [_signed(links, plant) for links in chains.links]
+    z = coordinates(plant, chains.order, [t for chain in signed for t in chain.signs])
+    parts = _, b, _ = _parts(z, signed)
+    beside = (e for chain in signed for e in (*chain.gains, chain.rests[0]))
     steep = lipschitz("block_triangular", map(z.back, b), plant, beside=beside)
-    checks = (structure, *_claims(found, plant), steep)
+    checks = (structure, *_claims(signed, plant), steep)
     blocks = chains.blocks
     return form_in(z, "block_triangular", checks, _REFERENCE, parts=parts, blocks=blocks, alignment=name)
 
