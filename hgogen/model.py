@@ -234,7 +234,7 @@ class Model:
         return _guarded(self.path, function)
 
 
-def load(given: str | Path) -> Model:
+def load(path: str | Path) -> Model:
     """The model at a path, or of a bare name in the folder `models` or, where nothing here is called so, among those
     that come with hgogen.
 
@@ -243,10 +243,10 @@ def load(given: str | Path) -> Model:
     Raises: `NoModel`; `ModelFails` with file, line and error where Python cannot import it; `BadModelFile` for a name
     that cannot be part of a path, and with file, key and fix for plain text.
     """
-    path = located(str(given))
-    if why := filename.fault(path.stem):
-        raise BadModelFile(str(path), "", f"{filename.BadFileName(path.stem, why)} in the name of the file")
-    return _LOADERS[path.suffix](path)
+    file = located(str(path))
+    if why := filename.fault(file.stem):
+        raise BadModelFile(str(file), "", f"{filename.BadFileName(file.stem, why)} in the name of the file")
+    return _LOADERS[file.suffix](file)
 
 
 def _plain(path: Path) -> Model:

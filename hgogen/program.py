@@ -276,7 +276,7 @@ def pruned(program: Sequence[Statement]) -> Program:
     """The program without work values that nothing reads."""
     needed = read(program)
 
-    def kept(statement: Statement) -> Statement | None:
+    def without_unused(statement: Statement) -> Statement | None:
         if isinstance(statement, Block):
             writes = {p: v for p, v in statement.writes.items() if p.struct != "work" or p in needed}
             if len(writes) == len(statement.writes):
@@ -289,7 +289,7 @@ def pruned(program: Sequence[Statement]) -> Program:
         return statement
 
     def below(statements: Sequence[Statement]) -> Program:
-        return tuple(s for s in map(kept, statements) if s is not None)
+        return tuple(s for s in map(without_unused, statements) if s is not None)
 
     result = below(program)
     return result if read(result) == needed else pruned(result)

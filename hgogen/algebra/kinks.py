@@ -212,7 +212,7 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
         return e
     rest = _bent(rest)
     conditions = [sp.expand(where.gts - where.lts) for _, where in branches]
-    if not all(_apart(a, b) for a, b in combinations(conditions, 2)):
+    if not all(_disjoint(a, b) for a, b in combinations(conditions, 2)):
         return e
     total = rest
     for (value, _), c in zip(branches, conditions, strict=True):
@@ -226,7 +226,7 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
     return total
 
 
-def _apart(a: sp.Expr, b: sp.Expr) -> bool:
+def _disjoint(a: sp.Expr, b: sp.Expr) -> bool:
     """Whether a positive multiple of b is a number below -a: then they are not positive at once."""
     symbols = sorted(a.free_symbols & b.free_symbols, key=str)
     ratio = -a.coeff(symbols[0]) / b.coeff(symbols[0]) if symbols and b.coeff(symbols[0]) != 0 else sp.S.Zero

@@ -7,7 +7,7 @@ from fractions import Fraction
 from hgogen.certificates.of_forms import LOOSE, Evidence, enclosure, steep, text, written
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
-from hgogen.guarantees.adaptive_gain import Adapting, Attenuating, Candidate, gain, share_given
+from hgogen.guarantees.adaptive_gain import Adapting, Attenuating, Candidate, assumed_share, gain
 from hgogen.guarantees.certified import Steep, ThetaBound
 from hgogen.guarantees.certified_core import CoreBound
 from hgogen.guarantees.dwell import Held
@@ -92,17 +92,17 @@ def _candidate(form: Form, candidate: Candidate) -> Evidence:
 
 def _adapting(form: Form, proof: Adapting) -> Evidence | None:
     """The matrix P, lambda_max(P), lambda, and the bound k of dc/dw."""
-    slope, candidate = _steep(form, proof.given.steep), proof.found
+    slope, candidate = _steep(form, proof.assumptions.steep), proof.candidate
     return slope and {"P": numbers(candidate.P), "peak": str(candidate.peak), "decay": str(candidate.decay), **slope}
 
 
 def _attenuating(form: Form, proof: Attenuating) -> Evidence | None:
     """The evidence of `_adapting` with the disturbance, and s of (87) and mu for the k that is written."""
-    slope, candidate, disturbed = _steep(form, proof.given.steep), proof.found, proof.given.disturbance
+    slope, candidate, disturbed = _steep(form, proof.assumptions.steep), proof.candidate, proof.assumptions.disturbance
     if slope is None or disturbed is None:
         return None
-    assumptions = replace(proof.given, slope=Fraction(slope["bound"]))
-    share, mu = share_given(candidate, assumptions), gain(candidate, assumptions)
+    assumptions = replace(proof.assumptions, slope=Fraction(slope["bound"]))
+    share, mu = assumed_share(candidate, assumptions), gain(candidate, assumptions)
     if share is None or mu is None:
         return None
     return {

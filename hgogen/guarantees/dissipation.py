@@ -135,21 +135,21 @@ def _function(system: ErrorSystem, V: Any) -> sp.Expr:
     """V as an expression of the errors."""
     n, V = len(system.errors), quadratic("V", V, names_of(system.errors), aliases=system.aliases)
     try:
-        given = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
+        level = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
     except (sp.SympifyError, ValueError, TypeError):
         raise BadErrorSystem(f"V = {V!r}", "is neither an expression of the errors nor a matrix") from None
-    if isinstance(given, sp.MatrixBase):
-        if given.shape != (n, n):
-            raise BadErrorSystem(f"V of shape {given.shape}", f"must be a symmetric {n} x {n} matrix, for V = e'V e")
-        P, e = given.applyfunc(exact), sp.Matrix(system.errors)
+    if isinstance(level, sp.MatrixBase):
+        if level.shape != (n, n):
+            raise BadErrorSystem(f"V of shape {level.shape}", f"must be a symmetric {n} x {n} matrix, for V = e'V e")
+        P, e = level.applyfunc(exact), sp.Matrix(system.errors)
         if not _even(P):
             raise BadErrorSystem("V", unsymmetric("V"))
-        given = (e.T * P * e)[0, 0]
-    strange = given.free_symbols - {*system.errors}
+        level = (e.T * P * e)[0, 0]
+    strange = level.free_symbols - {*system.errors}
     if strange:
         names = ", ".join(e.name for e in system.errors)
         raise BadErrorSystem("V", f"uses {min(map(str, strange))}; it is a function of the errors {names} alone")
-    return sp.expand(exact(given))
+    return sp.expand(exact(level))
 
 
 def _even(P: sp.Matrix) -> bool:

@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.discretisation.growth import FOUND
+from hgogen.discretisation.growth import BY_TRIAL
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
 from hgogen.graph import Graph
@@ -114,7 +114,7 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
     """The step lengths of the closed loop, which are those of every factored covariance."""
     refused, take = advised(part, dt)
     why = "beyond it no error settles, wherever in the declared box it was tried"
-    return Lengths(refused=refused, take=take, why=why, basis=FOUND)
+    return Lengths(refused=refused, take=take, why=why, basis=BY_TRIAL)
 
 
 def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:

@@ -101,20 +101,20 @@ class Rechecked:
     @property
     def failed(self) -> tuple[Row, ...]:
         """The claims that were not verified."""
-        return self._found("fails")
+        return self._rows_with("fails")
 
     @property
     def verified(self) -> tuple[Row, ...]:
         """The claims that were verified."""
-        return self._found("verified")
+        return self._rows_with("verified")
 
-    def _found(self, what: str) -> tuple[Row, ...]:
+    def _rows_with(self, what: str) -> tuple[Row, ...]:
         return tuple(row for row in self.rows if row.found == what)
 
     @property
     def counts(self) -> dict[str, int]:
         """How many claims were verified, are open, are only stated; and what failed."""
-        return {name: len(self._found(what)) for what, name in _COUNTED.items()}
+        return {name: len(self._rows_with(what)) for what, name in _COUNTED.items()}
 
     @property
     def count(self) -> str:

@@ -56,17 +56,17 @@ class CannotIntegrate(HgogenError):
         )
 
 
-def reference(given: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
+def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
     """The continuous observer at the samples of a record, gains and parameters at their nominal values.
 
-    Args: `given`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p),
+    Args: `source`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p),
     NaN for a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
 
     Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
     """
-    observer = given.observer if isinstance(given, Step) else given
-    if isinstance(given, Step):
-        dt, between = given.dt, given.between
+    observer = source.observer if isinstance(source, Step) else source
+    if isinstance(source, Step):
+        dt, between = source.dt, source.between
     fine = replace(observer, parts=tuple(map(_refined, observer.parts)))
     step = plan(fine, Continuous(), dt, between)
     y = table("y", y, step.outputs, None)

@@ -72,7 +72,7 @@ class Response:
         return np.asarray(self.omega > (np.inf if self.dt is None else np.pi / self.dt))
 
 
-def response(given: Observer | Step, omega: Any) -> Response:
+def response(source: Observer | Step, omega: Any) -> Response:
     """The response of an observer in continuous time, or as discretised by a step, at the frequencies `omega` (K,)
     (rad/s), all gains and parameters as declared.
 
@@ -81,10 +81,10 @@ def response(given: Observer | Step, omega: Any) -> Response:
     frequencies = np.atleast_1d(reals("omega", omega))
     if frequencies.ndim > 1 or not frequencies.size or not (np.isfinite(frequencies) & (frequencies > 0)).all():
         raise BadFrequency(repr(omega))
-    step = given if isinstance(given, Step) else None
-    observer = step.observer if step else given
+    step = source if isinstance(source, Step) else None
+    observer = step.observer if step else source
     if not isinstance(observer, Observer):
-        raise Misfit("response", given, "an observer or a step")
+        raise Misfit("response", source, "an observer or a step")
     part, line, values = *_linear_core(observer), nominal(observer)
     E, states, coordinates = _estimate(observer, part, line, values)
     if step:
