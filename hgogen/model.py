@@ -351,5 +351,5 @@ def _sentence(error: Exception) -> str:
 
 def ends_python(error: BaseException) -> str:
     """What a model does that raises what is no `Exception`, and the fix."""
-    kind, said = type(error).__name__, f" ({error})" if str(error) else ""
-    return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"
+    kind, text = type(error).__name__, f" ({error})" if str(error) else ""
+    return f"raises {kind}{text}, which ends Python; leave it out, or raise an error that says what is wrong"

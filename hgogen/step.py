@@ -245,8 +245,8 @@ def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
         for signal in signals:
             for kind in kinds:
                 meaning, action = SIGNAL_BITS[kind]
-                said = meaning.format(signal.name, beyond=beyond.get(signal))
-                bits.append(Bit(f"{kind}_{signal.name}", said, action))
+                text = meaning.format(signal.name, beyond=beyond.get(signal))
+                bits.append(Bit(f"{kind}_{signal.name}", text, action))
     lower = or_lower(step.observer)
     bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
     bits += extra

@@ -109,7 +109,7 @@ def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
         least = worst(telling)  # a hypothesis is as good as the worst of its checks
         alone = len(telling) == 1 or least.verdict is Verdict.PROVED
         which = "" if alone else f"{least.verdict}: {least.id}"
-        verdict, reason = least.verdict, "; ".join(said for said in (which, reason) if said)
+        verdict, reason = least.verdict, "; ".join(part for part in (which, reason) if part)
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:

@@ -117,8 +117,9 @@ class Survey:
     def best(self) -> Form:
         """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
         else its own coordinates."""
-        asked = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
-        return next((row.form for row in (*self.candidates, *asked) if row.form), None) or forms.original(self.plant)
+        answering = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        rows = (*self.candidates, *answering)
+        return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
 
     def as_dict(self) -> list[dict[str, Any]]:
         """For JSON."""
@@ -160,9 +161,9 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
 
 def _short(check: Check) -> str:
     at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
-    said = f"{check.reason}{', at ' + at if at else ''}"
+    sentence = f"{check.reason}{', at ' + at if at else ''}"
     name = check.id.short
-    return said if check.id.fact == "structure" or said.startswith(name) else f"{name}: {said}"
+    return sentence if check.id.fact == "structure" or sentence.startswith(name) else f"{name}: {sentence}"
 
 
 def _order(form: Form) -> tuple[str, ...]:
@@ -177,5 +178,5 @@ def _gauthier_bornard(plant: System) -> Row:
     if not answer.applies:
         return Row("Gauthier-Bornard", None, (), f"does not apply: {answer.reason}")
     prefixes = {Verdict.GENERIC: "uniformly observable: ", Verdict.REFUTED: "some input hides a state: "}
-    said = prefixes.get(answer.verdict, "")
-    return Row("Gauthier-Bornard", answer.verdict, (), f"{RANGES_APART}, {said}{answer.reason}")
+    prefix = prefixes.get(answer.verdict, "")
+    return Row("Gauthier-Bornard", answer.verdict, (), f"{RANGES_APART}, {prefix}{answer.reason}")

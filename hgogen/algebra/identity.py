@@ -81,11 +81,11 @@ def dependence(
     would not be enough: atan(x) + atan(1/x) jumps.
     """
     expression = _settled(expression, box)
-    asked = [s for s in symbols if s in expression.free_symbols]
-    seen = _seen(expression, asked, box) if asked else set()
+    present = [s for s in symbols if s in expression.free_symbols]
+    seen = _seen(expression, present, box) if present else set()
     sure: list[sp.Symbol] = []
     maybe: list[sp.Symbol] = []
-    for s in asked:
+    for s in present:
         answer = False if s in seen else _free(expression, s, box)
         if not answer:
             (sure if answer is False else maybe).append(s)

@@ -76,10 +76,10 @@ class Infeasible(HgogenError):
     enough: dict[str, str]
 
     def __str__(self) -> str:
-        asked = ", ".join(f"{name} = {value:g}" for name, value in self.bounds.items())
+        limits = ", ".join(f"{name} = {value:g}" for name, value in self.bounds.items())
         ways = ", or ".join(f"{name} = {value}" for name, value in self.enough.items())
         fix = f"with the others kept, {ways} would do" if ways else "relax several of them, none alone is in the way"
-        return f"no K and P were found for a chain of {self.n} integrators with {asked}: {fix}"
+        return f"no K and P were found for a chain of {self.n} integrators with {limits}: {fix}"
 
 
 def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
@@ -200,8 +200,8 @@ def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | No
     free = task.bounded("mu", math.inf)
 
     def at(gamma: float) -> tuple[Task, Design | None]:
-        asked = replace(free, slope=slope(form, gamma), least=gamma)
-        return asked, _designed(cp, asked, disturbance)
+        variant = replace(free, slope=slope(form, gamma), least=gamma)
+        return variant, _designed(cp, variant, disturbance)
 
     starts = _STARTS if math.isinf(task.bounds["gamma"]) else (max(1.0, task.bounds["gamma"]),)
     tried = map(at, starts)
@@ -211,12 +211,12 @@ def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | No
     low, high = 1.0, float(design.gamma)
     for _ in range(_SLOPES):
         middle = _short(math.sqrt(low * high), 4)
-        asked, tried_design = at(middle)
+        variant, tried_design = at(middle)
         if tried_design is None:
             low = middle
             continue
         if _worth(tried_design) < _worth(design):
-            chosen, design = asked, tried_design
+            chosen, design = variant, tried_design
         low, high = (low, middle) if tried_design.gamma <= middle else (middle, min(high, float(tried_design.gamma)))
     return replace(chosen, bounds=task.bounds)
 

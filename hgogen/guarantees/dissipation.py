@@ -115,17 +115,17 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
         negative(_inequality(system, level, mu, around), boxes, _cancelled(system) or obstacle),
     )
     floor = _floor(level, around, boxes)
-    asked = Dissipates(system, level, mu, around)
+    subject = Dissipates(system, level, mu, around)
     checks = (
-        _check("positive", "V(0) = 0 and V(e) > 0 for every other e of the box (21)", answers[0], "-V", asked),
+        _check("positive", "V(0) = 0 and V(e) > 0 for every other e of the box (21)", answers[0], "-V", subject),
         _check(
             "inequality",
             f"dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, mu = {mu} (38)",
             answers[1],
             "the left side",
-            replace(asked, left=_inequality(system, level, mu, around).value),
+            replace(subject, left=_inequality(system, level, mu, around).value),
         ),
-        _level(floor, asked),
+        _level(floor, subject),
     )
     witness = next((answer.point for answer in answers[::-1] if answer.point), {})
     return Dissipation(system, level, mu, around, checks, floor, witness)
@@ -243,23 +243,23 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
     return Fraction(down(Fraction(least), 9))
 
 
-def _level(floor: Fraction | None, asked: Dissipates) -> Check:
+def _level(floor: Fraction | None, subject: Dissipates) -> Check:
     claim = "a set {V <= c} lies in the box and touches none of its faces"
     if floor is None:
         return Check(
             ClaimId("dissipation", "level"), claim, Verdict.UNKNOWN, "V is not shown to be positive on the faces"
         )
-    proofs = (replace(asked, floor=floor),)
+    proofs = (replace(subject, floor=floor),)
     return Check(
         ClaimId("dissipation", "level"), claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}", proofs=proofs
     )
 
 
-def _check(what: str, claim: str, answer: Answer, side: str, asked: Dissipates) -> Check:
+def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates) -> Check:
     """`side`: the name of what must be negative."""
     reason = answer.reason if answer.value is None else f"{side} is {answer.value:.3g} there"
     witness = {s.name: float(number) for s, number in answer.point.items()}
-    proofs = (replace(asked, answer=answer),)
+    proofs = (replace(subject, answer=answer),)
     return Check(ClaimId("dissipation", what), claim, answer.verdict, reason, witness, proofs=proofs)
 
 

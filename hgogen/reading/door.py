@@ -30,12 +30,12 @@ def asks_a_plant(question: Asked) -> Asked:
     """The same function of a `System`, which is its first argument; it raises `Misfit` for anything else."""
 
     @wraps(question)
-    def asked(plant: System, *args: Any, **options: Any) -> Any:
+    def guarded(plant: System, *args: Any, **options: Any) -> Any:
         if not isinstance(plant, System):
             raise Misfit(question.__name__, plant, "a plant, an hg.System; hgogen.model.load reads one from a file")
         return question(plant, *args, **options)
 
-    return cast(Asked, asked)
+    return cast(Asked, guarded)
 
 
 def scalar(value: Any, what: str) -> sp.Expr:

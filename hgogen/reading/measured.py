@@ -68,15 +68,17 @@ class Report:
     def sentences(self) -> tuple[str, ...]:
         """What was found and what was done with it, a sentence each; only what there is."""
         period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
-        said = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
+        lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
         for name, column in self.columns.items():
             for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
                 if count:
-                    said.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
+                    lines.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
             if self.covered[name]:
-                said.append(f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}")
+                lines.append(
+                    f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}"
+                )
             if self.absent[name]:
-                said.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
+                lines.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
         counted = (
             (self.malformed, "rows with more cells than the header: {}, left out"),
             (self.untimed, "rows without a usable time: {}, left out"),
@@ -89,10 +91,10 @@ class Report:
             (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} {self.unit}"),
             (self.filled, "grid points without a row: {}, given as missing samples"),
         )
-        said += [text.format(count) for count, text in counted if count]
+        lines += [text.format(count) for count, text in counted if count]
         if self.shift > 1e-6 * self.dt:
-            said.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
-        return (*said, *self.notes)
+            lines.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
+        return (*lines, *self.notes)
 
 
 @dataclass(frozen=True, eq=False)

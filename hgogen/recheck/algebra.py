@@ -122,8 +122,10 @@ def _merged(a: Factors, b: Factors, join: Any) -> Factors:
 
 
 def _missing(whole: Factors, part: Factors) -> Factors:
-    have = [(factor, next((p for known, p in part if known == factor), 0)) for factor, _ in whole]
-    return tuple((factor, power - had) for (factor, power), (_, had) in zip(whole, have, strict=True) if power > had)
+    """The factors of the whole that the part does not have, each to the power that is missing."""
+    present = [next((power for known, power in part if known == factor), 0) for factor, _ in whole]
+    pairs = zip(whole, present, strict=True)
+    return tuple((factor, power - own) for (factor, power), own in pairs if power > own)
 
 
 def _expanded(factors: Factors) -> Polynomial:

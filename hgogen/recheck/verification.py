@@ -126,7 +126,7 @@ class Rechecked:
         """What all of it rests on, and what it says nothing of."""
         points = ", ".join(f"{name} = {value}" for name, value in self.points.items())
         fixed = [f"with one value: {points}"] if points else []
-        return [*fixed, *(f"not examined: {said}" for said in self.unexamined)]
+        return [*fixed, *(f"not examined: {subject}" for subject in self.unexamined)]
 
     def demand(self) -> None:
         """Raises: `NotVerified` where a claim fails, `NothingVerified` where none is verified."""
@@ -161,7 +161,7 @@ def recheck(text: str) -> Rechecked:
     certificate = read(text)
     context = Context(certificate)
     observer = certificate.observer.name if certificate.observer else ""
-    outcomes = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", said) for said in faults(context)))
+    outcomes = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", fault) for fault in faults(context)))
     verified = [row.id for row in outcomes if row.found == "verified"]
     points = {name: short(Fraction(low)) for name, (low, high) in certificate.plant.box.items() if low == high}
     return Rechecked(
@@ -220,8 +220,8 @@ def rows(context: Context) -> Iterator[Row]:
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
     """What a claim rests on and is not verified."""
     claim = certificate.claim(row.id)
-    asked = rests(certificate, claim) if claim else ()
-    return [id for id in asked if id not in known or known[id].found != "verified"]
+    needed = rests(certificate, claim) if claim else ()
+    return [id for id in needed if id not in known or known[id].found != "verified"]
 
 
 def _resting(row: Row, missing: list[str]) -> Row:

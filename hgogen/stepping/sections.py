@@ -110,8 +110,8 @@ class Assembly:
 
     @property
     def _notices(self) -> Program:
-        said = () if self.still and not self.rated else (outside_bit(self.observer),)
-        return (*said, *unrecovered(self.observer), *self.observer.notices)
+        outside = () if self.still and not self.rated else (outside_bit(self.observer),)
+        return (*outside, *unrecovered(self.observer), *self.observer.notices)
 
     @cached_property
     def _fresh(self) -> Program:

@@ -53,9 +53,9 @@ def left(system: System, trajectory: Trajectory) -> tuple[Left, ...]:
 
 def notes(trial: str, each: Iterable[Left], unit: str) -> Iterator[str]:
     """A sentence for a trial in which something leaves its range."""
-    said = "; ".join(one.sentence(unit) for one in each)
-    if said:
+    sentences = "; ".join(one.sentence(unit) for one in each)
+    if sentences:
         yield (
-            f"trial {trial}, the plant itself: {said}. The proofs hold on the ranges alone, at whose edge an observer "
-            "evaluates the model: declare wider ones, or change the trial"
+            f"trial {trial}, the plant itself: {sentences}. The proofs hold on the ranges alone, at whose edge an "
+            "observer evaluates the model: declare wider ones, or change the trial"
         )
