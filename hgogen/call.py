@@ -154,7 +154,7 @@ class CallableStep(Step):
         )
 
     def reset(self) -> None:
-        """As before the first call; tuned parameters stay."""
+        """Sets the state to what it is before the first call; tuned parameters stay."""
         self._kept.reset()
         self._clock[0] = 0
 
@@ -221,7 +221,7 @@ class CallableStep(Step):
         return self._legend.flags(status)
 
     def __copy__(self) -> "CallableStep":
-        """The same program with a memory of its own, which goes on from here."""
+        """A step of the same program with a memory of its own, which goes on from the state of this one."""
         other = CallableStep(**{f.name: getattr(self, f.name) for f in fields(self) if f.init})
         return other._resumed(*self._memory)
 

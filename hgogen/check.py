@@ -130,7 +130,7 @@ class Refuted(HgogenError):
 
     @property
     def _offer(self) -> str:
-        """In the language of the model's file."""
+        """The sentence that says how to accept the checks, in the language of the model's file."""
         ids = tuple(check.id for check in self.checks)
         option = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
         known = "; ".join(dict.fromkeys(check.consequence for check in self.checks if check.consequence))

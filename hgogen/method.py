@@ -49,7 +49,7 @@ class Method(Protocol):
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """The name of the method in reports."""
         ...
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
@@ -79,7 +79,7 @@ class Explicit:
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """The name of the method in reports."""
         return f"{self.tableau.name}, {self.view} form" if self.view == "covariance" else self.tableau.name
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
@@ -89,7 +89,7 @@ class Explicit:
         return self.step(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Of the linear core, and of the core with the model's Jacobian."""
+        """The step lengths that the linear core admits, and the core with the model's Jacobian."""
         why = f"beyond it the linear error core leaves the stability region of {self.tableau.name}"
         return lengths(part, observer, dt, self, Limit(paced(part, observer, self.tableau), why), self.tableau.name)
 
@@ -142,7 +142,7 @@ class Explicit:
         )
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """Of the covariance equation; `take` also follows the model's motion."""
+        """The step lengths that the covariance equation admits; `take` also follows the model's motion."""
         limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         return Lengths(
             refused=limits[-1].dt,

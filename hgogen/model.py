@@ -105,7 +105,7 @@ class Model:
 
     @property
     def plant(self) -> System:
-        """Its `plant`. Raises: `MissingPart`."""
+        """The plant that the file defines. Raises: `MissingPart`."""
         plant = self._part("plant")
         if not isinstance(plant, System):
             raise MissingPart(self.path, "plant", f"plant is of type {type(plant).__name__}; make it an hg.System")
@@ -113,7 +113,7 @@ class Model:
 
     @property
     def dissipation(self) -> Dissipation | None:
-        """What it declares of inequality (38), proved or not; None where it declares nothing. Raises: `MissingPart`."""
+        """The inequality (38) that the file declares, proved or not; None without one. Raises: `MissingPart`."""
         if not self.has("dissipation"):
             return None
         try:
@@ -133,7 +133,7 @@ class Model:
 
     @property
     def tuning(self) -> Tuning:
-        """Its observers by name, empty where it defines no `tuning`. Raises: `MissingPart`."""
+        """The observers that the file defines, by name; empty where it defines no `tuning`. Raises: `MissingPart`."""
         return Tuning(self.path, self.plant, self._tables, self.default, self.setting)
 
     @property
@@ -327,8 +327,8 @@ _MEANINGS = {PYTHON: _docstring, **{suffix: _meaning(reader) for suffix, reader 
 
 
 def _guarded(path: str, function: Callable[[], Any]) -> Any:
-    """What `function`, code of the model file, returns; whatever it raises becomes a sentence with file and
-    line."""
+    """Runs `function`, code of the model file, and returns its value. Whatever it raises becomes a sentence with file
+    and line."""
     try:
         with redirect_stdout(sys.stderr):
             return function()

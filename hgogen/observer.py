@@ -54,7 +54,7 @@ class Observer:
     made: "partial[Observer] | None" = None
 
     def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "Observer":
-        """The same observer, or one around the same member, that starts at what `initial` gives for its form.
+        """The observer, or one around the same member, made again to start at what `initial` gives for its form.
 
         Raises: `BadGain` for a start that its form does not take, or where it was not made by `hg.observers`.
         """
@@ -65,7 +65,7 @@ class Observer:
         return make(base, **others, initial=initial(base))
 
     def on(self, form: Callable[[System], Form]) -> "Observer":
-        """The same observer, or one around the same member, on another form of its plant.
+        """The observer, or one around the same member, made again on another form of its plant.
 
         Raises: as the observer does of that form; `BadGain` where it was not made by `hg.observers`.
         """

@@ -24,7 +24,7 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """By what an observer claims of itself: one check of convergence, and one of its gain theta."""
+    """What is known of an observer's convergence, by its own checks: one of convergence, and one of its gain theta."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
         return Convergence.UNKNOWN

@@ -100,9 +100,9 @@ def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = N
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """The same function written without the symbols on which it is proved not to depend.
+    """The function written without the symbols on which it is proved not to depend.
 
-    Its value at one value of each: 0 where it is defined there.
+    Each of these symbols is set to one value: to 0 where the function is defined there.
     """
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():

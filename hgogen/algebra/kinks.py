@@ -29,7 +29,7 @@ class _Shown(sp.Function):  # type: ignore[misc]
         return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
 
     def plain(self) -> sp.Expr:
-        """As SymPy has it."""
+        """The expression in SymPy's own functions."""
         raise NotImplementedError
 
 
@@ -56,7 +56,7 @@ class Norm(_Shown):
         return sp.Add(*terms)
 
     def plain(self) -> sp.Expr:
-        """As SymPy has it."""
+        """The expression in SymPy's own functions."""
         return _size(*self.args)
 
 
@@ -106,8 +106,8 @@ def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
 
 
 def bent(row: sp.Expr) -> sp.Expr:
-    """The same function over the reals, its kinks as `Norm`: |e|, max, min, roots of sums of squares, e sign(e), and
-    what is continuous of Piecewise."""
+    """The function over the reals with its kinks written as `Norm`: |e|, max, min, roots of sums of squares, e sign(e),
+    and what is continuous of Piecewise."""
     return over_reals(lambda e, _: _bent(e), row)
 
 

@@ -118,7 +118,7 @@ def cache_folder() -> Path:
 
 @cache
 def _own_folder() -> tempfile.TemporaryDirectory[str]:
-    """It is removed when the process ends."""
+    """The folder of this process for its libraries, which is removed when the process ends."""
     return tempfile.TemporaryDirectory(prefix="hgogen-", ignore_cleanup_errors=True)
 
 

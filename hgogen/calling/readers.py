@@ -45,7 +45,7 @@ class Kept:
         self.state[:] = self._new
 
     def entries(self, engine: Engine) -> Mapping[str, Entry]:
-        """What a reader can be called for; made at the first time.
+        """The functions of a reader by name, which are made at the first time.
 
         Raises: `NoCompiler`, `CompilerFailed`.
         """

@@ -31,7 +31,7 @@ LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so th
 
 
 def evidence(form: Form, check: Check) -> Evidence | None:
-    """What shows a proved or refuted check; None where nothing here does."""
+    """The evidence for a proved or refuted check; None where nothing here shows it."""
     makers = (make for claims, verdict, make in _MAKERS if check.id in claims and check.verdict is verdict)
     return next((make(form, check) for make in makers), None)
 
@@ -201,7 +201,7 @@ def _no_slope(form: Form, check: Check) -> Evidence | None:
 
 
 def _lipschitz(form: Form, check: Check) -> Evidence | None:
-    """Of the rows whose slope was proved, in the form's coordinates, whatever they are of the form."""
+    """The evidence for the rows whose slope was proved, in the form's coordinates, whatever part of it they are."""
     back = dict(zip(form.system.states, form.from_form, strict=True))
     proofs = (steep(form, (row.xreplace(back) for row in proof.expressions), proof, LOOSE) for proof in check.proofs)
     return next(proofs, None)

@@ -61,7 +61,7 @@ _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what round
 
 @dataclass(frozen=True)
 class Candidate:
-    """K (n), P (n, n) symmetric, sigma >= 0: what may satisfy (54)."""
+    """A gain K (n), a symmetric P (n, n) and sigma >= 0 that may satisfy (54)."""
 
     K: tuple[Fraction, ...]
     P: Matrix
@@ -142,7 +142,7 @@ class Adapting:
 
 @dataclass(frozen=True)
 class Attenuating(Adapting):
-    """The same of the L2 gain."""
+    """The proof of a claim about the L2 gain, under the same assumptions."""
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
@@ -243,8 +243,8 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
 
 
 def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
-    """`facts`; `MAKER.convergence`, that gamma_inf is above the bound (62); with a disturbance
-    `MAKER.attenuation`, a bound of the L2 gain."""
+    """The checks of `facts`, and `MAKER.convergence`, that gamma_inf is above the bound (62); with a disturbance also
+    `MAKER.attenuation`, that the L2 gain has a bound."""
     known = facts(maker, candidate)
     sound = all(check.verdict is Verdict.PROVED for check in known)
     lost = "" if sound else "P proves nothing"
@@ -299,7 +299,7 @@ def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:
 
 
 def assumed_share(candidate: Candidate, assumptions: Given) -> Fraction | None:
-    """s of `share_of` with lambda of (70)."""
+    """The number s of `share_of`, with lambda of (70); None where no slope or no disturbance is known."""
     if assumptions.slope is None or assumptions.disturbance is None:
         return None
     return share_of(

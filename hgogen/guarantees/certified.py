@@ -50,9 +50,11 @@ _TRIALS = 400
 
 @dataclass(frozen=True)
 class ThetaBound:
-    """Every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges; `scale` (n): S, of parameters; `slope`:
-    how `lipschitz` >= |S db/dz S^-1| was found; `gains` (n): K, of parameters; `ranges`: of the a_i, chain after
-    chain, where the vertices are at their ends."""
+    """A proof that every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges.
+
+    `scale` (n) is S and `gains` (n) is K, both of parameters; `slope` proves that `lipschitz` >= |S db/dz S^-1|.
+    `ranges` are those of the a_i, chain after chain, where the vertices are at their ends.
+    """
 
     theta: Fraction
     lyapunov: Lyapunov
@@ -98,7 +100,7 @@ class _Core:
     gains: tuple[sp.Expr, ...]
 
     def scaled(self, d: Sequence[Fraction]) -> "_Core":
-        """In the coordinates diag(d) scale z."""
+        """The core in the coordinates diag(d) scale z."""
         n = range(len(d))
         vertices = tuple(tuple(tuple(d[i] * N[i][j] / d[j] for j in n) for i in n) for N in self.vertices)
         rationals = (sp.Rational(value) for value in d)
@@ -261,7 +263,7 @@ def _positive(a: sp.Expr, form: Form) -> bool:
 
 
 def _slopes(form: Form) -> sp.Matrix:
-    """db/dz, constants at their values."""
+    """The Jacobian db/dz, with constants at their values."""
     b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 

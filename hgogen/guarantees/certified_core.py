@@ -47,8 +47,10 @@ class Layout:
 
 @dataclass(frozen=True)
 class CoreBound:
-    """Every theta > `theta` = max(1, 2 `push` `lipschitz`) converges; `push` >= |P G|; `steep`: how `lipschitz` was
-    found, in units s_i; `numbers`: what the observer is built with."""
+    """A proof that every theta > `theta` = max(1, 2 `push` `lipschitz`) converges, where `push` >= |P G|.
+
+    `steep` proves the bound `lipschitz`, in units s_i; `numbers` are what the observer is built with.
+    """
 
     theta: Fraction
     lyapunov: Lyapunov

@@ -33,8 +33,11 @@ from hgogen.structure.polytope import Corner, chains, corners
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """`K` (n) of parameters; `sizes` of the chains; `driven`: whether A or C depends on an input, then `vertices`
-    (k, n, n) are A - K C at ends of the ranges; `bound`: what is proved of theta."""
+    """The gain `K` (n), of parameters, for chains of the `sizes`.
+
+    `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
+    `bound` is what is proved of theta.
+    """
 
     K: tuple[sp.Expr, ...]
     sizes: tuple[int, ...]
@@ -104,7 +107,8 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
 
 
 def _polynomial(poles: Any, n: int) -> np.ndarray:
-    """Their coefficients as doubles, which decay as well: proved, since poles at the edge may not survive rounding."""
+    """The coefficients of the polynomial of the poles, as doubles. It is proved that these decay as well, since poles
+    at the edge may not survive rounding."""
     p = coefficients(poles, n)
     demand_hurwitz("poles, rounded to doubles", companion(p), "take them further to the left")
     return p
@@ -154,7 +158,7 @@ def _stacked(ends: list[np.ndarray]) -> np.ndarray:
 
 
 def _split(what: str, values: Any, sizes: tuple[int, ...]) -> Sequence[Any]:
-    """What is given for each chain."""
+    """The values for each chain. Raises: `BadGain` where they are not one sequence for each output."""
     if len(sizes) == 1:
         return (values,)
     count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0

@@ -222,7 +222,7 @@ def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | No
 
 
 def _worth(design: Design) -> Fraction:
-    """What is to be small."""
+    """The bound that the best design has smallest: that of mu, or without a disturbance that of gamma."""
     return design.gamma if design.mu is None else design.mu
 
 
@@ -298,7 +298,7 @@ def _short(value: float, digits: int) -> float:
 
 
 def _enough(cp: Any, task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
-    """For each bound that alone is in the way, a value that would do."""
+    """The value that would do of each bound that alone is in the way, by its name."""
     enough = {}
     for name in names:
 

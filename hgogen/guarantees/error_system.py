@@ -46,8 +46,9 @@ class Injection:
 
 @dataclass(frozen=True)
 class Equations:
-    """How a plant and an observer make an error system: `observer` g (n), of states, which stand for the estimate, of
-    outputs and known inputs; the inputs `unknown` to it; pairs `along` of a state and what it is."""
+    """The equations by which a plant and an observer make an error system: `observer` g (n), of states, which
+    stand for the estimate, of outputs and known inputs; the inputs `unknown` to it; and pairs `along` of a state and
+    its value."""
 
     observer: tuple[sp.Expr, ...]
     outputs: tuple[Signal, ...]

@@ -43,7 +43,7 @@ class Task:
     least: float = 1.0
 
     def bounded(self, name: str, value: float) -> "Task":
-        """With another bound of that name."""
+        """The task with another bound of that name."""
         return replace(self, bounds={**self.bounds, name: value})
 
 

@@ -160,8 +160,11 @@ class Decay:
 
 @dataclass(frozen=True)
 class SectorBound:
-    """Every theta > `theta` converges; `lipschitz` >= |S dc/dw S^-1| on the box, found as `steep` in the coordinates of
-    `decay`; `numbers`: what the observer is built with."""
+    """A proof that every theta > `theta` converges.
+
+    `steep` proves that `lipschitz` >= |S dc/dw S^-1| on the box, in the coordinates of `decay`; `numbers` are what the
+    observer is built with.
+    """
 
     theta: Fraction
     decay: Decay

@@ -162,5 +162,5 @@ def _text(point: Mapping[sp.Symbol, Fraction]) -> str:
 
 
 def place(point: Mapping[sp.Symbol, Fraction]) -> str:
-    """Where, in few digits."""
+    """The place as the end of a sentence, in few digits."""
     return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""

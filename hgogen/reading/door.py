@@ -27,7 +27,7 @@ class Misfit(HgogenError):
 
 
 def asks_a_plant(question: Asked) -> Asked:
-    """The same function of a `System`, which is its first argument; it raises `Misfit` for anything else."""
+    """The function, whose first argument must be a `System`: for anything else it raises `Misfit`."""
 
     @wraps(question)
     def guarded(plant: System, *args: Any, **options: Any) -> Any:

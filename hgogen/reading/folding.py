@@ -79,7 +79,7 @@ def _all(expression: sp.Expr) -> Iterator[Demand]:
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:
-    """The same demand of factors that may fail it, without their positive numbers; a divisor demands for itself."""
+    """The demand as one of each factor that may fail it, without positive numbers; a divisor makes its own demands."""
     if not demand.of.free_symbols:  # the parser has judged the numbers
         return
     yield from (_signs if demand.relation == "<" else _zeros)(demand.of)

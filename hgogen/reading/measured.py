@@ -108,7 +108,7 @@ class Record:
     report: Report
 
     def __post_init__(self) -> None:
-        """Without a mask, which a selection of columns would lose."""
+        """Replaces a mask, which a selection of columns would lose, by NaN."""
         object.__setattr__(self, "values", unmasked(self.values))
 
     def of(self, signals: Sequence[Signal]) -> np.ndarray:

@@ -81,8 +81,11 @@ class NoText(BadArgument):
 
 @dataclass(frozen=True)
 class PlainModel:
-    """What a plain-text model holds; `known`, `observer`, `tuning`, `trial` and `dissipation` are its tables as they
-    stand, empty if missing; `folds`: the expressions from which SymPy folded something away."""
+    """What a plain-text model holds.
+
+    `known`, `observer`, `tuning`, `trial` and `dissipation` are its tables as they stand, empty if missing; `folds` are
+    the expressions from which SymPy folded something away.
+    """
 
     file: str
     plant: System
@@ -134,7 +137,7 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
 
     def expressions(kind: str, key: str) -> list[Fold]:
-        """Those under `key` in every table of a kind."""
+        """The expressions under `key` in every table of a kind."""
         entries = groups[kind].items()
         return [
             named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols) for name, entry in entries

@@ -101,7 +101,7 @@ class Quotient:
 
     @property
     def number(self) -> Fraction | None:
-        """Its value where it is written as a number."""
+        """The value of the quotient where it is written as a number, else None."""
         if self.bottom or any(self.top.keys() - {()}):
             return None
         return self.top.get((), Fraction(0))

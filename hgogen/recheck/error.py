@@ -79,7 +79,7 @@ class ErrorSystem:
         return self.gain, self.disturbed, self.measured
 
     def _behind(self, at: Mapping[str, Any]) -> dict[str, Any]:
-        """The same with x - e in the place of x."""
+        """The values `at`, with x - e in the place of each state x."""
         return {**at, **{x: at[x] - at[e] for x, e in zip(self.plant.states, self.errors, strict=True)}}
 
     def _with_errors(self, names: set[str]) -> set[str]:
@@ -136,15 +136,15 @@ def _less(value: Any, row: Sequence[Expression], miss: Sequence[Any], at: Mappin
 
 
 def flat(rows: Rows) -> list[Expression]:
-    """Its expressions, row by row."""
+    """The expressions of a matrix, row by row."""
     return [cell for row in rows for cell in row]
 
 
 def names_of(texts: Iterable[Expression]) -> set[str]:
-    """The names that they read."""
+    """The names that the expressions read."""
     return {name for text in texts for name in text.names}
 
 
 def text_of(rows: Rows) -> str:
-    """As it is printed."""
+    """A matrix as it is printed."""
     return f"({'; '.join(', '.join(cell.text for cell in row) for row in rows)})"

@@ -107,8 +107,11 @@ class Claim:
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate as it is read; `model`: the digest of what it is about; `named`: the file says the same;
-    `untouched`: its digest is that of its content."""
+    """A certificate as it is read.
+
+    `model` is the digest of what it is about, and `named` tells whether the file states the same one; `untouched` tells
+    whether the file's digest is that of its content.
+    """
 
     name: str
     plant: Equations

@@ -61,7 +61,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Expression:
-    """`instructions` in order; `result`: which of them gives the value; `names`: the symbols that are read."""
+    """The `instructions` in order, `result`, the one that gives the value, and `names`, the symbols that are read."""
 
     text: str
     instructions: tuple[Instruction, ...]

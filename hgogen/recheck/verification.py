@@ -62,8 +62,11 @@ class NothingVerified(RecheckError):
 
 @dataclass(frozen=True)
 class Row:
-    """One claim, what was found ("verified", "open" or "stated" where nothing is asserted, "fails"), how, with how many
-    boxes; or a fault of the file or of its form, which has no verdict."""
+    """The outcome of one claim, or a fault of the file or of its form, which has no verdict.
+
+    `found` is "verified", "fails", or, where nothing is asserted, "open" or "stated"; `sentence` says how it was found,
+    with how many `boxes`.
+    """
 
     id: str
     verdict: str
@@ -87,8 +90,11 @@ _COUNTED = {"verified": "verified", "open": "open", STATED: STATED, "fails": "fa
 
 @dataclass(frozen=True)
 class Rechecked:
-    """What was verified of a certificate, claim by claim; `unexamined`: what no verified claim is about; `points`: the
-    names that have one value, which all of it rests on."""
+    """What was verified of a certificate, claim by claim.
+
+    `unexamined` is what no verified claim is about; `points` are the names that have one value, which all of it rests
+    on.
+    """
 
     plant: str
     form: str

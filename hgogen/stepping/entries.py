@@ -40,12 +40,12 @@ class Vector:
 
     @property
     def names(self) -> list[str]:
-        """Their names."""
+        """The names of the elements, in their order."""
         return [entry.name for entry in self.entries]
 
     @property
     def initial(self) -> np.ndarray:
-        """Their first values (n)."""
+        """The first values (n) of the elements."""
         return np.array([entry.initial for entry in self.entries])
 
     def filled(self, values: Mapping[str, Any]) -> np.ndarray:

@@ -61,7 +61,7 @@ class Graphs:
 
     @cached_property
     def estimates(self) -> Vector:
-        """What is estimated."""
+        """The estimated states, as a vector with names."""
         return of_signals("estimates", self.made.states)
 
     def step(self) -> Any:

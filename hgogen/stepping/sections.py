@@ -126,8 +126,8 @@ class Assembly:
 
     @property
     def _predict(self) -> Section:
-        """In the first call copies of the model start from the estimate, where it was written. Where no output
-        corrects, the law of recovery asks here."""
+        """The section that predicts. In the first call, copies of the model start from the estimate, where it was
+        written. Where no output corrects, the law of recovery is evaluated here."""
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
         program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []

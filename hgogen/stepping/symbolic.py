@@ -138,7 +138,7 @@ class _Choice:
         self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
 
     def at(self, flag: Any, memory: Memory) -> Memory:
-        """What is written."""
+        """The places that the taken branch writes, with their values."""
         arguments = [memory[place] for place in self.read]
         if not self.written:
             return {}

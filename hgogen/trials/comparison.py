@@ -25,8 +25,11 @@ from hgogen.trials.metrics import median, metrics, ranges
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """An observer on a trial; `name`: its tuning; `settled` (s) after each event, None: never; `rms`, `peak`: by state;
-    `clamped`: samples outside the box after the first 5%; `first`: its trajectory of the first seed."""
+    """What an observer does on a trial; `name` is that of its tuning.
+
+    `settled` is the time (s) to settle after each event, None where it never does; `rms` and `peak` are by state;
+    `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed.
+    """
 
     name: str
     observer: str

@@ -48,7 +48,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 
 
 def shown(id: str, gramian: Gramian) -> Check:
-    """What windows along a record say: refuted where one hides a direction; never proved."""
+    """The check that windows along a record decide: it is refuted where one hides a direction, and never proved."""
     name = ClaimId("", id)
     claim = f"every window of {gramian.d:g} s of the record shows every state, to {HIDDEN:g} of the one seen best"
     share = gramian.smallest / np.maximum(gramian.largest, np.finfo(float).tiny)

@@ -29,7 +29,7 @@ class Left:
         return asdict(self)
 
     def sentence(self, unit: str) -> str:
-        """As "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""
+        """A sentence such as "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""
         return (
             f"{self.signal} leaves its range {self.low:g}..{self.high:g} at t = {self.time:.6g} {unit}, where it is "
             f"{self.value:.6g}, and gets as far as {self.farthest:.6g}"

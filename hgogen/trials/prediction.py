@@ -92,7 +92,7 @@ def _errors(
 
 
 def _rms(error: np.ndarray) -> float:
-    """Its root mean square, found without squares that overflow."""
+    """The root mean square of an error, computed without squares that overflow."""
     most = float(np.abs(error).max(initial=0.0))
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
 

@@ -49,9 +49,12 @@ class BadFrequency(HgogenError):
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """H (K, n, p), complex, at the frequencies `omega` (K, rad/s), from the noise of each of the p `outputs` to each of
-    the n `states`; `dt` (s) of the step, None in continuous time; `coordinates`: "plant", or "form" where the plant's
-    states are nonlinear in the form's, which `states` then names; `held`: fields that adapt, at the values taken."""
+    """The complex response H (K, n, p) at the frequencies `omega` (K, rad/s), from the noise of each of the p `outputs`
+    to each of the n `states`.
+
+    `dt` (s) is that of the step, None in continuous time. `coordinates` is "plant", or "form" where the plant's states
+    are nonlinear in the form's, which `states` then names. `held` has the fields that adapt, at the values taken.
+    """
 
     omega: np.ndarray
     H: np.ndarray

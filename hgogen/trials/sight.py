@@ -251,7 +251,7 @@ def _lattice(signals: tuple[Signal, ...]) -> np.ndarray:
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:
-    """Of each of (N, n, n), by its series to order 12 at less than 1/2 in norm, and squaring."""
+    """The exponential of each matrix of (N, n, n), by its series to order 12 at less than 1/2 in norm, and squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(0, math.ceil(math.log2(2 * norm))) if 0 < norm < math.inf else 0
     small = matrices / 2.0**halvings

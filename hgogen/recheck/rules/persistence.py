@@ -210,7 +210,7 @@ def _gram(rows: list[list[Any]]) -> list[list[Any]]:
 
 
 def _determinant(rows: list[list[Any]]) -> Any:
-    """By expansion along the first row."""
+    """The determinant of a square matrix, by expansion along the first row."""
     if len(rows) == 1:
         return rows[0][0]
     terms = []
