@@ -16,7 +16,7 @@ from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covar
 from hgogen.errors import HgogenError
 from hgogen.graph import Graph
 from hgogen.kalman.covariance import covariance_ode, information_ode
-from hgogen.kalman.prior import near_view
+from hgogen.kalman.prior import prior_status_of_view
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -136,7 +136,7 @@ class Explicit:
         return Pieces(
             fields=pieces.fields,
             bits=(part.limited,) if forgets else (),
-            predict=(*pieces.predict, near_view(part, self.view)) if forgets else pieces.predict,
+            predict=(*pieces.predict, prior_status_of_view(part, self.view)) if forgets else pieces.predict,
             uses_output=True,
             rule=self.name,
         )

@@ -226,7 +226,7 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     )
 
 
-def kept(program: Program, state: tuple[Field, ...], others: Program = ()) -> Program:
+def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()) -> Program:
     """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
     by `others` what else there is."""
     written = _written(program)

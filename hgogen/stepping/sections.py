@@ -19,7 +19,7 @@ from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, Section, Statement, When, address, pruned, scalar, sym, walk
 from hgogen.signal import Signal, resting
 from hgogen.stepping import sensors
-from hgogen.stepping.guards import guard_inputs, guard_outputs, kept, measure, outside_bit, unrecovered
+from hgogen.stepping.guards import guard_inputs, guard_outputs, guard_state, measure, outside_bit, unrecovered
 from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.sensors import adapt_once, once, tick, timed, use
@@ -122,7 +122,7 @@ class Assembly:
 
     def _guarded(self, program: Program) -> Program:
         """A program, and what keeps the state that it leaves behind in its box, or makes it anew."""
-        return (*program, *kept(program, self.state, self._fresh))
+        return (*program, *guard_state(program, self.state, self._fresh))
 
     @property
     def _predict(self) -> Section:
