@@ -74,10 +74,11 @@ class Rank:
 
 @dataclass(frozen=True)
 class Ranks:
-    """`known`: with known parameters; `joint`: states and unknown parameters together; how, in `method`.
+    """The ranks of a plant: `known` with known parameters, `joint` of states and unknown parameters together; `method`
+    says how they were computed.
 
-    `local`: the functions with branches, for which the answer is the least of several points' and holds on an open
-    set only; "" where it holds at almost every point.
+    `local` names the functions with branches, for which the answer is the least of several points' and holds on an
+    open set only; it is "" where the answer holds at almost every point.
     """
 
     known: Rank

@@ -52,7 +52,7 @@ _SATURATED = 8  # states up to which the saturations are tried in all their comb
 
 @dataclass(frozen=True)
 class Core:
-    """N at its vertices; `index`: i(k) of each field from 0, by which it is scaled; `fed`: whether c_i(k) enters."""
+    """The core N at its vertices. Field k is scaled by its `index` i(k), from 0; `fed` says whether c_i(k) enters."""
 
     vertices: list[Matrix]
     index: list[int]
