@@ -14,8 +14,9 @@ import casadi as ca
 import numpy as np
 
 from hgogen.discretisation.kernels import KERNELS
-from hgogen.emit.cprint import CALLS, Real
 from hgogen.emit.layout import params_type, state_type
+from hgogen.emit.printer import CALLS
+from hgogen.emit.syntax import Real
 from hgogen.program import Block, Kernel, Loop, Statement, When
 from hgogen.step import Step
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.emit.cprint import Real
 from hgogen.emit.pygraph import DTYPE, evaluated
+from hgogen.emit.syntax import Real
 from hgogen.program import Block
 from hgogen.step import Step
 from hgogen.stepping.machine import Bound, Machine

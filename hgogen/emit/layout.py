@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from hgogen.emit.cprint import Real
+from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Place, lines_of
 from hgogen.signal import Signal
 from hgogen.step import Step

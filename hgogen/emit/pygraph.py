@@ -13,12 +13,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
-from hgogen.emit.cprint import CALLS, NotPrintable, Number, Operand, Real
 from hgogen.emit.elementary import elementary
+from hgogen.emit.node import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
+from hgogen.emit.printer import CALLS, Operand
+from hgogen.emit.syntax import NotPrintable, Number, Real
 
 DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
-_WHOLE = {"float": 2**23, "double": 2**52}  # numbers from here on are whole, as in emit.cmath
+_WHOLE = {"float": 2**23, "double": 2**52}  # numbers from here on are whole, as in emit.portable
 _SIMPLE: dict[int, str] = {
     ca.OP_ADD: "{} + {}",
     ca.OP_SUB: "{} - {}",

@@ -13,10 +13,11 @@ import numpy as np
 
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import layout, pygraph
-from hgogen.emit.cnode import Node, boolean
-from hgogen.emit.cprint import Number, Operand
-from hgogen.emit.ctext import Writer as Held
+from hgogen.emit.kinds import Kinds
+from hgogen.emit.node import Node, boolean
+from hgogen.emit.printer import Operand
 from hgogen.emit.pygraph import indented
+from hgogen.emit.syntax import Number
 from hgogen.program import (
     Block,
     Call,
@@ -48,7 +49,7 @@ class _Writer:
     """Writes the functions of a step."""
 
     def __init__(self, step: Step, kept: np.ndarray) -> None:
-        self.step, self.held, self.graphs = step, Held(step, "double"), pygraph.Writer("double")
+        self.step, self.kinds, self.graphs = step, Kinds(step), pygraph.Writer("double")
         self.places = layout.places(step, kept)
         self.groups = {line[-1].name: line for line in lines_of(step.groups)}
         self.bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
@@ -97,7 +98,7 @@ class _Writer:
         """A work value, or an array that a kernel may be the first to write."""
         if place not in self.work or (size > 1 and place not in self.filled):
             return []
-        zero = 0 if self.held.is_index(place) else 0.0
+        zero = 0 if self.kinds.is_index(place) else 0.0
         return [f"{' = '.join(self._local(place, element) for element in range(size))} = {zero}"]
 
     def _statements(self, program: Iterable[Statement]) -> list[str]:
@@ -146,7 +147,7 @@ class _Writer:
 
     def _converted(self, place: Place, kind: Number) -> bool:
         """Whether a counter becomes a real number."""
-        return kind != "unsigned" and self.held.is_index(place)
+        return kind != "unsigned" and self.kinds.is_index(place)
 
     def _member(self, index: Place, total: int) -> str:
         """The text of a member's number, 0 where it is beyond the last, as in C."""
@@ -201,7 +202,7 @@ class _Writer:
         return f"V[{list(self.places).index(place)}]{''.join(f'[m{depth}]' for depth in range(above))}"
 
     def _block(self, block: Block) -> list[str]:
-        kind: Number = "unsigned" if self.held.counts(block) else "double"
+        kind: Number = "unsigned" if self.kinds.counts(block) else "double"
         self.graphs.lines = lines = []
 
         def given(argument: int, element: int) -> Operand:
@@ -219,7 +220,7 @@ class _Writer:
         if place.struct == "status":
             return [f"if {node.name}:", f"    status |= {self.bits[place.name]}"]
         value = self.graphs.number(node, kind)
-        if place in self.held.flags:
+        if place in self.kinds.flags:
             value = node.name if boolean(node) else f"{value} != 0"
         elif self._converted(place, kind):
             value = f"int({value})"

@@ -5,10 +5,10 @@
 `NAME_kept_step`, or `NAME_kept_SECTION` for a part of it, takes a sample from it and leaves the estimate in it.
 """
 
-from hgogen.emit.ccode import indented
 from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
-from hgogen.emit.cprint import Real
+from hgogen.emit.code import indented
+from hgogen.emit.syntax import Real
 from hgogen.step import Step
 from hgogen.target import Files
 
