@@ -40,9 +40,16 @@ class CannotWrite(HgogenError):
 
 @dataclass(frozen=True)
 class Files(Mapping[str, str]):
-    """Emitted files: name to text, in order."""
+    """Emitted files: name to text, in order.
+
+    `recipe`: the commands that compile and run their self-check in a folder that holds them, where it is none of C;
+    `names`: signals that the language calls otherwise, and how; `notes`: sentences that say so.
+    """
 
     texts: tuple[tuple[str, str], ...]
+    recipe: tuple[tuple[str, ...], ...] = ()
+    names: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> str:
         return dict(self.texts)[name]

@@ -225,6 +225,8 @@ TAKING_APART = {  # the files between a program and its C that take a text apart
     "hgogen.emit.cnames": "the lists of names that are taken",
     "hgogen.emit.csyntax": "a user's words, which become one line",
     "hgogen.emit.fold": "finished text, whose long lines it breaks",
+    "hgogen.emit.rustcheck": "a template, whose lines it makes",
+    "hgogen.emit.rustsyntax": "a user's words, the list of keywords, the parts of a name",
     "hgogen.program": "the name of a symbol, which can carry nothing else",
 }
 APART = {"replace", "split", "rsplit", "splitlines", "partition", "rpartition", "removeprefix", "removesuffix"}

@@ -74,6 +74,6 @@ def prototype(step: Step, entry: Entry) -> Prototype:
     """The C function of an entry."""
     kinds = {each.name: each for each in structs(step)} | {"at": Parameter("uint16_t", "at", pointer=False)}
     read_only = (kinds[name].pointer and name not in entry.written for name in entry.parameters)
-    given = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
+    parameters = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
     returns = status_type(step) if entry.status else "void"
-    return Prototype(returns, f"{step.name}_{entry.name}", given, entry.meaning, entry.public)
+    return Prototype(returns, f"{step.name}_{entry.name}", parameters, entry.meaning, entry.public)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
 _MARKS = ("* ", "// ", "/// ", "//! ")  # inside a comment, or of one that ends with the line
-_BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\|) )|(?<= = )(?=&)")
+_BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\||else \{) )|(?<!else) (?=\{ )|(?<= = )(?=&)")
 _PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where there is no such place
 
 

@@ -41,21 +41,21 @@ def arguments(name: str) -> tuple[str, ...]:
 
 def head(syntax: Syntax, prefix: str, real: Real, name: str) -> list[str]:
     """The lines that open the function."""
-    given = ", ".join(syntax.parameter.format(type=syntax.types[real], name=each) for each in arguments(name))
-    words = {"type": syntax.types[real], "name": f"{prefix}_{name}", "parameters": given}
+    parameters = ", ".join(syntax.parameter.format(type=syntax.types[real], name=each) for each in arguments(name))
+    words = {"type": syntax.types[real], "name": f"{prefix}_{name}", "parameters": parameters}
     return [line.format(**words) for line in syntax.function]
 
 
 def _bundled(syntax: Syntax, prefix: str, real: Real, name: str) -> Code:
-    given = arguments(name)
+    names = arguments(name)
     printer = Printer(
         syntax,
         real=real,
         prefix=prefix,
-        inputs=lambda argument, _: Operand(given[argument]),
-        local=lambda argument, _: given[argument],
+        inputs=lambda argument, _: Operand(names[argument]),
+        local=lambda argument, _: names[argument],
         calls=CALLS | {ca.OP_FLOOR: "whole"},  # their arguments are small
-        taken=set(given),
+        taken=set(names),
     )
     constants, result = body(printer, elementary(real)[name], [Target(syntax.result.format)], [], [])
     return joined([code(*head(syntax, prefix, real, name)), (constants + result).indented(), code("}")])

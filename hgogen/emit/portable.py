@@ -119,7 +119,7 @@ class _Function:
     def __init__(self, words: _Words, tree: ast.FunctionDef) -> None:
         self.words, self.syntax, self.tree = words, words.syntax, tree
         self.kinds = {each.arg: "array" if _array(each) else "real" for each in tree.args.args}
-        self.given = set(self.kinds)
+        self.parameters = set(self.kinds)
         self.used: list[Uses] = []
         stores = [n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
         self.once = {name for name in stores if stores.count(name) == 1}
@@ -281,7 +281,7 @@ class _Function:
     def _argument(self, node: ast.expr, parameter: ast.arg) -> str:
         """An array of the function's own is passed as it is; one of its parameters already was."""
         text, kind = self._value(node), _array(parameter)
-        return self.syntax.passed[kind[1]].format(text) if kind and text not in self.given else text
+        return self.syntax.passed[kind[1]].format(text) if kind and text not in self.parameters else text
 
 
 def _arguments(node: ast.expr) -> list[ast.expr]:

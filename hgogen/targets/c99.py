@@ -11,7 +11,7 @@ from hgogen.emit.ccheck import check as self_check
 from hgogen.emit.cfunction import Prototype, own, prototypes
 from hgogen.emit.cheader import header
 from hgogen.emit.cmath import functions, includes
-from hgogen.emit.cnames import demand_names
+from hgogen.emit.cnames import demand_names, renamed, says
 from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
@@ -37,7 +37,8 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     demand_names(step)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": self_check(step, real)} if check else {}
-    return Files(tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items()))
+    texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
+    return Files(texts, names=tuple(renamed(step).items()), notes=(f"in C {says(step)}",) * bool(renamed(step)))
 
 
 _HEADERS = {"bool": "stdbool.h", "int32_t": "stdint.h", "int64_t": "stdint.h"}  # where C99 declares a type
