@@ -12,7 +12,7 @@ from hgogen.emit.cstruct import Member, member, members, named, struct
 from hgogen.emit.csyntax import comment, harmless
 from hgogen.emit.described import of_signal, parameters
 from hgogen.emit.interface import of_section
-from hgogen.emit.manual import banner, own, rates, recovery
+from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, own, rates, recovery
 from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Section, lines_of
 from hgogen.reading.time_unit import pace
@@ -49,15 +49,11 @@ $body
 
 The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time.
 $missing
-An output that is not finite is missing: the step predicts. An input that is not finite reuses the last
-valid one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a
-plausible value is not noticed. $recovery
+$faults $recovery
 The status is 0 for ok, else an or of the bits below.
 $parts$timed
 Change gains in p.gain, then call ${name}_tune,
-or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew.
-Whether dt is short enough was judged with gains and parameters at their nominal values, which proves
-nothing: others may ask for a shorter one. A gain whose largest value is its nominal one can only go down.
+$ranges
 The state may be copied, saved and restored, by the same version of this file. To start from an estimate of
 yours write $own, in the coordinates that the struct names, after init or reset and before the first
 call, which takes the estimate as it stands; what else a step remembers of it starts there too.
@@ -76,9 +72,7 @@ _MISSING = (
 )
 _PARTS = Template("""
 ${name}_step is $parts:
-in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later
-than the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one
-the bits about the estimate.
+$order
 """)
 
 
@@ -123,16 +117,19 @@ def _call(step: Step, section: Section) -> str:
 
 
 def _manual(step: Step) -> list[str]:
+    parts = ", ".join(section.name for section in step.sections)
     text = _MANUAL.substitute(
         name=step.name,
         dt=pace(step.dt, step.time),
         own=" and ".join(own(step)),
         what="predict, and update where a sample came," if step.timed else "one step",
         body="\n".join(f"        {line}" for line in _body(step)),
+        faults=FAULTS,
+        ranges=RANGES,
         recovery=recovery(step),
         missing=_MISSING[bool(step.timed)],
         structs="\n".join(f"    {each.local}" for each in structs(step)),
-        parts=_PARTS.substitute(name=step.name, parts=", ".join(s.name for s in step.sections)) if step.apart else "",
+        parts=_PARTS.substitute(name=step.name, parts=parts, order=ORDER) if step.apart else "",
         timed=_timed(step) if step.timed else "",
     )
     flowing = re.sub(r"(?<=\S)\n(?=\S)", " ", text.strip("\n"))  # a paragraph is one line, which is filled later

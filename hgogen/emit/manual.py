@@ -14,6 +14,21 @@ from hgogen.step import Step
 from hgogen.stepping.members import read_fields
 from hgogen.theorem import rows
 
+FAULTS = (
+    "An output that is not finite is missing: the step predicts. An input that is not finite reuses the last valid "
+    "one. No input, however absurd, makes the state infinite or not a number. A sensor that sticks at a plausible "
+    "value is not noticed."
+)
+RANGES = (
+    "or the change is neither limited nor complete. Ranges are those of the model: to widen one, generate anew. "
+    "Whether dt is short enough was judged with gains and parameters at their nominal values, which proves nothing: "
+    "others may ask for a shorter one. A gain whose largest value is its nominal one can only go down."
+)
+ORDER = (
+    "in this order, each once a period. Call them one by one, and or their statuses, where a sample comes later than "
+    "the input. Without a sample leave its update out; with NaN it raises MISSING as well, and the last one the bits "
+    "about the estimate."
+)
 _BETWEEN = {"hold": "be held at the value now", "line": "move on a straight line from the value before to that now"}
 
 

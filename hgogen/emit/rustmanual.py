@@ -2,23 +2,13 @@
 
 from hgogen.emit import naming
 from hgogen.emit.code import indented
-from hgogen.emit.manual import banner, own, rates, recovery
+from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, own, rates, recovery
 from hgogen.emit.ruststruct import doc
 from hgogen.emit.rustsyntax import line, rust_name
 from hgogen.reading.time_unit import pace
 from hgogen.step import Step
 from hgogen.stepping.sensors import OLDEST, ROUND
 
-_NOT_FINITE = (
-    "An output that is not finite is missing: the step predicts. An input that is not finite reuses the last valid "
-    "one. No input, however absurd, makes the state infinite or not a number, or panics. A sensor that sticks at a "
-    "plausible value is not noticed. "
-)
-_PARTS = (
-    "`step` is {parts}: in this order, each once a period. Call them one by one, and or their statuses, where a "
-    "sample comes later than the input. Without a sample leave its update out; with NaN it raises MISSING as well, "
-    "and the last one the bits about the estimate."
-)
 _TIMED = (
     "Sensors of different rates: {rates}. The noise R of an output is taken for that period: give no sample more "
     "often. `{function}` and the like of other outputs is told the number of the period in which the sample was "
@@ -26,12 +16,7 @@ _TIMED = (
     "state is late, any other that is not of now is early; neither is used. Before the first `predict` every sample "
     "is early."
 )
-_GAINS = (
-    "Change gains in `p.gain`, then call `p.tune()`, or the change is neither limited nor complete. Ranges are those "
-    "of the model: to widen one, generate anew. Whether dt is short enough was judged with gains and parameters at "
-    "their nominal values, which proves nothing: others may ask for a shorter one. A gain whose largest value is its "
-    "nominal one can only go down."
-)
+_GAINS = f"Change gains in `p.gain`, then call `p.tune()`, {RANGES}"
 _STATE = (
     "The state may be copied, saved and restored, by the same version of this file. To start from an estimate of "
     "yours write {own}, in the coordinates that the struct names, before the first call, which takes the estimate as "
@@ -67,14 +52,15 @@ def _manual(step: Step) -> list[str]:
     """Its paragraphs."""
     every = pace(step.dt, step.time)
     begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
-    parts = [_PARTS.format(parts=", ".join(f"`{section.name}`" for section in step.sections))] if step.apart else []
+    sections = ", ".join(f"`{section.name}`" for section in step.sections)
+    parts = [f"`step` is {sections}: {ORDER}"] if step.apart else []
     if step.timed:
         parts += [_TIMED.format(rates=rates(step), function=step.timed[-1].name, round=ROUND, oldest=OLDEST)]
     return [
         f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
         "The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time. The "
-        f"period is compiled in: one call for each, with NaN for a sample that did not come. {_NOT_FINITE}"
-        f"{recovery(step)} The result is 0 for ok, else an or of the bits of `status`.",
+        f"period is compiled in: one call for each, with NaN for a sample that did not come. {FAULTS} No input "
+        f"and no state panics. {recovery(step)} The result is 0 for ok, else an or of the bits of `status`.",
         *parts,
         _GAINS,
         _STATE.format(own=" and ".join(f"`{name}`" for name in own(step))),
