@@ -40,16 +40,9 @@ class CannotWrite(HgogenError):
 
 @dataclass(frozen=True)
 class Files(Mapping[str, str]):
-    """Emitted files: name to text, in order.
-
-    `recipe`: the commands that compile and run their self-check in a folder that holds them, where it is none of C;
-    `names`: signals that the language calls otherwise, and how; `notes`: sentences that say so.
-    """
+    """Emitted files: name to text, in order."""
 
     texts: tuple[tuple[str, str], ...]
-    recipe: tuple[tuple[str, ...], ...] = ()
-    names: tuple[tuple[str, str], ...] = ()
-    notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> str:
         return dict(self.texts)[name]
@@ -59,6 +52,19 @@ class Files(Mapping[str, str]):
 
     def __len__(self) -> int:
         return len(self.texts)
+
+
+@dataclass(frozen=True)
+class Sources(Files):
+    """Files of a language.
+
+    `recipe`: the commands that compile and run their self-check in a folder that holds them, where it is none of C;
+    `names`: signals that the language calls otherwise, and how; `notes`: sentences that say so.
+    """
+
+    recipe: tuple[tuple[str, ...], ...] = ()
+    names: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:

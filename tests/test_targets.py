@@ -9,7 +9,7 @@ import hgogen as hg
 from hgogen.calling import native
 from hgogen.commands.building import _languages
 from hgogen.emit.syntax import BadReal
-from hgogen.target import Files
+from hgogen.target import Sources
 
 LANGUAGES = _languages()
 COMMAND = "hgogen generate something --of this"
@@ -17,7 +17,7 @@ each = pytest.mark.parametrize("target", LANGUAGES)
 
 
 @cache
-def files(target: str, name: str, real: str = "float", check: bool = True) -> Files:
+def files(target: str, name: str, real: str = "float", check: bool = True) -> Sources:
     return getattr(hg.targets, target)(emitted.step(name), real=real, command=COMMAND, check=check)
 
 

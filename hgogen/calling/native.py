@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from hgogen.errors import HgogenError
-from hgogen.target import CannotWrite, Files, demand, write
+from hgogen.target import CannotWrite, Sources, demand, write
 
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
@@ -143,7 +143,7 @@ def run(command: Sequence[str], folder: str | Path) -> str:
     return done.stdout
 
 
-def run_recipe(files: Files) -> str:
+def run_recipe(files: Sources) -> str:
     """Compile and run the self-check of another language than C, and return what it prints.
 
     Raises: `NoTool`, `CompilerFailed`.

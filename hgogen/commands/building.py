@@ -37,7 +37,7 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, demand_known
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
-from hgogen.target import Files
+from hgogen.target import Sources
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
 
@@ -70,12 +70,12 @@ def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
-def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, real: Precision) -> Files:
+def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, real: Precision) -> Sources:
     """The files of a target; what they call otherwise is noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
     words += ["--real double"] if real is Precision.DOUBLE else []
-    files: Files = getattr(targets, target)(step, real=real.value, command=" ".join(words))
+    files: Sources = getattr(targets, target)(step, real=real.value, command=" ".join(words))
     for sentence in files.notes:
         note(sentence)
     return files
@@ -144,7 +144,7 @@ def build_(
         raise Disagree(tuple(one for one in comparison if not one.agreed))
 
 
-def _checked(files: Files, engine: Engine) -> str | None:
+def _checked(files: Sources, engine: Engine) -> str | None:
     """What the self-check printed; None where there is no compiler for it."""
     if not files.recipe:
         return native.run_check(files).strip() if engine == "c" else None

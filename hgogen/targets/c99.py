@@ -21,10 +21,10 @@ from hgogen.emit.statements import Writer, called
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Field, Group
 from hgogen.step import Step
-from hgogen.target import Files
+from hgogen.target import Sources
 
 
-def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Files:
+def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
     """The step as C99 text: header, source and self-check, by file name.
 
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
@@ -38,7 +38,7 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": self_check(step, real)} if check else {}
     texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
-    return Files(texts, names=tuple(renamed(step).items()), notes=(f"in C {says(step)}",) * bool(renamed(step)))
+    return Sources(texts, names=tuple(renamed(step).items()), notes=(f"in C {says(step)}",) * bool(renamed(step)))
 
 
 _HEADERS = {"bool": "stdbool.h", "int32_t": "stdint.h", "int64_t": "stdint.h"}  # where C99 declares a type

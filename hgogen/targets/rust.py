@@ -20,7 +20,7 @@ from hgogen.emit.statements import Writer, called
 from hgogen.emit.syntax import Real, demand_real
 from hgogen.errors import HgogenError
 from hgogen.step import Step
-from hgogen.target import Files
+from hgogen.target import Sources
 
 _CRATES = {"alloc", "core", "proc_macro", "std", "test"}
 _REASON = "a keyword"
@@ -43,7 +43,7 @@ class NoCrate(HgogenError):
         return f"the model {self.name} cannot be a crate of Rust, where that is a crate or a keyword; rename the model"
 
 
-def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Files:
+def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
     """The step as a Rust crate and its self-check, by file name.
 
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
@@ -61,7 +61,7 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
     names = tuple(naming.renamed(step, rust_name).items())
     notes = (f"in Rust {naming.says(step, rust_name)}, for {_REASON} has the name",) * bool(names)
-    return Files(texts, _recipe(step.name) if check else (), names, notes)
+    return Sources(texts, _recipe(step.name) if check else (), names, notes)
 
 
 def _recipe(name: str) -> tuple[tuple[str, ...], ...]:
