@@ -34,7 +34,7 @@ from hgogen.commands.command import (
 )
 from hgogen.commands.process import console, note
 from hgogen.model import Model, load
-from hgogen.modelfiles.setting import AS_WRITTEN, Setting, demand_known
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
 from hgogen.target import Sources
@@ -57,6 +57,15 @@ Real = Annotated[Precision, typer.Option("--real", help="Working precision of th
 def _languages() -> list[str]:
     """The targets that are a whole step in a language, and say in a banner which command made them."""
     return [name for name in targets.__all__ if "command" in signature(getattr(targets, name)).parameters]
+
+
+def _demand_language(target: str) -> None:
+    """Raise `UnknownCase` for a target that is none, or that writes no whole step in a language."""
+    if target in set(targets.__all__) - set(_languages()):
+        raise UnknownCase(
+            f"--target {target}:", f"is for Python, as hg.targets.{target}; there are {', '.join(_languages())}"
+        )
+    demand_known("target", target, _languages())
 
 
 _SPOKEN = f"The language of the code: {' or '.join(_languages())}."
@@ -104,7 +113,7 @@ def build_(
     latched, alarm_ratio, rms, clamped, left), comparison (trial, seed, until, before, after, settled, dt,
     agreed), files.
     """
-    demand_known("target", target, _languages())
+    _demand_language(target)
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)
     folder.demand("report.json")
@@ -171,7 +180,7 @@ def generate_(
 
     JSON keys: models (a list of: model, c_names, by signal where the language has another name, files).
     """
-    demand_known("target", target, _languages())
+    _demand_language(target)
     loaded = [load(given).set(setting) for given in models]
     folders = [Folder(out, named(one, observer)) for one in loaded]
     for first, second in combinations(loaded, 2):
