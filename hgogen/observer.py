@@ -148,16 +148,16 @@ def linearised(_: str, form: Form) -> None:
     Dynamics(form).linearised()
 
 
-def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, told: Collection[Check | None]) -> str:
+def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, refuted: Collection[Check | None]) -> str:
     """Why the observer does not take the form, whatever is accepted, in a sentence without the reason of a check that
-    is `told`; "" where it would."""
+    is `refuted`; "" where it would."""
     try:
         if takes is not None:
             takes(name, form)
     except Singular as error:
         return f"To accept it does not help: {error}."
     except BadGain as error:
-        return f"To accept it does not help: {replace(error, because=None) if error.because in told else error}."
+        return f"To accept it does not help: {replace(error, because=None) if error.because in refuted else error}."
     return ""
 
 

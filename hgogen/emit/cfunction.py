@@ -36,8 +36,8 @@ class Prototype:
     public: bool = True
 
     def __str__(self) -> str:
-        given = ", ".join(map(str, self.parameters)) or "void"
-        return f"{'' if self.public else 'static '}{self.returns} {self.name}({given})"
+        parameters = ", ".join(map(str, self.parameters)) or "void"
+        return f"{'' if self.public else 'static '}{self.returns} {self.name}({parameters})"
 
     def call(self, argument: Callable[[Parameter], str]) -> str:
         """A call with what `argument` makes of each parameter."""

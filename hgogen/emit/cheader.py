@@ -98,13 +98,13 @@ def _timed(step: Step) -> str:
 
 def _body(step: Step) -> list[str]:
     """What a caller does in a period."""
-    given = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
+    assigned = [f"in.{c_name(s.name)} = ...;" for s in step.inputs]
     status = f"{status_type(step)} status"
     if not step.timed:
-        given += [f"out.{c_name(s.name)} = ...;" for s in step.outputs]
-        return [" ".join(given), f"{status} = {prototypes(step)['step'].call(address)};"]
+        assigned += [f"out.{c_name(s.name)} = ...;" for s in step.outputs]
+        return [" ".join(assigned), f"{status} = {prototypes(step)['step'].call(address)};"]
     first, *rest = step.sections
-    lines = [*given, f"{status} = {_call(step, first)};"]
+    lines = [*assigned, f"{status} = {_call(step, first)};"]
     for section in rest:
         call, y = f"status |= {_call(step, section)};", section.corrects
         lines += [f"if ({y} has a sample now) {{", f"    out.{c_name(y)} = ...;", f"    {call}", "}"] if y else [call]

@@ -61,9 +61,9 @@ def _statement(statement: Statement) -> Pair:
 
 
 def _block(graph: Any) -> Pair:
-    found = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
-    functions = sum(count for op, count in found.items() if op in _FUNCTIONS)
-    return sum(count for op, count in found.items() if op not in _FREE) - functions, functions
+    times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
+    functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
+    return sum(count for op, count in times.items() if op not in _FREE) - functions, functions
 
 
 def _kernel(kernel: Kernel) -> Pair:

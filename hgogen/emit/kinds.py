@@ -38,11 +38,11 @@ class Kinds:
     def indices(self) -> set[Place]:
         """Work places that count or index."""
         loops = [s for s in walk(self._all) if isinstance(s, Loop)]
-        found = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
-        found = {place for place in found if place.struct == "work"}
-        while more := self.work - self.flags - found - self._reals(found):
-            found |= more
-        return found
+        counters = {place for loop in loops for place in (loop.start, loop.active, loop.index) if place}
+        counters = {place for place in counters if place.struct == "work"}
+        while more := self.work - self.flags - counters - self._reals(counters):
+            counters |= more
+        return counters
 
     @cached_property
     def work(self) -> set[Place]:

@@ -99,26 +99,28 @@ def _time(step: Step) -> list[str]:
 def _claimed(check: Check, accepted: Container[str]) -> str:
     """A claim with its verdict; of a refuted one what follows."""
     at = ", ".join(f"{k} = {v:g}" for k, v in check.witness.items())
-    told = f"{check.id}: {check.claim}; {check.reason}{'; at ' + at if at else ''}"
+    claim = f"{check.id}: {check.claim}; {check.reason}{'; at ' + at if at else ''}"
     if check.id not in accepted or check.verdict is not Verdict.REFUTED:
-        return f"{check.verdict}: {told}"
+        return f"{check.verdict}: {claim}"
     consequence = check.consequence or "no convergence theorem is in force"
-    return f"{check.verdict} (accepted by the user): {told}; so {consequence}"
+    return f"{check.verdict} (accepted by the user): {claim}; so {consequence}"
 
 
 def _assumed(observer: Observer) -> list[str]:
     """What the theorem assumes beside the claims, by what is known of it; what holds by construction is left out."""
     open_ = [row for row in rows(observer.theorem, observer.checks) if row.verdict is not Verdict.PROVED]
-    told: dict[str, list[str]] = {}
+    hypotheses: dict[str, list[str]] = {}
     for row in (row for row in open_ if not row.checks):
-        told.setdefault(row.standing, []).append(f"  {row.claim}; {row.reason}")
-    return [line for standing, lines in told.items() for line in (f"Hypotheses of the theorem, {standing}", *lines)]
+        hypotheses.setdefault(row.standing, []).append(f"  {row.claim}; {row.reason}")
+    return [
+        line for standing, lines in hypotheses.items() for line in (f"Hypotheses of the theorem, {standing}", *lines)
+    ]
 
 
 def _model(observer: Observer) -> str:
     """The digest that ties the C to a certificate of the same model."""
     try:
-        found = fingerprint(observer.form, observer.checks, observer.name)
+        digest = fingerprint(observer.form, observer.checks, observer.name)
     except NotCertifiable:
         return "Model: no certificate can carry all of its functions"
-    return f"Model: {found[:SHOWN]}, as `hgogen recheck` prints it for the model's certificate"
+    return f"Model: {digest[:SHOWN]}, as `hgogen recheck` prints it for the model's certificate"

@@ -350,7 +350,7 @@ def _written(printer: Printer, node: Node, target: Target) -> list[str]:
 
 def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
     """Declare the inputs that the block also writes, before anything is written."""
-    found: dict[tuple[int, int], Node] = {}
+    inputs: dict[tuple[int, int], Node] = {}
     stack, seen = list(roots), set[int]()
     while stack:
         node = stack.pop()
@@ -358,6 +358,6 @@ def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
             seen.add(id(node))
             stack.extend(node.args)
             if node.op == ca.OP_INPUT and node.source[0] in hoist:
-                found[node.source] = node
-    for source, node in sorted(found.items(), key=lambda item: item[0]):
+                inputs[node.source] = node
+    for source, node in sorted(inputs.items(), key=lambda item: item[0]):
         printer.declare(node, printer.local(*source))

@@ -124,7 +124,7 @@ _PLAIN = str.maketrans({"-": "m", "+": "p", ".": "_"})
 
 def _ordered(roots: Iterable[Node]) -> list[Node]:
     """Every node once, after those that it takes."""
-    found: list[Node] = []
+    ordered: list[Node] = []
     done: set[int] = set()
     stack = [(root, False) for root in reversed(list(roots))]
     while stack:
@@ -133,11 +133,11 @@ def _ordered(roots: Iterable[Node]) -> list[Node]:
             continue
         if ready:
             done.add(id(node))
-            found.append(node)
+            ordered.append(node)
         else:
             stack.append((node, True))
             stack.extend((child, False) for child in reversed(node.args))
-    return found
+    return ordered
 
 
 def _floor(number: Any, whole: int) -> Callable[[Any], Any]:

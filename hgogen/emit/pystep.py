@@ -1,6 +1,6 @@
 """A step as Python text, for single samples without a compiler: its program as plain floats on the memory of the C.
 
-The text is made and compiled once. It works on a `kept` record (`emit.layout`), as the C does, so the two can take
+The text is made and compiled once. It works on a record (`emit.layout`), as the C does, so the two can take
 turns on one state; and it computes the same bits, by `emit.pygraph`. Names of the user's do not occur in it:
 
     D, I, B    the record as doubles, as counters, as bytes          V    numpy's views of places, for matrix kernels
@@ -39,24 +39,24 @@ Entry = Callable[[], int]
 SIZE = {"D": 8, "I": 4}
 
 
-def entries(step: Step, kept: np.ndarray) -> dict[str, Entry]:
-    """What can be called of a step on a `kept` record (1), as `targets.record` has it in C: `step`, `estimate`, `tune`
-    and each section, which leave the estimate and the traces in the record and return the status."""
-    return _Writer(step, kept).entries()
+def entries(step: Step, record: np.ndarray) -> dict[str, Entry]:
+    """What can be called of a step on a record (1) of `kept_type`, as `targets.record` has it in C: `step`, `estimate`,
+    `tune` and each section, which leave the estimate and the traces in the record and return the status."""
+    return _Writer(step, record).entries()
 
 
 class _Writer:
     """Writes the functions of a step."""
 
-    def __init__(self, step: Step, kept: np.ndarray) -> None:
+    def __init__(self, step: Step, record: np.ndarray) -> None:
         self.step, self.kinds, self.graphs = step, Kinds(step), pygraph.Writer("double")
-        self.places = layout.places(step, kept)
+        self.places = layout.places(step, record)
         self.groups = {line[-1].name: line for line in lines_of(step.groups)}
         self.bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
-        self.address = kept.ctypes.data
-        whole = kept.view(np.uint8)
+        self.address = record.ctypes.data
+        whole = record.view(np.uint8)
         self.names = self.graphs.names
-        self.names |= {"D": kept.view(np.float64).data, "I": kept.view(np.uint32).data}
+        self.names |= {"D": record.view(np.float64).data, "I": record.view(np.uint32).data}
         self.names |= {"B": whole.data, "array": np.array, "V": list(self.places.values())}
         self.names |= {name: np.errstate(all="ignore")(kernel) for name, kernel in KERNELS.items()}
         self.work: dict[Place, int] = {}
@@ -183,17 +183,17 @@ class _Writer:
         return [*text, f"B[target:target + {stride}] = bytes(B[source:source + {stride}])"]
 
     def _kernel(self, kernel: Kernel) -> list[str]:
-        given = [self._view(kernel.columns, 2)] if kernel.columns else []
+        operands = [self._view(kernel.columns, 2)] if kernel.columns else []
         before, after = list[str](), list[str]()
         for k, (place, size) in enumerate(kernel.arguments):
             if place in self.work:
                 elements = [self._local(place, element) for element in range(size)]
                 before.append(f"a{k} = array(({', '.join(elements)},), dtype=float)")
                 after += [f"{', '.join(elements)} = a{k}.tolist()"] if size > 1 else []
-                given.append(f"a{k}")
+                operands.append(f"a{k}")
             else:
-                given.append(self._view(place, 1))
-        call = f"{kernel.name}({', '.join(given)})"
+                operands.append(self._view(place, 1))
+        call = f"{kernel.name}({', '.join(operands)})"
         return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
 
     def _view(self, place: Place, dimensions: int) -> str:

@@ -158,11 +158,11 @@ class Writer:
         return Code((f"{target} = {source};",), self._uses(array, copy.target, copy.source) | Uses(widest=total))
 
     def _kernel(self, kernel: Kernel) -> Code:
-        given = [self._array(kernel.columns.struct)] if kernel.columns else []
-        given += [place for place, _ in kernel.arguments]
-        texts = (how.format(self.whole(p)) for p, how in zip(given, passed(self.syntax, kernel.name), strict=True))
+        operands = [self._array(kernel.columns.struct)] if kernel.columns else []
+        operands += [place for place, _ in kernel.arguments]
+        texts = (how.format(self.whole(p)) for p, how in zip(operands, passed(self.syntax, kernel.name), strict=True))
         call = f"{self.prefix}_{kernel.name}({', '.join(texts)})"
-        uses = self._uses(*given) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
+        uses = self._uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
         return Code((f"{self.whole(kernel.result)} = {call};" if kernel.result else f"{call};",), uses)
 
     def _block(self, block: Block, taken: frozenset[str]) -> Code:

@@ -23,13 +23,14 @@ SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
 
 @dataclass(eq=False)
 class NotPrintable(HgogenError):
-    """An operation that has no C of ours."""
+    """An operation that no language here has."""
 
     operation: int
 
     def __str__(self) -> str:
         names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == self.operation]
-        return f"the operation {names[0] if names else self.operation} has no C; write the model without it"
+        name = names[0] if names else self.operation
+        return f"the operation {name} is one that no emitted language has; write the model without it"
 
 
 @dataclass(eq=False)

@@ -87,10 +87,10 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
         reader.memory[place][:] = values
     results = [reader.memory[place] for place in places(step)]
     seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
-    given = [reader.memory[Place("input", s.name)] for s in step.inputs]
-    given += [reader.memory[Place("output", s.name)] for s in step.outputs]
+    samples = [reader.memory[Place("input", s.name)] for s in step.inputs]
+    samples += [reader.memory[Place("output", s.name)] for s in step.outputs]
     for k in range(SAMPLES):
-        for array, value in zip(given, (*u[k], *y[k]), strict=True):
+        for array, value in zip(samples, (*u[k], *y[k]), strict=True):
             array[0] = value
         status[k] = reader.call()
         seen[k] = [result[0] for result in results]

@@ -31,7 +31,7 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     self-check, whose vectors take a while to compute.
 
     Raises: `BadReal`; `HidesHeader`, `OneName` for names that C cannot carry; `BeyondFloat`, `NotPrintable` for a
-    number, an operation that has no C.
+    number, an operation that has no text.
     """
     demand_real(real)
     demand_names(step)
