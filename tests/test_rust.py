@@ -19,7 +19,7 @@ from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.emit.fold import COLUMNS
 from hgogen.emit.naming import OneName
-from hgogen.emit.rustsyntax import keywords
+from hgogen.emit.rustsyntax import PRELUDE, keywords
 from hgogen.emit.syntax import BeyondFloat, Real
 from hgogen.model import load
 from hgogen.targets.rust import NoCrate
@@ -199,6 +199,15 @@ def test_its_recipe_is_run_by_the_compiler_that_is_named(monkeypatch: pytest.Mon
         native.run_recipe(hg.targets.rust(step("pendulum")))
 
 
+@pytest.mark.parametrize("name", ["fitzhugh_nagumo", "bank"])
+def test_its_manual_has_no_warning(name: str, tmp_path: Path) -> None:
+    """A unit in brackets is no link to an item, and what clippy finds better is the order of the C."""
+    hg.write(hg.targets.rust(step(name), check=False), tmp_path)
+    for tool in ("rustdoc", "clippy-driver"):
+        if path := shutil.which(tool):
+            run([path, "--edition", "2021", "--crate-type", "lib", "-D", "warnings", f"{name}.rs"], tmp_path)
+
+
 def test_the_page_s_lines_compile_and_its_commands_run(tmp_path: Path) -> None:
     page = pages.text("firmware")
     (snippet,), (commands,) = pages.blocks("rust", page), (b for b in pages.blocks("sh", page) if "rustc" in b)
@@ -253,9 +262,10 @@ def keyworded(system: str, *states: str) -> CallableStep:
 
 
 def test_keywords_get_an_underscore_and_it_is_said(tmp_path: Path) -> None:
-    made = keyworded("keywords", "type", "self", "s", "status")
+    made = keyworded("keywords", "type", "self", "s", "status", "Some", "None")
     files = hg.targets.rust(made)
-    assert dict(files.names) == {"in": "in_", "impl": "impl_", "type": "type_", "self": "self_"}
+    names = ("in", "impl", "type", "self", "Some", "None")
+    assert dict(files.names) == {name: f"{name}_" for name in names}
     assert files.notes[0].startswith("in Rust in is called in_, ")
     assert "/// type: [m], -3 .. 3" in files["keywords.rs"]
     assert check(made, "float", tmp_path) == passed(made)
@@ -264,20 +274,29 @@ def test_keywords_get_an_underscore_and_it_is_said(tmp_path: Path) -> None:
 def test_keywords_are_those_of_the_compiler(tmp_path: Path) -> None:
     """No other word that a signal may be called is refused."""
     words = {word for name in NAMES for s in (*step(name).states, *step(name).outputs) for word in (s.name,)}
-    words |= {"union", "default", "auto", "raw", "u32", "f64", "usize", "Some", "main", "core", "std", "K1", "math"}
+    words |= {"union", "default", "auto", "raw", "u32", "f64", "usize", "main", "core", "std", "K1", "math", "State"}
     lines = [f"let {word}_: u8 = 0; let _ = {word}_;" for word in sorted(keywords())]
-    lines += [f"let {word}: u8 = 0; let _ = {word};" for word in sorted(words - {"Some"})]
+    lines += [f"let {word}: u8 = 0; let _ = {word};" for word in sorted(words)]
     allowed = "#![allow(non_snake_case)]\n"
     hg.write({"words.rs": f"{allowed}fn main() {{\n" + "\n".join(lines) + "\n}\n"}, tmp_path)
     run([rustc(), "--edition", "2021", "-D", "warnings", "words.rs"], tmp_path)
-    for word in sorted(keywords()):
+    for word in sorted(keywords() | PRELUDE):
         hg.write({"word.rs": f"#![allow(unused)]\nfn main() {{ let {word}: u8 = 0; }}\n"}, tmp_path)
         command = [rustc(), "--edition", "2021", "--emit", "metadata", "word.rs"]
         assert subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode, word
 
 
+@pytest.mark.parametrize("name", ["f32", "usize", "State", "Parameters", "Some", "status", "main"])
+def test_a_model_may_have_the_name_of_a_type(name: str, tmp_path: Path) -> None:
+    """The self-check says that it means the crate."""
+    assert check(keyworded(name, "a", "b"), "float", tmp_path) == passed(keyworded(name, "a", "b"))
+
+
 def test_names_that_rust_cannot_carry_are_refused() -> None:
-    with pytest.raises(OneName, match="type is a keyword in Rust, where it would be called type_, as another is"):
+    with pytest.raises(
+        OneName,
+        match="type is a keyword or a value of the prelude in Rust, where it would be called type_, as another is",
+    ):
         hg.targets.rust(keyworded("twice", "type", "type_"))
     for name in ("core", "std", "match"):
         with pytest.raises(NoCrate, match=f"the model {name} cannot be a crate"):

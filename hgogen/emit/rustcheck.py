@@ -16,10 +16,10 @@ _TEXT = Template("""
 //! Self-check of $name.rs: $count recorded samples, a missing, an absurd, a lost and an excessive one among them.
 //! It is a program of the host; it ends with 0 where every bit is as recorded.
 //!
-//!     rustc -O --crate-type lib $name.rs
-//!     rustc -O --extern $name=lib$name.rlib ${name}_check.rs
+//!     rustc --edition 2021 -O --crate-type lib $name.rs
+//!     rustc --edition 2021 -O --extern $name=lib$name.rlib ${name}_check.rs
 
-use $name::{${structs}Outputs, Parameters, State};
+use ::$name::{${structs}Outputs, Parameters, State};
 
 /// $signals
 const GIVEN: [[$real; $width]; $count] = [

@@ -12,19 +12,20 @@ _KEYWORDS = """
     impl in let loop macro match mod move mut override priv pub ref return self static struct super trait true try type
     typeof unsafe unsized use virtual where while yield
 """
+PRELUDE = frozenset({"Some", "None", "Ok", "Err"})  # values that are there unasked, which no local can be
 PARAMETERS = {"in": "input", "out": "output"}  # `in` is a keyword
 TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "bool": "bool", "void": "()"}
 
 
 @cache
 def keywords() -> frozenset[str]:
-    """Words that no name can be."""
+    """Words that no name can be, not even that of a crate."""
     return frozenset(_KEYWORDS.split())
 
 
 def rust_name(name: str) -> str:
     """The name in Rust: `type_` for type, which is a keyword; almost always the name itself."""
-    return f"{name}_" if name in keywords() else name
+    return f"{name}_" if name in keywords() | PRELUDE else name
 
 
 def type_name(name: str) -> str:

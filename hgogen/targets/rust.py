@@ -23,12 +23,14 @@ from hgogen.step import Step
 from hgogen.target import Sources
 
 _CRATES = {"alloc", "core", "proc_macro", "std", "test"}
-_REASON = "a keyword"
+_REASON = "a keyword or a value of the prelude"
 _ATTRIBUTES = (
     "#![no_std]",
     "#![forbid(unsafe_code)]",
-    "// names are the model's; locals begin with a value, for a branch may leave them without one of its own",
+    "// names are the model's; locals begin with a value, for a branch may leave them without one of its own;",
+    "// a unit in brackets is no link",
     "#![allow(non_snake_case, non_upper_case_globals, unused_assignments, unused_mut)]",
+    "#![allow(clippy::all, rustdoc::all)]",
 )
 _ARGUMENTS = {"p": "p: &Parameters", "in": "input: &Inputs", "out": "output: &Outputs", "at": "at: u16"}
 
