@@ -287,6 +287,12 @@ def test_a_language_is_a_target_that_takes_a_command():
     assert {"c99", "rust"} <= set(building._languages()) < set(hg.targets.__all__)
 
 
+@pytest.mark.parametrize("target", ["casadi", "record"])
+def test_a_target_that_is_no_language_is_for_python(here: Path, target: str):
+    _, err = hgogen("generate", "neuron", "--target", target, status=2)
+    assert f"--target {target}: is for Python, as hg.targets.{target}; there are c99, rust" in err
+
+
 def test_simulate(here: Path):
     found = as_json("simulate", "neuron", "--engine", "python", "--seeds", "1")
     (trial,) = found["trials"]
@@ -492,7 +498,6 @@ def test_noise(here: Path):
         (("build", "neuron", "--real", "half"), "half"),
         (("build", "neuron", "--target", "rusty"), "--target rusty: there is no such target; did you mean rust?"),
         (("generate", "neuron", "--target", "java"), "--target java: there is no such target; there are c99, rust"),
-        (("generate", "neuron", "--target", "casadi"), "is for Python, as hg.targets.casadi; there are c99, rust"),
         (("run", "neuron"), "--data"),
         (("run", "neuron", "--data", "none.csv", "--time", "time"), "none.csv: there is no such file"),
         (("run", "neuron", "--data", "models", "--time", "time"), "models: is a folder"),
