@@ -183,10 +183,10 @@ def evaluated(function: Any, real: Real) -> Callable[[Sequence[Any]], list[list[
     """The outputs of an SX function at lists of numbers, every operation rounded to `real`."""
     writer = Writer(real)
 
-    def given(argument: int, element: int) -> Operand:
-        return Operand(f"given[{argument}][{element}]", local=False)
+    def operand(argument: int, element: int) -> Operand:
+        return Operand(f"operands[{argument}][{element}]", local=False)
 
-    outputs = writer.write(function, given, real)
+    outputs = writer.write(function, operand, real)
     texts = (", ".join(writer.number(node, real) for node in output) for output in outputs)
     lines = [*writer.lines, f"return [{', '.join(f'[{text}]' for text in texts)}]"]
-    return defined(["def run(given):", *indented(lines)], writer.names, "run", function.name())  # type: ignore[no-any-return]
+    return defined(["def run(operands):", *indented(lines)], writer.names, "run", function.name())  # type: ignore[no-any-return]

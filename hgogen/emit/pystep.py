@@ -205,12 +205,12 @@ class _Writer:
         kind: Number = "unsigned" if self.kinds.counts(block) else "double"
         self.graphs.lines = lines = []
 
-        def given(argument: int, element: int) -> Operand:
+        def operand(argument: int, element: int) -> Operand:
             place, _ = block.reads[argument]
             local = place in self.work and place not in block.writes and not self._converted(place, kind)
             return Operand(self._read(place, element, kind), local=local)  # else a copy of it is
 
-        outputs = self.graphs.write(block.graph, given, kind)
+        outputs = self.graphs.write(block.graph, operand, kind)
         for place, nodes in zip(block.writes, outputs, strict=False):
             for element, node in enumerate(nodes):
                 lines += self._write(place, element, node, kind)

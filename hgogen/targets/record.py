@@ -21,7 +21,7 @@ def record(step: Step, *, real: Real = "double") -> Files:
     bodies = {prototype: [f"return sizeof({struct});"] for prototype, struct in sizes.items()}
     bodies |= _entries(step, traces)
     bodies[_runner(step, real)] = _run(step, traces)
-    lines = ["#include <stddef.h>", "", f'#include "{name}.h"', "", *_kept(step, real), ""]
+    lines = ["#include <stddef.h>", "", f'#include "{name}.h"', "", *_sample(step, real), ""]
     lines += [*(f"{prototype};" for prototype in bodies), ""]
     for prototype, body in bodies.items():
         lines += [str(prototype), "{", *indented(body), "}", ""]
@@ -55,7 +55,7 @@ def _traces(step: Step, real: Real) -> list[str]:
     return [f"({real})s->{trace}" if trace in counters else f"s->{trace}" for trace in step.observer.traces]
 
 
-def _kept(step: Step, real: Real) -> list[str]:
+def _sample(step: Step, real: Real) -> list[str]:
     """The struct of a sample, as `layout.kept_type` has it."""
     s, p, *others = (each.local for each in structs(step))
     members = [s, p, *(["unsigned at;"] if step.timed else []), *others]

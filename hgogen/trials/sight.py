@@ -70,8 +70,8 @@ class Sight:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         names = ("least", "median", "window", "unit", "trial", "hopeless")
-        told = {name: getattr(self, name) for name in names}
-        return {**told, "where": dict(self.where), "direction": dict(self.direction)}
+        values = {name: getattr(self, name) for name in names}
+        return {**values, "where": dict(self.where), "direction": dict(self.direction)}
 
     def __str__(self) -> str:
         (weak, _), *_ = self.direction.items()
@@ -121,44 +121,46 @@ def pace(plant: System) -> Pace:
 
 
 def _along(plant: System, trial: Trial) -> Sight:
-    """Over windows that begin at every hundredth of the trial."""
+    """The Sight along the trial, over windows that begin at every hundredth of it."""
     coarse = simulate(plant, trial, trial.duration / _GRID)
     fastest = np.abs(np.linalg.eigvals(_linear(plant, coarse.x, coarse.u).A)).max() * trial.duration / _TURN
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
     truth = simulate(plant, trial, trial.duration / pieces) if pieces > _GRID else coarse
-    found = _linear(plant, truth.x, truth.u)
-    moves = _exponential((found.A[:-1] + found.A[1:]) / 2 * (trial.duration / pieces))
+    linearised = _linear(plant, truth.x, truth.u)
+    moves = _exponential((linearised.A[:-1] + linearised.A[1:]) / 2 * (trial.duration / pieces))
     length, step = pieces // _SHARE, pieces // _SHARE**2
     starts = range(0, pieces - length + 1, step)
-    each = [_weakest(moves[k : k + length], found.C[k : k + length + 1]) for k in starts]
+    each = [_weakest(moves[k : k + length], linearised.C[k : k + length + 1]) for k in starts]
     at = [{"t": k * trial.duration / pieces} for k in starts]
     return replace(_least(plant, each, at), window=trial.duration / _SHARE, trial=trial.name)
 
 
 def _at_points(plant: System) -> Sight:
-    """With the linearisation frozen at points of the box."""
-    points, found, rates = _on_box(plant)
-    each = [_frozen(A, C, rates.longest or 1.0) for A, C in zip(found.A, found.C, strict=True)]
+    """The Sight of the linearisation frozen at points of the box."""
+    points, linearised, rates = _on_box(plant)
+    each = [_frozen(A, C, rates.longest or 1.0) for A, C in zip(linearised.A, linearised.C, strict=True)]
     at = [{s.name: float(v) for s, v in zip((*plant.states, *plant.inputs), point, strict=True)} for point in points]
     return replace(_least(plant, each, at), window=rates.longest or 1.0)
 
 
 def _on_box(plant: System) -> tuple[np.ndarray, _Linear, Pace]:
-    """Points of the box (N, n + m) where the model has a value, what it is linearised there, and its pace."""
+    """Points of the box (N, n + m) where the model has a value, its linearisation there, and its pace."""
     signals = (*plant.states, *plant.inputs)
     _ranged(signals)
     points = _lattice(signals)
     x, u = points[:, : len(plant.states)], points[:, len(plant.states) :]
     with np.errstate(all="ignore"):
-        found, rates = _linear(plant, x, u), np.array(_functions(plant)[0](x.T, u.T)).T
-        known = np.isfinite(rates).all(1) & np.isfinite(found.A).all((1, 2)) & np.isfinite(found.C).all((1, 2))
+        linearised, rates = _linear(plant, x, u), np.array(_functions(plant)[0](x.T, u.T)).T
+        known = (
+            np.isfinite(rates).all(1) & np.isfinite(linearised.A).all((1, 2)) & np.isfinite(linearised.C).all((1, 2))
+        )
         if not known.any():
             raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
         crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
     moving = crossing[np.isfinite(crossing)]
-    kept = _Linear(found.A[known], found.C[known])
-    fastest = np.abs(np.linalg.eigvals(kept.A)).max()
-    return points[known], kept, Pace(float(min(moving, default=0)), float(max(moving, default=0)), float(fastest))
+    finite = _Linear(linearised.A[known], linearised.C[known])
+    fastest = np.abs(np.linalg.eigvals(finite.A)).max()
+    return points[known], finite, Pace(float(min(moving, default=0)), float(max(moving, default=0)), float(fastest))
 
 
 def _frozen(A: np.ndarray, C: np.ndarray, window: float) -> tuple[float, np.ndarray]:
@@ -249,7 +251,7 @@ def _lattice(signals: tuple[Signal, ...]) -> np.ndarray:
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:
-    """Of each of (N, n, n), by its series to order 12 at less than 1/2 in norm, and squaring."""
+    """The exponential of each matrix of (N, n, n), by its series to order 12 at less than 1/2 in norm, and squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(0, math.ceil(math.log2(2 * norm))) if 0 < norm < math.inf else 0
     small = matrices / 2.0**halvings
