@@ -54,6 +54,19 @@ class Files(Mapping[str, str]):
         return len(self.texts)
 
 
+@dataclass(frozen=True)
+class Sources(Files):
+    """Files of a language.
+
+    `recipe`: the commands that compile and run their self-check in a folder that holds them, where it is none of C;
+    `names`: signals that the language calls otherwise, and how; `notes`: sentences that say so.
+    """
+
+    recipe: tuple[tuple[str, ...], ...] = ()
+    names: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
 def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
     """Write texts (UTF-8) or bytes into `folder` (made if it is not there), by name, or by a path below it; returns
     their paths.

@@ -9,7 +9,7 @@ import numpy as np
 from hgogen import targets
 from hgogen.calling import native
 from hgogen.emit import layout
-from hgogen.emit.cprint import Real
+from hgogen.emit.syntax import Real
 from hgogen.program import Place
 from hgogen.step import Step
 

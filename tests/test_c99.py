@@ -20,8 +20,10 @@ import pytest
 from emitted import compiled, files, run, step, tool
 
 import hgogen as hg
-from hgogen.emit.cfold import COLUMNS
-from hgogen.emit.cprint import BeyondFloat, Operand, Printer, Target, body
+from hgogen.emit.csyntax import C
+from hgogen.emit.fold import COLUMNS
+from hgogen.emit.printer import Operand, Printer, Target, body
+from hgogen.emit.syntax import BeyondFloat
 from hgogen.step import BadStep
 from tests.sweep import by_turns
 
@@ -254,7 +256,9 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
     symbols = [ca.SX.sym(name) for name in "ab"]
     graph = ca.Function("graph", symbols, [ca.logic_not(compare(*symbols))])
     names = {"inputs": lambda argument, _: Operand("ab"[argument]), "local": lambda argument, _: "ab"[argument]}
-    constants, result = body(Printer("unsigned", "x", **names), graph, [Target(lambda text: text, flag=True)], [], [])
+    constants, result = body(
+        Printer(C, "unsigned", "x", **names), graph, [Target(lambda text: text, flag=True)], [], []
+    )
     assert not constants.lines
     (line,) = result.lines
     for a, b in product(range(3), repeat=2):
@@ -264,7 +268,7 @@ def test_a_negated_comparison_of_counters_is_the_opposite_one(compare: Any) -> N
 def test_a_bit_that_is_never_raised_is_not_printed() -> None:
     graph = ca.Function("graph", [], [ca.SX(0), ca.SX(1)])
     never, always = (Target(lambda _, line=f"raise {name};": line, condition=True) for name in ("never", "always"))
-    printer = Printer("float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
+    printer = Printer(C, "float", "x", inputs=lambda *_: Operand(""), local=lambda *_: "")
     constants, result = body(printer, graph, [never, always], [], [])
     assert (constants.lines, result.lines) == ((), ("raise always;",))
 

@@ -14,8 +14,9 @@ from oracle import fitzhugh_nagumo as fn
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.emit import layout
-from hgogen.emit.cprint import Real, literal
+from hgogen.emit.csyntax import C
 from hgogen.emit.exact import machine
+from hgogen.emit.syntax import Real
 from hgogen.program import Place, lines_of
 
 NAMES = list(emitted.STEPS)
@@ -92,7 +93,7 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
     """A program that steps over absurd inputs, from reset and from random states, with random parameters."""
     made = step(name)
     sides = [
-        f"{e.text} {sign} {literal(end, 'unsigned' if e.field.kind == 'index' else real)}"
+        f"{e.text} {sign} {C.literal(end, 'unsigned' if e.field.kind == 'index' else real)}"
         for e in emitted.elements(made)
         for sign, end in ((">=", e.low), ("<=", e.high))
         if (e.field.kind, sign) != ("index", ">=")

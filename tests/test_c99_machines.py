@@ -13,7 +13,7 @@ from emitted import M4F, M7, files, run, step, tool
 
 import hgogen as hg
 from hgogen.calling.native import WARNINGS
-from hgogen.emit.cprint import literal
+from hgogen.emit.csyntax import C
 from hgogen.signal import resting
 from tests.sweep import by_turns
 
@@ -124,7 +124,7 @@ def on_the_board(
     lines = [f"{made.name}_{kind} {short};" for kind, short, signals in kinds if signals]
     given = calmly(made) if calm else {}
     for _, short, signals in kinds:
-        lines += [f"{short}.{s.name} = {literal(given[s.name], real) if calm else 'wave'};" for s in signals]
+        lines += [f"{short}.{s.name} = {C.literal(given[s.name], real) if calm else 'wave'};" for s in signals]
     lines += ["(void)wave;"]
     program = _BOARD.substitute(
         name=made.name,
@@ -273,7 +273,7 @@ def driver(made: hg.Step) -> tuple[str, int]:
             inside.append(f"/*@ assert {e.text} <= {int(e.high)}; */")
             continue
         low, high = (0.0, 1.0) if e.field.name.endswith("valid") else (e.low, e.high)
-        low, high = literal(low, "float"), literal(high, "float")
+        low, high = C.literal(low, "float"), C.literal(high, "float")
         state.append(f"{e.text} = Frama_C_float_interval({low}, {high});")
         inside.append(f"/*@ assert \\is_finite({e.text}) && {low} <= {e.text} <= {high}; */")
     text = _DRIVER.substitute(

@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -14,9 +15,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import hgogen as hg
 from hgogen import cli
 from hgogen.calling import native
-from hgogen.commands import jobs
+from hgogen.commands import building, jobs
 from hgogen.commands import process as process_
 from hgogen.model import summary
 from hgogen.trials.agreement import Agreement
@@ -253,6 +255,44 @@ def test_generate_of_a_model_without_a_trial(here: Path):
     assert len(files(here / "generated" / "untried")) == 3
 
 
+@needs_compiler
+def test_generate_in_another_language(here: Path):
+    found = as_json("generate", "neuron", "--target", "rust", "--real", "double", "-o", "crates")
+    written = [name for name in files(here / "crates" / "neuron") if name.startswith("fitz")]
+    assert written == ["fitzhugh_nagumo.rs", "fitzhugh_nagumo_check.rs"]
+    assert {Path(path).name for path in found["models"][0]["files"]} >= set(written)
+    text = (here / "crates" / "neuron" / "fitzhugh_nagumo.rs").read_text()
+    assert "hgogen generate neuron --target rust --real double" in " ".join(text.replace("//!", "").split())
+    assert "pub theta: f64," in text
+
+
+@needs_compiler
+@pytest.mark.parametrize("there", [True, False])
+def test_build_in_another_language(there: bool, here: Path, monkeypatch: pytest.MonkeyPatch):
+    """Its self-check is run where its compiler is there; the trials are those of C and Python."""
+    if there and not (shutil.which("rustc", path="/usr/bin") or shutil.which("rustc")):
+        pytest.skip("there is no rustc")
+    monkeypatch.setenv("RUSTC", (shutil.which("rustc", path="/usr/bin") or "rustc") if there else "no_such_compiler")
+    out, err = hgogen("build", "neuron", "--target", "rust", "--seeds", "1")
+    report = json.loads((here / "build" / "neuron" / "report.json").read_text())
+    assert report["self_check"] == ("fitzhugh_nagumo: 64 samples as recorded" if there else None)
+    assert ("self-check of the float rust: fitzhugh_nagumo: 64 samples as recorded" in out) is there
+    assert ("there is no rustc; install it, or name another by $RUSTC: the code is written but" in err) is not there
+    assert all(one["agreed"] for one in report["comparison"])
+    assert not list((here / "build" / "neuron").glob("*.c"))
+
+
+def test_a_language_is_a_target_that_takes_a_command():
+    """The rest of the folder runs a step on a computer, and is not for firmware."""
+    assert {"c99", "rust"} <= set(building._languages()) < set(hg.targets.__all__)
+
+
+@pytest.mark.parametrize("target", ["casadi", "record"])
+def test_a_target_that_is_no_language_is_for_python(here: Path, target: str):
+    _, err = hgogen("generate", "neuron", "--target", target, status=2)
+    assert f"--target {target}: is for Python, as hg.targets.{target}; there are c99, rust" in err
+
+
 def test_simulate(here: Path):
     found = as_json("simulate", "neuron", "--engine", "python", "--seeds", "1")
     (trial,) = found["trials"]
@@ -456,6 +496,8 @@ def test_noise(here: Path):
         (("simulate", "neuron", "--seeds", "0"), "seeds"),
         (("build", "neuron", "--out", "log.csv"), "cannot write log.csv"),
         (("build", "neuron", "--real", "half"), "half"),
+        (("build", "neuron", "--target", "rusty"), "--target rusty: there is no such target; did you mean rust?"),
+        (("generate", "neuron", "--target", "java"), "--target java: there is no such target; there are c99, rust"),
         (("run", "neuron"), "--data"),
         (("run", "neuron", "--data", "none.csv", "--time", "time"), "none.csv: there is no such file"),
         (("run", "neuron", "--data", "models", "--time", "time"), "models: is a folder"),

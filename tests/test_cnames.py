@@ -9,7 +9,8 @@ from emitted import tool
 
 import hgogen as hg
 from hgogen.calling.native import WARNINGS
-from hgogen.emit.cnames import HidesHeader, SameInC, c_name, renamed
+from hgogen.emit.cnames import HidesHeader, c_name, renamed
+from hgogen.emit.naming import OneName
 
 C_HEADERS = """
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic
@@ -90,7 +91,7 @@ def test_two_names_that_c_would_call_the_same_are_refused() -> None:
     step = hg.sample(
         hg.observers.high_gain(hg.forms.triangular(system), theta=2, poles=(-1, -1)), dt=0.01, method=hg.methods.rk4
     )
-    with pytest.raises(SameInC, match="I is a keyword or a macro in C, where it would be called I_, as another is"):
+    with pytest.raises(OneName, match="I is a keyword or a macro in C, where it would be called I_, as another is"):
         hg.targets.c99(step)
 
 

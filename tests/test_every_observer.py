@@ -19,7 +19,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.check import Refuted
-from hgogen.emit.cprint import Real
+from hgogen.emit.syntax import Real
 from hgogen.emit.vectors import start
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load

@@ -23,8 +23,8 @@ import hgogen as hg
 from hgogen.calling import native
 from hgogen.discretisation.stability import Limit
 from hgogen.emit import layout
-from hgogen.emit.cprint import Real
 from hgogen.emit.exact import machine
+from hgogen.emit.syntax import Real
 from hgogen.kalman.covariance import unpack
 from hgogen.kalman.factored import largest
 from hgogen.model import load

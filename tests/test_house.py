@@ -222,18 +222,19 @@ def test_only_a_models_own_code_is_executed() -> None:
 
 TAKING_APART = {  # the files between a program and its C that take a text apart, and which
     "hgogen.emit.ccheck": "a template, whose lines it makes",
-    "hgogen.emit.ccode": "a template, whose lines it makes",
-    "hgogen.emit.cfold": "finished text, whose long lines it breaks",
     "hgogen.emit.cheader": "the manual, whose paragraphs it fills",
     "hgogen.emit.cnames": "the lists of names that are taken",
-    "hgogen.emit.ctext": "a user's words, which become one line",
+    "hgogen.emit.csyntax": "a user's words, which become one line",
+    "hgogen.emit.fold": "finished text, whose long lines it breaks",
+    "hgogen.emit.rustcheck": "a template, whose lines it makes",
+    "hgogen.emit.rustsyntax": "a user's words, the list of keywords, the parts of a name",
     "hgogen.program": "the name of a symbol, which can carry nothing else",
 }
 APART = {"replace", "split", "rsplit", "splitlines", "partition", "rpartition", "removeprefix", "removesuffix"}
 
 
 def test_no_printer_reads_what_it_printed() -> None:
-    """What a line of C uses comes with the line (`emit.ccode`), a function is declared and called from data, and a
+    """What a line of C uses comes with the line (`emit.code`), a function is declared and called from data, and a
     place is a value."""
     rooms_ = {"emit", "targets", "stepping", "calling", "program", "step"}
     files = {name for name in FILES if name.split(".")[1:2] and name.split(".")[1] in rooms_}
@@ -255,7 +256,7 @@ def takes_apart(name: str) -> bool:
 # --- names --------------------------------------------------------------------------------------------------
 
 SAYS_NOTHING = {"found", "told", "kept", "given", "near", "apart", "dear"}
-OLD_NAMES = ("commands", "modelfiles", "observers", "emit", "targets")  # the folders whose names are still to do
+OLD_NAMES = ("commands", "modelfiles", "observers")  # the folders whose names are still to do
 
 
 def names(module: ast.AST) -> Iterator[tuple[int, str]]:
@@ -359,14 +360,14 @@ def test_values_are_frozen() -> None:
         for decorator in map(ast.unparse, node.decorator_list)
         if decorator.startswith("dataclass") and "frozen=True" not in decorator
     }
-    printers = {"cnode.Node", "cprint.Printer", "pygraph.Writer"}
+    printers = {"node.Node", "printer.Printer", "pygraph.Writer"}
     assert loose <= {f"hgogen.emit.{name}" for name in printers}
 
 
 # --- claims -------------------------------------------------------------------------------------------------
 
 CUTS = {"partition", "rpartition", "split", "rsplit", "startswith", "endswith", "removeprefix", "removesuffix"}
-WRITTEN = {"hgogen.emit.cheader", "hgogen.commands.latex", "hgogen.commands.tables"}  # of claims as a page shows them
+WRITTEN = {"hgogen.commands.latex", "hgogen.commands.tables"}  # of claims as a page shows them
 CLAIMING = [name for name in FILES if "hgogen.check" in imports(name)]
 
 

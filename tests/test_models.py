@@ -9,7 +9,7 @@ import pytest
 
 import hgogen as hg
 from hgogen.calling import native
-from hgogen.emit.cprint import Real
+from hgogen.emit.syntax import Real
 from hgogen.model import Model, load
 from hgogen.trial import try_out
 

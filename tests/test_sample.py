@@ -30,7 +30,7 @@ from hgogen.calling.native import NoCompiler
 from hgogen.calling.samples import BadShape
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import pygraph
-from hgogen.emit.cprint import CALLS
+from hgogen.emit.printer import CALLS
 from hgogen.reading.named import BadNames
 from hgogen.step import BadStep
 

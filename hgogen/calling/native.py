@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from hgogen.errors import HgogenError
-from hgogen.target import CannotWrite, demand, write
+from hgogen.target import CannotWrite, Sources, demand, write
 
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"),
@@ -35,6 +35,16 @@ class NoCompiler(HgogenError):
             "there is no C compiler (looked for $CC, cc, gcc, clang); install one, or say engine='python' for Python's "
             "reading of the step"
         )
+
+
+@dataclass(eq=False)
+class NoTool(HgogenError):
+    """A program that a self-check needs and that is not there."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"there is no {self.name}; install it, or name another by ${self.name.upper()}"
 
 
 @dataclass(eq=False)
@@ -133,8 +143,32 @@ def run(command: Sequence[str], folder: str | Path) -> str:
     return done.stdout
 
 
+def run_recipe(files: Sources) -> str:
+    """Compile and run the self-check of another language than C, and return what it prints.
+
+    Raises: `NoTool`, `CompilerFailed`.
+    """
+    printed = ""
+    with tempfile.TemporaryDirectory() as folder:
+        write(files, folder)
+        for first, *rest in files.recipe:
+            printed = run([str(Path(folder) / first) if first.startswith("./") else tool(first), *rest], folder)
+    return printed
+
+
+def tool(name: str) -> str:
+    """The path of a program: what its environment variable names, as $RUSTC does, else what is in the path.
+
+    Raises: `NoTool`.
+    """
+    there = shutil.which(os.environ.get(name.upper(), "") or name)
+    if there is None:
+        raise NoTool(name)
+    return there
+
+
 def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
-    """Compile the files with every warning an error, run the self-check, and return what it prints.
+    """Compile C files with every warning an error, run the self-check, and return what it prints.
 
     Raises: `NoCompiler`, `CompilerFailed`.
     """

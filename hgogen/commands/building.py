@@ -1,12 +1,14 @@
 """The commands `build`, `generate` and `simulate`: a model's observer in C and in Python, and what its trials show."""
 
 from enum import StrEnum
+from inspect import signature
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from hgogen import targets
 from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
@@ -31,25 +33,43 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.process import console, note
-from hgogen.emit.cnames import renamed, says
 from hgogen.model import Model, load
-from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
-from hgogen.step import Step
-from hgogen.targets.c99 import c99
+from hgogen.target import Sources
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
 
+C99 = "c99"
+
 
 class Precision(StrEnum):
-    """Working precision of the C."""
+    """Working precision of the code."""
 
     FLOAT = "float"
     DOUBLE = "double"
 
 
-Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
+Real = Annotated[Precision, typer.Option("--real", help="Working precision of the code.")]
+
+
+def _languages() -> list[str]:
+    """The targets that are a whole step in a language, and say in a banner which command made them."""
+    return [name for name in targets.__all__ if "command" in signature(getattr(targets, name)).parameters]
+
+
+def _demand_language(target: str) -> None:
+    """Raise `UnknownCase` for a target that is none, or that writes no whole step in a language."""
+    if target in set(targets.__all__) - set(_languages()):
+        raise UnknownCase(
+            f"--target {target}:", f"is for Python, as hg.targets.{target}; there are {', '.join(_languages())}"
+        )
+    demand_known("target", target, _languages())
+
+
+_SPOKEN = f"The language of the code: {' or '.join(_languages())}."
+Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 
 def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
@@ -59,10 +79,15 @@ def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
-def _made_by(model: Model, observer: str | None, real: Precision) -> str:
-    """The command that makes the same C, for its banner."""
+def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, real: Precision) -> Sources:
+    """The files of a target; what they call otherwise is noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
-    return " ".join([*words, *(["--real double"] if real is Precision.DOUBLE else [])])
+    words += [f"--target {target}"] if target != C99 else []
+    words += ["--real double"] if real is Precision.DOUBLE else []
+    files: Sources = getattr(targets, target)(step, real=real.value, command=" ".join(words))
+    for sentence in files.notes:
+        note(sentence)
+    return files
 
 
 @command()
@@ -71,20 +96,24 @@ def build_(
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     out: Out = None,
+    target: Target = C99,
     real: Real = Precision.FLOAT,
     seeds: Seeds = None,
     as_json: Json = False,
 ) -> None:
-    """Check a model, generate and compile its C, try it in C and in Python, compare them, draw the figures.
+    """Check a model, generate and compile its code, try it in C and in Python, compare them, draw the figures.
 
     Everything lies in the folder --out, with report.json, which is what --json prints. Without a C compiler
-    the trials run in Python, one seed each, and the C is written but not tried.
+    the trials run in Python, one seed each, and the C is written but not tried. With --target another language is
+    written in the place of C, and its self-check is run where its compiler is there.
 
-    JSON keys: model, plant, form, coordinates, flow, outputs, gains, checks, refuted, theorem, notes (as in `check`),
-    c_names (by signal, where C has another name), compiler, self_check (what it printed), trials (trial, criterion,
-    seeds, engine, times, settled, worst, peak, calm, triggered, loud, latched, alarm_ratio, rms, clamped, left),
-    comparison (trial, seed, until, before, after, settled, dt, agreed), files.
+    JSON keys: model, plant, form, coordinates, flow, outputs, gains, checks, refuted, theorem, notes (as in
+    `check`), c_names (by signal, where the language has another name), compiler, self_check (what it
+    printed), trials (trial, criterion, seeds, engine, times, settled, worst, peak, calm, triggered, loud,
+    latched, alarm_ratio, rms, clamped, left), comparison (trial, seed, until, before, after, settled, dt,
+    agreed), files.
     """
+    _demand_language(target)
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded, observer)
     folder.demand("report.json")
@@ -94,10 +123,9 @@ def build_(
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     for sentence in claims.notes:
         note(sentence)
-    files = c99(step, real=real.value, command=_made_by(loaded, observer, real))
-    _note_names(step)
+    files = _emitted(step, loaded, observer, target, real)
     engine = engine_here()
-    self_check = native.run_check(files).strip() if engine == "c" else None
+    self_check = _checked(files, engine)
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
     again = _tried(step, trials, "python", 1) if engine == "c" else []
     comparison = jobs.agreements(done, again, step.dt) if again else ()
@@ -107,7 +135,7 @@ def build_(
     report = {
         "model": loaded.path,
         **claims.as_dict(),
-        "c_names": renamed(step),
+        "c_names": dict(files.names),
         "compiler": native.compiler(),
         "self_check": self_check,
         "trials": jobs.told(summaries, done),
@@ -117,16 +145,23 @@ def build_(
     folder.write({**written, "report.json": json_text(report) + "\n"})
     shown = [tables.trials(summaries, step.time)]
     if again:
-        shown += [tables.agreements(comparison, step.time), f"self-check of the {real.value} C: {self_check}\n"]
+        shown.append(tables.agreements(comparison, step.time))
+    if self_check:
+        shown.append(f"self-check of the {real.value} {'C' if target == C99 else target}: {self_check}\n")
     show(as_json, report, *shown, tables.files(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
 
 
-def _note_names(step: Step) -> None:
-    """Say which signals have another name in C."""
-    if said := says(step):
-        note(f"in C {said}")
+def _checked(files: Sources, engine: Engine) -> str | None:
+    """What the self-check printed; None where there is no compiler for it."""
+    if not files.recipe:
+        return native.run_check(files).strip() if engine == "c" else None
+    try:
+        return native.run_recipe(files).strip()
+    except native.NoTool as error:
+        note(f"{error}: the code is written but not tried")
+        return None
 
 
 @command()
@@ -137,13 +172,15 @@ def generate_(
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
+    target: Target = C99,
     real: Real = Precision.FLOAT,
     as_json: Json = False,
 ) -> None:
-    """Write the C of models, and the figures of their trials as that C draws them.
+    """Write the code of models, by default C, and the figures of their trials as the C draws them.
 
-    JSON keys: models (a list of: model, c_names, by signal where C has another name, files).
+    JSON keys: models (a list of: model, c_names, by signal where the language has another name, files).
     """
+    _demand_language(target)
     loaded = [load(given).set(setting) for given in models]
     folders = [Folder(out, named(one, observer)) for one in loaded]
     for first, second in combinations(loaded, 2):
@@ -157,8 +194,8 @@ def generate_(
         for sentence in one.notes:
             note(sentence)
         step = one.step(observer)
-        files: dict[str, str | bytes] = {**c99(step, real=real.value, command=_made_by(one, observer, real))}
-        _note_names(step)
+        code = _emitted(step, one, observer, target, real)
+        files: dict[str, str | bytes] = {**code}
         if one.has("trial"):
             done = _tried(step, one.trials(), "c", 1)
             for sentence in jobs.departures(done, step.time):
@@ -167,7 +204,7 @@ def generate_(
         else:
             note(f"{one.path} defines no trial(), so there are no figures of it")
         paths = folder.write(files)
-        written.append({"model": one.path, "c_names": renamed(step), "files": list(map(str, paths))})
+        written.append({"model": one.path, "c_names": dict(code.names), "files": list(map(str, paths))})
     show(as_json, {"models": written}, *(tables.files(one["files"]) for one in written))
 
 

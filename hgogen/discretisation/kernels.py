@@ -1,7 +1,7 @@
 """Matrix operations as loops, for states too many to unroll: Python's reading.
 
-Each kernel is written once here and once in C (`ckernels`), in the same order of operations, so both give the same
-bits.
+Each kernel is written once here and once as loops (`emit.matrix_loops`), which every language prints, in the same order
+of operations, so both give the same bits.
 
 On P = L D L', the columns of L in the members of a group: `columns[k, i]` is row i of column k, of which i > k counts,
 the diagonal being 1.

@@ -1,1 +1,1 @@
-"""A step as C text: the printer, structs, functions, header and self-check, and what a call costs."""
+"""A step as text: the printers, what a language is to them, heads, structs, self-checks, and what a call costs."""

@@ -3,11 +3,13 @@
 from collections.abc import Iterable
 from string import Template
 
-from hgogen.emit.ccode import indented
 from hgogen.emit.cfunction import address, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
-from hgogen.emit.cprint import Real, literal
+from hgogen.emit.code import indented
+from hgogen.emit.csyntax import C
+from hgogen.emit.syntax import Real
 from hgogen.emit.vectors import LOST_INPUT, MISSING, SAMPLES, places, record, start
+from hgogen.program import Place
 from hgogen.step import Step
 
 # CMSIS-DSP interpolates sine and cosine on 512 intervals: an error of (2 pi/512)^2/8, 160 times float's rounding unit
@@ -110,7 +112,7 @@ int main(void)
 
 def check(step: Step, real: Real) -> list[str]:
     """The self-check's lines; computing its vectors takes a while."""
-    vectors, seen = record(step, real), list(places(step))
+    vectors, seen = record(step, real), list(map(_seen, places(step)))
     inputs, outputs = [f"in.{c_name(s.name)}" for s in step.inputs], [f"out.{c_name(s.name)}" for s in step.outputs]
     text = _TEXT.substitute(
         name=step.name,
@@ -126,8 +128,8 @@ def check(step: Step, real: Real) -> list[str]:
         given=_rows(([*u, *y] for u, y in zip(vectors.u, vectors.y, strict=True)), real),
         wanted=_rows(vectors.seen, real),
         expected=_block([f"{value}u" for value in vectors.status]),
-        tolerance=", ".join(literal(float(value), real) for value in vectors.tolerance),
-        cmsis=literal(CMSIS, real),
+        tolerance=", ".join(C.literal(float(value), real) for value in vectors.tolerance),
+        cmsis=C.literal(CMSIS, real),
         locals="\n".join(indented(each.local for each in structs(step))),
         start="\n".join(indented(_start(step, real))),
         missing=MISSING + 1,
@@ -140,6 +142,10 @@ def check(step: Step, real: Real) -> list[str]:
     return text.strip("\n").split("\n")
 
 
+def _seen(place: Place) -> str:
+    return f"x.{c_name(place.name)}" if place.struct == "estimate" else f"s.{place.name}"
+
+
 def _as_numbers(step: Step, real: Real, seen: Iterable[str]) -> list[str]:
     """What is seen, counters as real numbers."""
     counters = {f"s.{field.name}" for field in step.state if field.kind == "index"}
@@ -150,7 +156,7 @@ def _start(step: Step, real: Real) -> list[str]:
     """The estimate off its rest."""
     members = {f"s.{place.name}": values for place, values in start(step).items()}
     return [
-        f"{member}{f'[{i}]' if len(values) > 1 else ''} = {literal(v, real)};"
+        f"{member}{f'[{i}]' if len(values) > 1 else ''} = {C.literal(v, real)};"
         for member, values in members.items()
         for i, v in enumerate(values)
     ]
@@ -162,7 +168,7 @@ def _fill(signals: list[str], first: int, missing: int) -> list[str]:
 
 
 def _rows(table: Iterable[Iterable[float]], real: Real) -> str:
-    rows = [", ".join(literal(float(v) if v == v else 0.0, real) for v in row) for row in table]
+    rows = [", ".join(C.literal(float(v) if v == v else 0.0, real) for v in row) for row in table]
     return "\n".join(indented(f"{{{row}}}," for row in rows))
 
 

@@ -1,21 +1,10 @@
 """The functions of emitted C as data: declarations, calls and the record's functions are printed from it."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from hgogen.program import Call, Place, Section, places, walk
+from hgogen.emit.interface import Entry, entries
 from hgogen.step import Step
-
-REACHED = {  # the parameter of a function that a place is reached through, or is, and the member of it
-    "state": ("s", ""),
-    "plant": ("p", "plant."),
-    "gain": ("p", "gain."),
-    "derived": ("p", "derived."),
-    "input": ("in", ""),
-    "output": ("out", ""),
-    "estimate": ("x", ""),
-    "argument": ("at", ""),
-}
 
 
 @dataclass(frozen=True)
@@ -47,8 +36,8 @@ class Prototype:
     public: bool = True
 
     def __str__(self) -> str:
-        given = ", ".join(map(str, self.parameters)) or "void"
-        return f"{'' if self.public else 'static '}{self.returns} {self.name}({given})"
+        parameters = ", ".join(map(str, self.parameters)) or "void"
+        return f"{'' if self.public else 'static '}{self.returns} {self.name}({parameters})"
 
     def call(self, argument: Callable[[Parameter], str]) -> str:
         """A call with what `argument` makes of each parameter."""
@@ -76,46 +65,15 @@ def structs(step: Step) -> tuple[Parameter, ...]:
     return tuple(Parameter(f"{step.name}_{kind}", short) for kind, short in kinds if kind != "input" or step.inputs)
 
 
-def read(parameter: Parameter) -> Parameter:
-    """The same, of a function that does not write to it."""
-    return replace(parameter, constant=True)
-
-
 def prototypes(step: Step) -> dict[str, Prototype]:
-    """The interface by names without the prefix, in the order of the header, and what it is made of: sections that
-    cannot be called apart are none of the caller's."""
-    name, status = step.name, status_type(step)
-    whole = "one sampling period: " + ", ".join(section.name for section in step.sections)
-    limits = "after a change of parameters: limits them to their ranges" + (
-        " and computes the derived ones" if step.derived else ""
-    )
-    s, p, *_, x = structs(step)
-    declared = {
-        "init": Prototype("void", f"{name}_init", (s, p), "nominal parameters, tuned, and a reset state"),
-        "tune": Prototype(status, f"{name}_tune", (p,), limits),
-        "reset": Prototype("void", f"{name}_reset", (s,), "the state as before the first call"),
-        "step": Prototype(status, f"{name}_step", _parameters(step, {"in", "out"}), whole),
-        "estimate": Prototype("void", f"{name}_estimate", (read(s), read(p), x), "the estimate of the plant's state"),
-    }
-    parts = (*step.sections, *step.timed) if len(step.sections) > 1 else ()
-    return declared | {section.name: of_section(step, section) for section in parts}
+    """The interface by names without the prefix, in the order of the header."""
+    return {name: prototype(step, entry) for name, entry in entries(step).items()}
 
 
-def of_section(step: Step, section: Section) -> Prototype:
-    """The function of a section."""
-    called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
-    used = reached(place for program in (section.program, *called) for place, _ in places(program))
-    meaning = f"part of a step: {section.meaning}"
-    return Prototype(status_type(step), f"{step.name}_{section.name}", _parameters(step, used), meaning, step.apart)
-
-
-def reached(places: Iterable[Place]) -> set[str]:
-    """The parameters that places are reached through."""
-    return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
-
-
-def _parameters(step: Step, used: set[str]) -> tuple[Parameter, ...]:
-    """The state and the parameters, and what else is used."""
-    s, p, *others, _ = structs(step)
-    others = [*map(read, others), Parameter("uint16_t", "at", pointer=False)]
-    return (s, read(p), *(each for each in others if each.name in used))
+def prototype(step: Step, entry: Entry) -> Prototype:
+    """The C function of an entry."""
+    kinds = {each.name: each for each in structs(step)} | {"at": Parameter("uint16_t", "at", pointer=False)}
+    read_only = (kinds[name].pointer and name not in entry.written for name in entry.parameters)
+    parameters = tuple(replace(kinds[name], constant=c) for name, c in zip(entry.parameters, read_only, strict=True))
+    returns = status_type(step) if entry.status else "void"
+    return Prototype(returns, f"{step.name}_{entry.name}", parameters, entry.meaning, entry.public)

@@ -5,13 +5,12 @@ them, such as I of <complex.h> or SREG of an AVR, replaces the member's name wit
 names; those of the standard headers are compared with the installed compilers' by a test.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
+from hgogen.emit import naming
 from hgogen.errors import HgogenError
-from hgogen.signal import Signal
 from hgogen.step import Step
 
 # <NAME.h> of the C standard, of POSIX and of CMSIS-DSP, which a NAME.h of ours in the path of headers would hide
@@ -20,17 +19,6 @@ _HEADERS = """
     semaphore setjmp signal stdalign stdarg stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn
     string strings syslog tgmath threads time types uchar unistd wchar wctype
 """
-
-
-@dataclass(eq=False)
-class SameInC(HgogenError):
-    """Two signals of one struct that C would call the same."""
-
-    names: tuple[str, str]
-
-    def __str__(self) -> str:
-        reserved, other = self.names
-        return f"{reserved} is a keyword or a macro in C, where it would be called {other}, as another is; rename one"
 
 
 @dataclass(eq=False)
@@ -56,28 +44,17 @@ def c_name(name: str) -> str:
 
 def renamed(step: Step) -> dict[str, str]:
     """The signals that have another name in C, and that name."""
-    names = dict.fromkeys(s.name for signals in _structs(step) for s in signals)
-    return {name: c_name(name) for name in names if c_name(name) != name}
+    return naming.renamed(step, c_name)
 
 
 def says(step: Step) -> str:
     """The renamed signals in words, "I is called I_"; "" where none is."""
-    pairs = ", ".join(f"{own} is called {name}" for own, name in renamed(step).items())
+    pairs = naming.says(step, c_name)
     return f"{pairs}, for a keyword or a macro has the name" if pairs else ""
 
 
 def demand_names(step: Step) -> None:
-    """Raise `HidesHeader` for the name of a header, `SameInC` where two names of a struct would be one in C."""
+    """Raise `HidesHeader` for the name of a header, `OneName` where two names of a struct would be one in C."""
     if step.name.lower() in _HEADERS.split():
         raise HidesHeader(step.name)
-    for signals in _structs(step):
-        names = {signal.name for signal in signals}
-        for name in sorted(names):
-            if c_name(name) != name and c_name(name) in names:
-                raise SameInC((name, c_name(name)))
-
-
-def _structs(step: Step) -> Iterable[tuple[Signal, ...]]:
-    """The signals of each struct."""
-    parameters = tuple(p for p in step.observer.form.system.parameters if p.bounded)
-    return step.inputs, step.outputs, step.states, parameters
+    naming.demand_distinct(step, c_name, "C", "a keyword or a macro")

@@ -14,8 +14,9 @@ import casadi as ca
 import numpy as np
 
 from hgogen.discretisation.kernels import KERNELS
-from hgogen.emit.cprint import CALLS, Real
 from hgogen.emit.layout import params_type, state_type
+from hgogen.emit.printer import CALLS
+from hgogen.emit.syntax import Real
 from hgogen.program import Block, Kernel, Loop, Statement, When
 from hgogen.step import Step
 
@@ -60,9 +61,9 @@ def _statement(statement: Statement) -> Pair:
 
 
 def _block(graph: Any) -> Pair:
-    found = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
-    functions = sum(count for op, count in found.items() if op in _FUNCTIONS)
-    return sum(count for op, count in found.items() if op not in _FREE) - functions, functions
+    times = Counter(graph.instruction_id(k) for k in range(graph.n_instructions()))
+    functions = sum(count for op, count in times.items() if op in _FUNCTIONS)
+    return sum(count for op, count in times.items() if op not in _FREE) - functions, functions
 
 
 def _kernel(kernel: Kernel) -> Pair:

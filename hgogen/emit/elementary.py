@@ -107,12 +107,12 @@ class _Arithmetic:
 
     def pieces(self, value: Fraction, widths: Sequence[int]) -> list[float]:
         """Numbers of the given widths in bits that sum up to value, the largest first."""
-        found = []
+        rounded = []
         for width in widths:
             unit = Fraction(2) ** (math.frexp(float(value))[1] - width)
-            found.append(round(value / unit) * unit)
-            value -= found[-1]
-        return [float(piece) for piece in found]
+            rounded.append(round(value / unit) * unit)
+            value -= rounded[-1]
+        return [float(piece) for piece in rounded]
 
     @property
     def largest(self) -> float:

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.emit.cprint import Real
 from hgogen.emit.pygraph import DTYPE, evaluated
+from hgogen.emit.syntax import Real
 from hgogen.program import Block
 from hgogen.step import Step
 from hgogen.stepping.machine import Bound, Machine
@@ -13,8 +13,8 @@ from hgogen.stepping.machine import Bound, Machine
 
 def evaluate(function: Any, arguments: list[Any], real: Real) -> list[list[Any]]:
     """The outputs of an SX function at arrays of numbers, every operation rounded to `real`."""
-    given = [np.asarray(argument, DTYPE[real]) for argument in arguments]
-    return evaluated(function, real)([array.tolist() for array in given] if real == "double" else given)
+    operands = [np.asarray(argument, DTYPE[real]) for argument in arguments]
+    return evaluated(function, real)([array.tolist() for array in operands] if real == "double" else operands)
 
 
 def machine(step: Step, real: Real) -> Machine:

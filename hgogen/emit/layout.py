@@ -1,14 +1,14 @@
 """A step's memory in the layout of the C structs: numpy's aligned records are laid out as a C compiler does it here.
 
-A `kept` record holds all that a step works on, so that one address is enough: the state and the parameters, the input
-and the measurement of a sample, the number of its period (`at`), the estimate and the traces that come out.
+A record of `kept_type` holds all that a step works on, so that one address is enough: the state and the parameters, the
+input and the measurement of a sample, the number of its period (`at`), the estimate and the traces that come out.
 """
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from hgogen.emit.cprint import Real
+from hgogen.emit.syntax import Real
 from hgogen.program import Field, Group, Place, lines_of
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -40,28 +40,28 @@ def kept_type(step: Step, real: Real = "double") -> np.dtype:
     return np.dtype(members + ([("traces", np.dtype(traces, align=True))] if traces else []), align=True)
 
 
-def places(step: Step, kept: np.ndarray) -> dict[Place, np.ndarray]:
-    """Where each place of a step lies in a `kept` record (1)."""
-    found = state_places(step, kept["state"])
+def places(step: Step, record: np.ndarray) -> dict[Place, np.ndarray]:
+    """Where each place of a step lies in a record (1) of `kept_type`."""
+    views = state_places(step, record["state"])
     for kind, fields in _parameters(step):
-        found |= {Place(kind, field.name): _flat(kept["params"][kind], field) for field in fields}
+        views |= {Place(kind, field.name): _flat(record["params"][kind], field) for field in fields}
     for kind, signals in (("input", step.inputs), ("output", step.outputs), ("estimate", step.states)):
-        found |= {Place(kind, signal.name): kept[kind][signal.name] for signal in signals}
-    return found | ({AT: kept["at"]} if step.timed else {})
+        views |= {Place(kind, signal.name): record[kind][signal.name] for signal in signals}
+    return views | ({AT: record["at"]} if step.timed else {})
 
 
 def state_places(step: Step, state: np.ndarray) -> dict[Place, np.ndarray]:
     """Where each place of the state lies in a record (1) of `state_type`: (size), (count, size) for a field of a group,
     (count, count, size) for one of a group in a group."""
-    found = {Place("state", field.name): _flat(state, field) for field in step.state}
+    views = {Place("state", field.name): _flat(state, field) for field in step.state}
     for line in lines_of(step.groups):
         view = state[line[0].name][0]
         for group in line[1:]:
             view = view[group.name]
         for field in line[-1].fields:
             array = view[field.name]
-            found[Place(line[-1].name, field.name)] = array[..., None] if field.size == 1 else array
-    return found
+            views[Place(line[-1].name, field.name)] = array[..., None] if field.size == 1 else array
+    return views
 
 
 def _flat(record: np.ndarray, field: Field) -> np.ndarray:

@@ -13,12 +13,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
-from hgogen.emit.cprint import CALLS, NotPrintable, Number, Operand, Real
 from hgogen.emit.elementary import elementary
+from hgogen.emit.node import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
+from hgogen.emit.printer import CALLS, Operand
+from hgogen.emit.syntax import NotPrintable, Number, Real
 
 DTYPE: Mapping[str, Any] = {"float": np.float32, "double": np.float64}
-_WHOLE = {"float": 2**23, "double": 2**52}  # numbers from here on are whole, as in emit.cmath
+_WHOLE = {"float": 2**23, "double": 2**52}  # numbers from here on are whole, as in emit.portable
 _SIMPLE: dict[int, str] = {
     ca.OP_ADD: "{} + {}",
     ca.OP_SUB: "{} - {}",
@@ -123,7 +124,7 @@ _PLAIN = str.maketrans({"-": "m", "+": "p", ".": "_"})
 
 def _ordered(roots: Iterable[Node]) -> list[Node]:
     """Every node once, after those that it takes."""
-    found: list[Node] = []
+    ordered: list[Node] = []
     done: set[int] = set()
     stack = [(root, False) for root in reversed(list(roots))]
     while stack:
@@ -132,11 +133,11 @@ def _ordered(roots: Iterable[Node]) -> list[Node]:
             continue
         if ready:
             done.add(id(node))
-            found.append(node)
+            ordered.append(node)
         else:
             stack.append((node, True))
             stack.extend((child, False) for child in reversed(node.args))
-    return found
+    return ordered
 
 
 def _floor(number: Any, whole: int) -> Callable[[Any], Any]:
@@ -182,10 +183,10 @@ def evaluated(function: Any, real: Real) -> Callable[[Sequence[Any]], list[list[
     """The outputs of an SX function at lists of numbers, every operation rounded to `real`."""
     writer = Writer(real)
 
-    def given(argument: int, element: int) -> Operand:
-        return Operand(f"given[{argument}][{element}]", local=False)
+    def operand(argument: int, element: int) -> Operand:
+        return Operand(f"operands[{argument}][{element}]", local=False)
 
-    outputs = writer.write(function, given, real)
+    outputs = writer.write(function, operand, real)
     texts = (", ".join(writer.number(node, real) for node in output) for output in outputs)
     lines = [*writer.lines, f"return [{', '.join(f'[{text}]' for text in texts)}]"]
-    return defined(["def run(given):", *indented(lines)], writer.names, "run", function.name())  # type: ignore[no-any-return]
+    return defined(["def run(operands):", *indented(lines)], writer.names, "run", function.name())  # type: ignore[no-any-return]

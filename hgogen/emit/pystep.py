@@ -1,6 +1,6 @@
 """A step as Python text, for single samples without a compiler: its program as plain floats on the memory of the C.
 
-The text is made and compiled once. It works on a `kept` record (`emit.layout`), as the C does, so the two can take
+The text is made and compiled once. It works on a record (`emit.layout`), as the C does, so the two can take
 turns on one state; and it computes the same bits, by `emit.pygraph`. Names of the user's do not occur in it:
 
     D, I, B    the record as doubles, as counters, as bytes          V    numpy's views of places, for matrix kernels
@@ -13,10 +13,11 @@ import numpy as np
 
 from hgogen.discretisation.kernels import KERNELS
 from hgogen.emit import layout, pygraph
-from hgogen.emit.cnode import Node, boolean
-from hgogen.emit.cprint import Number, Operand
-from hgogen.emit.ctext import Writer as Held
+from hgogen.emit.kinds import Kinds
+from hgogen.emit.node import Node, boolean
+from hgogen.emit.printer import Operand
 from hgogen.emit.pygraph import indented
+from hgogen.emit.syntax import Number
 from hgogen.program import (
     Block,
     Call,
@@ -38,24 +39,24 @@ Entry = Callable[[], int]
 SIZE = {"D": 8, "I": 4}
 
 
-def entries(step: Step, kept: np.ndarray) -> dict[str, Entry]:
-    """What can be called of a step on a `kept` record (1), as `targets.record` has it in C: `step`, `estimate`, `tune`
-    and each section, which leave the estimate and the traces in the record and return the status."""
-    return _Writer(step, kept).entries()
+def entries(step: Step, record: np.ndarray) -> dict[str, Entry]:
+    """What can be called of a step on a record (1) of `kept_type`, as `targets.record` has it in C: `step`, `estimate`,
+    `tune` and each section, which leave the estimate and the traces in the record and return the status."""
+    return _Writer(step, record).entries()
 
 
 class _Writer:
     """Writes the functions of a step."""
 
-    def __init__(self, step: Step, kept: np.ndarray) -> None:
-        self.step, self.held, self.graphs = step, Held(step, "double"), pygraph.Writer("double")
-        self.places = layout.places(step, kept)
+    def __init__(self, step: Step, record: np.ndarray) -> None:
+        self.step, self.kinds, self.graphs = step, Kinds(step), pygraph.Writer("double")
+        self.places = layout.places(step, record)
         self.groups = {line[-1].name: line for line in lines_of(step.groups)}
         self.bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
-        self.address = kept.ctypes.data
-        whole = kept.view(np.uint8)
+        self.address = record.ctypes.data
+        whole = record.view(np.uint8)
         self.names = self.graphs.names
-        self.names |= {"D": kept.view(np.float64).data, "I": kept.view(np.uint32).data}
+        self.names |= {"D": record.view(np.float64).data, "I": record.view(np.uint32).data}
         self.names |= {"B": whole.data, "array": np.array, "V": list(self.places.values())}
         self.names |= {name: np.errstate(all="ignore")(kernel) for name, kernel in KERNELS.items()}
         self.work: dict[Place, int] = {}
@@ -97,7 +98,7 @@ class _Writer:
         """A work value, or an array that a kernel may be the first to write."""
         if place not in self.work or (size > 1 and place not in self.filled):
             return []
-        zero = 0 if self.held.is_index(place) else 0.0
+        zero = 0 if self.kinds.is_index(place) else 0.0
         return [f"{' = '.join(self._local(place, element) for element in range(size))} = {zero}"]
 
     def _statements(self, program: Iterable[Statement]) -> list[str]:
@@ -146,7 +147,7 @@ class _Writer:
 
     def _converted(self, place: Place, kind: Number) -> bool:
         """Whether a counter becomes a real number."""
-        return kind != "unsigned" and self.held.is_index(place)
+        return kind != "unsigned" and self.kinds.is_index(place)
 
     def _member(self, index: Place, total: int) -> str:
         """The text of a member's number, 0 where it is beyond the last, as in C."""
@@ -182,17 +183,17 @@ class _Writer:
         return [*text, f"B[target:target + {stride}] = bytes(B[source:source + {stride}])"]
 
     def _kernel(self, kernel: Kernel) -> list[str]:
-        given = [self._view(kernel.columns, 2)] if kernel.columns else []
+        operands = [self._view(kernel.columns, 2)] if kernel.columns else []
         before, after = list[str](), list[str]()
         for k, (place, size) in enumerate(kernel.arguments):
             if place in self.work:
                 elements = [self._local(place, element) for element in range(size)]
                 before.append(f"a{k} = array(({', '.join(elements)},), dtype=float)")
                 after += [f"{', '.join(elements)} = a{k}.tolist()"] if size > 1 else []
-                given.append(f"a{k}")
+                operands.append(f"a{k}")
             else:
-                given.append(self._view(place, 1))
-        call = f"{kernel.name}({', '.join(given)})"
+                operands.append(self._view(place, 1))
+        call = f"{kernel.name}({', '.join(operands)})"
         return [*before, f"{self._text(kernel.result, 0)} = {call}" if kernel.result else call, *after]
 
     def _view(self, place: Place, dimensions: int) -> str:
@@ -201,15 +202,15 @@ class _Writer:
         return f"V[{list(self.places).index(place)}]{''.join(f'[m{depth}]' for depth in range(above))}"
 
     def _block(self, block: Block) -> list[str]:
-        kind: Number = "unsigned" if self.held.counts(block) else "double"
+        kind: Number = "unsigned" if self.kinds.counts(block) else "double"
         self.graphs.lines = lines = []
 
-        def given(argument: int, element: int) -> Operand:
+        def operand(argument: int, element: int) -> Operand:
             place, _ = block.reads[argument]
             local = place in self.work and place not in block.writes and not self._converted(place, kind)
             return Operand(self._read(place, element, kind), local=local)  # else a copy of it is
 
-        outputs = self.graphs.write(block.graph, given, kind)
+        outputs = self.graphs.write(block.graph, operand, kind)
         for place, nodes in zip(block.writes, outputs, strict=False):
             for element, node in enumerate(nodes):
                 lines += self._write(place, element, node, kind)
@@ -219,7 +220,7 @@ class _Writer:
         if place.struct == "status":
             return [f"if {node.name}:", f"    status |= {self.bits[place.name]}"]
         value = self.graphs.number(node, kind)
-        if place in self.held.flags:
+        if place in self.kinds.flags:
             value = node.name if boolean(node) else f"{value} != 0"
         elif self._converted(place, kind):
             value = f"int({value})"

@@ -1,4 +1,4 @@
-"""Recorded vectors for the self-check of emitted C: what goes in, and what must come out, bit for bit.
+"""Recorded vectors for the self-check of emitted code: what goes in, and what must come out, bit for bit.
 
 The inputs are triangle waves over the declared ranges, with a missing, an absurd, a lost and an excessive sample among
 them, so that guards, correction and adaptation all run; they use no function of this machine. The outputs are those of
@@ -15,10 +15,9 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import nominal, numbers
-from hgogen.emit.cnames import c_name
-from hgogen.emit.cprint import Real
 from hgogen.emit.exact import machine
 from hgogen.emit.pygraph import DTYPE
+from hgogen.emit.syntax import Real
 from hgogen.program import Place, address
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -38,10 +37,10 @@ class Vectors:
     status: np.ndarray
 
 
-def places(step: Step) -> dict[str, Place]:
-    """What the self-check compares, by its C name: the estimate, and what the observer traces of its state."""
-    estimate = {f"x.{c_name(s.name)}": Place("estimate", s.name) for s in step.states}
-    return estimate | {f"s.{name}": Place("state", name) for name in step.observer.traces}
+def places(step: Step) -> tuple[Place, ...]:
+    """What the self-check compares: the estimate, and what the observer traces of its state."""
+    traces = (Place("state", name) for name in step.observer.traces)
+    return (*(Place("estimate", s.name) for s in step.states), *traces)
 
 
 def record(step: Step, real: Real) -> Vectors:
@@ -86,12 +85,12 @@ def _run(step: Step, real: Real, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarr
     reader = machine(step, real)
     for place, values in start(step).items():
         reader.memory[place][:] = values
-    results = [reader.memory[place] for place in places(step).values()]
+    results = [reader.memory[place] for place in places(step)]
     seen, status = np.zeros((SAMPLES, len(results)), DTYPE[real]), np.zeros(SAMPLES, np.uint32)
-    given = [reader.memory[Place("input", s.name)] for s in step.inputs]
-    given += [reader.memory[Place("output", s.name)] for s in step.outputs]
+    samples = [reader.memory[Place("input", s.name)] for s in step.inputs]
+    samples += [reader.memory[Place("output", s.name)] for s in step.outputs]
     for k in range(SAMPLES):
-        for array, value in zip(given, (*u[k], *y[k]), strict=True):
+        for array, value in zip(samples, (*u[k], *y[k]), strict=True):
             array[0] = value
         status[k] = reader.call()
         seen[k] = [result[0] for result in results]

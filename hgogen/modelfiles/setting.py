@@ -9,7 +9,7 @@ from hgogen.errors import BadArgument, nearest
 
 
 class UnknownCase(BadArgument):
-    """A form or a method that there is not."""
+    """A form, a method or a target that there is not."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Setting:
 
     def demand(self) -> None:
         """Raises: `UnknownCase` for a form or a method that there is not."""
-        _known("form", self.form, forms.__all__)
-        _known("method", self.method, methods.__all__)
+        demand_known("form", self.form, forms.__all__)
+        demand_known("method", self.method, methods.__all__)
 
     def on(self, step: CallableStep) -> CallableStep:
         """A step made again with what is set.
@@ -49,7 +49,8 @@ class Setting:
 AS_WRITTEN = Setting()
 
 
-def _known(kind: str, name: str | None, cases: Iterable[str]) -> None:
+def demand_known(kind: str, name: str | None, cases: Iterable[str]) -> None:
+    """Raise `UnknownCase` for a name that is none of the cases."""
     if name is None or name in cases:
         return
     fix = nearest(name, cases, f"there are {', '.join(cases)}")

@@ -6,51 +6,42 @@ on every IEEE 754 target whose FLT_EVAL_METHOD is 0.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from hgogen.emit.ccheck import check as self_check
-from hgogen.emit.ccode import HEADERS, Code, Uses, braced, code, joined, spaced
-from hgogen.emit.cfold import folded
 from hgogen.emit.cfunction import Prototype, own, prototypes
 from hgogen.emit.cheader import header
-from hgogen.emit.ckernels import kernels
 from hgogen.emit.cmath import functions, includes
-from hgogen.emit.cnames import demand_names
-from hgogen.emit.cprint import Real, literal
-from hgogen.emit.ctext import Writer, called, named
-from hgogen.errors import HgogenError
+from hgogen.emit.cnames import demand_names, renamed, says
+from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
+from hgogen.emit.cstruct import named
+from hgogen.emit.csyntax import C
+from hgogen.emit.fold import folded
+from hgogen.emit.portable import kernels
+from hgogen.emit.statements import Writer, called
+from hgogen.emit.syntax import Real, demand_real
 from hgogen.program import Field, Group
 from hgogen.step import Step
-from hgogen.target import Files
+from hgogen.target import Sources
 
 
-@dataclass(eq=False)
-class BadReal(HgogenError):
-    """A working precision that is neither float nor double."""
-
-    real: str
-
-    def __str__(self) -> str:
-        return f'real = {self.real!r} must be "float" or "double"'
-
-
-def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Files:
+def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
     """The step as C99 text: header, source and self-check, by file name.
 
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
 
-    Raises: `BadReal`; `HidesHeader`, `SameInC` for names that C cannot carry; `BeyondFloat`, `NotPrintable` for a
-    number, an operation that has no C.
+    Raises: `BadReal`; `HidesHeader`, `OneName` for names that C cannot carry; `BeyondFloat`, `NotPrintable` for a
+    number, an operation that has no text.
     """
-    if real not in ("float", "double"):
-        raise BadReal(real)
+    demand_real(real)
     demand_names(step)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}
     files |= {f"{step.name}_check.c": self_check(step, real)} if check else {}
-    return Files(tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items()))
+    texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
+    return Sources(texts, names=tuple(renamed(step).items()), notes=(f"in C {says(step)}",) * bool(renamed(step)))
 
 
+_HEADERS = {"bool": "stdbool.h", "int32_t": "stdint.h", "int64_t": "stdint.h"}  # where C99 declares a type
 _IEEE = (
     "#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))",
     '#error "needs IEEE 754 comparisons: -ffast-math drops the guards against what is not a number"',
@@ -63,7 +54,7 @@ def _source(step: Step, real: Real) -> list[str]:
     name, declared = step.name, prototypes(step)
     interface = spaced(_function(declared[key], body) for key, body in _bodies(step, real).items())
     helpers, matrices = interface.uses.helpers, interface.uses.kernels
-    text = functions(name, real, helpers) + kernels(name, real, matrices) + interface
+    text = functions(name, real, helpers) + kernels(C, name, real, matrices) + interface
     return [
         f"/* {name}: see {name}.h, which is the manual. */",
         f'#include "{name}.h"',
@@ -76,10 +67,10 @@ def _source(step: Step, real: Real) -> list[str]:
 
 def _bodies(step: Step, real: Real) -> dict[str, Code]:
     """The statements of each function."""
-    writer = Writer(step, real)
+    writer = Writer(C, step, real)
     bodies = {section.name: writer.function(section.program) for section in step.sections}
     if len(step.sections) > 1:
-        bodies["step"] = joined(called(step, section) for section in step.sections)
+        bodies["step"] = joined(called(C, step, section) for section in step.sections)
     else:
         bodies = {"step": bodies[step.sections[0].name]}
     bodies |= {section.name: writer.function(section.program) for section in step.timed}
@@ -92,7 +83,7 @@ def _includes(step: Step, chosen: list[str], uses: Uses) -> list[str]:
     """The standard headers that the text needs, and a guard where a counter needs more than 16 bits."""
     wide = uses.widest > 0xFFFF
     lines = ["#include <limits.h>"] if wide else []
-    lines += [f"#include <{header}>" for header in sorted({HEADERS[kind] for kind in uses.types})]
+    lines += [f"#include <{header}>" for header in sorted({_HEADERS[kind] for kind in uses.types})]
     lines += chosen
     lines += [""] if lines else []
     guard = [
@@ -115,7 +106,7 @@ def _function(prototype: Prototype, body: Code) -> Code:
 
 def _assign(start: str, item: Field, real: Real) -> Code:
     counts = item.kind == "index"
-    texts = [literal(value, "unsigned" if counts else real) for value in item.initial]
+    texts = [C.literal(value, "unsigned" if counts else real) for value in item.initial]
     places = [f"{start}{item.name}{f'[{i}]' if item.size > 1 else ''}" for i in range(item.size)]
     lines = (f"{place} = {text};" for place, text in zip(places, texts, strict=True))
     return code(*lines, widest=int(max(item.initial)) if counts else 0)

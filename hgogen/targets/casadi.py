@@ -23,8 +23,9 @@ from typing import Any
 
 import casadi as ca
 
-from hgogen.emit.cprint import CALLS, Real
 from hgogen.emit.elementary import elementary
+from hgogen.emit.printer import CALLS
+from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.program import Block
 from hgogen.step import Step
@@ -142,18 +143,18 @@ def _block(block: Block, known: Mapping[str, Any]) -> Any:
     and a gain is often first at the end of its range.
     """
     graph, work = block.graph, dict[int, Any]()
-    given, results = graph.sx_in(), [ca.SX.zeros(*graph.size_out(k)) for k in range(graph.n_out())]
+    inputs, results = graph.sx_in(), [ca.SX.zeros(*graph.size_out(k)) for k in range(graph.n_out())]
     for k in range(graph.n_instructions()):
         op, read, wrote = graph.instruction_id(k), graph.instruction_input(k), graph.instruction_output(k)
         if op == ca.OP_INPUT:
-            work[wrote[0]] = given[read[0]][read[1]]
+            work[wrote[0]] = inputs[read[0]][read[1]]
         elif op == ca.OP_CONST:
             work[wrote[0]] = ca.SX(graph.instruction_constant(k))
         elif op == ca.OP_OUTPUT:
             results[wrote[0]][wrote[1]] = work[read[0]]
         else:
             work[wrote[0]] = _applied(op, known)(*(work[place] for place in read))
-    return ca.Function("block", given, results[: len(block.writes)])
+    return ca.Function("block", inputs, results[: len(block.writes)])
 
 
 def _applied(op: int, known: Mapping[str, Any]) -> Callable[..., Any]:

@@ -5,22 +5,23 @@
 `NAME_kept_step`, or `NAME_kept_SECTION` for a part of it, takes a sample from it and leaves the estimate in it.
 """
 
-from hgogen.emit.ccode import indented
 from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
-from hgogen.emit.cprint import Real
+from hgogen.emit.code import indented
+from hgogen.emit.syntax import Real, demand_real
 from hgogen.step import Step
 from hgogen.target import Files
 
 
 def record(step: Step, *, real: Real = "double") -> Files:
-    """The record runner of a step as C99 text."""
+    """The record runner of a step as C99 text. Raises: `BadReal`."""
+    demand_real(real)
     name, traces = step.name, _traces(step, real)
     sizes = {Prototype("size_t", f"{name}_{struct}_size"): f"{name}_{struct}" for struct in ("state", "params", "kept")}
     bodies = {prototype: [f"return sizeof({struct});"] for prototype, struct in sizes.items()}
     bodies |= _entries(step, traces)
     bodies[_runner(step, real)] = _run(step, traces)
-    lines = ["#include <stddef.h>", "", f'#include "{name}.h"', "", *_kept(step, real), ""]
+    lines = ["#include <stddef.h>", "", f'#include "{name}.h"', "", *_sample(step, real), ""]
     lines += [*(f"{prototype};" for prototype in bodies), ""]
     for prototype, body in bodies.items():
         lines += [str(prototype), "{", *indented(body), "}", ""]
@@ -29,9 +30,9 @@ def record(step: Step, *, real: Real = "double") -> Files:
 
 def _runner(step: Step, real: Real) -> Prototype:
     s, p, *_ = prototypes(step)["step"].parameters
-    given = (Parameter("size_t", "count", pointer=False), *(Parameter(real, name, constant=True) for name in "uy"))
+    arguments = (Parameter("size_t", "count", pointer=False), *(Parameter(real, name, constant=True) for name in "uy"))
     results = (Parameter(real, "x"), Parameter(real, "traces"), Parameter(status_type(step), "status"))
-    return Prototype("void", f"{step.name}_record", (s, p, *given, *results))
+    return Prototype("void", f"{step.name}_record", (s, p, *arguments, *results))
 
 
 def _run(step: Step, traces: list[str]) -> list[str]:
@@ -54,7 +55,7 @@ def _traces(step: Step, real: Real) -> list[str]:
     return [f"({real})s->{trace}" if trace in counters else f"s->{trace}" for trace in step.observer.traces]
 
 
-def _kept(step: Step, real: Real) -> list[str]:
+def _sample(step: Step, real: Real) -> list[str]:
     """The struct of a sample, as `layout.kept_type` has it."""
     s, p, *others = (each.local for each in structs(step))
     members = [s, p, *(["unsigned at;"] if step.timed else []), *others]
@@ -69,11 +70,11 @@ def _entries(step: Step, traces: list[str]) -> dict[Prototype, list[str]]:
     calls = {name: declared[name].call(_held) for name in ("step", *parts)} | {"estimate": "0u"}
     shown = [f"{declared['estimate'].call(_held)};", *(f"k->traces[{j}] = {value};" for j, value in enumerate(traces))]
     kind, s = status_type(step), f"{step.name}_state *s = &k->s;"
-    found = {
+    functions = {
         _entry(step, name): [s, f"const {kind} status = {call};", *shown, "return status;"]
         for name, call in calls.items()
     }
-    return found | {_entry(step, "tune"): [f"return {declared['tune'].call(_held)};"]}
+    return functions | {_entry(step, "tune"): [f"return {declared['tune'].call(_held)};"]}
 
 
 def _entry(step: Step, name: str) -> Prototype:

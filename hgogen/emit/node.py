@@ -1,4 +1,4 @@
-"""A block's SX instructions as nodes, with the patterns recognised that have C of their own."""
+"""A block's SX instructions as nodes, with the patterns recognised that have a text of their own."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +19,7 @@ class Node:
 
 
 _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
-CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # patterns that have their own C
+CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # such patterns
 
 
 def read(function: Any) -> list[list[Node]]:
@@ -89,5 +89,5 @@ def negated(node: Node) -> Node:
 
 
 def boolean(node: Node) -> bool:
-    """Whether the value is a truth value in C."""
+    """Whether the value is a truth value."""
     return node.op in _BOOLEAN or node.op == WITHIN

@@ -1,51 +1,34 @@
-"""The C printer: a block's SX instructions as readable C: named values, few parentheses, no double in a float build.
+"""The printer: a block's SX instructions as readable text in a `Syntax`: named values, few parentheses.
 
-The order of operations in the C is that of the instructions, but for operands of + and * turned round, so every reader
-of a block computes the same bits (where the compiler does not contract a*b + c). Values used more than once, or worth a
-name, become `const` locals; the rest is written in place.
+The order of operations in the text is that of the instructions, but for operands of + and * turned round, so every
+reader of a block computes the same bits (where the compiler does not contract a*b + c). Values used more than once, or
+worth a name, become constant locals; the rest is written in place.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from hgogen.emit.ccode import NOTHING, TRUTH, Code, Uses, united
-from hgogen.emit.cnames import c_name
-from hgogen.emit.cnode import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, negated, negative, read
-from hgogen.errors import HgogenError
+from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, united
+from hgogen.emit.node import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, negated, negative, read
+from hgogen.emit.syntax import (
+    AND,
+    ATOM,
+    EQUAL,
+    OR,
+    ORDER,
+    PRODUCT,
+    SELECT,
+    SUM,
+    UNARY,
+    NotPrintable,
+    Number,
+    Syntax,
+)
 
-Real = Literal["float", "double"]
-Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
 WIDTH = 92  # longest expression that is written in place
-
-SUM, PRODUCT, UNARY, ATOM = 4.0, 5.0, 6.0, 7.0  # C precedence, loosest first
-SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
-
-
-@dataclass(eq=False)
-class NotPrintable(HgogenError):
-    """An operation that has no C of ours."""
-
-    operation: int
-
-    def __str__(self) -> str:
-        names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == self.operation]
-        return f"the operation {names[0] if names else self.operation} has no C; write the model without it"
-
-
-@dataclass(eq=False)
-class BeyondFloat(HgogenError):
-    """A number that overflows to infinity, or underflows to 0, in the working precision."""
-
-    value: float
-    real: str
-
-    def __str__(self) -> str:
-        return f"{self.value:g} is beyond the range of {self.real}; choose other units, or real='double'"
-
 
 _INFIX: dict[int, tuple[str, float]] = {
     ca.OP_ADD: (" + ", SUM),
@@ -97,28 +80,9 @@ def _binding(node: Node) -> float:
     return _INFIX[node.op][1] if node.op in _INFIX else UNARY
 
 
-def literal(value: float, real: Number) -> str:
-    """Shortest decimal that reads back as this number in the working precision.
-
-    Raises: `NotPrintable` for a counter that is not a whole number from 0; `BeyondFloat`.
-    """
-    if real == "unsigned":
-        if value < 0 or value != int(value):
-            raise NotPrintable(ca.OP_CONST)
-        return f"{int(value)}u"
-    if real == "double":
-        return repr(float(value))
-    with np.errstate(over="ignore", under="ignore"):
-        number = np.float32(value)
-    if np.isinf(number) or (number == 0 and value != 0):
-        raise BeyondFloat(value, real)
-    text = np.format_float_positional(number, trim="0") if 1e-4 <= abs(number) < 1e7 or number == 0 else f"{number!s}"
-    return f"{text}f" if "." in text or "e" in text else f"{text}.0f"
-
-
 @dataclass(frozen=True)
 class Operand:
-    """What a block reads, in C: its text, how tightly that binds, whether it is a local, and what it uses."""
+    """What a block reads: its text, how tightly that binds, whether it is a local, and what it uses."""
 
     text: str
     binds: float = ATOM
@@ -131,6 +95,7 @@ class Printer:
     """Prints one block. Element j of argument i is what `inputs` says, and `local` its name as a local; `is_flag` tells
     whether argument i is a truth value. `uses`: what the text uses, since each value that has one is written."""
 
+    syntax: Syntax
     real: Number
     prefix: str
     inputs: Callable[[int, int], Operand]
@@ -161,13 +126,18 @@ class Printer:
             return
         text, _ = self.raw(node)
         node.name = self.fresh(name)
-        kind = "bool" if boolean(node) else self.real
-        self.uses += [TRUTH] if boolean(node) else []
-        self.lines.append(f"const {kind} {node.name} = {text};")
+        kind = "bool" if self.true_or_false(node) else self.real
+        self.uses += [TRUTH] if kind == "bool" else []
+        self.lines.append(self.syntax.constant.format(type=self.syntax.types[kind], name=node.name, value=text))
+
+    def true_or_false(self, node: Node) -> bool:
+        """Whether the language has a type of its own for the value, which is no number."""
+        flag = node.op == ca.OP_INPUT and self.is_flag(node.source[0])
+        return boolean(node) or (flag and not self.syntax.truth_is_number)
 
     def fresh(self, name: str) -> str:
-        """`name` as C takes it, with a number where it is taken."""
-        candidate, k = c_name(name), 2
+        """`name` as the language takes it, with a number where it is taken."""
+        candidate, k = self.syntax.name(name), 2
         while candidate in self.taken:
             candidate, k = f"{name}_{k}", k + 1
         self.taken.add(candidate)
@@ -212,8 +182,9 @@ class Printer:
 
     def value(self, node: Node, level: float = 0) -> str:
         """A number, in parentheses if it binds looser than `level`."""
-        if boolean(node):
-            text, binds = f"{self.truth(node, OR)} ? {self.literal(1)} : {self.literal(0)}", SELECT
+        if self.true_or_false(node):
+            one, zero = Node(ca.OP_CONST, constant=1.0), Node(ca.OP_CONST)
+            text, binds = self.choice(node, one, zero, OR)
         else:
             text, binds = (node.name, ATOM) if node.name else self.raw(node)
         return f"({text})" if binds < level else text
@@ -238,12 +209,12 @@ class Printer:
 
     def literal(self, value: float) -> str:
         """A number in the working precision."""
-        text = literal(value, self.real)
+        text = self.syntax.literal(value, self.real)
         self.uses += [Uses(widest=int(value))] if self.real == "unsigned" else []
         return text
 
     def constant(self, value: float) -> tuple[str, float]:
-        """A literal; what C99 cannot write without <math.h> is a call."""
+        """A literal; what no language here writes as one is a call."""
         if value != value:
             return self.call("nan")
         if abs(value) == float("inf"):
@@ -257,7 +228,7 @@ class Printer:
         return f"{self.prefix}_{name}({', '.join(self.value(a) for a in args)})", ATOM
 
     def raw(self, node: Node) -> tuple[str, float]:
-        """The C of a value from its operands, and how tightly it binds."""
+        """The text of a value from its operands, and how tightly it binds."""
         op, args = node.op, node.args
         if op == ca.OP_CONST:
             return self.constant(node.constant)
@@ -272,7 +243,8 @@ class Printer:
         if op == KEEP:
             return self.call("keep", *args)
         if op == CHOOSE:
-            return self.choice(*args)
+            test, yes, no = args
+            return self.choice(test, yes, no)
         if op == ca.OP_IF_ELSE_ZERO:
             return self.choice(args[0], args[1], Node(ca.OP_CONST))
         if op == ca.OP_NEG:
@@ -291,11 +263,13 @@ class Printer:
             return self.call(self.calls[op], *args)
         raise NotPrintable(op)
 
-    def choice(self, test: Node, yes: Node, no: Node) -> tuple[str, float]:
-        """test ? yes : no; a negated test exchanges the two."""
-        if test.op == ca.OP_NOT and not test.name:
+    def choice(self, test: Node, yes: Node, no: Node, level: float = ATOM) -> tuple[str, float]:
+        """`yes` where the test holds, else `no`; a negated test exchanges the two."""
+        if test.op == ca.OP_NOT and not test.name and level == ATOM:
             test, yes, no = test.args[0], no, yes
-        return f"{self.truth(test, ATOM)} ? {self.value(yes, OR)} : {self.value(no, OR)}", SELECT
+        tested, chosen = self.syntax.chosen
+        branches = {"yes": self.value(yes, chosen), "no": self.value(no, chosen)}
+        return self.syntax.choice.format(test=self.truth(test, min(level, tested)), **branches), SELECT
 
     def negation(self, test: Node) -> tuple[str, float]:
         """!test; of counters, which are never NaN, the opposite comparison."""
@@ -309,6 +283,8 @@ class Printer:
         """left op right. The order of operations is part of the result, so a right operand that binds as loosely needs
         parentheses; a sum or product, which commutes bit for bit, is turned round to save them."""
         sign, binds = _INFIX[op]
+        if self.real == "unsigned" and op in self.syntax.counted:
+            return self.syntax.counted[op].format(self.value(left, ATOM), self.value(right)), ATOM
         if op in (ca.OP_ADD, ca.OP_MUL):
             turned = op == ca.OP_ADD and negative(left) and not negative(right)
             if turned or (_binding(right) == binds < _binding(left)):
@@ -369,12 +345,12 @@ def _written(printer: Printer, node: Node, target: Target) -> list[str]:
         return [target.write(printer.truth(node) if target.flag else printer.value(node))]
     if node.op == ca.OP_CONST:
         return [target.write("")] if node.constant else []
-    return [f"if ({printer.truth(node)}) {{", f"    {target.write('')}", "}"]
+    return [printer.syntax.condition.format(printer.truth(node)), f"    {target.write('')}", "}"]
 
 
 def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
     """Declare the inputs that the block also writes, before anything is written."""
-    found: dict[tuple[int, int], Node] = {}
+    inputs: dict[tuple[int, int], Node] = {}
     stack, seen = list(roots), set[int]()
     while stack:
         node = stack.pop()
@@ -382,6 +358,6 @@ def _hoist(printer: Printer, roots: list[Node], hoist: Collection[int]) -> None:
             seen.add(id(node))
             stack.extend(node.args)
             if node.op == ca.OP_INPUT and node.source[0] in hoist:
-                found[node.source] = node
-    for source, node in sorted(found.items(), key=lambda item: item[0]):
+                inputs[node.source] = node
+    for source, node in sorted(inputs.items(), key=lambda item: item[0]):
         printer.declare(node, printer.local(*source))

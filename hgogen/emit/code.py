@@ -1,19 +1,17 @@
-"""Lines of C and what they use, so that headers, casts and helper functions follow from data, not from the text."""
+"""Lines of code and what they use, so that headers, casts and helper functions follow from data, not from the text."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
-from string import Template
 
-HEADERS = {"bool": "stdbool.h", "int32_t": "stdint.h", "int64_t": "stdint.h"}  # where C99 declares a type
 Names = frozenset[str]
 
 
 @dataclass(frozen=True)
 class Uses:
-    """What lines of C refer to: `parameters` of the function around them, `helpers` of `emit.cmath`, `kernels` (name,
-    size), `types` of a standard header; `widest` is the largest count that they hold."""
+    """What lines refer to: `parameters` of the function around them, `helpers` of `emit.functions`, `kernels` (name,
+    size), `types` that a language may have to be asked for; `widest` is the largest count that they hold."""
 
     parameters: Names = frozenset()
     helpers: Names = frozenset()
@@ -37,7 +35,7 @@ TRUTH = Uses(types=frozenset({"bool"}))
 
 @dataclass(frozen=True)
 class Code:
-    """Lines of C with what they use."""
+    """Lines with what they use."""
 
     lines: tuple[str, ...] = ()
     uses: Uses = NOTHING
@@ -75,15 +73,6 @@ def spaced(parts: Iterable[Code]) -> Code:
 def united(uses: Iterable[Uses]) -> Uses:
     """All that any of them uses."""
     return reduce(or_, uses, NOTHING)
-
-
-def filled(template: Template, values: Mapping[str, str | int]) -> Code:
-    """A template with its holes filled, a count as `3u`; what it uses is what its holes stand for."""
-    holes = {name: values[name] for name in template.get_identifiers()}
-    counts = {name: value for name, value in holes.items() if isinstance(value, int)}
-    text = template.substitute(holes | {name: f"{value}u" for name, value in counts.items()})
-    types = frozenset(str(value) for value in holes.values() if value in HEADERS)
-    return Code(tuple(text.strip("\n").split("\n")), Uses(types=types, widest=max(counts.values(), default=0)))
 
 
 def indented(lines: Iterable[str], by: int = 4) -> list[str]:

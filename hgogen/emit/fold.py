@@ -1,4 +1,4 @@
-"""Lines of C no wider than 110 columns: comments are filled, code is broken where it nests least."""
+"""Lines of code no wider than 110 columns: comments are filled, code is broken where it nests least."""
 
 import re
 import textwrap
@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 COLUMNS = 110
 _GLUE = "\0"  # a blank at which no line is broken
-_BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\|) )|(?<= = )(?=&)")
+_MARKS = ("* ", "// ", "/// ", "//! ")  # inside a comment, or of one that ends with the line
+_BREAK = re.compile(r"(?<=, )|(?<=\)[*/])(?=\()| (?=(?:[-+?:]|&&|\|\||else \{) )|(?<!else) (?=\{ )|(?<= = )(?=&)")
 _PRODUCT = re.compile(r"(?<=[\w)\]][*/])(?=[\w(])")  # where there is no such place
 
 
@@ -20,9 +21,10 @@ def _fold(line: str) -> list[str]:
         return [line]
     indent = line[: len(line) - len(line.lstrip())]
     text = line.strip()
-    if text.startswith("* "):  # inside a comment, whose items hang
-        inner = len(text[2:]) - len(text[2:].lstrip())
-        return _filled(text, indent, f"* {' ' * (inner + 2 if inner else 0)}")
+    if mark := next((mark for mark in _MARKS if text.startswith(mark)), ""):  # a comment, whose items hang
+        said = text[len(mark) :]
+        inner = len(said) - len(said.lstrip())
+        return _filled(text, indent, f"{mark}{' ' * (inner + 2 if inner else 0)}")
     if text.startswith("/*"):
         return _filled(text, indent, " * ")
     code, mark, comment = text.partition(" /* ")

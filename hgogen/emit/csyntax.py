@@ -1,0 +1,78 @@
+"""C99 as a `Syntax`, and its comments."""
+
+from collections.abc import Sequence
+
+from hgogen.emit.cnames import c_name
+from hgogen.emit.interface import Entry
+from hgogen.emit.syntax import ATOM, OR, UNARY, Syntax
+
+
+def comment(text: str) -> str:
+    """A C comment that its text cannot end."""
+    return f"/* {harmless(text)} */" if text else ""
+
+
+def harmless(text: str) -> str:
+    """Text that neither ends nor opens a comment, on one line and without trigraphs."""
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").splitlines())
+
+
+def _loop(k: str, first: str, end: str, also: str, used: bool) -> Sequence[str]:
+    return (f"for (unsigned {k} = {first}; {k} < {end}{f' && {also}' if also else ''}; ++{k}) {{",)
+
+
+def _called(prefix: str, entry: Entry) -> str:
+    return f"status |= {prefix}_{entry.name}({', '.join(entry.parameters)});"
+
+
+_QUIET = (  # a comparison that asks whether a number is one
+    (
+        "#if defined(__GNUC__)",
+        "#pragma GCC diagnostic push",
+        '#pragma GCC diagnostic ignored "-Wfloat-equal"',
+        "#endif",
+    ),
+    ("#if defined(__GNUC__)", "#pragma GCC diagnostic pop", "#endif"),
+)
+
+C = Syntax(
+    types={
+        "float": "float",
+        "double": "double",
+        "unsigned": "unsigned",
+        "index": "unsigned",
+        "bool": "bool",
+        "void": "void",
+    }
+    | {"whole float": "int32_t", "whole double": "int64_t"},
+    suffixes={"float": "f", "double": "", "unsigned": "u"},
+    truth_is_number=True,
+    name=c_name,
+    reach="{}->",
+    parameters={},
+    choice="{test} ? {yes} : {no}",
+    chosen=(ATOM, OR),
+    cast="({type}){value}",
+    casted=UNARY,
+    constant="const {type} {name} = {value};",
+    variable="{type} {name} = {value};",
+    array="{type} {name}[{size}];",
+    condition="if ({}) {{",
+    repeated="while ({}) {{",
+    loop=_loop,
+    falling="for (unsigned {k} = {first}; {k} > {end}; --{k}) {{",
+    increment="++{};",
+    index=lambda array, k: f"{array}[{k}]",
+    member="{type} *const {name} = &{element};",
+    group=lambda prefix, name: f"{prefix}_{name}",
+    passed={True: "{}", False: "{}"},
+    parameter="{type} {name}",
+    array_parameter={True: "{type} {name}[{size}]", False: "const {type} {name}[{size}]"},
+    function=("static {type} {name}({parameters})", "{{"),
+    empty="void",
+    result="return {};",
+    raised="status |= {prefix}_{bit};",
+    called=_called,
+    comment=comment,
+    around={"within": _QUIET},
+)

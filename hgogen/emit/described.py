@@ -1,0 +1,51 @@
+"""What is said of a field or a signal beside its declaration, in every language."""
+
+from hgogen.program import INF, Field
+from hgogen.signal import Signal
+from hgogen.step import Step
+
+
+def described(item: Field) -> str:
+    """Meaning, elements, unit and range of a field."""
+    parts = [item.meaning] if item.meaning else []
+    if elements := item.labels or tuple(entry(item.name, each) for each in item.entries):
+        parts.append(", ".join(elements))
+    text = ": ".join(parts)
+    ranges = {(low, high) for low, high in item.box if low > -INF and high < INF}
+    if item.unit:
+        text += f" [{item.unit}]"
+    if item.kind == "real" and len(ranges) == 1 and all(low > -INF for low, _ in item.box):
+        low, high = ranges.pop()
+        text += f", {low:g} .. {high:g}" if low < high else f", fixed at {low:g}"
+    return text
+
+
+def of_signal(step: Step, signal: Signal, name: str) -> str:
+    """Meaning, unit and range of a signal, and its own name where the language has another for it."""
+    said = _units(step).get(signal.name, signal.unit)
+    unit = f" [{said}]" if said else ""
+    bounds = f", {signal.low:g} .. {signal.high:g}" if signal.bounded else ""
+    text = (signal.meaning + unit + bounds).strip(", ")
+    return text if name == signal.name else beside(signal.name, text)
+
+
+def beside(name: str, text: str) -> str:
+    """What is said of a member that has another name in the language: its own, then the rest."""
+    return f"{name}: {text}" if text else name
+
+
+def entry(name: str, place: tuple[int, int]) -> str:
+    """`L21` of row 2, column 1."""
+    return f"{name}{place[0]}{place[1]}"
+
+
+def parameters(step: Step) -> tuple[tuple[str, tuple[Field, ...]], ...]:
+    """The members of the parameters: kind and fields, those that there are."""
+    kinds = (("plant", step.plant), ("gain", step.gains), ("derived", step.derived))
+    return tuple((kind, fields) for kind, fields in kinds if fields)
+
+
+def _units(step: Step) -> dict[str, str]:
+    """Of the derivatives of inputs, by name, in the model's time."""
+    each = (u.derivative(k, step.time) for u in step.inputs for k in range(1, len(step.inputs)))
+    return {signal.name: signal.unit for signal in each}

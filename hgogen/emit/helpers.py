@@ -1,0 +1,62 @@
+"""The small functions of emitted code, in the order in which they call each other; see `emit.notation`."""
+
+from hgogen.emit.notation import ALL_WHOLE, LARGE, real
+
+
+def abs(v: float) -> float:
+    """|v|."""
+    return -v if v < 0.0 else v
+
+
+def min(a: float, b: float) -> float:
+    """The smaller of two."""
+    return a if a < b else b
+
+
+def max(a: float, b: float) -> float:
+    """The larger of two."""
+    return a if a > b else b
+
+
+def clamp(v: float, low: float, high: float) -> float:
+    """v in [low, high]."""
+    raised = v if v > low else low
+    return raised if raised < high else high
+
+
+def within(v: float, limit: float) -> bool:
+    """whether v is a number with |v| <= limit; v == v fails for NaN only, and says so to static analysers"""
+    return v == v and v >= -limit and v <= limit
+
+
+def keep(v: float, low: float, high: float, otherwise: float, limit: float) -> float:
+    """v in [low, high]; `otherwise` where v is not a number or beyond limit"""
+    return clamp(v, low, high) if within(v, limit) else otherwise
+
+
+def sign(v: float) -> float:
+    """-1, 0 or 1."""
+    return (1.0 if v > 0.0 else 0.0) - (1.0 if v < 0.0 else 0.0)
+
+
+def whole(v: float) -> float:
+    """largest whole number not above v, which an {int} can hold"""
+    whole = real(int(v))
+    return whole - (1.0 if whole > v else 0.0)
+
+
+def floor(v: float) -> float:
+    """largest whole number not above v; numbers from {ALL_WHOLE} on are whole"""
+    return whole(v) if within(v, ALL_WHOLE) else v
+
+
+def inf() -> float:
+    """Infinity."""
+    large = LARGE
+    return large * large
+
+
+def nan() -> float:
+    """Not a number."""
+    large = inf()
+    return large - large

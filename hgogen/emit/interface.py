@@ -1,0 +1,73 @@
+"""The functions that a caller has of a step, in no language: what each is given, whether it writes there, what it says.
+
+A parameter is one of `s` (the state), `p` (the parameters), `in`, `out` (what a call is given), `x` (the estimate) and
+`at` (a counter).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from hgogen.program import Call, Place, Section, places, walk
+from hgogen.step import Step
+
+REACHED = {  # the parameter of a function that a place is reached through, or is, and the member of it
+    "state": ("s", ""),
+    "plant": ("p", "plant"),
+    "gain": ("p", "gain"),
+    "derived": ("p", "derived"),
+    "input": ("in", ""),
+    "output": ("out", ""),
+    "estimate": ("x", ""),
+    "argument": ("at", ""),
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A function: its name, its parameters and which of them it writes, whether it returns a status, whether a caller
+    may call it."""
+
+    name: str
+    parameters: tuple[str, ...]
+    written: tuple[str, ...]
+    meaning: str
+    status: bool = True
+    public: bool = True
+
+
+def entries(step: Step) -> dict[str, Entry]:
+    """The functions by name, in the order in which they are shown: those of every step, then the sections that it is
+    made of, which are none of the caller's where they cannot be called apart."""
+    whole = "one sampling period: " + ", ".join(section.name for section in step.sections)
+    limits = "after a change of parameters: limits them to their ranges" + (
+        " and computes the derived ones" if step.derived else ""
+    )
+    both, nominal = ("s", "p"), "nominal parameters, tuned, and a reset state"
+    every = (
+        Entry("init", both, both, nominal, status=False),
+        Entry("tune", ("p",), ("p",), limits),
+        Entry("reset", ("s",), ("s",), "the state as before the first call", status=False),
+        Entry("step", _parameters(step, {"in", "out"}), ("s",), whole),
+        Entry("estimate", ("s", "p", "x"), ("x",), "the estimate of the plant's state", status=False),
+    )
+    parts = (*step.sections, *step.timed) if len(step.sections) > 1 else ()
+    return {entry.name: entry for entry in (*every, *(of_section(step, section) for section in parts))}
+
+
+def of_section(step: Step, section: Section) -> Entry:
+    """The function of a section."""
+    called = (s.section.program for s in walk(section.program) if isinstance(s, Call))
+    used = reached(place for program in (section.program, *called) for place, _ in places(program))
+    meaning = f"part of a step: {section.meaning}"
+    return Entry(section.name, _parameters(step, used), ("s",), meaning, public=step.apart)
+
+
+def reached(places: Iterable[Place]) -> set[str]:
+    """The parameters that places are reached through."""
+    return {REACHED[place.struct][0] for place in places if place.struct in REACHED}
+
+
+def _parameters(step: Step, used: set[str]) -> tuple[str, ...]:
+    """The state and the parameters, and what else is used."""
+    others = (*(["in"] if step.inputs else []), "out", "at")
+    return ("s", "p", *(name for name in others if name in used))

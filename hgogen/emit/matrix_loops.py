@@ -1,0 +1,258 @@
+"""The kernels of `discretisation.kernels` as loops, in the same order of operations; see `emit.notation`."""
+
+from hgogen.emit.notation import (
+    DEGREE,
+    HALVINGS,
+    SWEEPS,
+    Columns,
+    FixedMatrix,
+    FixedVector,
+    Matrix,
+    Vector,
+    array,
+    line,
+    n,
+    real,
+    square,
+)
+
+
+def expand(L: Columns) -> None:
+    """unit diagonal and zeros above it in the columns of L"""
+    for k in range(n):
+        for i in range(k):
+            L[k].v[i] = 0.0
+        L[k].v[k] = 1.0
+
+
+def triangularise(L: Columns, D: Vector) -> None:
+    """L, D of M diag(D) M', M in L, by weighted Gram-Schmidt on the rows of M; row j, done with, takes column j of L"""
+    weights = array(n)
+    row = array(n)
+    for k in range(n):
+        weights[k] = D[k]
+    for j in range(n):
+        sum = 0.0
+        for k in range(n):
+            row[k] = L[k].v[j]
+            sum = sum + row[k] * (weights[k] * row[k])
+        D[j] = sum
+        for i in range(j + 1, n):
+            dot = 0.0
+            for k in range(n):
+                dot = dot + L[k].v[i] * (weights[k] * row[k])
+            factor = dot / sum
+            for k in range(n):
+                L[k].v[i] = L[k].v[i] - factor * row[k]
+            L[i].v[j] = factor
+    for k in range(n):
+        L[k].v[k] = 1.0
+        for i in range(k + 1, n):
+            L[k].v[i] = L[i].v[k]
+            L[i].v[k] = 0.0
+
+
+def add(L: Columns, D: Vector, w: FixedVector) -> None:
+    """L, D of L D L' + diag(w), by rank-one updates"""
+    vector = array(n)
+    for k in range(n):
+        weight = w[k]
+        for i in range(n):
+            vector[i] = 0.0
+        vector[k] = 1.0
+        for j in range(k, n):
+            pivot = vector[j]
+            grown = D[j] + weight * pivot * pivot
+            factor = weight * pivot / grown
+            weight = weight * D[j] / grown
+            D[j] = grown
+            for i in range(j + 1, n):
+                vector[i] = vector[i] - pivot * L[j].v[i]
+                L[j].v[i] = L[j].v[i] + factor * vector[i]
+
+
+def correct(L: Columns, D: Vector, c: FixedVector, r: float, gain: Vector) -> None:
+    """L, D after a measurement of row c and variance r; its gain"""
+    alpha = r
+    for i in range(n):
+        gain[i] = 0.0
+    for k in range(n):
+        j = n - 1 - k
+        f = c[j]
+        for i in range(j + 1, n):
+            f = f + L[j].v[i] * c[i]
+        v = D[j] * f
+        before = alpha
+        alpha = before + v * f
+        D[j] = D[j] * before / alpha
+        for i in range(j + 1, n):
+            old = L[j].v[i]
+            L[j].v[i] = old - f * gain[i] / before
+            gain[i] = gain[i] + old * v
+        gain[j] = v
+    for i in range(n):
+        gain[i] = gain[i] / alpha
+
+
+def cap(L: Columns, D: Vector, caps: FixedVector) -> bool:
+    """scale row i of L where P_ii exceeds its cap; whether one did"""
+    scale = array(n)
+    capped = False
+    for i in range(n):
+        variance = D[i]
+        for k in range(i):
+            variance = variance + L[k].v[i] * L[k].v[i] * D[k]
+        scale[i] = 1.0
+        if variance > caps[i]:
+            scale[i] = caps[i] / variance
+            capped = True
+    if capped:
+        for k in range(n):
+            for i in range(k + 1, n):
+                L[k].v[i] = L[k].v[i] * scale[i] / scale[k]
+            D[k] = D[k] * scale[k] * scale[k]
+    return capped
+
+
+def renew(L: Columns, D: Vector, caps: FixedVector, c: FixedVector) -> bool:
+    """L, D after a measurement of each state to the variance 1/c_i^2; whether the P_ii/caps_i add up to over 1/2"""
+    gain = array(n)
+    share = 0.0
+    for i in range(n):
+        alpha = 1.0
+        for k in range(n):
+            gain[k] = 0.0
+        for k in range(i + 1):
+            j = i - k
+            f = c[i] if j == i else L[j].v[i] * c[i]
+            v = D[j] * f
+            before = alpha
+            alpha = before + v * f
+            D[j] = D[j] * before / alpha
+            for m in range(j + 1, n):
+                old = L[j].v[m]
+                L[j].v[m] = old - f * gain[m] / before
+                gain[m] = gain[m] + old * v
+            gain[j] = v
+    for i in range(n):
+        variance = D[i]
+        for k in range(i):
+            variance = variance + L[k].v[i] * L[k].v[i] * D[k]
+        share = share + variance / caps[i]
+    return share > 0.5
+
+
+def balance(x: Matrix, scale: Vector) -> None:
+    """X <- S^-1 X S, S diagonal of powers of two: row i and column i of about the same size"""
+    for i in range(n):
+        scale[i] = 1.0
+    for sweep in range(SWEEPS):  # noqa: B007
+        for i in range(n):
+            f = 1.0
+            column = 0.0
+            row = 0.0
+            for j in range(n):
+                if j != i:
+                    above = x[n * j + i]
+                    beside = x[n * i + j]
+                    column = column + (-above if above < 0.0 else above)
+                    row = row + (-beside if beside < 0.0 else beside)
+            if column > 0.0 and row > 0.0:
+                for k in range(HALVINGS):  # noqa: B007
+                    if not column < row / 2.0:
+                        break
+                    f = f * 2.0
+                    column = column * 2.0
+                    row = row / 2.0
+                for k in range(HALVINGS):  # noqa: B007
+                    if not column >= row * 2.0:
+                        break
+                    f = f / 2.0
+                    column = column / 2.0
+                    row = row * 2.0
+                for j in range(n):
+                    x[n * i + j] = x[n * i + j] / f
+                for j in range(n):
+                    x[n * j + i] = x[n * j + i] * f
+                scale[i] = scale[i] * f
+
+
+def product(c: Matrix, a: FixedMatrix, b: FixedMatrix) -> None:
+    """c = a b"""
+    for i in range(n):
+        for j in range(n):
+            sum = 0.0
+            for k in range(n):
+                sum = sum + a[n * i + k] * b[n * k + j]
+            c[n * i + j] = sum
+
+
+def exponential(x: Matrix, phi_0: Matrix, phi_1: Matrix, phi_2: Matrix) -> None:
+    """phi_0 = exp X, phi_1 = (phi_0 - 1)/X, phi_2 = (phi_1 - 1)/X: series of phi_2 for X/2^k, then k doublings"""
+    norm = 0.0
+    doublings = 0
+    c = array(square)
+    for i in range(n):
+        row = 0.0
+        for j in range(n):
+            v = x[n * i + j]
+            row = row + (-v if v < 0.0 else v)
+            phi_2[n * i + j] = 1.0 if i == j else 0.0
+        norm = row if row > norm else norm
+    while doublings < HALVINGS and norm > 0.5:
+        norm = norm / 2.0
+        doublings += 1
+        for i in range(square):
+            x[i] = x[i] / 2.0
+    for j in range(DEGREE + 2, 2, -1):
+        product(c, x, phi_2)
+        for i in range(square):
+            phi_2[i] = (1.0 if i % line == 0 else 0.0) + c[i] / real(j)
+    for i in range(square):
+        phi_2[i] = phi_2[i] / 2.0
+    product(c, x, phi_2)
+    for i in range(square):
+        phi_1[i] = (1.0 if i % line == 0 else 0.0) + c[i]
+    product(c, x, phi_1)
+    for i in range(square):
+        phi_0[i] = (1.0 if i % line == 0 else 0.0) + c[i]
+    for k in range(doublings):  # noqa: B007
+        product(c, phi_0, phi_2)
+        for i in range(square):
+            phi_2[i] = (c[i] + phi_1[i] + phi_2[i]) / 4.0
+        product(c, phi_0, phi_1)
+        for i in range(square):
+            phi_1[i] = (c[i] + phi_1[i]) / 2.0
+        product(c, phi_0, phi_0)
+        for i in range(square):
+            phi_0[i] = c[i]
+
+
+def resolvent(x: Matrix, inverse: Matrix) -> None:
+    """(1 - X)^-1 by Gauss-Jordan with row pivots; x is left in pieces"""
+    for i in range(square):
+        inverse[i] = 1.0 if i % line == 0 else 0.0
+        x[i] = inverse[i] - x[i]
+    for k in range(n):
+        best = k
+        most = 0.0
+        for i in range(k, n):
+            v = x[n * i + k]
+            size = -v if v < 0.0 else v
+            if size > most:
+                best = i
+                most = size
+        pivot = x[n * best + k]
+        for j in range(n):
+            mine = x[n * best + j] / pivot
+            other = inverse[n * best + j] / pivot
+            x[n * best + j] = x[n * k + j]
+            inverse[n * best + j] = inverse[n * k + j]
+            x[n * k + j] = mine
+            inverse[n * k + j] = other
+        for i in range(n):
+            if i != k:
+                factor = x[n * i + k]
+                for j in range(n):
+                    x[n * i + j] = x[n * i + j] - factor * x[n * k + j]
+                    inverse[n * i + j] = inverse[n * i + j] - factor * inverse[n * k + j]

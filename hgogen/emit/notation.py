@@ -1,0 +1,36 @@
+"""The words in which functions are written once, as Python that `emit.portable` prints in every language.
+
+A number with a point is real, one without counts. Sizes and limits are compiled in. The text of such a function is read
+and never run: it has assignments, loops over `range`, `while`, `if`, and expressions of numbers and elements.
+"""
+
+from typing import Protocol
+
+Vector = list[float]  # n numbers, which the function may write
+FixedVector = list[float]  # n numbers that it only reads
+Matrix = list[float]  # n by n numbers, row after row
+FixedMatrix = list[float]
+
+
+class Column(Protocol):
+    """A column of a matrix: the member of a group."""
+
+    v: Vector
+
+
+Columns = list[Column]  # n of them
+
+n = square = line = 0  # n, n^2, n + 1
+SWEEPS = HALVINGS = DEGREE = 0  # those of `discretisation.kernels`
+LARGE = 0.0  # so that its square is infinite
+ALL_WHOLE = 0.0  # numbers from here on are whole
+
+
+def array(size: int) -> list[float]:
+    """A local array of numbers, which hold nothing yet."""
+    return [0.0] * size
+
+
+def real(count: int) -> float:
+    """A count as a real number."""
+    return float(count)

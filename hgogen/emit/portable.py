@@ -1,0 +1,293 @@
+"""Functions that are written once, as Python in the words of `emit.notation`, printed in a `Syntax`.
+
+A docstring without a full stop is printed above its function; one with it is for the reader of the file.
+"""
+
+import ast
+import inspect
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from types import ModuleType
+
+from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
+from hgogen.emit import helpers, matrix_loops
+from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
+from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax
+
+_ALL_WHOLE: Mapping[Real, float] = {"float": 2.0**23, "double": 2.0**52}
+_LARGE: Mapping[Real, str] = {"float": "3e38", "double": "1e308"}
+_ARRAYS = {  # by annotation: how many, and whether they are written
+    "Vector": ("n", True),
+    "FixedVector": ("n", False),
+    "Matrix": ("square", True),
+    "FixedMatrix": ("square", False),
+    "Columns": ("n", True),
+}
+_NUMBERS = {"float": "real", "bool": "bool", "None": "void"}
+_INFIX: Mapping[type, tuple[str, float]] = {
+    ast.Add: (" + ", SUM),
+    ast.Sub: (" - ", SUM),
+    ast.Mult: ("*", PRODUCT),
+    ast.Div: ("/", PRODUCT),
+    ast.Mod: (" % ", PRODUCT),
+    ast.Lt: (" < ", ORDER),
+    ast.LtE: (" <= ", ORDER),
+    ast.Gt: (" > ", ORDER),
+    ast.GtE: (" >= ", ORDER),
+    ast.Eq: (" == ", EQUAL),
+    ast.NotEq: (" != ", EQUAL),
+}
+Text = tuple[str, float]  # and how tightly it binds
+
+
+@cache
+def routines(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
+    """The functions of a file by name, in its order."""
+    tree = ast.parse(inspect.getsource(module))
+    return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
+def small(syntax: Syntax, prefix: str, real: Real, names: Collection[str], whole: str) -> Code:
+    """The functions of `emit.helpers` that are named; `whole`: the type of whole numbers."""
+    there = routines(helpers)
+    large, many = _LARGE[real] + syntax.suffixes[real], syntax.literal(_ALL_WHOLE[real], real)
+    words = _Words(syntax, prefix, real, there, {"LARGE": large, "ALL_WHOLE": many}, {"int": whole})
+    return joined(_Function(words, there[name]).text() + code("") for name in there if name in names)
+
+
+def called_by(names: Iterable[str]) -> set[str]:
+    """These functions of `emit.helpers`, and those that they call themselves."""
+    return set(names).union(*(_calls(routines(helpers), name) for name in names))
+
+
+def kernels(syntax: Syntax, prefix: str, real: Real, used: Collection[tuple[str, int]]) -> Code:
+    """The functions of the kernels in `used`, (name, size), in the order of their file, after those that they call."""
+    there, written = routines(matrix_loops), []
+    for kernel in there:
+        for size in sorted(size for name, size in used if name == kernel):
+            counts = {"n": size, "square": size * size, "line": size + 1}
+            counts |= {"SWEEPS": SWEEPS, "HALVINGS": HALVINGS, "DEGREE": DEGREE}
+            words = _Words(syntax, prefix, real, there, {}, {}, counts)
+            written += [_Function(words, there[name]).text() for name in (*sorted(_calls(there, kernel)), kernel)]
+    return joined(each + code("") for each in written)
+
+
+def passed(syntax: Syntax, kernel: str) -> list[str]:
+    """How each argument of a kernel is passed: a text with a hole."""
+    kinds = (_array(each) for each in routines(matrix_loops)[kernel].args.args)
+    return [syntax.passed[kind[1]] if kind else "{}" for kind in kinds]
+
+
+def _calls(there: Mapping[str, ast.FunctionDef], name: str) -> set[str]:
+    """The functions of the same file that one calls."""
+    if name not in there:
+        return set()
+    nodes = (node.func for node in ast.walk(there[name]) if isinstance(node, ast.Call))
+    direct = {node.id for node in nodes if isinstance(node, ast.Name)} & set(there)
+    return direct.union(*(_calls(there, other) for other in direct))
+
+
+def _array(parameter: ast.arg) -> tuple[str, bool] | None:
+    return _ARRAYS.get(_annotation(parameter.annotation))
+
+
+def _annotation(node: ast.expr | None) -> str:
+    return ast.unparse(node) if node else ""
+
+
+@dataclass(frozen=True)
+class _Words:
+    """What a function's names stand for: the language's words, the other functions, the constants, types, counts."""
+
+    syntax: Syntax
+    prefix: str
+    real: Real
+    routines: Mapping[str, ast.FunctionDef]
+    reals: Mapping[str, str]
+    types: Mapping[str, str]
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    def type(self, kind: str) -> str:
+        """The type of a kind of number."""
+        return self.syntax.types[self.real if kind == "real" else kind]
+
+
+class _Function:
+    """Prints one function."""
+
+    def __init__(self, words: _Words, tree: ast.FunctionDef) -> None:
+        self.words, self.syntax, self.tree = words, words.syntax, tree
+        self.kinds = {each.arg: "array" if _array(each) else "real" for each in tree.args.args}
+        self.parameters = set(self.kinds)
+        self.used: list[Uses] = []
+        stores = [n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+        self.once = {name for name in stores if stores.count(name) == 1}
+
+    def text(self) -> Code:
+        """Its comment, its head, its statements, and what its compiler needs around it."""
+        syntax, tree = self.syntax, self.tree
+        said = ast.get_docstring(tree) or ""
+        inner = self._block(tree.body)
+        names = {**self.words.types, **self.words.reals}
+        comment = [] if not said or said.endswith(".") else [syntax.comment(said.format(**names))]
+        before, after = syntax.around.get(tree.name, ((), ()))
+        head = {
+            "type": self._type(_NUMBERS[_annotation(tree.returns)]),
+            "name": f"{self.words.prefix}_{tree.name}",
+            "parameters": ", ".join(map(self._parameter, tree.args.args)) or syntax.empty,
+        }
+        types = frozenset(self.words.types.values()) if "int" in _names(tree) else frozenset()
+        start = code(*before, *comment, *(line.format(**head) for line in syntax.function))
+        uses = united([*self.used, Uses(types=types)])
+        return start + inner.indented() + code("}", *after) + Code((), uses)
+
+    def _type(self, kind: str) -> str:
+        self.used += [TRUTH] if kind == "bool" else []
+        return self.words.type(kind)
+
+    def _count(self, value: int) -> str:
+        self.used.append(Uses(widest=value))
+        return self.syntax.literal(value, "unsigned")
+
+    def _parameter(self, each: ast.arg) -> str:
+        kind, real = _array(each), self.words.type("real")
+        if not kind:
+            return self.syntax.parameter.format(type=real, name=each.arg)
+        columns = _annotation(each.annotation) == "Columns"
+        element = self.syntax.group(self.words.prefix, "column") if columns else real
+        size = self._count(self.words.counts[kind[0]])
+        return self.syntax.array_parameter[kind[1]].format(type=element, name=each.arg, size=size)
+
+    # --- statements
+
+    def _block(self, body: list[ast.stmt]) -> Code:
+        """The statements of a block, whose own names are forgotten after it."""
+        before = dict(self.kinds)
+        text = joined(self._statement(statement) for statement in body)
+        self.kinds = before
+        return text
+
+    def _statement(self, node: ast.stmt) -> Code:
+        match node:
+            case ast.Expr(value=ast.Constant()):
+                return Code()
+            case ast.Expr(value=value):
+                return code(f"{self._value(value)};")
+            case ast.Assign(targets=[ast.Name(id=name)], value=value) if name not in self.kinds:
+                return code(self._declared(name, value))
+            case ast.Assign(targets=[target], value=value):
+                return code(f"{self._value(target)} = {self._value(value)};")
+            case ast.AugAssign(target=target):
+                return code(self.syntax.increment.format(self._value(target)))
+            case ast.For():
+                return self._for(node)
+            case ast.While(test=test, body=body):
+                return braced(self.syntax.repeated.format(self._value(test)), self._block(body))
+            case ast.If(test=test, body=body, orelse=[]):
+                return braced(self.syntax.condition.format(self._value(test)), self._block(body))
+            case ast.Return(value=ast.expr() as value):
+                return code(self.syntax.result.format(self._value(value)))
+        raise NotImplementedError(ast.unparse(node))
+
+    def _declared(self, name: str, value: ast.expr) -> str:
+        if isinstance(value, ast.Call) and _annotation(value.func) == "array":
+            self.kinds[name], zero = "array", self.syntax.literal(0.0, self.words.real)
+            size = self._value(value.args[0])
+            return self.syntax.array.format(type=self.words.type("real"), name=name, size=size, value=zero)
+        text, kind = self._value(value), self._kind(value)
+        self.kinds[name] = kind
+        how = self.syntax.constant if name in self.once else self.syntax.variable
+        return how.format(type=self._type(kind), name=name, value=text)
+
+    def _for(self, loop: ast.For) -> Code:
+        k, bounds, body, also = _annotation(loop.target), _arguments(loop.iter), loop.body, ""
+        match body[0]:
+            case ast.If(test=ast.UnaryOp(op=ast.Not(), operand=test), body=[ast.Break()]):
+                also, body = self._value(test), body[1:]
+        first = self._value(bounds[0]) if len(bounds) > 1 else self._count(0)
+        end = self._value(bounds[1] if len(bounds) > 1 else bounds[0])
+        head: list[str] = [self.syntax.falling.format(k=k, first=first, end=end)]
+        if len(bounds) < 3:
+            used = any(k in _names(statement) for statement in body)
+            head = list(self.syntax.loop(k, first, end, also, used))
+        self.kinds[k] = "index"
+        inner = code(*head[1:]) + self._block(body)
+        del self.kinds[k]
+        return braced(head[0], inner)
+
+    # --- expressions
+
+    def _kind(self, node: ast.expr) -> str:
+        match node:
+            case ast.Constant(value=bool()) | ast.Compare() | ast.BoolOp():
+                return "bool"
+            case ast.Constant(value=int()):
+                return "index"
+            case ast.Name(id=name):
+                return "index" if name in self.words.counts else self.kinds.get(name, "real")
+            case ast.BinOp(left=part) | ast.IfExp(body=part) | ast.UnaryOp(operand=part):
+                return self._kind(part)
+        return "real"
+
+    def _value(self, node: ast.expr, level: float = 0) -> str:
+        """The text of an expression, in parentheses if it binds looser than `level`."""
+        text, binds = self._raw(node)
+        return f"({text})" if binds < level else text
+
+    def _raw(self, node: ast.expr) -> Text:
+        match node:
+            case ast.Constant(value=bool() as truth):
+                self.used.append(TRUTH)
+                return ("true" if truth else "false"), ATOM
+            case ast.Constant(value=int() as count):
+                return self._count(count), ATOM
+            case ast.Constant(value=float() as number):
+                return self.syntax.literal(number, self.words.real), ATOM
+            case ast.Name(id=name):
+                return self._name(name), ATOM
+            case ast.BinOp(left=left, op=sign, right=right) | ast.Compare(left=left, ops=[sign], comparators=[right]):
+                text, binds = _INFIX[type(sign)]
+                both = isinstance(node, ast.Compare)
+                return f"{self._value(left, binds + 0.1 * both)}{text}{self._value(right, binds + 0.1)}", binds
+            case ast.BoolOp(op=ast.And(), values=values):
+                return " && ".join(self._value(each, AND + 0.1) for each in values), AND
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return f"-{self._value(operand, ATOM)}", UNARY
+            case ast.IfExp(test=test, body=yes, orelse=no):
+                tested, chosen = self.syntax.chosen
+                branches = {"yes": self._value(yes, chosen), "no": self._value(no, chosen)}
+                return self.syntax.choice.format(test=self._value(test, tested), **branches), SELECT
+            case ast.Subscript(value=value, slice=index):
+                return f"{self._value(value)}[{self._value(index)}]", ATOM
+            case ast.Attribute(value=value, attr=name):
+                return f"{self._value(value)}.{name}", ATOM
+            case ast.Call(func=ast.Name(id=name), args=arguments):
+                return self._call(name, arguments)
+        raise NotImplementedError(ast.unparse(node))
+
+    def _name(self, name: str) -> str:
+        return self._count(self.words.counts[name]) if name in self.words.counts else self.words.reals.get(name, name)
+
+    def _call(self, name: str, arguments: list[ast.expr]) -> Text:
+        kinds = {"real": self.words.type("real"), **self.words.types}
+        if name in kinds:
+            value = self._value(arguments[0], UNARY)
+            return self.syntax.cast.format(type=kinds[name], value=value), self.syntax.casted
+        parameters = self.words.routines[name].args.args
+        texts = map(self._argument, arguments, parameters)
+        return f"{self.words.prefix}_{name}({', '.join(texts)})", ATOM
+
+    def _argument(self, node: ast.expr, parameter: ast.arg) -> str:
+        """An array of the function's own is passed as it is; one of its parameters already was."""
+        text, kind = self._value(node), _array(parameter)
+        return self.syntax.passed[kind[1]].format(text) if kind and text not in self.parameters else text
+
+
+def _arguments(node: ast.expr) -> list[ast.expr]:
+    assert isinstance(node, ast.Call)
+    return node.args
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}

@@ -1,0 +1,68 @@
+"""The documentation of an emitted crate: the banner, how to call it, what it promises, the status bits."""
+
+from hgogen.emit import naming
+from hgogen.emit.code import indented
+from hgogen.emit.manual import FAULTS, ORDER, RANGES, banner, own, rates, recovery
+from hgogen.emit.ruststruct import doc
+from hgogen.emit.rustsyntax import line, rust_name
+from hgogen.reading.time_unit import pace
+from hgogen.step import Step
+from hgogen.stepping.sensors import OLDEST, ROUND
+
+_TIMED = (
+    "Sensors of different rates: {rates}. The noise R of an output is taken for that period: give no sample more "
+    "often. `{function}` and the like of other outputs is told the number of the period in which the sample was "
+    "taken, `at`: 0 for that of the first `predict`, modulo {round}. A sample up to {oldest} periods older than the "
+    "state is late, any other that is not of now is early; neither is used. Before the first `predict` every sample "
+    "is early."
+)
+_GAINS = f"Change gains in `p.gain`, then call `p.tune()`, {RANGES}"
+_STATE = (
+    "The state may be copied, saved and restored, by the same version of this file. To start from an estimate of "
+    "yours write {own}, in the coordinates that the struct names, before the first call, which takes the estimate as "
+    "it stands; what else a step remembers of it starts there too."
+)
+_BITS = "Bundled functions and IEEE 754 arithmetic give the same bits as the C of the same model; no fused operation."
+
+
+def documentation(step: Step, command: str, why: str) -> list[str]:
+    """The lines at the head of the crate; `why`: a name is another in Rust."""
+    names = naming.says(step, rust_name)
+    title, *said = banner(step, command, f"In Rust {names}, for {why} has the name" if names else "")
+    text = [title, "", "```text", *said, "```", *(part for paragraph in _manual(step) for part in ("", paragraph))]
+    return [f"//! {line(part)}".rstrip() for part in text]
+
+
+def arguments(step: Step) -> str:
+    """What a caller gives a step whose values are named as its parameters are."""
+    return ", ".join(["&p", *(["&input"] if step.inputs else []), "&output"])
+
+
+def status(step: Step) -> list[str]:
+    """The module of the status bits."""
+    bits = [
+        text
+        for k, bit in enumerate(step.bits)
+        for text in (*doc(f"{bit.meaning}. To do: {bit.action}."), f"pub const {bit.name}: u32 = 0x{1 << k:04X};")
+    ]
+    return [*doc("Status bits: what happened, and what it asks of you."), "pub mod status {", *indented(bits), "}"]
+
+
+def _manual(step: Step) -> list[str]:
+    """Its paragraphs."""
+    every = pace(step.dt, step.time)
+    begin = f"Begin with `let mut s = State::new()` and `let p = Parameters::new()`. Every {every} say"
+    sections = ", ".join(f"`{section.name}`" for section in step.sections)
+    parts = [f"`step` is {sections}: {ORDER}"] if step.apart else []
+    if step.timed:
+        parts += [_TIMED.format(rates=rates(step), function=step.timed[-1].name, round=ROUND, oldest=OLDEST)]
+    return [
+        f"{begin} `let status = s.step({arguments(step)})`, and then `let x = s.estimate(&p)`.",
+        "The call at t_k uses the samples of t_k and leaves the estimate at t_k; the first call advances no time. The "
+        f"period is compiled in: one call for each, with NaN for a sample that did not come. {FAULTS} No input "
+        f"and no state panics. {recovery(step)} The result is 0 for ok, else an or of the bits of `status`.",
+        *parts,
+        _GAINS,
+        _STATE.format(own=" and ".join(f"`{name}`" for name in own(step))),
+        _BITS,
+    ]

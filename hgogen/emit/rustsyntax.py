@@ -1,0 +1,95 @@
+"""Rust as a `Syntax`: names, comments, and the differences that the borrow checker asks for."""
+
+from functools import cache
+
+import casadi as ca
+
+from hgogen.emit.interface import Entry
+from hgogen.emit.syntax import SELECT, Syntax
+
+_KEYWORDS = """
+    Self abstract as async await become box break const continue crate do dyn else enum extern false final fn for if
+    impl in let loop macro match mod move mut override priv pub ref return self static struct super trait true try type
+    typeof unsafe unsized use virtual where while yield
+"""
+PRELUDE = frozenset({"Some", "None", "Ok", "Err"})  # values that are there unasked, which no local can be
+PARAMETERS = {"in": "input", "out": "output"}  # `in` is a keyword
+TYPES = {"float": "f32", "double": "f64", "unsigned": "u32", "index": "usize", "bool": "bool", "void": "()"}
+
+
+@cache
+def keywords() -> frozenset[str]:
+    """Words that no name can be, not even that of a crate."""
+    return frozenset(_KEYWORDS.split())
+
+
+def rust_name(name: str) -> str:
+    """The name in Rust: `type_` for type, which is a keyword; almost always the name itself."""
+    return f"{name}_" if name in keywords() | PRELUDE else name
+
+
+def type_name(name: str) -> str:
+    """The name of a struct: `ScorePredictor` of score_predictor."""
+    return "".join(part.capitalize() for part in name.split("_"))
+
+
+def line(text: str) -> str:
+    """Text on one line."""
+    return " ".join(text.splitlines())
+
+
+def _comment(text: str) -> str:
+    return f"// {line(text)}" if text else ""
+
+
+def _loop(k: str, first: str, end: str, also: str, used: bool) -> list[str]:
+    leave = [f"if !({also}) {{", "    break;", "}"] if also else []
+    return [f"for {k if used else '_'} in {first}..{end} {{", *leave]
+
+
+def _index(array: str, k: str) -> str:
+    return f"{array}[{f'({k})' if ' ' in k else k} as usize]"
+
+
+def _called(_: str, entry: Entry) -> str:
+    arguments = (PARAMETERS.get(name, name) for name in entry.parameters if name != "s")
+    return f"status |= s.{entry.name}({', '.join(arguments)});"
+
+
+RUST = Syntax(
+    types=TYPES | {"whole float": "i32", "whole double": "i64"},
+    suffixes={"float": "", "double": "", "unsigned": ""},
+    truth_is_number=False,
+    name=rust_name,
+    reach="{}.",
+    parameters=PARAMETERS,
+    choice="if {test} {{ {yes} }} else {{ {no} }}",
+    chosen=(SELECT, SELECT),
+    cast="{value} as {type}",
+    casted=SELECT,
+    counted={
+        ca.OP_ADD: "u32::wrapping_add({}, {})",
+        ca.OP_SUB: "u32::wrapping_sub({}, {})",
+        ca.OP_MUL: "u32::wrapping_mul({}, {})",
+    },
+    constant="let {name}: {type} = {value};",
+    variable="let mut {name}: {type} = {value};",
+    array="let mut {name}: [{type}; {size}] = [{value}; {size}];",
+    condition="if {} {{",
+    repeated="while {} {{",
+    loop=_loop,
+    falling="for {k} in ({end} + 1..{first} + 1).rev() {{",
+    increment="{} += 1;",
+    index=_index,
+    member="let {name} = &mut {element};",
+    group=lambda _, name: type_name(name),
+    passed={True: "&mut {}", False: "&{}"},
+    parameter="{name}: {type}",
+    array_parameter={True: "{name}: &mut [{type}; {size}]", False: "{name}: &[{type}; {size}]"},
+    function=("fn {name}({parameters}) -> {type} {{",),
+    empty="",
+    result="{}",
+    raised="status |= status::{bit};",
+    called=_called,
+    comment=_comment,
+)

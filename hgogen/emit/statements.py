@@ -1,0 +1,236 @@
+"""The statements of a program as text in a `Syntax`.
+
+Memory: `in`, `out` (what a call is given), `p` (parameters), `s` (state), `x` (estimate), as the language calls them;
+work values are locals at the top of a function; a member of a group is reached through a name of that group's.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
+from hgogen.emit.described import entry
+from hgogen.emit.interface import REACHED, of_section, reached
+from hgogen.emit.kinds import Kinds
+from hgogen.emit.portable import passed
+from hgogen.emit.printer import Operand, Printer, Target, body
+from hgogen.emit.syntax import Number, Real, Syntax
+from hgogen.program import Block, Call, Copy, Kernel, Loop, Place, Program, Section, Statement, When, places, walk
+from hgogen.step import Step
+
+_SIGNALS = ("input", "output", "plant", "estimate")  # structs whose members a user has named
+ARGUMENTS = ("s", "p", "in", "out", "x", "status", "i", "k")
+
+
+@dataclass(frozen=True, eq=False)
+class Writer:
+    """The text of a step's programs."""
+
+    syntax: Syntax
+    step: Step
+    real: Real
+
+    @property
+    def prefix(self) -> str:
+        """What every name of a file's own begins with."""
+        return self.step.name
+
+    @cached_property
+    def kinds(self) -> Kinds:
+        """The kinds of its places."""
+        return Kinds(self.step)
+
+    def _array(self, group: str) -> Place:
+        """The place of the array of a group: in the state, or in the member of the group around it."""
+        above = self.kinds.groups[group][:-1]
+        return Place(above[-1].name if above else "state", group)
+
+    def lvalue(self, place: Place, index: int, size: int) -> str:
+        """The text of one element of a place."""
+        return self.whole(place) if size == 1 else f"{self.whole(place)}[{index}]"
+
+    def whole(self, place: Place) -> str:
+        """The text of a place, of an array all of it."""
+        if place.struct in ("work", "argument"):
+            return place.name
+        name, member = REACHED.get(place.struct, (place.struct, ""))  # of a group: the name of the member at hand
+        start = self.syntax.reach.format(self.syntax.parameters.get(name, name)) + (f"{member}." if member else "")
+        return f"{start}{self.syntax.name(place.name) if place.struct in _SIGNALS else place.name}"
+
+    def _uses(self, *places: Place | None) -> Uses:
+        """The parameters that places are reached through."""
+        return Uses(parameters=frozenset(reached(place for place in places if place)))
+
+    def function(self, program: Program) -> Code:
+        """The body of a function: its work values, then its statements."""
+        work = sorted((p, n) for p, n in places(program) if p.struct == "work")
+        declared = joined(self._declaration(place, size) for place, size in work)
+        taken = {place.name for place, _ in work} | set(ARGUMENTS) | set(self.kinds.groups)
+        taken |= set(self.syntax.parameters.values())
+        taken |= {f"{letter}{depth}" for letter in "ik" for depth in range(2, self._depth(program) + 1)}
+        return declared + self.statements(program, frozenset(taken))
+
+    def _depth(self, program: Program) -> int:
+        """How deep the loops lie in each other."""
+        return max((len(self.kinds.groups[s.group]) for s in walk(program) if isinstance(s, Loop)), default=0)
+
+    def _declaration(self, place: Place, size: int) -> Code:
+        flag, types = place in self.kinds.flags and size == 1, self.syntax.types
+        counts = place in self.kinds.indices
+        zero = "false" if flag else self.literal(0, "unsigned" if counts else self.real)
+        kind = types["bool" if flag else "unsigned" if counts else self.real]
+        text = self.syntax.variable if size == 1 or counts else self.syntax.array
+        count = self.literal(size, "unsigned")
+        line = text.format(type=kind, name=place.name, value=zero, size=size, count=count)
+        return Code((line,), TRUTH if flag else NOTHING)
+
+    def literal(self, value: float, kind: Number) -> str:
+        """A number."""
+        return self.syntax.literal(value, kind)
+
+    def statements(self, program: Iterable[Statement], taken: frozenset[str]) -> Code:
+        """Every statement in order."""
+        return joined(self._statement(statement, taken) for statement in program)
+
+    def _statement(self, statement: Statement, taken: frozenset[str]) -> Code:
+        match statement:
+            case Block():
+                return self._block(statement, taken)
+            case Loop():
+                return self._loop(statement, taken)
+            case When():
+                return self._when(statement, taken)
+            case Copy():
+                return self._copy(statement)
+            case Call():
+                return called(self.syntax, self.step, statement.section)
+            case Kernel():
+                return self._kernel(statement)
+
+    def _when(self, when: When, taken: frozenset[str]) -> Code:
+        name = when.flag.name
+        lines = code(self.syntax.condition.format(name)) + self.statements(when.body, taken).indented()
+        if when.otherwise:
+            lines += code("} else {") + self.statements(when.otherwise, taken).indented()
+        return lines + code("}")
+
+    def _loop(self, loop: Loop, taken: frozenset[str]) -> Code:
+        group, array = loop.group, self.whole(self._array(loop.group))
+        depth, total = len(self.kinds.groups[group]), self.kinds.groups[group][-1].count
+        k, i = (letter if depth == 1 else f"{letter}{depth}" for letter in "ki")
+        inner = self.statements(loop.body, taken)
+        uses = self._uses(self._array(group), loop.start, loop.active, loop.index)
+        uses |= Uses(widest=max(loop.count, total if loop.start else 0))
+        bound, active = self.literal(loop.count, "unsigned"), f"{k} < {self.whole(loop.active)}" if loop.active else ""
+        needs_k = bool(active) or loop.start is None
+        head, *first = self.syntax.loop(k, self.literal(0, "unsigned"), bound, active, needs_k)
+        number = [f"{self.whole(loop.index)} = {k if loop.start is None else i};"] if loop.index else []
+        if loop.start is None:
+            before = Code((*first, self._member(group, f"{array}", k), *number), uses)
+            return braced(head, before + inner)
+        start = self.whole(loop.start)
+        if loop.count == 1:
+            return braced("{", Code((self._member(group, array, self.within(start, total)),), uses) + inner)
+        zero = self.literal(0, "unsigned")
+        wrap = (self.syntax.condition.format(f"{i} >= {self.literal(total, 'unsigned')}"), f"    {i} = {zero};", "}")
+        before = Code((*first, *wrap, self._member(group, array, i), *number), uses)
+        declared = self.syntax.variable.format(type=self.syntax.types["unsigned"], name=i, value=start)
+        return braced("{", code(declared) + braced(head, before + inner + code(self.syntax.increment.format(i))))
+
+    def _member(self, group: str, array: str, k: str) -> str:
+        """The name of a member of a group, for the statements on it."""
+        element = self.syntax.index(array, k)
+        return self.syntax.member.format(type=self.syntax.group(self.prefix, group), name=group, element=element)
+
+    def within(self, index: str, total: int) -> str:
+        """The text of an index, the first member's where it is beyond the last."""
+        texts = {"test": f"{index} < {self.literal(total, 'unsigned')}", "yes": index}
+        if self.syntax.chosen[0]:
+            texts["test"] = f"({texts['test']})"
+        return self.syntax.choice.format(**texts, no=self.literal(0, "unsigned"))
+
+    def _copy(self, copy: Copy) -> Code:
+        array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
+        numbers = (self.within(self.whole(place), total) for place in (copy.target, copy.source))
+        target, source = (self.syntax.index(self.whole(array), number) for number in numbers)
+        return Code((f"{target} = {source};",), self._uses(array, copy.target, copy.source) | Uses(widest=total))
+
+    def _kernel(self, kernel: Kernel) -> Code:
+        operands = [self._array(kernel.columns.struct)] if kernel.columns else []
+        operands += [place for place, _ in kernel.arguments]
+        texts = (how.format(self.whole(p)) for p, how in zip(operands, passed(self.syntax, kernel.name), strict=True))
+        call = f"{self.prefix}_{kernel.name}({', '.join(texts)})"
+        uses = self._uses(*operands) | Uses(kernels=frozenset({(kernel.name, kernel.size)}))
+        return Code((f"{self.whole(kernel.result)} = {call};" if kernel.result else f"{call};",), uses)
+
+    def _block(self, block: Block, taken: frozenset[str]) -> Code:
+        reads, written = block.reads, set(block.writes)
+        real: Number = "unsigned" if self.kinds.counts(block) else self.real
+        printer = Printer(
+            self.syntax,
+            real=real,
+            prefix=self.prefix,
+            inputs=lambda argument, element: self._read(*reads[argument], element, real),
+            local=lambda argument, element: self._local(*reads[argument], element),
+            is_flag=lambda argument: reads[argument][0] in self.kinds.flags,
+            taken=set(taken),
+        )
+        sources = {place: argument for argument, (place, _) in enumerate(reads)}
+        targets = [
+            self._target(place, element, size, sources.get(place), real)
+            for place, size in ((place, ca.SX(value).numel()) for place, value in block.writes.items())
+            for element in range(size)
+        ]
+        names = [
+            name if size == 1 else f"{name}{element + 1}"
+            for name, size in ((name, ca.SX(value).numel()) for name, value in block.names.items())
+            for element in range(size)
+        ]
+        hoist = [argument for place, argument in sources.items() if place in written]
+        constants, statements = body(printer, block.graph, targets, names, hoist)
+        if not statements.lines:
+            return Code()
+        if constants.lines:
+            return code(self.syntax.comment(block.title)) + braced("{", constants + statements)
+        return code(self.syntax.comment(block.title)) + statements
+
+    def _read(self, place: Place, size: int, element: int, real: Number) -> Operand:
+        text, uses = self.lvalue(place, element, size), self._uses(place)
+        if place.struct == "argument" or (self.kinds.is_index(place) and real != "unsigned"):
+            cast = self.syntax.cast.format(type=self.syntax.types[real], value=text)
+            return Operand(cast, self.syntax.casted, local=False, uses=uses)
+        return Operand(text, local=size == 1 and place.struct == "work", uses=uses)
+
+    def _local(self, place: Place, size: int, element: int) -> str:
+        """Name of an element as a local: z1, L21, or that of the scalar."""
+        kind, name = place
+        if kind == "argument":
+            return f"{name}_given"
+        if (
+            kind != "work" and Place("work", name) in self.kinds.work
+        ):  # u: the input now; u_given: as it came; u_before: at the last call
+            name += {"input": "_given", "output": "_given", "state": "_before"}.get(kind, f"_{kind}")
+        known = self.kinds.fields.get(place)
+        if known and known.entries:
+            return entry(name, known.entries[element])
+        return name if size == 1 else f"{name}{element + 1}"
+
+    def _target(self, place: Place, element: int, size: int, argument: int | None, real: Number) -> Target:
+        if place.struct == "status":
+            raised = self.syntax.raised.format(prefix=self.prefix.upper(), bit=place.name)
+            return Target(lambda _: raised, condition=True)
+        target, uses = self.lvalue(place, element, size), self._uses(place)
+        source = None if argument is None else (argument, element)
+        if self.kinds.is_index(place) and real != "unsigned":
+            cast = self.syntax.cast.format(type=self.syntax.types["unsigned"], value="({})")
+            return Target(lambda text: f"{target} = {cast.format(text)};", source=source, uses=uses)
+        flag = place in self.kinds.flags and size == 1
+        return Target(lambda text: f"{target} = {text};", flag=flag, source=source, uses=uses)
+
+
+def called(syntax: Syntax, step: Step, section: Section) -> Code:
+    """The call of a section, its status taken over."""
+    function = of_section(step, section)
+    return code(syntax.called(step.name, function), parameters=function.parameters)

@@ -1,0 +1,137 @@
+"""What a language is to the printers: one small description of how it writes a literal, a choice, a call, a loop.
+
+The order of statements and of operations, what is named and how often, what is counted and laid out, does not differ
+between languages and knows none of them. Texts with holes are those of `str.format`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from hgogen.emit.interface import Entry
+from hgogen.errors import HgogenError
+
+Real = Literal["float", "double"]
+Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
+
+SUM, PRODUCT, UNARY, ATOM = 4.0, 5.0, 6.0, 7.0  # how tightly an operation binds, loosest first
+SELECT, OR, AND, EQUAL, ORDER = 0.0, 1.0, 2.0, 2.5, 3.0
+
+
+@dataclass(eq=False)
+class NotPrintable(HgogenError):
+    """An operation that no language here has."""
+
+    operation: int
+
+    def __str__(self) -> str:
+        names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == self.operation]
+        name = names[0] if names else self.operation
+        return f"the operation {name} is one that no emitted language has; write the model without it"
+
+
+@dataclass(eq=False)
+class BeyondFloat(HgogenError):
+    """A number that overflows to infinity, or underflows to 0, in the working precision."""
+
+    value: float
+    real: str
+
+    def __str__(self) -> str:
+        return f"{self.value:g} is beyond the range of {self.real}; choose other units, or real='double'"
+
+
+@dataclass(eq=False)
+class BadReal(HgogenError):
+    """A working precision that is neither float nor double."""
+
+    real: str
+
+    def __str__(self) -> str:
+        return f'real = {self.real!r} must be "float" or "double"'
+
+
+def demand_real(real: str) -> None:
+    """Raise `BadReal` for a precision that there is not."""
+    if real not in ("float", "double"):
+        raise BadReal(real)
+
+
+@dataclass(frozen=True)
+class Syntax:
+    """How a language writes.
+
+    - Numbers: `types` of each kind, of truth values too, and whether one of those is a number; `suffixes` of literals;
+      `cast`, which binds as `casted`; `counted`: operations of counters that are not written as those of numbers.
+    - Names: `name`, a user's as the language takes it; `parameters`: those that `emit.interface` calls otherwise;
+      `reach`: what leads from a parameter, or from a member at hand, to its own members.
+    - Expressions: `choice` of `test`, `yes` and `no`, whose test and branches bind at least as tightly as `chosen`
+      says; `index` into an array of structs.
+    - Declarations: `constant`, `variable`; `array`, which is written before it is read; `member`, the name of one of
+      an array of structs of the type `group`.
+    - Statements: `condition` and `repeated` open the block of a test; `loop` gives the head and the first lines of
+      one of `k` from `first` to before `end` while `also` holds, and says whether k is used; `falling` opens one from
+      `first` down to after `end`; `increment`; `result`; `raised`, a bit of the status; `called`, a section; `comment`.
+    - Functions of a file's own: `function` with `parameter` and `array_parameter`, by whether it is written, or with
+      `empty`; `passed`: an array as an argument, by the same; `around`: lines before and after one of this name.
+    """
+
+    types: Mapping[str, str]
+    suffixes: Mapping[str, str]
+    truth_is_number: bool
+    name: Callable[[str], str]
+    reach: str
+    parameters: Mapping[str, str]
+    choice: str
+    chosen: tuple[float, float]
+    cast: str
+    casted: float
+    constant: str
+    variable: str
+    array: str
+    condition: str
+    repeated: str
+    loop: Callable[[str, str, str, str, bool], Sequence[str]]
+    falling: str
+    increment: str
+    index: Callable[[str, str], str]
+    member: str
+    group: Callable[[str, str], str]
+    passed: Mapping[bool, str]
+    parameter: str
+    array_parameter: Mapping[bool, str]
+    function: Sequence[str]
+    empty: str
+    result: str
+    raised: str
+    called: Callable[[str, Entry], str]
+    comment: Callable[[str], str]
+    counted: Mapping[int, str] = field(default_factory=dict)
+    around: Mapping[str, tuple[Sequence[str], Sequence[str]]] = field(default_factory=dict)
+
+    def literal(self, value: float, kind: Number) -> str:
+        """A number as the language writes it."""
+        return f"{digits(value, kind)}{self.suffixes[kind]}"
+
+
+def digits(value: float, kind: Number) -> str:
+    """Shortest decimal that reads back as this number in the working precision; of a real number with a point or an
+    exponent.
+
+    Raises: `NotPrintable` for a counter that is not a whole number from 0; `BeyondFloat`.
+    """
+    if kind == "unsigned":
+        if value < 0 or value != int(value):
+            raise NotPrintable(ca.OP_CONST)
+        return str(int(value))
+    if kind == "double":
+        return repr(float(value))
+    with np.errstate(over="ignore", under="ignore"):
+        number = np.float32(value)
+    if np.isinf(number) or (number == 0 and value != 0):
+        raise BeyondFloat(value, kind)
+    text = np.format_float_positional(number, trim="0") if 1e-4 <= abs(number) < 1e7 or number == 0 else f"{number!s}"
+    return text if "." in text or "e" in text else f"{text}.0"

@@ -1,0 +1,145 @@
+"""Rust for firmware: NAME.rs, a crate without `std`, and NAME_check.rs with recorded vectors.
+
+No unsafe code, no heap, no statics, no crates; the same memory, order of operations and functions as in C, so the same
+bits. Its documentation is the manual. It compiles with Rust 1.63 and later.
+"""
+
+from dataclasses import dataclass
+
+from hgogen.emit import naming
+from hgogen.emit.code import Code, code, indented, joined, spaced
+from hgogen.emit.fold import folded
+from hgogen.emit.functions import functions
+from hgogen.emit.interface import Entry, entries
+from hgogen.emit.portable import kernels
+from hgogen.emit.rustcheck import check as self_check
+from hgogen.emit.rustmanual import documentation, status
+from hgogen.emit.ruststruct import doc, initial, nominal, structs, zeros
+from hgogen.emit.rustsyntax import RUST, keywords, rust_name
+from hgogen.emit.statements import Writer, called
+from hgogen.emit.syntax import Real, demand_real
+from hgogen.errors import HgogenError
+from hgogen.step import Step
+from hgogen.target import Sources
+
+_CRATES = {"alloc", "core", "proc_macro", "std", "test"}
+_REASON = "a keyword or a value of the prelude"
+_ATTRIBUTES = (
+    "#![no_std]",
+    "#![forbid(unsafe_code)]",
+    "// names are the model's; locals begin with a value, for a branch may leave them without one of its own;",
+    "// a unit in brackets is no link",
+    "#![allow(non_snake_case, non_upper_case_globals, unused_assignments, unused_mut)]",
+    "#![allow(clippy::all, rustdoc::all)]",
+)
+_ARGUMENTS = {"p": "p: &Parameters", "in": "input: &Inputs", "out": "output: &Outputs", "at": "at: u16"}
+
+
+@dataclass(eq=False)
+class NoCrate(HgogenError):
+    """A model whose name no crate can have."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"the model {self.name} cannot be a crate of Rust, where that is a crate or a keyword; rename the model"
+
+
+def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = True) -> Sources:
+    """The step as a Rust crate and its self-check, by file name.
+
+    Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
+    self-check, whose vectors take a while to compute.
+
+    Raises: `BadReal`; `NoCrate`, `OneName` for names that Rust cannot carry; `BeyondFloat`, `NotPrintable` for a
+    number, an operation that has no text.
+    """
+    demand_real(real)
+    if step.name in _CRATES | keywords():
+        raise NoCrate(step.name)
+    naming.demand_distinct(step, rust_name, "Rust", _REASON)
+    files = {f"{step.name}.rs": _source(step, real, command)}
+    files |= {f"{step.name}_check.rs": self_check(step, real)} if check else {}
+    texts = tuple((name, "\n".join(folded(lines)) + "\n") for name, lines in files.items())
+    names = tuple(naming.renamed(step, rust_name).items())
+    notes = (f"in Rust {naming.says(step, rust_name)}, for {_REASON} has the name",) * bool(names)
+    return Sources(texts, _recipe(step.name) if check else (), names, notes)
+
+
+def _recipe(name: str) -> tuple[tuple[str, ...], ...]:
+    """How the self-check is compiled and run."""
+    compiler = ("rustc", "--edition", "2021", "-O")
+    return (
+        (*compiler, "--crate-type", "lib", f"{name}.rs"),
+        (*compiler, "--extern", f"{name}=lib{name}.rlib", f"{name}_check.rs", "-o", "check"),
+        ("./check",),
+    )
+
+
+def _source(step: Step, real: Real, command: str) -> list[str]:
+    state, parameters = _methods(step, real)
+    used = (state + parameters).uses
+    private = functions(RUST, step.name, real, used.helpers) + kernels(RUST, step.name, real, used.kernels)
+    return [
+        *documentation(step, command, _REASON),
+        *_ATTRIBUTES,
+        "",
+        *status(step),
+        "",
+        *structs(step, real),
+        "impl Parameters {",
+        *parameters.indented().lines,
+        "}",
+        "",
+        "impl State {",
+        *state.indented().lines,
+        "}",
+        *(["", *private.lines] if private.lines else []),
+    ]
+
+
+def _methods(step: Step, real: Real) -> tuple[Code, Code]:
+    """Those of the state, and those of the parameters."""
+    writer, known = Writer(RUST, step, real), entries(step)
+    bodies = {section.name: writer.function(section.program) for section in (*step.sections, *step.timed)}
+    if len(step.sections) > 1:
+        bodies["step"] = joined(called(RUST, step, section) for section in step.sections)
+    else:
+        bodies = {"step": bodies[step.sections[0].name]}
+    of_state = [_made("State", "the state as before the first call", initial(step.state, step.groups, real))]
+    of_state.append(code(*doc(known["reset"].meaning), "pub fn reset(&mut self) {", "    *self = State::new();", "}"))
+    of_state += [_method(known[name], body) for name, body in bodies.items()]
+    of_state.append(_estimate(step, known["estimate"], writer.function(step.estimate)))
+    tuned = code("let mut p = Parameters {", *indented(nominal(step, real)), "};", "p.tune();", "p")
+    new = code("/// nominal parameters, tuned", "pub fn new() -> Parameters {") + tuned.indented() + code("}")
+    of_parameters = [new, _method(known["tune"], writer.function(step.tuning))]
+    return spaced(of_state), spaced(of_parameters)
+
+
+def _made(struct: str, meaning: str, members: list[str]) -> Code:
+    inner = indented([f"{struct} {{", *indented(members), "}"])
+    return code(f"/// {meaning}", f"pub const fn new() -> {struct} {{", *inner, "}")
+
+
+def _method(entry: Entry, body: Code) -> Code:
+    """A method of what the entry writes, which returns a status."""
+    (own_,) = entry.written
+    others = [name for name in entry.parameters if name != own_]
+    parameters = ", ".join(["&mut self", *(_ARGUMENTS[name] for name in others)])
+    head = f"{'pub ' if entry.public else ''}fn {entry.name}({parameters}) -> u32 {{"
+    start = [f"let {own_} = self;"] if own_ in body.uses.parameters else []
+    inner = code(*start, *_idle(others, body), "let mut status = 0;") + body + code("status")
+    return code(*doc(entry.meaning), head) + inner.indented() + code("}")
+
+
+def _estimate(step: Step, entry: Entry, body: Code) -> Code:
+    start = ["let s = self;"] if "s" in body.uses.parameters else []
+    inner = code(*start, *_idle(["p"], body), f"let mut x = Estimate {{ {zeros(step.states)} }};") + body + code("x")
+    head = "pub fn estimate(&self, p: &Parameters) -> Estimate {"
+    return code(*doc(entry.meaning), head) + inner.indented() + code("}")
+
+
+def _idle(names: list[str], body: Code) -> list[str]:
+    """Parameters that a function does not use."""
+    idle = (RUST.parameters.get(name, name) for name in names if name not in body.uses.parameters)
+    return [f"let _ = {name};" for name in idle]

@@ -1,0 +1,89 @@
+"""Functions that are written once and printed in every language: all of them are there, and have the bits of Python."""
+
+import ast
+from collections.abc import Callable
+
+import emitted
+import plants
+import pytest
+
+import hgogen as hg
+from hgogen.calling import native
+from hgogen.discretisation.kernels import KERNELS
+from hgogen.emit import helpers, matrix_loops, notation
+from hgogen.emit.csyntax import C
+from hgogen.emit.portable import kernels, passed, routines, small
+from hgogen.emit.rustsyntax import RUST
+from hgogen.program import Kernel, walk
+
+
+def forgetting() -> hg.Step:
+    """The information of each state is renewed."""
+    form = hg.forms.state_affine(plants.chain(12))
+    return hg.sample(hg.observers.kalman_like(form, rho=1.0, R=1.0), dt=0.01)
+
+
+def bilinear() -> hg.Step:
+    """A resolvent of a balanced matrix."""
+    observer = hg.observers.high_gain(hg.forms.triangular(plants.chain(3)), theta=5, poles=(-1, -1, -1))
+    return hg.sample(observer, hg.methods.bilinear, dt=0.01)
+
+
+STEPS: dict[str, Callable[[], hg.Step]] = {
+    "forgetting": forgetting,
+    "bilinear": bilinear,
+    "many_states": lambda: emitted.step("many_states"),
+    "exponential": lambda: emitted.step("exponential"),
+}
+
+
+def used(made: hg.Step) -> set[str]:
+    programs = (*made.program, *made.tuning)
+    return {statement.name for statement in walk(programs) if isinstance(statement, Kernel)}
+
+
+def test_every_kernel_is_written_as_loops_and_run_below() -> None:
+    assert set(KERNELS) <= set(routines(matrix_loops))
+    assert set().union(*(used(make()) for make in STEPS.values())) == set(KERNELS)
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("name", ["forgetting", "bilinear"])
+def test_its_loops_have_the_bits_of_python_in_c(name: str, real: str) -> None:
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+    made = STEPS[name]()
+    files = hg.targets.c99(made, real=real)
+    assert "samples as recorded" in native.run_check(files, ("-O2", f"-D{made.name.upper()}_EXACT"))
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("name", ["forgetting", "bilinear"])
+def test_its_loops_have_the_bits_of_python_in_rust(name: str, real: str) -> None:
+    try:
+        assert "samples as recorded" in native.run_recipe(hg.targets.rust(STEPS[name](), real=real))
+    except native.NoTool as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("syntax", [C, RUST], ids=["c", "rust"])
+def test_what_a_function_calls_comes_before_it(syntax: object) -> None:
+    lines = "\n".join(kernels(syntax, "p", "float", {("exponential", 3)}).lines)
+    assert 0 < lines.index("p_product(") < lines.index("p_exponential(")
+    lines = "\n".join(small(syntax, "p", "float", {"whole", "floor", "within"}, "int").lines)
+    assert 0 < lines.index("p_within(") < lines.index("p_whole(") < lines.index("p_floor(")
+
+
+def test_arrays_are_lent_and_numbers_are_given() -> None:
+    assert passed(RUST, "correct") == ["&mut {}", "&mut {}", "&{}", "{}", "&mut {}"]
+    assert passed(C, "correct") == ["{}"] * 5
+
+
+@pytest.mark.parametrize("module", [helpers, matrix_loops])
+def test_its_words_are_those_of_the_notation(module: object) -> None:
+    """And its own functions, parameters and locals."""
+    known = {*vars(notation), *routines(module), "range", "int", "float", "bool"}
+    for tree in routines(module).values():
+        nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+        own = {each.arg for each in tree.args.args} | {node.id for node in nodes if isinstance(node.ctx, ast.Store)}
+        assert {node.id for node in nodes} <= known | own

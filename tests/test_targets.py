@@ -1,0 +1,91 @@
+"""What every target is: a pure function from a step to texts; and what a language of the commands has besides."""
+
+from functools import cache
+from inspect import Parameter, signature
+
+import emitted
+import pytest
+
+import hgogen as hg
+from hgogen.calling import native
+from hgogen.commands.building import _languages
+from hgogen.errors import HgogenError
+from hgogen.target import Files, Sources
+
+TARGETS = hg.targets.__all__
+LANGUAGES = _languages()
+COMMAND = "hgogen generate something --of this"
+each = pytest.mark.parametrize("target", LANGUAGES)
+
+
+@cache
+def files(target: str, name: str, real: str = "float", check: bool = True) -> Sources:
+    return getattr(hg.targets, target)(emitted.step(name), real=real, command=COMMAND, check=check)
+
+
+# --- every target
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ["pendulum", "bank", "no_input"])
+def test_a_target_is_a_pure_function_of_a_step_to_texts(target: str, name: str) -> None:
+    made, emit = emitted.step(name), getattr(hg.targets, target)
+    first, again = emit(made), emit(made)
+    assert isinstance(first, Files)
+    assert dict(first) == dict(again)
+    assert list(first)
+    assert all(file.startswith((f"{made.name}_", f"{made.name}.")) for file in first)
+    assert all(isinstance(text, str) and text for text in first.values())
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_target_takes_a_step_and_then_a_precision_by_name(target: str) -> None:
+    first, *others = signature(getattr(hg.targets, target)).parameters.values()
+    assert first.name == "step"
+    assert "real" in [each.name for each in others]
+    assert all(each.kind is Parameter.KEYWORD_ONLY and each.default is not Parameter.empty for each in others)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("real", ["half", None])
+def test_a_precision_that_there_is_not_is_refused(target: str, real: str | None) -> None:
+    with pytest.raises(HgogenError, match=f'real = {real!r} .*"double"'):
+        getattr(hg.targets, target)(emitted.step("pendulum"), real=real)
+
+
+# --- a language of the commands
+
+
+def test_c_and_rust_are_the_languages() -> None:
+    assert set(LANGUAGES) == {"c99", "rust"}
+
+
+@each
+@pytest.mark.parametrize("name", ["pendulum", "bank"])
+def test_a_language_is_pure_and_says_what_made_it(target: str, name: str) -> None:
+    made, again = emitted.step(name), getattr(hg.targets, target)
+    written = files(target, name)
+    assert written == again(made, real="float", command=COMMAND)
+    assert all(text.endswith("\n") and "\t" not in text for text in written.values())
+    assert all(file.startswith(made.name) for file in written)
+    spoken = " ".join(" ".join(written.values()).translate(str.maketrans("*/!", "   ")).split())
+    assert COMMAND in spoken
+
+
+@each
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_the_self_check_is_a_file_of_its_own(target: str, real: str) -> None:
+    whole, bare = files(target, "pendulum", real), files(target, "pendulum", real, check=False)
+    assert set(whole) - set(bare) == {next(file for file in whole if "_check." in file)}
+    assert {file: whole[file] for file in bare} == dict(bare)
+    assert not bare.recipe
+
+
+@each
+def test_it_is_run_where_its_tools_are(target: str) -> None:
+    written = files(target, "pendulum")
+    try:
+        printed = native.run_recipe(written) if written.recipe else native.run_check(written)
+    except (native.NoTool, native.NoCompiler) as error:
+        pytest.skip(str(error))
+    assert printed == "pendulum: 64 samples as recorded\n"
