@@ -89,8 +89,8 @@ def test_every_model_s_own_step_has_the_bits(path: Path, real: str, tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("model", "name", "real"), [(*pair, REALS[k % 2]) for k, pair in enumerate(TUNED)])
-def test_every_tuning_has_the_bits(model: str, name: str, real: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("model", "name", "real"), [(*pair, REALS[k % 2]) for k, pair in enumerate(TUNED[3::7])])
+def test_a_seventh_of_the_tunings_has_the_bits(model: str, name: str, real: str, tmp_path: Path) -> None:
     (path,) = (path for path in MODELS if path.stem == model)
     made = load(path).step(name)
     assert check(made, real, tmp_path, "-O") == passed(made)
