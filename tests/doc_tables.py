@@ -1,7 +1,7 @@
 """The tables of the pages in docs/ that can be computed: `python tests/doc_tables.py` writes them anew.
 
-A table stands between the lines `<!-- table: NAME -->` and `<!-- end -->`. Of the observers, where to take each and
-what it costs are computed; the words of the two columns between stay as they stand in the page.
+A table stands between the lines `<!-- table: NAME -->` and `<!-- end -->`. The observers keep the order in which they
+stand in the page.
 """
 
 import re
@@ -11,14 +11,13 @@ from importlib import import_module
 from pathlib import Path
 
 import hgogen as hg
-from hgogen.commands.proposal import PROPOSALS
 from hgogen.emit.cost import cost
 from hgogen.model import load
 from hgogen.registry import summaries
+from hgogen.starting import rule
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = re.compile(r"^<!-- table: (\w+) -->\n(.*?)^<!-- end -->$", re.MULTILINE | re.DOTALL)
-WORDLESS = "say what it asks for"  # in a row that is new
 
 Words = Mapping[str, list[str]]  # the cells of each row as they stand, by its first cell
 
@@ -49,11 +48,10 @@ def counted(name: str) -> str:
 
 
 def _observers(old: Words) -> str:
-    order = [*(name for name in old if name in PROPOSALS), *(name for name in PROPOSALS if name not in old)]
-    rows = []
-    for name in order:
-        asked, state = old[name][2:4] if name in old else (WORDLESS, "")
-        rows.append((f"`{name}`", PROPOSALS[name].where, asked, state, counted(name)))
+    cases = hg.observers.__all__
+    order = [*(name for name in old if name in cases), *(name for name in cases if name not in old)]
+    said = {name: rule(getattr(hg.observers, name)) for name in cases}
+    rows = ((f"`{name}`", said[name].where, said[name].asks, said[name].state, counted(name)) for name in order)
     return table(("observer", "take it where", "what it asks for, or leaves open", "state", "cost"), rows)
 
 

@@ -146,7 +146,7 @@ def _one(
 ) -> None:
     plant, folded = loaded.plant, loaded.notes
     if observer is not None:
-        loaded.demand_tuned(observer)
+        loaded.tuned(observer)
     for sentence in folded:  # before anything is called proved
         note(sentence)
 

@@ -46,7 +46,8 @@ ModelArgument = Annotated[
     str, typer.Argument(metavar="MODEL", help="A model file, or the name of one that `hgogen list` shows.")
 ]
 Tuned = Annotated[
-    str | None, typer.Option("--observer", metavar="NAME", help="A tuning of the model; by default its own step.")
+    str | None,
+    typer.Option("--observer", metavar="NAME", help="A tuning of the model, or an observer."),
 ]
 Seeds = Annotated[int | None, typer.Option(min=1, max=SEEDS, help="Number of noise seeds; by default the trial's.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]

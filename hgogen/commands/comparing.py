@@ -31,7 +31,8 @@ from hgogen.trials.leaving import Left, left, notes
 from hgogen.trials.metrics import criterion
 
 Names = Annotated[
-    str | None, typer.Option("--observers", metavar="A,B,..", help="Tunings of the model; by default all of them.")
+    str | None,
+    typer.Option("--observers", metavar="A,B,..", help="Tunings of the model, or observers."),
 ]
 
 
@@ -130,7 +131,7 @@ def _told(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict
 
 def _names(model: Model, given: str | None) -> list[str]:
     """The tunings asked for, each once. Raises: `MissingPart`."""
-    if not model.tuning.tables:
+    if given is None and not model.tuning.tables:
         fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
         raise MissingPart(model.path, "tuning", f"it has no tuning, whose observers are compared; add {fix}")
     names = list(model.tuning.tables) if given is None else [name.strip() for name in given.split(",")]

@@ -262,9 +262,7 @@ def window(model: Model, option: str, observer: str | None = None) -> float:
 
     Raises: `MissingPart` if no adaptive theta is there, or no tuning of that name.
     """
-    tuning = model.tuning
-    if observer is not None:
-        model.demand_tuned(observer)
+    tuning = model.tuning if observer is None else model.tuned(observer)
     for name in tuning.tables if observer is None else (observer,):
         innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
         if innovation is not None:

@@ -25,15 +25,18 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import companion, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.check import ClaimId, Claims, Verdict, demand
+from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.guarantees.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.certified import Nothing
+from hgogen.guarantees.design import adaptive_gain
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Ode
 from hgogen.program import Field, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
+from hgogen.starting import Gains, Scale, starts, two
 from hgogen.structure.dynamics import clamp
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -77,6 +80,26 @@ THEOREM = Theorem(
 )
 
 
+def _starting(scale: Scale) -> Gains | str:
+    """K and P for a slope of 1; gamma up to theta."""
+    if scale.n < 2:
+        return "one state needs no inequality; take high_gain"
+    try:
+        design = adaptive_gain(scale.n, slope=1.0)
+    except HgogenError as error:
+        return str(error)
+    gains = {"K": design.K, "P": design.P, "sigma": design.sigma}
+    least = max(1.0, two(scale.theta / 4))
+    return gains | {"gamma": (least, 4 * least), "rise": scale.theta, "threshold": two(scale.reading / 20)}
+
+
+@starts(
+    "the gain should rise with the error, and fall again",
+    "K, P from `hgogen.design`, verified in rationals",
+    "n + 1",
+    _starting,
+    quick=0,
+)
 def adaptive_lmi(
     form: Form,
     *,

@@ -11,6 +11,7 @@ high-gain observers in output feedback control", Automatica 80 (2017), for chain
 of a triangular form are an extension.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -33,6 +34,7 @@ from hgogen.observer import Observer, founded, high_gain_parameter, tunable
 from hgogen.program import INF, Field, Place, column, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.signal import resting
+from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Khalil, Cascade high-gain observers in output feedback control, Automatica 80 (2017)"
@@ -52,6 +54,13 @@ THEOREM = Theorem(
 )
 
 
+@starts(
+    "there is no model of the last row",
+    "practical: an error O(1/theta) stays",
+    "2n-2",
+    lambda s: {"theta": s.theta},
+    quick=math.inf,
+)
 def cascade(
     form: Form,
     *,

@@ -32,6 +32,7 @@ from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.starting import Gains, Scale, starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis
@@ -60,6 +61,18 @@ LIMITED = limited(
 )
 
 
+def _starting(scale: Scale) -> Gains:
+    """The inverses of a Kalman filter's."""
+    Q, start = scale.squares(1 / scale.longest, -1), scale.squares(1 / 4, -1)
+    return {"Q": Q, "P0": start, "R": scale.variance(-1)}
+
+
+@starts(
+    "you think in weights of a cost",
+    "as `riccati`, with the output's curvature if you want it",
+    "n(n+3)/2",
+    _starting,
+)
 def hamilton_jacobi(
     form: Form,
     *,
