@@ -145,7 +145,10 @@ MISLED = {("haldane", "high_gain")}
 @needs_compiler
 @each
 def test_it_recovers_from_a_corner_of_the_box(request: pytest.FixtureRequest, model: str, name: str) -> None:
-    """Over the model's first trial the late error is less than that at the start, relative to the ranges."""
+    """Over the model's first trial the late error is less than that at the start, relative to the ranges; of starting
+    gains that is asked on one model: what settles with them on the others is a table of docs/tuning.md."""
+    if model != FIRST and name not in MODELS[model].tuning.tables:
+        pytest.skip("starting gains are no tuning")
     if (model, name) in MISLED:
         request.applymarker(pytest.mark.xfail(reason="its restart ends at a false equilibrium", strict=True))
     loaded = MODELS[model]
