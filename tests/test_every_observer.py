@@ -212,7 +212,7 @@ def refusal(form: hg.Form, name: str, changes: Mapping[str, Any] = MappingProxyT
     make = getattr(hg.observers, name)
     start = hg.starting_gains(form, make)
     try:
-        return start.none or str(hg.sample(make(form, **{**start.gains, **changes}), dt=1e-6))[:0]
+        return start.none or str(hg.sample(make(form, **{**start.gains, **changes}), dt=start.dt / 100))[:0]
     except HgogenError as error:
         return error
 
