@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import ClassVar
 
 
 class HgogenError(Exception):
@@ -14,13 +15,14 @@ class HgogenError(Exception):
 
 @dataclass(eq=False)
 class BadArgument(HgogenError):
-    """What was given, and what is wrong with it."""
+    """What was given, and what is wrong with it; `text`: how the sentence is made of the two."""
 
     what: str
     reason: str
+    text: ClassVar[str] = "{what} {reason}"
 
     def __str__(self) -> str:
-        return f"{self.what} {self.reason}"
+        return self.text.format(what=self.what, reason=self.reason)
 
 
 def nearest(name: str, known: Iterable[str], otherwise: str) -> str:

@@ -114,6 +114,8 @@ class Ode(Part):
 
 @dataclass(frozen=True, eq=False)
 class Jump(Part):
-    """An exact map per sample: its fields and the statements of `tune` and `adapt`."""
+    """An exact map per sample: its fields and the statements of `tune` and `adapt`; `flow`: the rates, SX by field
+    name, of the differential equation that it solves, if it solves one."""
 
     build: Callable[[Clock], Pieces]
+    flow: Mapping[str, Any] = field(default_factory=dict)

@@ -11,7 +11,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _DOTS = ("", "_dot", "_ddot", "_dddot")
@@ -34,15 +34,10 @@ class BadName(HgogenError):
         return f"{cleaned or 'x'}_1" if cleaned[:1].isalpha() or not cleaned else f"x_{cleaned}"
 
 
-@dataclass(eq=False)
-class BadRange(HgogenError):
+class BadRange(BadArgument):
     """A range the wrong way round, or a value that is not a finite number or lies outside its range."""
 
-    name: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"signal {self.name!r}: {self.reason}"
+    text = "signal {what!r}: {reason}"
 
 
 def check_name(name: str) -> None:

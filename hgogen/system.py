@@ -9,21 +9,16 @@ import sympy as sp
 
 from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.check import Check
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.reading import filename
 from hgogen.reading.time_unit import is_unit
 from hgogen.signal import Signal, check_name
 
 
-@dataclass(eq=False)
-class BadSystem(HgogenError):
+class BadSystem(BadArgument):
     """A system that does not fit together; the sentence names the part and the fix."""
 
-    system: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"system {self.system!r}: {self.reason}"
+    text = "system {what!r}: {reason}"
 
 
 @dataclass(frozen=True)

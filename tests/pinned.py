@@ -6,11 +6,12 @@ from importlib import metadata
 from pathlib import Path
 
 CONSTRAINTS = Path(__file__).parents[1] / ".ci" / "constraints.txt"
+OLDEST = CONSTRAINTS.with_name("oldest.txt")
 
 
-def versions() -> dict[str, str]:
-    """The version of each package in .ci/constraints.txt."""
-    return dict(re.findall(r"^([\w-]+)==(\S+)$", CONSTRAINTS.read_text(), re.MULTILINE))
+def versions(file: Path = CONSTRAINTS) -> dict[str, str]:
+    """The version of each package in a file of constraints."""
+    return dict(re.findall(r"^([\w-]+)==(\S+)$", file.read_text(), re.MULTILINE))
 
 
 def differing(installed: Callable[[str], str] = metadata.version) -> str:

@@ -389,3 +389,14 @@ def test_a_part_of_the_plant_that_cancels_in_the_error_must_have_a_value(place: 
             assert not any(row.has(u) for row in system.flow)
             found.setdefault(low, set()).add(hg.dissipation(system, V, mu=30, within=[1, 1]).checks[1].verdict)
     assert found == {-1: {Verdict.UNKNOWN}, 1: {Verdict.PROVED}}
+
+
+def test_a_part_of_the_plant_that_a_value_takes_out_must_have_one() -> None:
+    """0 log(u), and sqrt(x2)/x1 along x2 = x1**2, are 0 and 1 to SymPy, and the plant has no value at u = 0, x1 = 0."""
+    x1, x2, u = (hg.Signal(name, low=0, high=1) for name in ("x1", "x2", "u"))
+    w, k, outputs = hg.Signal("w", low=-1, high=1), hg.Signal("k", nominal=0), (hg.Signal("y"),)
+    for extra, along in ((k * sp.log(u), None), (sp.sqrt(x2) / x1 - 1, {"x2": x1**2})):
+        flow = [extra - x1 + (w if along is None else 0), -2 * x2]
+        signals = {"states": (x1, x2), "inputs": (u, w), "outputs": outputs, "parameters": (k,)}
+        plant = hg.System("plant", **signals, flow=flow, output=[x1])
+        assert hg.observer_errors(plant, [-x1, -2 * x2], unknown=("w",), along=along).lost is not None

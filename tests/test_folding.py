@@ -32,6 +32,8 @@ FOLDED = [
     ("cos(acos(x))", "1 - x**2 < 0"),
     ("0*tan(x)", "cos(x) = 0"),
     ("-exp(log(x)) - sqrt(x)**2", "x <= 0"),
+    ("0*atan2(x, y)", "x**2 + y**2 = 0"),
+    ("x/x + Piecewise((1/x, x > 9), (0, True))", "x = 0"),
 ]
 # Nothing is lost on the box, or anywhere.
 WHOLE = (
@@ -48,7 +50,7 @@ WHOLE = (
     ),
     *("2**x/2**x", "1/sqrt(x)", "x**0.5*x", "(x + 1)/(3*x + 3)", "1/exp(-x)", "1/(1 - x)", "x*(1/x + 1)", "log(2*x)"),
     *("(x**2 + 1)/(x**2 + 1)", "(x + 4)/(x + 4)", "sqrt(x + 3)**2", "(x**2)**(-0.5)", "1/sqrt(x + y/2 - 2)", "x**0"),
-    *("1/sqrt(x**3)", "sqrt(1/sqrt(x))", "Piecewise((x/x, x > 0), (0, True))"),
+    *("1/sqrt(x**3)", "sqrt(1/sqrt(x))", "Piecewise((x/x, x > 0), (0, True))", "0*atan2(x, 4)"),
 )
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
-from pinned import differing, versions
+from packaging.version import Version
+from pinned import OLDEST, differing, versions
 
 ROOT = Path(__file__).parent.parent
 MODELS = sorted(path.name for path in (ROOT / "generated").iterdir() if path.is_dir())
@@ -33,6 +34,7 @@ def test_what_is_generated_is_of_models() -> None:
     assert {path.stem for path in (ROOT / "models").glob("*.py")} >= set(MODELS)
 
 
+@pytest.mark.pinned
 @pytest.mark.parametrize("name", MODELS)
 def test_the_c_is_the_same_byte_for_byte(name: str, fresh: Path) -> None:
     committed = {path.name for path in (ROOT / "generated" / name).iterdir()}
@@ -46,6 +48,18 @@ def test_the_c_is_the_same_byte_for_byte(name: str, fresh: Path) -> None:
 
 
 # --- the versions that made it ------------------------------------------------------------------------------
+
+
+def test_every_lower_end_is_tested() -> None:
+    """`.ci/oldest.txt` has the first version of each range; of linters and of what builds the wheel it has none."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    lines = [line for extra in ("lmi", "test") for line in project["optional-dependencies"][extra]]
+    wanted = {one.name: one.specifier for one in map(Requirement, (*project["dependencies"], *lines))}
+    oldest = versions(OLDEST)
+    assert set(wanted) - set(oldest) == {"hgogen", "hatchling", "mypy", "ruff"}
+    for name, version in oldest.items():
+        (lowest,) = (part.version for part in wanted[name] if part.operator == ">=")
+        assert Version(lowest) == Version(version), name
 
 
 def test_versions_that_differ_are_named() -> None:

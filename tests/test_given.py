@@ -12,7 +12,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import BadShape
 from hgogen.forms.original import BadOrder
-from hgogen.reading.given import BadGain
+from hgogen.reading.given import BadGain, real, reals
 from hgogen.reading.measured import Record
 from hgogen.reading.named import BadNames
 
@@ -124,3 +124,11 @@ def test_a_state_that_initial_leaves_out_rests():
     plant = hg.System("rests", states=x, outputs=(hg.Signal("y"),), flow=[x[1], x[2], -x[0]], output=[x[0]])
     observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=2, poles=(-1,) * 3, initial={"c": 0.25})
     assert observer.parts[0].fields[0].initial == (1, 0.5, 0.25)
+
+
+@pytest.mark.parametrize("given", [1j, 0.1 + 0j, [0.1, 1j], np.array([0.1, 0.2 + 1j])])
+def test_a_complex_number_is_no_gain(given: Any):
+    """NumPy would leave out the imaginary part."""
+    for take in (reals, lambda name, value: real(name, np.ravel(value)[-1])):
+        with pytest.raises(BadGain, match="must be a number or an array of numbers"):
+            take("R", given)

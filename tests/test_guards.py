@@ -123,3 +123,29 @@ def test_theta_stays_below_twice_theta_1_as_it_is_tuned() -> None:
         reader.memory[Place("state", "innovation")][0] = innovation
         reader.section("adapt")
         assert 1 <= reader.memory[Place("state", "theta")][0] <= 3
+
+
+CHAINS = {
+    "low_power": {"theta": 200},
+    "peaking_free": {"theta": 200},
+    "filtered": {"theta": 200, "poles": (-1, -1), "alpha": 3, "beta": 1},
+    "switched_gain": {"theta": 40, "theta_low": 20, "threshold": 0.1, "hold": 3, "poles": (-1, -1)},
+    "stubborn": {"theta": 200, "decay": 1, "r": 5, "poles": (-1, -1)},
+    "dead_zone": {"theta": 200, "decay": 1, "r": 0.1, "poles": (-1, -1)},
+    "updated_gain": {"p_1": 0.1, "p_2": 20, "p_3": 10, "cap": 500, "poles": (-1, -1)},
+    "cascade": {"theta": 50},
+}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_outer_box_holds_the_plant_at_any_parameters(name: str) -> None:
+    """y = k q, k in [1, 10], nominally 1, tuned to 10: w_1 = k q is up to 10, three times its nominal range is 3."""
+    q, w = hg.Signal("q", low=-1, high=1), hg.Signal("w", low=-1, high=1)
+    k, y = hg.Signal("k", "", "", 1.0, low=1, high=10), hg.Signal("y")
+    plant = hg.System("swing", states=(q, w), outputs=(y,), parameters=(k,), flow=[w, -q], output=[k * q])
+    observer = getattr(hg.observers, name)(hg.forms.triangular(plant), **CHAINS[name])
+    step, t = hg.sample(observer, hg.methods.rk4, dt=5e-4, engine="python"), np.arange(0, 0.5, 5e-4)
+    step.tune(k=10.0)
+    run = step.run(y=9.5 * np.cos(t))
+    assert set(step.flags(int(np.bitwise_or.reduce(run.status[-100:])))) <= {"OUTSIDE_BOX"}
+    assert run["q"][-1] == pytest.approx(0.95 * np.cos(t[-1]), abs=1e-2)  # held at 3, w_1 would be an estimate of 0.3

@@ -429,3 +429,39 @@ def test_no_form_is_proved_of_a_plant_that_has_no_value_where_a_part_cancels(par
         checks = [check for check in form(plant).checks if check.id != "original.convergence"]
         assert {check.verdict for check in checks} - {Verdict.PROVED, Verdict.GENERIC}, form
     assert hg.singularity(plant).checks[0].verdict is not Verdict.PROVED
+
+
+_HALF = hg.Signal("h", low=0, high=0.5)
+_NIL = hg.Signal("k", nominal=0)
+
+
+@pytest.mark.parametrize(
+    ("part", "beside"),
+    [
+        ((_HALF * _X + _HALF) / _HALF, sp.Piecewise((1 / _HALF, _HALF > 2), (_X, True))),
+        ((_HALF * _X + _HALF) / _HALF, sp.Heaviside(_X + 2, 1 / _HALF)),
+        ((_X * sp.log(_HALF) + sp.log(_HALF)) / sp.log(_HALF), sp.atan2(2, _HALF)),
+        ((_X * sp.atanh(1 - _HALF) + sp.atanh(1 - _HALF)) / sp.atanh(1 - _HALF), sp.asin(1 - _HALF)),
+        ((_X * sp.log(_HALF) + sp.log(_HALF)) / sp.log(_HALF), _NIL * sp.log(_HALF)),
+    ],
+    ids=str,
+)
+def test_what_cancels_is_not_asked_for_by_what_has_a_value_beside_it(part: sp.Expr, beside: sp.Expr) -> None:
+    """1/h in a branch that is not taken, atan2(2, h) and asin(1 - h) at h = 0, 0 log(h) with its 0 put in: none of them
+    shows that the part has a value at h = 0, where it has none."""
+    z, y = hg.Signal("z", low=0, high=1), hg.Signal("y")
+    states, inputs = (_X, z), (_HALF,)
+    rows = {"flow": [z + part, beside - z], "output": [_X]}
+    plant = hg.System("plant", states=states, inputs=inputs, outputs=(y,), parameters=(_NIL,), **rows)
+    for form in (forms.triangular, forms.uniform, forms.state_affine, forms.original, forms.block_triangular):
+        checks = [check for check in form(plant).checks if check.id != "original.convergence"]
+        assert {check.verdict for check in checks} - {Verdict.PROVED, Verdict.GENERIC}, form
+
+
+@pytest.mark.parametrize("low", [-1, 0.1])
+def test_a_part_stays_where_the_same_branch_is_taken(low: float) -> None:
+    """A Piecewise that keeps its poles out of the box asks for nothing."""
+    x, z = (hg.Signal(name, low=low, high=1) for name in ("x", "z"))
+    rest = sp.Piecewise((sp.log(x), x > 2), (x / (x + 2), True))
+    plant = hg.System("plant", states=(x, z), outputs=(hg.Signal("y"),), flow=[z + rest, -z], output=[x])
+    assert {check.verdict for check in forms.triangular(plant).checks} == {Verdict.PROVED}

@@ -262,3 +262,20 @@ def test_a_triangular_form_with_more_than_phi_wants_its_model() -> None:
     with pytest.raises(BadGain, match=r"takes a form with b in its last row only .* take the form phase, or model="):
         hg.observers.lambda_tracking(form, **gains)
     assert hg.observers.lambda_tracking(form, model=True, **gains).name == "lambda_tracking"
+
+
+@pytest.mark.parametrize("low", [-1, 0.5])
+@pytest.mark.parametrize("place", ["rate", "gain", "output"])
+def test_phi_is_not_proved_bounded_of_a_plant_without_a_value(place: str, low: float) -> None:
+    """(u x + u)/u - 1 is x in a form, and has no value at u = 0: the theorem asks for no Lipschitz constant."""
+    x1, x2, y = hg.Signal("x1", low=-2, high=2), hg.Signal("x2", low=-2, high=2), hg.Signal("y")
+    u = hg.Signal("u", low=low, high=1)
+    seen = {x: (u * x + u) / u - 1 for x in (x1, x2)}
+    flow = [seen[x2] if place == "gain" else x2, -x1 - (seen[x2] if place == "rate" else x2)]
+    output = [seen[x1] if place == "output" else x1]
+    plant = hg.System("plant", states=(x1, x2), inputs=(u,), outputs=(y,), flow=flow, output=output)
+    form = (hg.forms.phase if place == "rate" else hg.forms.triangular)(plant)
+    gains: dict[str, Any] = {"k_0": 1, "k_max": 9, "gamma": 1, "strip": 0.1, "reach": 1, "poles": (-1, -1)}
+    made = hg.observers.lambda_tracking(form, **gains)
+    (verdict,) = (check.verdict for check in made.checks if check.id == "lambda_tracking.phi")
+    assert (verdict is Verdict.PROVED) is (low > 0)

@@ -140,6 +140,8 @@ def test_a_bad_query_leaves_the_other_answers() -> None:
         ({"f": ["0", "E"]}, {"triangular": False, "uof_structure": False, "uof": False}),
         ({"h": ["x1 + u"]}, {"triangular": None, "uof_structure": True, "uof": True}),
         ({"f": ["u*E", "sqrt(E)"]}, {"triangular": True, "lipschitz": False}),
+        ({"f": ["u*E + (E*x1 + E)/E", "-E"], "x_box": {"x1": [-1, 1], "E": [1, 2]}}, {"lipschitz": True}),
+        ({"f": ["(u*E**2 + E)/E", "-E"], "x_box": {"x1": [-1, 1], "E": [-1, 2]}}, {"lipschitz": None}),
         ({"f": ["u*E", "x1**2"], "x_box": {"E": [0, 1]}}, {"triangular": True, "lipschitz": None}),
         ({"f": ["cos(u)*E", "0"], "u_box": {"u": [0, "pi/2"]}}, {"triangular": None}),
         ({"f": ["cos(u)*E", "0"], "u_box": {"u": [0, "pi/3"]}}, {"triangular": True}),

@@ -22,7 +22,7 @@ from hgogen.chains.core import core_numbers, nominal
 from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Refuted, UnknownCheck, Verdict
 from hgogen.emit.cost import cost
-from hgogen.kalman.innovation import BadWindow, BadWindowSize
+from hgogen.kalman.predictor import BadWindow, BadWindowSize
 from hgogen.kalman.theta import rise
 from hgogen.model import load
 from hgogen.part import Clock

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from hgogen import forms, observers, recast
-from hgogen.check import Check, Refuted, demand
+from hgogen import error_system, forms, observers, recast, singularity
+from hgogen.check import Check, Refuted, Verdict, demand
 from hgogen.signal import Signal
 from hgogen.system import BadSystem, System
 
@@ -172,3 +172,19 @@ def test_what_cancels_in_new_coordinates_stays_where_it_may_have_no_value(place:
     plant = System("plant", states=(x, z), inputs=(u,), outputs=(Signal("y"),), flow=flow, output=output)
     moved = recast(plant, {w: 2 * z}, {z: w / 2})
     assert any(row.has(u) for row in (*moved.flow, *moved.output)) is (low < 0)
+
+
+@pytest.mark.parametrize("high", [-0.5, 1])
+def test_no_form_is_proved_where_the_new_states_lose_what_has_no_value(high: float) -> None:
+    """(a - b)/(2 a - 2 b) is 1/2 at once with a = w + b, and has no value where a = b."""
+    a, b, c = (Signal(name, low=low, high=top) for name, low, top in (("a", -1, high), ("b", 0, 1), ("c", -1, 1)))
+    part, w = (a - b) / (2 * a - 2 * b), Signal("w", low=-2, high=1 if high > 0 else -0.5)
+    flow, outputs = [b + c * part, c * part - b, -c], (Signal("y"),)
+    plant = System("plant", states=(a, b, c), outputs=outputs, flow=flow, output=[a - b])
+    moved = recast(plant, {w: a - b}, {a: w + b})
+    assert moved.flow == (2 * b, c / 2 - b, -c)
+    for form in (forms.triangular, forms.uniform, forms.state_affine, forms.block_triangular, forms.phase):
+        verdicts = {check.verdict for check in form(moved).checks}
+        assert (verdicts == {Verdict.PROVED}) is (high < 0), form
+    assert (error_system(moved, [1, 1, 1]).lost is None) is (high < 0)
+    assert (singularity(moved).checks[0].verdict is Verdict.PROVED) is (high < 0)

@@ -19,9 +19,9 @@ _TERMS = 3000
 
 
 def degrees(field: Field, polynomial: Any) -> dict[int, int]:
-    """The degree in each angle's generator."""
-    found = polynomial.degrees()
-    return {g: int(found[g]) for g in field.angles}
+    """The degree of a polynomial in each angle's generator."""
+    highest = polynomial.degrees()
+    return {g: int(highest[g]) for g in field.angles}
 
 
 def even(degree: Mapping[int, int]) -> bool:
@@ -72,7 +72,7 @@ def _turn(c: Any, s: Any, k: int, degree: int) -> Any:
 
 
 def _less_cosine(polynomial: Any, index: int, s: Any) -> Any:
-    """With cos^2 as 1 - sin^2."""
+    """The polynomial with cos^2 written as 1 - sin^2."""
     ring = polynomial.context()
     layers: dict[int, dict[tuple[int, ...], Any]] = {}
     for powers, coefficient in polynomial.terms():

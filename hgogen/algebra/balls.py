@@ -19,7 +19,7 @@ SCALES = len(_SCALES)
 
 
 class Undecided(ArithmeticError):
-    """At this point the balls tell nothing: a pole, the edge of a domain, or a branch point."""
+    """The balls do not decide a value at this point: a pole, the edge of a domain, or a branch point."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +120,11 @@ class Balls:
         raise Undecided
 
     def coefficients(self, a: Any, order: int) -> list[Any]:
-        """The first `order` coefficients."""
-        found: list[Any] = a.coeffs()[:order]
-        if not all(c.is_finite() for c in found):
+        """The first `order` coefficients of a series, padded with zeros."""
+        coefficients: list[Any] = a.coeffs()[:order]
+        if not all(c.is_finite() for c in coefficients):
             raise Undecided
-        return found + [flint.arb(0)] * (order - len(found))
+        return coefficients + [flint.arb(0)] * (order - len(coefficients))
 
     def matrix(self, rows: int, columns: int, entries: Iterable[Any]) -> Any:
         """A matrix from its entries, row by row."""
@@ -208,7 +208,7 @@ def _tan(a: Any) -> tuple[Any, Any]:
 
 
 def _area(a: Any, sign: int) -> tuple[Any, Any]:
-    """asinh (sign 1), acosh (sign -1)."""
+    """The series of asinh (sign 1) or acosh (sign -1)."""
     root = (a * a + sign).sqrt()
     return (a + root).log(), _inverse(root)
 

@@ -41,16 +41,17 @@ def _other(meaning: sp.Expr) -> bool:
 
 
 def _squared(roots: Sequence[Root]) -> list[list[Any]]:
-    """Of each product of values that is a square h^2, from a basis of them: the factors of h with odd exponents."""
-    found = [_exponents(root) for root in roots]
-    factors = {name: p for one in found for name, (p, _) in one.items()}
-    parities = [[one[name][1] % 2 if name in one else 0 for one in found] for name in factors]
+    """For each product of values that is a square h^2, from a basis of such products, the factors of h with odd
+    exponents."""
+    exponents = [_exponents(root) for root in roots]
+    factors = {name: p for one in exponents for name, (p, _) in one.items()}
+    parities = [[one[name][1] % 2 if name in one else 0 for one in exponents] for name in factors]
     if not parities:
         return []
     basis, count = flint.nmod_mat(parities, 2).nullspace()
     squares = []
     for j in range(count):
-        taken = [one for i, one in enumerate(found) if int(basis[i, j])]
+        taken = [one for i, one in enumerate(exponents) if int(basis[i, j])]
         halves = {name: sum(one[name][1] for one in taken if name in one) // 2 for name in factors}
         squares.append([factors[name] for name, half in halves.items() if half % 2])
     return squares
@@ -64,8 +65,8 @@ def _exponents(root: Root) -> dict[str, tuple[Any, int]]:
 
 
 def _turns(field: Field, h: Sequence[Any]) -> bool:
-    """Whether a product may change its sign: not one of even roots, exponentials and positive symbols."""
-    kept = {root.index for root in field.roots if root.degree % 2 == 0} | field.exponents.keys()
-    kept |= {k for k, g in enumerate(field.generators) if g.is_positive}
-    letters = [p for k, p in enumerate(field.ring.gens()) if k in kept]
+    """Whether a product may change its sign: one of even roots, exponentials and positive symbols cannot."""
+    nonnegative = {root.index for root in field.roots if root.degree % 2 == 0} | field.exponents.keys()
+    nonnegative |= {k for k, g in enumerate(field.generators) if g.is_positive}
+    letters = [p for k, p in enumerate(field.ring.gens()) if k in nonnegative]
     return any(p not in letters for p in h)

@@ -32,8 +32,8 @@ class _Flow:
     work: Work
 
     def along(self, row: list[Any]) -> list[Any]:
-        """`common` times L_f of a row."""
-        found = []
+        """`common` times the Lie derivative L_f of a row."""
+        lie_derivative = []
         for i, entry in enumerate(row):
             total = entry.context().constant(0)
             for g, degree in enumerate(entry.degrees()):
@@ -42,20 +42,20 @@ class _Flow:
             for j, other in enumerate(row):
                 if not other.is_zero() and not self.jacobian[j][i].is_zero():
                     total += self.work.times(other, self.jacobian[j][i])
-            found.append(total)
-        return found
+            lie_derivative.append(total)
+        return lie_derivative
 
 
 def product(tower: Tower, rows: Sequence[Row], limit: int) -> Product:
-    """Polynomials whose product, each to its power, is the determinant of the rows, a number apart.
+    """Polynomials whose product, each to its power, is the determinant of the rows up to a constant factor.
 
     `rows`: in an order in which the reduction is sound: one output after the other, or by order of derivative.
-    Raises: `TooLarge` beyond `limit` products of terms; `ZeroDivisionError` where it is 0.
+    Raises: `TooLarge` beyond `limit` products of terms; `ZeroDivisionError` where the determinant is 0.
     """
     work = Work([limit])
     flow, elimination = _flow(tower, work), Elimination(tower.field, work)
     last = {j: max(k for output, k in rows if output == j) for j, _ in rows}
-    found: Product = []
+    factors: Product = []
     chain: dict[int, list[Any]] = {}
     for j, k in rows:
         if k:
@@ -63,9 +63,9 @@ def product(tower: Tower, rows: Sequence[Row], limit: int) -> Product:
         else:
             scale, (raw,) = cleared([tower.gradient(tower.output[j])])
         chain[j], more = elimination.added(raw)
-        found += [(e, -power * (last[j] - k + 1)) for e, power in ((scale, 1), *more)]
-        found.append((elimination.pivot, 1))
-    return found
+        factors += [(e, -power * (last[j] - k + 1)) for e, power in ((scale, 1), *more)]
+        factors.append((elimination.pivot, 1))
+    return factors
 
 
 def _flow(tower: Tower, work: Work) -> _Flow:

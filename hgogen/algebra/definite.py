@@ -15,7 +15,7 @@ from flint import fmpq, fmpq_mat
 
 Matrix = tuple[tuple[Fraction, ...], ...]
 
-_CLOSE = Fraction(1, 2**40)  # of the largest entry: how near to a float eigenvalue its enclosure begins
+_CLOSE = Fraction(1, 2**40)  # of the largest entry: how close to a float eigenvalue its enclosure begins
 
 
 def exact(M: Iterable[Iterable[Fraction]]) -> Any:
@@ -68,16 +68,17 @@ def nonnegative(M: Any) -> bool:
 
 
 def smallest(M: Any) -> tuple[Fraction, Fraction]:
-    """(low, high) around the smallest eigenvalue of a symmetric matrix of FLINT's: low <= it < high, both proved, and
-    low > 0 where the matrix is positive definite.
+    """An enclosure (low, high) of the smallest eigenvalue of a symmetric matrix of FLINT's: low <= eigenvalue < high is
+    proved, and low > 0 where the matrix is positive definite.
 
-    low is the float in nine digits where that is below, so that 2 is found as 2; else both start a share 2^-40 of the
-    largest entry from the float, and move outwards until they are proved.
+    low is the float eigenvalue rounded to nine digits where that is a lower bound, so that it is 2 for an eigenvalue 2;
+    else both bounds start at a distance of 2^-40 of the largest entry from the float, and move outwards until they are
+    proved.
     """
     values = floats(M)
-    found, near = float(np.linalg.eigvalsh(values).min()), _CLOSE * Fraction(float(np.abs(values).max()) or 1.0)
-    one, middle, low = unit(M.nrows()), Fraction(found), Fraction(f"{found:.9g}")
-    high, below, above = middle + near, near, near
+    eigenvalue, slack = float(np.linalg.eigvalsh(values).min()), _CLOSE * Fraction(float(np.abs(values).max()) or 1.0)
+    one, middle, low = unit(M.nrows()), Fraction(eigenvalue), Fraction(f"{eigenvalue:.9g}")
+    high, below, above = middle + slack, slack, slack
     while not nonnegative(M - one * number(low)):
         low, below = middle - below, 4 * below
     while nonnegative(M - one * number(high)):

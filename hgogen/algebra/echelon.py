@@ -49,13 +49,14 @@ def _columns(rows: Sequence[Row], modulus: int) -> Any:
 
 
 def _pivots(matrix: Any) -> list[int]:
+    """The columns of the pivots of a matrix modulo a prime."""
     reduced, rank = matrix.rref()
     width = reduced.ncols()
-    found: list[int] = []
+    columns: list[int] = []
     for i in range(rank):
-        start = found[-1] + 1 if found else 0
-        found.append(next(j for j in range(start, width) if reduced[i, j] != 0))
-    return found
+        start = columns[-1] + 1 if columns else 0
+        columns.append(next(j for j in range(start, width) if reduced[i, j] != 0))
+    return columns
 
 
 def _modular_kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[int]]:
@@ -65,11 +66,12 @@ def _modular_kernel(rows: Sequence[Row], width: int, modulus: int) -> list[list[
 
 
 def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
-    """(index of a new row, column of its pivot, the reduced row with 1 there); a pivot is the largest entry."""
-    found: list[tuple[int, int, list[Any]]] = []
+    """For each new row its index, the column of its pivot, and the reduced row with 1 there; a pivot is the largest
+    entry of its row."""
+    reduced: list[tuple[int, int, list[Any]]] = []
     for i, row in enumerate(rows):
         left = _normal(row)
-        for _, column, pivot in found:
+        for _, column, pivot in reduced:
             factor = left[column]
             if not factor.is_zero():
                 left = [a - factor * b for a, b in zip(left, pivot, strict=True)]
@@ -77,8 +79,8 @@ def _eliminated(rows: Sequence[Row]) -> list[tuple[int, int, list[Any]]]:
         sure = [j for j, entry in enumerate(left) if not _zero(entry)]
         if sure:
             best = max(sure, key=lambda j: abs(float(left[j].mid())))
-            found.append((i, best, [entry / left[best] for entry in left]))
-    return found
+            reduced.append((i, best, [entry / left[best] for entry in left]))
+    return reduced
 
 
 def _normal(row: Row) -> list[Any]:
@@ -102,13 +104,14 @@ def _zero(entry: Any) -> bool:
 
 
 def _ball_kernel(rows: Sequence[Row], width: int) -> list[list[Any]]:
-    found = _eliminated(rows)
-    columns = [column for _, column, _ in found]
+    """A basis of the kernel of rows of balls, by back substitution from the free columns."""
+    reduced = _eliminated(rows)
+    columns = [column for _, column, _ in reduced]
     free = [j for j in range(width) if j not in columns]
     basis = []
     for j in free:
         vector = [flint.arb(int(i == j)) for i in range(width)]
-        for _, column, pivot in reversed(found):  # a row's pivot column is zero in the rows after it
+        for _, column, pivot in reversed(reduced):  # a row's pivot column is zero in the rows after it
             vector[column] = -sum((pivot[k] * vector[k] for k in range(width) if k != column), flint.arb(0))
         basis.append([flint.arb(0) if _zero(entry) else entry for entry in vector])
     return basis

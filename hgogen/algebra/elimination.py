@@ -58,7 +58,7 @@ class Elimination:
 
     @property
     def pivot(self) -> Any:
-        """Of the last row."""
+        """The pivot of the last row."""
         column, row = self.pivots[-1]
         return row[column]
 

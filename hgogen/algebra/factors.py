@@ -54,8 +54,8 @@ def factors(expression: sp.Expr) -> Factors | None:
         return None
     if sum(len(one.polynomial) for one in parts) > _TERMS or any(one.exponent.denominator != 1 for one in parts):
         return None
-    found = (Factor(made.expression(p.polynomial), int(p.exponent), definite(made, p.polynomial)) for p in parts)
-    return Factors(number, tuple(found))
+    irreducible = (Factor(made.expression(p.polynomial), int(p.exponent), definite(made, p.polynomial)) for p in parts)
+    return Factors(number, tuple(irreducible))
 
 
 def definite(field: Field, polynomial: Any) -> bool:

@@ -49,8 +49,8 @@ class Field:
 
     def expression(self, polynomial: Any) -> sp.Expr:
         """A polynomial in the symbols and functions that the generators stand for."""
-        value, found = written(polynomial, self.meaning), polynomial.degrees()
-        return sp.expand(value) if any(found[root.index] for root in self.roots) else value
+        value, highest = written(polynomial, self.meaning), polynomial.degrees()
+        return sp.expand(value) if any(highest[root.index] for root in self.roots) else value
 
     def kernels(self, polynomial: Any) -> bool:
         """Whether the polynomial reads a kernel."""
@@ -83,11 +83,11 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
     place = {g: k for k, g in enumerate(generators)}
     ring = ring_of(generators)
     replaced, rational = _replaced(writer.relations)
-    found = quotients([*(e.xreplace(replaced) for e in expressions), *right], generators, ring)
+    as_quotients = quotients([*(e.xreplace(replaced) for e in expressions), *right], generators, ring)
     inner = quotients([e.xreplace(replaced) for e in right], generators, ring)
     roots = (
         Root(place[r.generator], r.degree, plain if r.generator in rational else value, r.generator in rational)
-        for r, plain, value in zip(writer.relations, found[len(expressions) :], inner, strict=True)
+        for r, plain, value in zip(writer.relations, as_quotients[len(expressions) :], inner, strict=True)
     )
     made = Field(
         generators=generators,
@@ -97,22 +97,22 @@ def field(writer: Writer, expressions: Sequence[sp.Expr]) -> tuple[Field, list[Q
         angles={place[g]: key.args[0] / key.args[1] for g, key in keys.items() if isinstance(key, Half)},
         exponents={place[g]: key.args[0] / key.args[1] for g, key in keys.items() if isinstance(key, Exp)},
     )
-    return made, found[: len(expressions)]
+    return made, as_quotients[: len(expressions)]
 
 
 def _replaced(relations: Sequence[Relation]) -> tuple[dict[sp.Symbol, sp.Expr], set[sp.Symbol]]:
-    """Each symbol that a root replaces, with its value; and those roots."""
-    found: dict[sp.Symbol, sp.Expr] = {}
+    """Each symbol that a root replaces, with its value; and the generators of those roots."""
+    replacements: dict[sp.Symbol, sp.Expr] = {}
     roots: set[sp.Symbol] = set()
     for relation in relations:
-        value = sp.expand(relation.value.xreplace(found))
+        value = sp.expand(relation.value.xreplace(replacements))
         symbols = sorted((s for s in value.free_symbols if not s.is_Dummy), key=str)
         s = next((s for s in symbols if value.diff(s).is_Rational), None)
         if s is not None:
             new = {s: sp.expand(s + (relation.generator**relation.degree - value) / value.diff(s))}
-            found = {old: sp.expand(e.xreplace(new)) for old, e in found.items()} | new
+            replacements = {old: sp.expand(e.xreplace(new)) for old, e in replacements.items()} | new
             roots.add(relation.generator)
-    return found, roots
+    return replacements, roots
 
 
 def _meaning(key: sp.Expr) -> sp.Expr:

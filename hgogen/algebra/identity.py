@@ -22,7 +22,7 @@ Box = Mapping[sp.Symbol, tuple[Any, Any]]
 
 _QUICK, _PATIENT = 4, 12  # points
 _BITS, _MORE_BITS = 64, (256, 1024, 4096)
-# Where a symbol has no range: near and far, positive first, because logarithms and roots want that.
+# The ranges of points for a symbol without one: a positive range first, because logarithms and roots need it.
 _SCALES = ((Fraction(1, 7), Fraction(2)), (Fraction(-3), Fraction(3)), (Fraction(0), Fraction(40)))
 _GRID = 997
 # Values at which a symbol is left out.
@@ -57,10 +57,10 @@ def is_zero(expression: sp.Expr, box: Box | None = None) -> bool | None:
     if answer and finite:
         return True
     for bits in _MORE_BITS:
-        found = [values(program, point, bits)[0] for point in points]
-        if any(_not_zero(ball) for ball in found):
+        balls = [values(program, point, bits)[0] for point in points]
+        if any(_not_zero(ball) for ball in balls):
             return False
-        finite = finite or any(ball.is_finite() for ball in found)
+        finite = finite or any(ball.is_finite() for ball in balls)
         if answer and finite:
             return True
     return None
@@ -75,7 +75,7 @@ def depends(expression: sp.Expr, symbol: sp.Symbol, box: Box | None = None) -> b
 def dependence(
     expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None
 ) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
-    """Those of the symbols that the value is proved to change with, and those of which it is not known.
+    """The symbols that the value is proved to depend on, and those for which this is not known.
 
     For the rest, e(.., s, ..) - e(.., t, ..) is 0 by exact algebra with s and t as two symbols; that the slope is 0
     would not be enough: atan(x) + atan(1/x) jumps.
@@ -93,14 +93,14 @@ def dependence(
 
 
 def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> tuple[sp.Symbol, ...]:
-    """Those of the symbols that the value changes with, as far as is known, in their order."""
+    """The symbols, in their order, that the value of the expression depends on, or may depend on."""
     symbols = tuple(symbols)
-    found = {s for part in dependence(expression, symbols, box) for s in part}
-    return tuple(s for s in symbols if s in found)
+    relevant = {s for part in dependence(expression, symbols, box) for s in part}
+    return tuple(s for s in symbols if s in relevant)
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """The same function written without those of the symbols on which it does not depend, as far as that is proved.
+    """The same function written without the symbols on which it is proved not to depend.
 
     Its value at one value of each: 0 where it is defined there.
     """
@@ -160,10 +160,10 @@ def _points(symbols: Sequence[sp.Symbol], box: Box | None, count: int) -> Iterat
 
 def _ends(symbol: sp.Symbol, box: Box | None, k: int) -> tuple[Fraction, Fraction]:
     low, high = (box or {}).get(symbol, (-sp.oo, sp.oo))
-    near, far = _SCALES[k % len(_SCALES)]
+    start, end = _SCALES[k % len(_SCALES)]
     unbounded = low == -sp.oo, high == sp.oo
     if all(unbounded):
-        return near, far
+        return start, end
     if unbounded[0]:
-        return Fraction(str(high)) - (far - near), Fraction(str(high))
-    return Fraction(str(low)), Fraction(str(low)) + (far - near) if unbounded[1] else Fraction(str(high))
+        return Fraction(str(high)) - (end - start), Fraction(str(high))
+    return Fraction(str(low)), Fraction(str(low)) + (end - start) if unbounded[1] else Fraction(str(high))

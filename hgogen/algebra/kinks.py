@@ -67,7 +67,7 @@ class Direction(_Shown):
 
     @classmethod
     def eval(cls, index: sp.Integer, *args: sp.Expr) -> sp.Expr | None:
-        """Of one argument the sign where that is known; without numbers before it."""
+        """The sign of one argument where it is known; else the direction without numerical factors."""
         if len(args) > 1:
             return None
         if args[0].is_positive or args[0].is_negative:
@@ -78,7 +78,7 @@ class Direction(_Shown):
         return None if factor == 1 or not rest.free_symbols else sp.sign(factor) * cls(index, rest)
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        """Of one e there is none at 0."""
+        """The derivative; that of one e has no value at 0."""
         e, *more = self.args[1:]
         if not more:
             return 2 * sp.DiracDelta(e) * e.diff(s)
@@ -86,7 +86,7 @@ class Direction(_Shown):
         return top.diff(s) / size - top * size.diff(s) / size**2
 
     def plain(self) -> sp.Expr:
-        """As SymPy has it, sign(e) or e_i/|e|, without the set at 0; only to be read."""
+        """SymPy's expression, sign(e) or e_i/|e|, without the set at 0: for a reader only."""
         e, *more = self.args[1:]
         if not more:
             return sp.sign(e, evaluate=False)
@@ -122,8 +122,8 @@ def over_reals(
 ) -> sp.Expr:
     """A function of an expression (and a symbol) with real symbols: SymPy's |x| of a complex x has another slope."""
     plain = {s: sp.Dummy(s.name, real=True) for s in sorted(row.free_symbols, key=str) if not s.is_real}
-    found = function(row.xreplace(plain), plain.get(symbol, symbol))
-    return found.xreplace({dummy: s for s, dummy in plain.items()})
+    value = function(row.xreplace(plain), plain.get(symbol, symbol))
+    return value.xreplace({dummy: s for s, dummy in plain.items()})
 
 
 def _bent(e: sp.Expr) -> sp.Expr:
@@ -153,27 +153,28 @@ def _node(e: sp.Expr) -> sp.Expr:
 
 
 def signed(e: sp.Mul) -> sp.Expr:
-    """e sign(e) as |e|; itself without."""
+    """The product with e sign(e) written as |e|; the product itself where it has no such factors."""
     for node in sorted((a for a in e.args if isinstance(a, sp.sign)), key=str):
         (base,), rest = node.args, e / node
         powers = (factor.as_base_exp() for factor in sp.Mul.make_args(rest))
         if any(b == base and k.is_Integer and k > 0 for b, k in powers):
-            found = rest / base * Norm(base)
-            return signed(found) if isinstance(found, sp.Mul) else found
+            as_norm = rest / base * Norm(base)
+            return signed(as_norm) if isinstance(as_norm, sp.Mul) else as_norm
     return e
 
 
 def _squares(e: sp.Expr) -> list[sp.Expr] | None:
-    """e_1 .. e_k, polynomials or functions, with e = e_1^2 + .. + e_k^2; numbers among them are not negative."""
+    """The e_1 .. e_k, polynomials or functions, with e = e_1^2 + .. + e_k^2, numbers among them not negative; None
+    where e is not such a sum."""
     if e.count_ops() > _LARGE:
         return None
-    found = []
+    roots = []
     for term in sp.Add.make_args(e):
         root = _square(term)
         if root is None:
             return _as_square(e)
-        found.append(root)
-    return found
+        roots.append(root)
+    return roots
 
 
 def _as_square(e: sp.Expr) -> list[sp.Expr] | None:
@@ -233,7 +234,7 @@ def _apart(a: sp.Expr, b: sp.Expr) -> bool:
 
 
 def _polynomial(e: sp.Expr) -> bool:
-    """In symbols and norms of polynomials: it has a value everywhere."""
+    """Whether it is a polynomial in symbols and norms of polynomials, so that it has a value everywhere."""
     if isinstance(e, sp.Pow):
         return bool(e.exp.is_Integer and e.exp > 0) and _polynomial(e.base)
     if isinstance(e, (sp.Add, sp.Mul, Norm)):

@@ -74,9 +74,9 @@ class Modular:
         return less.mul_low(a, order), value * less
 
     def coefficients(self, a: Any, order: int) -> list[int]:
-        """The first `order` coefficients."""
-        found = [int(c) for c in a.coeffs()[:order]]
-        return found + [0] * (order - len(found))
+        """The first `order` coefficients of a series, padded with zeros."""
+        coefficients = [int(c) for c in a.coeffs()[:order]]
+        return coefficients + [0] * (order - len(coefficients))
 
     def matrix(self, rows: int, columns: int, entries: Iterable[int]) -> Any:
         """A matrix from its entries, row by row."""

@@ -102,7 +102,7 @@ def _decimal(number: sp.Float) -> sp.Rational:
 
 
 def _ends(signal: Signal) -> tuple[sp.Rational, sp.Rational]:
-    """Its range; a signal without one may have any value, so one around its nominal value serves."""
+    """The range of a signal; one without a range may have any value, so a range around its nominal value serves."""
     if signal.bounded:
         return sp.Rational(str(signal.low)), sp.Rational(str(signal.high))
     centre = sp.Rational(str(signal.nominal or 0.0))

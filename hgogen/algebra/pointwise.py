@@ -20,11 +20,11 @@ def values(tape: Tape, point: Sequence[Fraction], bits: int = 64) -> list[Ball]:
     before = ctx.prec
     ctx.prec = bits
     try:
-        found: list[Any] = []
+        registers: list[Any] = []
         for instruction in tape.instructions:
-            value = _value(instruction, [found[i] for i in instruction.args], point)
-            found.append(_NAN if isinstance(value, arb) and not value.is_finite() else value)
-        return [found[i] if isinstance(found[i], arb) else _NAN for i in tape.outputs]
+            value = _value(instruction, [registers[i] for i in instruction.args], point)
+            registers.append(_NAN if isinstance(value, arb) and not value.is_finite() else value)
+        return [registers[i] if isinstance(registers[i], arb) else _NAN for i in tape.outputs]
     finally:
         ctx.prec = before
 

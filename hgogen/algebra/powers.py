@@ -49,30 +49,31 @@ def powers(field: Field, product: Product) -> tuple[sp.Expr, list[Power]]:
 
 
 def split(field: Field, parts: Sequence[Power]) -> list[Power]:
-    """Powers with the zeros and poles of the given ones, not their value: each root as what it is a root of."""
-    found = [(one.polynomial, one.exponent) for one in parts]
+    """Powers with the same zeros and poles, though not the same value, in which each root is replaced by what it is a
+    root of."""
+    pairs = [(one.polynomial, one.exponent) for one in parts]
     for root in reversed(field.roots):
         generator = field.ring.gens()[root.index]
-        _, ends = _ends(root, sum((e for p, e in found if p == generator), Fraction(0)) / root.degree)
-        found = _merged([*((p, e) for p, e in found if p != generator), *ends])
+        _, ends = _ends(root, sum((e for p, e in pairs if p == generator), Fraction(0)) / root.degree)
+        pairs = _merged([*((p, e) for p, e in pairs if p != generator), *ends])
         if root.rational and root.degree == 2:
-            found = _joined(found, root.index)
-    return [Power(p, e) for p, e in found]
+            pairs = _joined(pairs, root.index)
+    return [Power(p, e) for p, e in pairs]
 
 
 def _fewest(root: Root, generator: Any, parts: _Parts) -> tuple[sp.Expr, _Parts]:
-    """g^k = g^(k - t q) value^t with the t that leaves the fewest factors, and the number before them; none of g where
-    q divides k.
+    """The number and the factors of g^k = g^(k - t q) value^t for the t that leaves the fewest factors; g is no factor
+    where q divides k.
     """
     k = sum((e for p, e in parts if p == generator), Fraction(0))
     if not k:
         return sp.S.One, parts
     rest, down = [(p, e) for p, e in parts if p != generator], k // root.degree
-    found = []
+    candidates = []
     for t in dict.fromkeys([down] if k % root.degree == 0 else [0, down, down + 1]):
         factor, ends = _ends(root, Fraction(t))
-        found.append((factor, _merged([*rest, (generator, k - t * root.degree), *ends])))
-    return min(found, key=lambda one: (len(one[1]), sum(abs(e) for _, e in one[1])))
+        candidates.append((factor, _merged([*rest, (generator, k - t * root.degree), *ends])))
+    return min(candidates, key=lambda one: (len(one[1]), sum(abs(e) for _, e in one[1])))
 
 
 def _ends(root: Root, share: Fraction) -> tuple[sp.Expr, _Parts]:
@@ -95,9 +96,10 @@ def _irreducible(parts: _Parts) -> _Parts:
 
 
 def _joined(parts: _Parts, index: int) -> _Parts:
-    """P(g) P(-g) as one where both have the same exponent: with g^2 = x + 1, (g - 1) (g + 1) is x."""
+    """The powers with P(g) and P(-g) joined to one factor where both have the same exponent: with g^2 = x + 1,
+    (g - 1) (g + 1) is x."""
     left = {str(p): (p, e) for p, e in parts}
-    found = []
+    joined = []
     for p, e in parts:
         if left.pop(str(p), None) is None:
             continue
@@ -108,14 +110,14 @@ def _joined(parts: _Parts, index: int) -> _Parts:
         if left.get(str(other), (None, None))[1] == e:
             del left[str(other)]
             p = p * other
-        found.append((p, e))
-    return found
+        joined.append((p, e))
+    return joined
 
 
 def _merged(parts: Iterable[tuple[Any, Fraction]]) -> _Parts:
-    """Equal polynomials once, those to the power 0 not at all."""
-    found: dict[str, tuple[Any, Fraction]] = {}
+    """The powers with the exponents of equal polynomials added, without constants and polynomials to the power 0."""
+    merged: dict[str, tuple[Any, Fraction]] = {}
     for polynomial, exponent in parts:
         key = str(polynomial)
-        found[key] = polynomial, found.get(key, (None, Fraction(0)))[1] + exponent
-    return [one for one in found.values() if one[1] and not one[0].is_constant()]
+        merged[key] = polynomial, merged.get(key, (None, Fraction(0)))[1] + exponent
+    return [one for one in merged.values() if one[1] and not one[0].is_constant()]

@@ -106,8 +106,8 @@ def observability(
     def answer(numbers: Arithmetic, point: Point) -> Ranks:
         return _ranks(plant, symbols, numbers, point, limit)
 
-    found = somewhere(plant, answer)
-    return _on_branches(plant, answer, found) if found.local else found
+    ranks = somewhere(plant, answer)
+    return _on_branches(plant, answer, ranks) if ranks.local else ranks
 
 
 def branches(plant: Plant) -> str:
@@ -115,24 +115,25 @@ def branches(plant: Plant) -> str:
     return ", ".join(sorted({i.op for i in plant.tape.instructions} & BRANCHES))
 
 
-def _on_branches(plant: Plant, answer: Callable[[Arithmetic, Point], Ranks], found: Ranks) -> Ranks:
-    """The least that is seen at points of every scale and sign, so of several branches."""
+def _on_branches(plant: Plant, answer: Callable[[Arithmetic, Point], Ranks], ranks: Ranks) -> Ranks:
+    """The least ranks at points of every scale and sign, so on several branches of the functions."""
     for seed in range(SCALES):
         try:
             other = _with_balls(plant, Balls(seed), answer)
         except (ZeroDivisionError, Undecided):
             continue
-        known, joint = _least(found.known, other.known), _least(found.joint, other.joint)
-        found = Ranks(known, joint, found.method, found.local)
-    return found
+        known, joint = _least(ranks.known, other.known), _least(ranks.joint, other.joint)
+        ranks = Ranks(known, joint, ranks.method, ranks.local)
+    return ranks
 
 
 def _least(a: Rank, b: Rank) -> Rank:
+    """The lower of two ranks, with what is unobservable in either of them."""
     low = min(a, b, key=lambda rank: rank.rank)
     hidden = {*a.unobservable, *b.unobservable}
     lost = tuple(s for s in (*low.observable, *low.unobservable) if s in hidden)
-    kept = tuple(s for s in low.observable if s not in hidden)
-    return Rank(low.dimension, low.rank, low.order, kept, lost, a.final and b.final)
+    observable = tuple(s for s in low.observable if s not in hidden)
+    return Rank(low.dimension, low.rank, low.order, observable, lost, a.final and b.final)
 
 
 def plant_of(
@@ -237,7 +238,7 @@ def matrix_rows(matrix: Any) -> list[list[Any]]:
 def _rank(
     rows: Sequence[Sequence[Any]], width: int, symbols: Sequence[sp.Symbol], p: int, prime: int, limit: int | None
 ) -> Rank | None:
-    """The rank once it is stationary over one more derivative of every output, full, or at its limit."""
+    """The rank once it is full, stationary over one more derivative of every output, or at its limit; None before."""
     reached = limit is not None and len(rows) // p > limit
     orders = limit + 1 if limit is not None and reached else len(rows) // p
     cut = [row[:width] for row in rows[: orders * p]]
@@ -246,10 +247,10 @@ def _rank(
     final = len(levels) == width or gap is not None
     if not final and not reached:
         return None
-    kept = [k for k in levels if gap is None or k < gap]
-    order = max(kept, default=0)
+    below_gap = [k for k in levels if gap is None or k < gap]
+    order = max(below_gap, default=0)
     basis = kernel(cut[: (order + 1) * p], width, prime)
     hidden = [any(vector[i] != 0 for vector in basis) for i in range(width)]
     observable = tuple(s for s, h in zip(symbols, hidden, strict=True) if not h)
     unobservable = tuple(s for s, h in zip(symbols, hidden, strict=True) if h)
-    return Rank(width, len(kept), order, observable, unobservable, final)
+    return Rank(width, len(below_gap), order, observable, unobservable, final)

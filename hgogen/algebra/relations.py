@@ -30,7 +30,7 @@ def vanishes(expression: sp.Expr) -> bool | None:
 
 
 def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[list[Any], int]:
-    """Polynomials with generator^degree replaced by a quotient, times one power of its denominator, and that power.
+    """The polynomials with generator^degree replaced by a quotient, times a power of its denominator, and that power.
 
     Raises: `TooLarge`.
     """
@@ -39,12 +39,14 @@ def reduced(row: list[Any], index: int, degree: int, value: Quotient) -> tuple[l
     if not most:
         return row, 0
     weights = [times(power(value[0], t), power(value[1], most - t)) for t in range(most + 1)]
-    found = []
+    replaced = []
     for top in row:
         layers: dict[int, dict[tuple[int, ...], Any]] = {}
         for powers, coefficient in top.to_dict().items():
             t, left = divmod(int(powers[index]), degree)
             rest = tuple(left if i == index else int(k) for i, k in enumerate(powers))
             layers.setdefault(t, {})[rest] = coefficient
-        found.append(sum((times(ring.from_dict(terms), weights[t]) for t, terms in layers.items()), ring.constant(0)))
-    return found, most
+        replaced.append(
+            sum((times(ring.from_dict(terms), weights[t]) for t, terms in layers.items()), ring.constant(0))
+        )
+    return replaced, most

@@ -66,9 +66,9 @@ def rational(expression: sp.Expr) -> Rational:
     writer = Writer()
     writer.measure(expression)
     value = writer.write(expression)
-    found = (*value.free_symbols, *(s for r in writer.relations for s in (r.generator, *r.value.free_symbols)))
+    generators = (*value.free_symbols, *(s for r in writer.relations for s in (r.generator, *r.value.free_symbols)))
     order = {s: i for i, s in enumerate((*sorted(expression.free_symbols, key=str), *writer.kernels.values()))}
-    return Rational(value, tuple(sorted(set(found), key=lambda s: order[s])), tuple(writer.relations))
+    return Rational(value, tuple(sorted(set(generators), key=lambda s: order[s])), tuple(writer.relations))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ class Writer:
         return self._kernel(Exp(monomial, sp.Integer(scale))) ** times
 
     def _scale(self, kind: str, factor: sp.Rational, monomial: sp.Expr) -> tuple[int, int]:
-        """q, and factor q, which is whole; an argument that was not measured gets a q of its own."""
+        """The denominator q and the whole number factor q; an argument that was not measured has a q of its own."""
         scale = self.scales.get((kind, monomial), 1)
         if scale % int(factor.q):
             scale = int(factor.q)
@@ -194,7 +194,7 @@ class Writer:
         return {sp.tan: s / c, sp.cot: c / s, sp.sec: 1 / c, sp.csc: 1 / s}[type(node)]
 
     def _turn(self, factor: sp.Rational, monomial: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-        """cos and sin of factor * monomial."""
+        """The cosine and the sine of factor * monomial."""
         if monomial == sp.pi:
             exact = sp.cos(factor * sp.pi), sp.sin(factor * sp.pi)
             if not any(value.has(*_TRIGONOMETRIC) for value in exact):

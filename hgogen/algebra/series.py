@@ -43,7 +43,8 @@ class Plant:
 
 @dataclass(frozen=True)
 class Point:
-    """Where the series start: `states` and `constants` (parameters, then the rest) at t = 0, and `inputs` as series."""
+    """The point at which the series start: `states` and `constants` (parameters, then the rest) at t = 0, and the
+    `inputs` as series."""
 
     states: tuple[Any, ...]
     constants: tuple[Any, ...]
@@ -86,13 +87,13 @@ def gradients(plant: Plant, numbers: Arithmetic, point: Point) -> Iterator[list[
 
 
 def first_gradients(plant: Plant, numbers: Arithmetic, point: Point, count: int) -> list[Any]:
-    """Y_0, .., Y_(count - 1)."""
-    found: list[Any] = []
+    """The first `count` gradients Y_0, .., Y_(count - 1) of the outputs' derivatives."""
+    first: list[Any] = []
     for matrices in gradients(plant, numbers, point):
-        found += matrices
-        if len(found) >= count:
+        first += matrices
+        if len(first) >= count:
             break
-    return found[:count]
+    return first[:count]
 
 
 def evaluate(

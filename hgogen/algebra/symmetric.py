@@ -15,7 +15,7 @@ _ROUNDING = Fraction(1, 10**12)
 def symmetric(M: Sequence[Sequence[Fraction]]) -> tuple[tuple[Fraction, ...], ...] | None:
     """(M + M')/2 in exact fractions, where M (n, n) is symmetric but for rounding; else None."""
     n = range(len(M))
-    if any(not _near(M[i][j], M[j][i], M[i][i] * M[j][j]) for i in n for j in range(i)):
+    if any(not _close(M[i][j], M[j][i], M[i][i] * M[j][j]) for i in n for j in range(i)):
         return None
     return tuple(tuple((M[i][j] + M[j][i]) / 2 for j in n) for i in n)
 
@@ -25,5 +25,6 @@ def unsymmetric(name: str) -> str:
     return f"must be symmetric, to 1e-12 of its numbers; give ({name} + {name}')/2"
 
 
-def _near(one: Fraction, other: Fraction, square: Fraction) -> bool:
+def _close(one: Fraction, other: Fraction, square: Fraction) -> bool:
+    """Whether two numbers are equal but for rounding, relative to the largest of them and sqrt(|square|)."""
     return (one - other) ** 2 <= _ROUNDING**2 * max(one * one, other * other, abs(square))

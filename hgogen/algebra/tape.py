@@ -94,7 +94,7 @@ class _Writer:
         self.known: dict[sp.Basic, int] = {}
 
     def place(self, node: sp.Basic) -> int:
-        """Where the value of `node` stands; its parts come first, without recursion, for deep expressions."""
+        """The index of the value of `node`. Its parts come first, and without recursion: expressions may be deep."""
         stack = [node]
         while stack:
             top = stack[-1]

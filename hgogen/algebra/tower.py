@@ -27,17 +27,17 @@ class Tower:
     slopes: Mapping[tuple[int, int], Quotient]
 
     def gradient(self, value: Quotient) -> list[Quotient]:
-        """The derivatives by the states.
+        """The partial derivatives of a value with respect to the states.
 
         Raises: `TooLarge`.
         """
         ring = self.field.ring
-        found = [(ring.constant(0), ring.constant(1))] * len(self.states)
+        partials = [(ring.constant(0), ring.constant(1))] * len(self.states)
         for (g, i), slope in self.slopes.items():
             part = partial(value, g)
             if not part[0].is_zero():
-                found[i] = add(found[i], multiply(part, slope))
-        return found
+                partials[i] = add(partials[i], multiply(part, slope))
+        return partials
 
 
 def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[sp.Symbol]) -> Tower:
@@ -51,16 +51,16 @@ def tower(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequence[s
         writer.measure(row)
     values = [writer.write(row) for row in rows]
     slopes = dict(_slopes(writer, states))
-    made, found = field(writer, (*values, *slopes.values(), *states))
+    made, as_quotients = field(writer, (*values, *slopes.values(), *states))
     place = {g: k for k, g in enumerate(made.generators)}
     n, m = len(states), len(rows)
     own = {(place[x], i): (made.ring.constant(1), made.ring.constant(1)) for i, x in enumerate(states)}
-    steep = {(place[g], i): q for (g, i), q in zip(slopes, found[m:], strict=False)}
-    return Tower(tuple(states), made, tuple(found[:n]), tuple(found[n:m]), own | steep)
+    steep = {(place[g], i): q for (g, i), q in zip(slopes, as_quotients[m:], strict=False)}
+    return Tower(tuple(states), made, tuple(as_quotients[:n]), tuple(as_quotients[n:m]), own | steep)
 
 
 def _slopes(writer: Writer, states: Sequence[sp.Symbol]) -> Iterator[tuple[tuple[sp.Symbol, int], sp.Expr]]:
-    """dk/dx_i of every kernel, of those that the derivatives bring in, too."""
+    """The slopes dk/dx_i of every kernel, also of the kernels that the derivatives bring in."""
     done = 0
     while done < len(writer.kernels):
         if done >= _KERNELS:

@@ -20,22 +20,22 @@ def _steep(e: sp.exp) -> bool:
 def variants(expression: sp.Expr) -> tuple[sp.Expr, ...]:
     """The expression as it is, then its factors and its Horner forms where it is rational in its symbols.
 
-    Only exact algebra over the rationals: each is equal to the first where the first is defined (a removable pole may
-    be gone).
+    They come from exact algebra over the rationals: each is equal to the first where the first is defined, and may have
+    lost a removable pole.
     """
     symbols = sorted(expression.free_symbols, key=str)
     if not symbols or expression.count_ops() > _LARGE or largest_exponent(expression) > _REWRITTEN:
         return (expression,)
     if expression.has(sp.Piecewise, sp.floor, sp.ceiling):
         return (expression,)
-    found = [expression]
+    forms = [expression]
     try:
         stands = {e: sp.Dummy() for e in sorted(expression.atoms(sp.exp), key=str) if _steep(e)}
-        found.append(sp.factor(expression.xreplace(stands)).xreplace({d: e for e, d in stands.items()}))
+        forms.append(sp.factor(expression.xreplace(stands)).xreplace({d: e for e, d in stands.items()}))
         if expression.is_polynomial(*symbols):
             whole = sp.expand(expression)
-            found += [whole, *(sp.horner(whole, wrt=wrt) for wrt in (symbols, symbols[::-1]))]
+            forms += [whole, *(sp.horner(whole, wrt=wrt) for wrt in (symbols, symbols[::-1]))]
     except (sp.PolynomialError, NotImplementedError):
         pass
     strange = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
-    return tuple(dict.fromkeys(form for form in found if not form.has(*strange)))
+    return tuple(dict.fromkeys(form for form in forms if not form.has(*strange)))

@@ -50,8 +50,8 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     entries = [exact(sp.sympify(e)) for row in rows for e in row]
     for e in entries:
         writer.measure(e)
-    made, found = field(writer, [writer.write(e) for e in entries])
-    matrix = [found[k * len(rows) : (k + 1) * len(rows)] for k in range(len(rows))]
+    made, as_quotients = field(writer, [writer.write(e) for e in entries])
+    matrix = [as_quotients[k * len(rows) : (k + 1) * len(rows)] for k in range(len(rows))]
     try:
         product = _product(made, matrix, limit)
     except ZeroDivisionError:
@@ -64,18 +64,19 @@ def determinant(rows: Sequence[Sequence[sp.Expr]], limit: int = LIMIT) -> Determ
     return Determinant(number * _value(made, parts), zero_set(made, split(made, parts)))
 
 
-def as_written(rows: Sequence[Sequence[sp.Expr]], found: Determinant) -> Determinant:
-    """The determinant of the same rows, to be read: in the hyperbolic functions that these are written with in place of
-    exponentials, and what tells its zeros. `found` itself without such a function, or where it is the shorter one.
+def as_written(rows: Sequence[Sequence[sp.Expr]], det: Determinant) -> Determinant:
+    """The determinant of the same rows for a reader: in the hyperbolic functions that the rows are written with, in
+    place of exponentials, with the factors of its zeros. It is `det` itself without such functions, or where `det` is
+    shorter.
     """
     nodes = sorted(set().union(*(e.atoms(HyperbolicFunction) for row in rows for e in row)), key=str)
     names = {node: sp.Symbol(str(node), positive=isinstance(node, sp.cosh) or None, real=True) for node in nodes}
     try:
-        other = determinant([[e.xreplace(names) for e in row] for row in rows]) if names else found
+        other = determinant([[e.xreplace(names) for e in row] for row in rows]) if names else det
     except TooLarge:
-        return found
-    if other is found or other.factors is None or other.value.count_ops() > found.value.count_ops():
-        return found
+        return det
+    if other is det or other.factors is None or other.value.count_ops() > det.value.count_ops():
+        return det
     back = {symbol: node for node, symbol in names.items()}
     slopes = {
         e: symbol for node, symbol in names.items() if isinstance(node, sp.tanh) for e in (symbol - 1, symbol + 1)
@@ -85,7 +86,7 @@ def as_written(rows: Sequence[Sequence[sp.Expr]], found: Determinant) -> Determi
 
 
 def _squares(value: sp.Expr, tangents: set[sp.Symbol]) -> sp.Expr:
-    """With (T - 1)^k (T + 1)^k as (1 - T^2)^k, as the slope of tanh is written."""
+    """The expression with (T - 1)^k (T + 1)^k written as (1 - T^2)^k, as the slope of tanh is written."""
     powers = value.as_powers_dict()
     for T in tangents:
         k = powers.get(T - 1)
@@ -95,10 +96,10 @@ def _squares(value: sp.Expr, tangents: set[sp.Symbol]) -> sp.Expr:
 
 
 def _product(made: Field, matrix: Sequence[Sequence[Quotient]], limit: int) -> Product:
-    """By elimination; with roots without a division, which might leave a pole that the determinant has not, if that is
-    short enough, or in any case where a division would be wrong.
+    """The determinant as a product of powers, by elimination. In a field with roots a division might leave a pole that
+    the determinant has not: there it is expanded without divisions, if that is short enough or a division is wrong.
 
-    Raises: `TooLarge`; `ZeroDivisionError` where it is 0.
+    Raises: `TooLarge`; `ZeroDivisionError` where the determinant is 0.
     """
     doubtful = branches(made)
     if doubtful or made.relations:
@@ -131,8 +132,10 @@ def _expanded(made: Field, matrix: Sequence[Sequence[Quotient]], work: Work) -> 
 
 
 def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
-    """prod P^e. With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a form over C^d: the forms of even degree
-    one by one, the others multiplied with what power of C is left, above and below.
+    """The product of the P^e as an expression.
+
+    With C = cos(m/2), a polynomial P of degree d in tan(m/2) is a form over C^d. The forms of even degree are written
+    one by one; the others are multiplied, in the numerator and the denominator, with the power of C that is left.
     """
     every = [(p.polynomial, p.exponent, degrees(field, p.polynomial)) for p in parts]
     forms = [(p, d, e) for p, e, d in every if even(d)]
@@ -145,17 +148,18 @@ def _value(field: Field, parts: Sequence[Power]) -> sp.Expr:
     shared = {g: ends[0][1][g] % 2 for g in field.angles}  # both are odd, or none is
     forms += [(p, {g: k + shared[g] for g, k in d.items()}, Fraction(sign)) for p, d, sign in ends]
     written = [(*factored(field, p, d), sp.Rational(e)) for p, d, e in forms]
-    return sp.Mul(*(n**e for n, _, e in written), *(b ** (k * e) for _, found, e in written for b, k in found))
+    return sp.Mul(*(n**e for n, _, e in written), *(b ** (k * e) for _, bases, e in written for b, k in bases))
 
 
 # ---------------------------------------------------------------- which rows
 
 
 def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, ...]:
-    """The keys of the first n rows (n entries each) that are generically independent, in order; or fewer.
+    """The keys of the first n rows (n entries each) that are generically independent, in order; fewer than n where the
+    rank is lower.
 
-    By elimination with balls at two random points: a row that is dependent there may be independent elsewhere on a set
-    without volume only.
+    The rows are eliminated with balls at two random points: unless these lie on a set without volume, a row that is
+    dependent there is dependent everywhere.
     """
     symbols = sorted(set().union(*(e.free_symbols for row in rows.values() for e in row)), key=str)
     program = tape([exact(e) for row in rows.values() for e in row], symbols)
@@ -163,10 +167,10 @@ def independent(rows: Mapping[_Row, Sequence[sp.Expr]], n: int) -> tuple[_Row, .
     points = 0
     for point in _points(len(symbols)):
         for bits in (256, SURE_BITS):
-            found = values(program, point, bits)
-            if all(ball.is_finite() for ball in found):
+            balls = values(program, point, bits)
+            if all(ball.is_finite() for ball in balls):
                 points += bits == SURE_BITS
-                taken = _new([found[k * n : (k + 1) * n] for k in range(len(rows))], bits)
+                taken = _new([balls[k * n : (k + 1) * n] for k in range(len(rows))], bits)
                 best = max(best, tuple(list(rows)[k] for k in taken[:n]), key=len)
             if len(best) == n:
                 return best

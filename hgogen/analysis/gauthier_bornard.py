@@ -9,8 +9,8 @@ nonlinear systems", IEEE Trans. Automatic Control 26 (1981), theorem 4.
 
 The gradients come from power series at a random point, their slope along g from the same series at the point moved
 along g, in numbers modulo the square of a prime (or with balls): no Lie derivative is written out. A span that is
-left at one point is left almost everywhere; one that is kept, or a rank below n, is tried at several points: that is
-no proof. The theorem is of every real input: it does not know of declared ranges.
+left at one point is left almost everywhere; one that is invariant, or a rank below n, is tried at several points: that
+is no proof. The theorem is of every real input: it does not know of declared ranges.
 """
 
 from collections.abc import Iterable, Sequence
@@ -47,7 +47,7 @@ class UniformObservability:
 
     @property
     def verdict(self) -> Verdict:
-        """Of the claim that the plant is observable, for every real input, ranges apart."""
+        """The verdict of the claim that the plant is observable for every real input, inside and outside its ranges."""
         if self.answer is None or not (self.answer or self.shown):
             return Verdict.UNKNOWN
         return Verdict.GENERIC if self.answer else Verdict.REFUTED

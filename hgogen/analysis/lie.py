@@ -16,11 +16,11 @@ from hgogen.system import System
 
 
 def rates(plant: System, orders: int) -> dict[sp.Symbol, sp.Expr]:
-    """What each state and each input, up to its derivative of order `orders` - 1, changes at."""
-    found: dict[sp.Symbol, sp.Expr] = dict(zip(plant.states, plant.flow, strict=True))
+    """The rate of each state, of each input, and of the input's derivatives up to the order `orders` - 1."""
+    changes: dict[sp.Symbol, sp.Expr] = dict(zip(plant.states, plant.flow, strict=True))
     for u in plant.inputs:
-        found |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
-    return found
+        changes |= {u.derivative(k): u.derivative(k + 1) for k in range(orders)}
+    return changes
 
 
 def along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
@@ -32,10 +32,10 @@ def along(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
 
 def derivatives(expression: sp.Expr, rates: Mapping[sp.Symbol, sp.Expr], count: int) -> tuple[sp.Expr, ...]:
     """The expression and its time derivatives, `count` expressions in all."""
-    found = [expression]
-    while len(found) < count:
-        found.append(along(found[-1], rates))
-    return tuple(found[:count])
+    chain = [expression]
+    while len(chain) < count:
+        chain.append(along(chain[-1], rates))
+    return tuple(chain[:count])
 
 
 def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int) -> tuple[Signal, ...]:

@@ -40,7 +40,7 @@ class Answer:
     repairs: tuple[sp.Symbol, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The answer as plain data for JSON."""
         rank = self.rank
         return {
             "rank": rank.rank,
@@ -109,7 +109,7 @@ class Observability:
     @property
     def checks(self) -> tuple[Check, ...]:
         """`observability.states`, and `observability.joint` where a parameter has a range."""
-        found = [
+        checks = [
             _check(
                 ClaimId("observability", "states"),
                 "the states are locally observable, parameters known",
@@ -119,11 +119,11 @@ class Observability:
         ]
         if self.joint is not None:
             claim = "states and ranged parameters are locally observable together"
-            found.append(_check(ClaimId("observability", "joint"), claim, self.joint, self))
-        return tuple(found)
+            checks.append(_check(ClaimId("observability", "joint"), claim, self.joint, self))
+        return tuple(checks)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The answer as plain data for JSON."""
         joint = self.joint.as_dict() if self.joint else None
         checks = [check.as_dict() for check in self.checks]
         return {"known": self.known.as_dict(), "joint": joint, "method": self.method, "checks": checks}
@@ -139,18 +139,18 @@ class Observability:
 
 @asks_a_plant
 def observability(plant: System) -> Observability:
-    """Generic observability of a plant: parameters without a range stand at their nominal values.
+    """The generic observability of a plant, whose parameters without a range stand at their nominal values.
 
     Raises: `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a function without a rule.
     """
     fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
     flow, output = (tuple(sp.sympify(e).xreplace(fixed) for e in part) for part in (plant.flow, plant.output))
     loose = tuple(p for p in plant.parameters if p.bounded)
-    found = ranks(flow, output, plant.states, plant.inputs, loose)
+    generic = ranks(flow, output, plant.states, plant.inputs, loose)
     parts = (flow, output, plant.states, plant.inputs)
-    known = _answer(found.known, *parts, ())
-    joint = _answer(found.joint, *parts, loose) if loose else None
-    return Observability(plant, known, joint, found.method, found.local)
+    known = _answer(generic.known, *parts, ())
+    joint = _answer(generic.joint, *parts, loose) if loose else None
+    return Observability(plant, known, joint, generic.method, generic.local)
 
 
 Exprs = Sequence[sp.Expr]
@@ -162,10 +162,10 @@ def _answer(rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Sym
     ordered, hidden = _orders(rank, *parts), rank.unobservable
     if not hidden:
         return Answer(rank, ordered, (), (), (), ())
-    found = symmetries(*parts, hidden=hidden, order=rank.order)
-    few = len(found) < rank.dimension - rank.rank
+    fields = symmetries(*parts, hidden=hidden, order=rank.order)
+    few = len(fields) < rank.dimension - rank.rank
     direction, point = _direction(rank.order, *parts) if few else ((), ())
-    return Answer(rank, ordered, found, direction, point, _repairs(rank, *parts))
+    return Answer(rank, ordered, fields, direction, point, _repairs(rank, *parts))
 
 
 def _orders(

@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.check import Verdict
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 from hgogen.intervals import bounds, sign
 from hgogen.intervals.bounds import LIMIT, Box, End, Range, box
 from hgogen.intervals.sign import Sign
@@ -34,15 +34,10 @@ class NotInBox(HgogenError):
         return f"{self.symbol} is not in the box, which has {', '.join(self.known) or 'no symbols'}; declare it there"
 
 
-@dataclass(eq=False)
-class BadRange(HgogenError):
-    """What is given in the place of a box, or of one of its ranges."""
+class BadRange(BadArgument):
+    """A value in the place of a box, or of one of its ranges, that is none."""
 
-    name: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"the box: {self.name} {self.reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
+    text = "the box: {what} {reason}; give a plant, or a mapping such as {{'u': (-1, 1)}}"
 
 
 def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
@@ -58,8 +53,8 @@ def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative:
     """
     limits("bound", boxes, relative)
     asked, box, folded = _question("bound", expression, where)
-    found = bounds.bound(asked, box, boxes=boxes, relative=relative)
-    return replace(found, defined=False, note="; ".join(filter(None, (folded, found.note)))) if folded else found
+    extent = bounds.bound(asked, box, boxes=boxes, relative=relative)
+    return replace(extent, defined=False, note="; ".join(filter(None, (folded, extent.note)))) if folded else extent
 
 
 def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign:
@@ -69,19 +64,19 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
     """
     limits("nonzero", boxes)
     asked, box, folded = _question("nonzero", expression, where)
-    found = sign.nonzero(asked, box, boxes=boxes)
-    if folded and found.verdict is Verdict.PROVED:
-        return replace(found, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded, exact=None)
-    return found
+    answer = sign.nonzero(asked, box, boxes=boxes)
+    if folded and answer.verdict is Verdict.PROVED:
+        return replace(answer, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded, exact=None)
+    return answer
 
 
-def _question(what: str, given: Any, where: System | Box) -> tuple[sp.Expr, Box, str]:
-    """The expression, the box, and what the text says otherwise than its expression, or ""."""
+def _question(what: str, asked: Any, where: System | Box) -> tuple[sp.Expr, Box, str]:
+    """The expression, the box, and where the text has no value though its expression has one, as a text, or ""."""
     plant = where if isinstance(where, System) else None
-    around = _declared(plant) if plant else _given(where)
+    around = _declared(plant) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
     names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
-    fold = read(given, names) if isinstance(given, str) else Fold("", scalar(given, what), ())
+    fold = read(asked, names) if isinstance(asked, str) else Fold("", scalar(asked, what), ())
     expression = fold.reading
     for symbol in sorted(expression.free_symbols - {*around, *equations}, key=str):
         raise NotInBox(str(symbol), tuple(names), symbol.name in names)
@@ -93,7 +88,8 @@ def _declared(plant: System) -> Box:
     return box((*plant.states, *plant.inputs, *plant.parameters), plant.nominal)
 
 
-def _given(where: Any) -> Box:
+def _ranges(where: Any) -> Box:
+    """The box that a user's mapping declares. Raises: `BadRange`."""
     if not isinstance(where, Mapping):
         raise BadRange(str(where), "is neither a plant nor a mapping")
     return {_symbol(key): _ends(key, value) for key, value in where.items()}
@@ -118,8 +114,8 @@ def _end(key: Any, end: Any) -> End:
         return Fraction(end)
     if isinstance(end, bool) or not isinstance(end, Real):
         raise BadRange(str(key), f"has the end {end!r}, which is no number")
-    return Fraction(repr(float(end))) if isinstance(end, float) and math.isfinite(end) else _kept(end)
+    return Fraction(repr(float(end))) if isinstance(end, float) and math.isfinite(end) else _number(end)
 
 
-def _kept(end: Any) -> End:
+def _number(end: Any) -> End:
     return Fraction(end) if isinstance(end, Rational) else float(end)

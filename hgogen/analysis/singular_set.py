@@ -49,18 +49,19 @@ def singular_set(
             return None
         if not full:
             return "all"
-        found = {_zero_set(plant, rows, limit) for rows in _different(choices)}
+        zero_sets = {_zero_set(plant, rows, limit) for rows in _different(choices)}
     except (TooLarge, NoTape, NowhereDefined, ZeroDivisionError):
         return None
-    factors = found.pop()
-    return None if found else "none" if factors == () else factors
+    factors = zero_sets.pop()
+    return None if zero_sets else "none" if factors == () else factors
 
 
 def _zero_set(plant: Tower, rows: Sequence[Row], limit: int) -> tuple[sp.Expr, ...] | None:
-    found = product(plant, rows, limit)
-    if not alive(plant.field, found):
+    """The zero set of the determinant of some rows; None where the field does not decide it."""
+    factors = product(plant, rows, limit)
+    if not alive(plant.field, factors):
         return None
-    return zero_set(plant.field, split(plant.field, powers(plant.field, found)[1]))
+    return zero_set(plant.field, split(plant.field, powers(plant.field, factors)[1]))
 
 
 def _different(choices: Sequence[tuple[Row, ...]]) -> list[tuple[Row, ...]]:
@@ -77,10 +78,10 @@ def _choices(flow: Sequence[sp.Expr], output: Sequence[sp.Expr], states: Sequenc
     def chosen(numbers: Arithmetic, point: Point) -> list[tuple[Row, ...]]:
         every = [matrix_rows(matrix) for matrix in first_gradients(plant, numbers, point, n)]
         prime = modulus(numbers)
-        found = [_independent(every, order, prime) for order in (by_order, sorted(by_order))]
-        if any(len(rows) < n for rows in found):
+        choices = [_independent(every, order, prime) for order in (by_order, sorted(by_order))]
+        if any(len(rows) < n for rows in choices):
             believe_zeros(prime)
-        return found
+        return choices
 
     return somewhere(plant, chosen)
 

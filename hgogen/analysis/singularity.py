@@ -23,9 +23,11 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
+from hgogen.intervals.lost import lost
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import minimal, singular
 from hgogen.reading.door import asks_a_plant
@@ -46,7 +48,7 @@ _STATES = ClaimId("singularity", "regular")
 
 @dataclass(frozen=True)
 class Jet:
-    """On the zero set `where` (symbol to value): the rows that are independent there, and their determinant's factors.
+    """The rows that are independent on the zero set `where` (symbol to value), and the factors of their determinant.
 
     `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, itself where nothing is
     known; None where no choice of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of
@@ -70,7 +72,7 @@ class Jet:
 
 @dataclass(frozen=True)
 class Singularity:
-    """Where the plant is not observable by its first derivatives, and what the next ones show there.
+    """The zero sets where the plant is not observable by its first derivatives, and what the next ones show there.
 
     `jets`: the generic one (an empty `where`), then those on its zero sets, outermost first; none where the matrix is
     too large, or the plant jumps, as `reason` says.
@@ -82,7 +84,8 @@ class Singularity:
 
     @property
     def factors(self) -> tuple[sp.Expr, ...] | None:
-        """Of the generic determinant: their zero sets together are the singular set; None where it is not known."""
+        """The factors of the generic determinant, whose zero sets together are the singular set; None where it is not
+        known."""
         return self.jets[0].factors if self.jets else None
 
     @property
@@ -112,7 +115,7 @@ class Singularity:
         return "\n".join([self.head, *(f"  {check}" for check in self.checks)])
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, where nothing is abbreviated; `determinants`: one a check."""
+        """The answer as plain data for JSON, without abbreviations; `determinants`: one for each check."""
         known = None if self.factors is None else [str(e) for e in self.factors]
         inputs, whole = ([str(e) for e in row] for row in (self.inputs, (jet.text for jet in self.jets)))
         checks = [check.as_dict() for check in self.checks]
@@ -190,7 +193,7 @@ class _Derived:
 
 
 def _box(plant: System) -> dict[sp.Symbol, Interval]:
-    """Of all signals and the inputs' derivatives; a parameter without a range has its value."""
+    """The box of all signals and the inputs' derivatives; a parameter without a range has its value."""
     orders = range(1, len(plant.states) + _FURTHER)
     box = box_of((*plant.signals, *(u.derivative(k) for u in plant.inputs for k in orders)))
     values = {p: Fraction(v) for p, v in plant.nominal.items() if not p.bounded}
@@ -198,13 +201,14 @@ def _box(plant: System) -> dict[sp.Symbol, Interval]:
 
 
 def _open(plant: System, factors: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    """Those that are not proved to be 0 nowhere on the box."""
+    """The factors that may be 0 somewhere on the box."""
     box = _box(plant)
     return tuple(e for e in factors if not nonzero(e, box, boxes=_BOXES, refute=False).never)
 
 
 def _jet(where: Where, derived: _Derived, last: int) -> Jet:
-    """The first n rows (gradient, then the derivative itself) that are independent on the zero set, by order."""
+    """The jet of the first n rows, by order of derivative, that are independent on a zero set. A row is the gradient of
+    a derivative, followed by the derivative itself."""
     n = len(derived.plant.states)
     for order in range((n - 1) // len(derived.plant.outputs), last + 1):
         gradients = derived.order(order)
@@ -212,10 +216,10 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
         chosen = independent(there, n)
         if len(chosen) == n:
             square = [there[row] for row in chosen]
-            found = determinant(square)
+            det = determinant(square)
             parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
-            factors = (found.value,) if found.factors is None else found.factors
-            return Jet(where, chosen, found.value, factors, order, parts, as_written(square, found))
+            factors = (det.value,) if det.factors is None else det.factors
+            return Jet(where, chosen, det.value, factors, order, parts, as_written(square, det))
     return Jet(where, (), sp.S.Zero, None, last)
 
 
@@ -223,8 +227,8 @@ def _triangle(plant: System) -> Jet | None:
     """The generic jet of a chain, without a derivative: y reads z_1 alone, the rate of z_i no state beyond z_(i+1).
 
     Then y^(k) reads no state beyond z_(k+1), dy^(k)/dz_(k+1) = s_0 .. s_k with s_0 = dh/dz_1, s_i = dz_i'/dz_(i+1), and
-    d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). None of another plant, of one with kinks,
-    and of one with roots, whose derivatives are singular where the root is not.
+    d(y, .., y^(n-1))/dz is triangular with the determinant prod_i s_i^(n-i). It is None for any other plant, for one
+    with kinks, and for one with roots, whose derivatives are singular where the root is not.
     """
     order: list[sp.Symbol] = []
     slopes, row, n = list[sp.Expr](), plant.output[0], len(plant.states)
@@ -242,14 +246,14 @@ def _triangle(plant: System) -> Jet | None:
         return None
     sign = Permutation([plant.states.index(x) for x in order]).signature()
     each = [determinant([[slope]]) for slope in slopes]
-    found = _powers(each, sign)
+    det = _powers(each, sign)
     shown = _powers([as_written([[slope]], one) for slope, one in zip(slopes, each, strict=True)], sign)
-    factors = (found.value,) if found.factors is None else found.factors
-    return Jet((), tuple((0, k) for k in range(n)), found.value, factors, n - 1, (*rows, *slopes), shown)
+    factors = (det.value,) if det.factors is None else det.factors
+    return Jet((), tuple((0, k) for k in range(n)), det.value, factors, n - 1, (*rows, *slopes), shown)
 
 
 def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
-    """sign prod_i s_i^(n-i) of slopes, i = 0, .., n - 1, and its factors."""
+    """The product sign prod_i s_i^(n-i) of the slopes, i = 0, .., n - 1, and its factors."""
     value = sign * sp.Mul(*(one.value ** (len(each) - i) for i, one in enumerate(each)))
     known = [one.factors for one in each if one.factors is not None]
     every = tuple(sorted({e for part in known for e in part}, key=sp.default_sort_key))
@@ -257,8 +261,8 @@ def _powers(each: Sequence[Determinant], sign: int) -> Determinant:
 
 
 def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
-    """The jets on the zero sets of a jet's factors; none where they would be too large."""
-    found: list[Jet] = []
+    """The jets on the zero sets of a jet's factors, without those that would be too large."""
+    jets: list[Jet] = []
     last = len(derived.plant.states) - 1 + _FURTHER
     for factor in _open(derived.plant, jet.factors or ()) if depth else ():
         root = _root(factor)
@@ -267,8 +271,8 @@ def _followed(jet: Jet, derived: _Derived, depth: int) -> list[Jet]:
                 deeper = _jet((*jet.where, root), derived, last)
             except (TooLarge, NoTape):
                 continue
-            found += [deeper, *_followed(deeper, derived, depth - 1)]
-    return found
+            jets += [deeper, *_followed(deeper, derived, depth - 1)]
+    return jets
 
 
 def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
@@ -284,7 +288,7 @@ def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
 
 
 def _brief(e: sp.Expr) -> str:
-    """As text; a sum of many terms by its first ones and their number."""
+    """An expression as text; of a sum of many terms the first ones and their number."""
     sums = [a for a in e.atoms(sp.Add) if len(a.args) > _SHOWN]
     stands = {a: sp.Symbol(f"({_first(a)} + .., {len(a.args)} terms)") for a in sums}
     return str(e.xreplace(stands))
@@ -331,6 +335,9 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     conditions = [f"{_brief(e)} != 0" for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
     conditions += map(str, minimal(singular(map(exact, jet.parts), box).values()))
+    part = None if conditions or plant.origin is None else lost(written(plant), (), box)
+    if part is not None:  # new coordinates may have lost it, and of which derivative it was is not known
+        conditions.append(f"{part} has a value")
     if not conditions:
         return Check(id, claim, Verdict.PROVED, f"{reason}, which has no zero on the box")
     return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}; {reason}")

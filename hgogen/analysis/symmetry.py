@@ -45,7 +45,7 @@ class Symmetry:
 
 @dataclass(frozen=True)
 class _Sample:
-    """At one point: the unknowns' values and the independent rows of the observability matrix; the prime or 0."""
+    """The unknowns' values and the independent rows of the observability matrix at one point; the prime or 0."""
 
     values: tuple[Any, ...]
     rows: tuple[tuple[Any, ...], ...]
@@ -64,7 +64,8 @@ def symmetries(
 ) -> tuple[Symmetry, ...]:
     """Independent symmetries with polynomial components of degree 1, else 2, that move the `hidden` unknowns.
 
-    `order`: of the derivatives that attain the rank. Fewer than the rank's deficiency where no more were found.
+    `order`: the order of the derivatives that attain the rank. There may be fewer symmetries than the deficiency of the
+    rank, where the search finds no more.
     """
     flow, output = tuple(map(sp.sympify, flow)), tuple(map(sp.sympify, output))
     plant, unknowns = plant_of(flow, output, states, inputs, parameters)
@@ -76,8 +77,8 @@ def symmetries(
         if len(terms) > TERMS or not first.rows:
             break
         samples = _enough(plant, order, samples, len(hidden), len(terms))
-        found = _independent(_fields(samples, terms, unknowns), unknowns)
-        best = found if len(found) > len(best) else best
+        independent = _independent(_fields(samples, terms, unknowns), unknowns)
+        best = independent if len(independent) > len(best) else best
         if len(best) >= missing:
             break
     rates = (*flow, *(sp.S.Zero for _ in unknowns[plant.n :]))
@@ -114,8 +115,8 @@ def _sample(plant: Plant, order: int, k: int) -> _Sample:
     def answer(numbers: Arithmetic, point: Point) -> _Sample:
         prime = modulus(numbers)
         rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
-        kept = tuple(tuple(rows[i]) for i in new_rows(rows, prime))
-        return _Sample((*point.states, *point.constants[: plant.q]), kept, prime)
+        independent = tuple(tuple(rows[i]) for i in new_rows(rows, prime))
+        return _Sample((*point.states, *point.constants[: plant.q]), independent, prime)
 
     return somewhere(plant, answer, first=k)
 
@@ -136,7 +137,7 @@ def _fields(
         except Blurred:
             return []
         vectors = [_fractions(vector, prime) for vector in basis]
-    found = []
+    fields = []
     for vector in vectors:
         if vector is None:
             continue
@@ -144,19 +145,19 @@ def _fields(
         scale = lcm(*(c.denominator for c in vector))
         for (i, m), c in zip(terms, vector, strict=True):
             field[i] += sp.Integer(int(c * scale)) * prod((unknowns[j] for j in m), start=sp.S.One)
-        found.append(field)
-    return found
+        fields.append(field)
+    return fields
 
 
 def _fractions(vector: Sequence[Any], prime: int) -> list[Fraction] | None:
-    """The vector as small fractions, its first entry other than zero 1; None where they are not small."""
+    """The vector as small fractions, scaled so that its first nonzero entry is 1; None where they are not small."""
     lead = next((c for c in vector if c != 0), None)
     if lead is None:
         return None
-    found = [
+    fractions = [
         _residue(int(c) * pow(int(lead), -1, prime) % prime, prime) if prime else _number(c / lead) for c in vector
     ]
-    return None if None in found else [c for c in found if c is not None]
+    return None if None in fractions else [c for c in fractions if c is not None]
 
 
 def _residue(a: int, prime: int) -> Fraction | None:
@@ -168,9 +169,9 @@ def _residue(a: int, prime: int) -> Fraction | None:
 
 
 def _number(a: Any) -> Fraction | None:
-    found = Fraction(float(flint.arb(a).mid())).limit_denominator(_LARGEST)
-    close = (flint.arb(a) - flint.arb(flint.fmpq(found.numerator, found.denominator))).contains(0)
-    return found if close and abs(found) <= _LARGEST else None
+    fraction = Fraction(float(flint.arb(a).mid())).limit_denominator(_LARGEST)
+    close = (flint.arb(a) - flint.arb(flint.fmpq(fraction.numerator, fraction.denominator))).contains(0)
+    return fraction if close and abs(fraction) <= _LARGEST else None
 
 
 def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
@@ -179,13 +180,13 @@ def _independent(fields: Sequence[Sequence[sp.Expr]], unknowns: Sequence[sp.Symb
     draw = [Fraction(3 * k + 2, 2 * k + 5) for k in range(len(unknowns))]
     point = {s: sp.Rational(c) for s, c in zip(unknowns, draw, strict=True)}
     rows = [list(sp.Matrix([field]).xreplace(point)) for field in ordered]
-    kept: list[list[sp.Expr]] = []
+    chosen: list[list[sp.Expr]] = []
     values: list[list[sp.Expr]] = []
     for field, row in zip(ordered, rows, strict=True):
         if sp.Matrix([*values, row]).rank() > len(values):
-            kept.append(list(field))
+            chosen.append(list(field))
             values.append(row)
-    return kept
+    return chosen
 
 
 def _proved(
@@ -194,7 +195,8 @@ def _proved(
     output: Sequence[sp.Expr],
     unknowns: Sequence[sp.Symbol],
 ) -> list[bool]:
-    """Which fields v have L_v h = 0 and [f, v] in the span of such fields, exactly; False where SymPy does not tell."""
+    """For each field v, whether L_v h = 0 and [f, v] lies in the span of such fields, exactly; False where SymPy does
+    not decide it."""
     if sum(e.count_ops() for e in (*rates, *output)) > OPERATIONS:
         return [False] * len(fields)
 
@@ -209,10 +211,10 @@ def _proved(
     closed = list(unseen)
     while True:  # the largest family that f maps into itself
         family = [field for field, ok in zip(fields, closed, strict=True) if ok]
-        kept = [ok and _spanned(bracket, family) for bracket, ok in zip(brackets, closed, strict=True)]
-        if kept == closed:
-            return kept
-        closed = kept
+        remaining = [ok and _spanned(bracket, family) for bracket, ok in zip(brackets, closed, strict=True)]
+        if remaining == closed:
+            return remaining
+        closed = remaining
 
 
 def _spanned(bracket: Sequence[sp.Expr], family: Sequence[Sequence[sp.Expr]]) -> bool:

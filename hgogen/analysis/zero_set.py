@@ -56,33 +56,35 @@ def _points(count: int, least: int) -> Iterator[list[Fraction]]:
 
 
 def zero_set(field: Field, parts: Sequence[Power]) -> tuple[sp.Expr, ...] | None:
-    """Factors whose zero sets together are that of the product of the powers, where it is defined; empty where it has
-    no zero.
+    """Factors whose zero sets together are that of the product of the powers, where it is defined; none where the
+    product has no zero.
 
-    None where that depends on what the field does not tell: a factor x**a with a symbol a, or a zero and a pole that
-    may cancel by a relation between functions.
+    The answer is None where it depends on what the field does not decide: a factor x**a with a symbol a, or a zero and
+    a pole that may cancel by a relation between functions.
 
     Raises: `TooLarge`.
     """
-    kept = [one.polynomial for one in parts if one.exponent > 0 and not definite(field, one.polynomial)]
+    zeros = [one.polynomial for one in parts if one.exponent > 0 and not definite(field, one.polynomial)]
     poles = [one.polynomial for one in parts if one.exponent < 0 and not definite(field, one.polynomial)]
-    if sum(map(len, kept)) > _TERMS:
+    if sum(map(len, zeros)) > _TERMS:
         raise TooLarge("the determinant")
-    if any(_symbolic(field, p) for p in kept) or (kept and poles and any(_related(field, p) for p in (*kept, *poles))):
+    if any(_symbolic(field, p) for p in zeros) or (
+        zeros and poles and any(_related(field, p) for p in (*zeros, *poles))
+    ):
         return None
-    found = [factor for p, degree in _forms(field, kept, parts) for factor, _ in factored(field, p, degree)[1]]
-    return tuple(sorted({_signed(e) for e in found if not _never(e)}, key=sp.default_sort_key))
+    factors = [factor for p, degree in _forms(field, zeros, parts) for factor, _ in factored(field, p, degree)[1]]
+    return tuple(sorted({_signed(e) for e in factors if not _never(e)}, key=sp.default_sort_key))
 
 
-def _forms(field: Field, kept: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
-    """Polynomials with an even degree in each angle's generator: those that have one, and the product of the others
-    with cos(m/2), squared where need be; cos(m/2) is there if the whole product is 0 at m = pi.
+def _forms(field: Field, zeros: Sequence[Any], parts: Sequence[Power]) -> list[tuple[Any, dict[int, int]]]:
+    """Polynomials with an even degree in each angle's generator: the `zeros` that have one, and the product of the
+    others, times cos(m/2) where the whole product is 0 at m = pi, squared where its degree is odd.
     """
     infinite = [g for g in field.angles if sum(p.exponent * degrees(field, p.polynomial)[g] for p in parts) < 0]
-    found = [(p, degrees(field, p)) for p in kept if even(degrees(field, p))]
-    odd = [p for p in kept if not even(degrees(field, p))]
+    forms = [(p, degrees(field, p)) for p in zeros if even(degrees(field, p))]
+    odd = [p for p in zeros if not even(degrees(field, p))]
     if not odd and not infinite:
-        return found
+        return forms
     total = field.ring.constant(1)
     for p in odd:
         if len(total) * len(p) > _TERMS:
@@ -91,13 +93,13 @@ def _forms(field: Field, kept: Sequence[Any], parts: Sequence[Power]) -> list[tu
     degree = {g: k + (g in infinite) for g, k in degrees(field, total).items()}
     if not even(degree):
         total, degree = total * total, {g: 2 * k for g, k in degree.items()}
-    return [*found, (total, degree)]
+    return [*forms, (total, degree)]
 
 
 def _symbolic(field: Field, polynomial: Any) -> bool:
-    """x**a, which may have a zero at x = 0 or not."""
-    found = polynomial.degrees()
-    return len(polynomial) == 1 and any(found[g] and m.has(sp.log) for g, m in field.exponents.items())
+    """Whether a polynomial is x**a with a symbol a, which may or may not have a zero at x = 0."""
+    highest = polynomial.degrees()
+    return len(polynomial) == 1 and any(highest[g] and m.has(sp.log) for g, m in field.exponents.items())
 
 
 def _related(field: Field, polynomial: Any) -> bool:

@@ -35,7 +35,6 @@ A claim is "proved" or "refuted" here only if its evidence is verified by `hgoge
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from importlib.metadata import version
 from typing import Any
@@ -48,7 +47,7 @@ from hgogen.certificates.of_forms import end, text
 from hgogen.certificates.of_forms import evidence as of_form
 from hgogen.certificates.of_observers import evidence as of_observer
 from hgogen.check import Check, Verdict
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.proof import Grounds
@@ -58,18 +57,13 @@ from hgogen.recheck.verification import read, recheck
 from hgogen.signal import Signal
 
 
-@dataclass(eq=False)
-class NotCertifiable(HgogenError):
+class NotCertifiable(BadArgument):
     """A model that a certificate cannot carry."""
 
-    plant: str
-    reason: str
-
-    def __str__(self) -> str:
-        return (
-            f"no certificate of {self.plant!r}: {self.reason}; a certificate holds + - * / **, the elementary "
-            "functions, Abs, sign, Min and Max: write the model by them"
-        )
+    text = (
+        "no certificate of {what!r}: {reason}; a certificate holds + - * / **, the elementary "
+        "functions, Abs, sign, Min and Max: write the model by them"
+    )
 
 
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:

@@ -7,11 +7,11 @@ measurement noise goes through.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.observer import Observer, tunable
 from hgogen.part import Ode
 from hgogen.program import Block, Place, address, sym
@@ -19,11 +19,12 @@ from hgogen.program import Block, Place, address, sym
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """x' = M x + B y, SX (N, N) and (N, p); `x`: the symbols of the fields that are not frozen, in their order."""
+    """The core x' = M x + B y with M (N, N) and B (N, p) in SX; `x`: the symbols of the fields that are not frozen, in
+    their order."""
 
-    x: Any
-    M: Any
-    B: Any
+    x: Graph
+    M: Graph
+    B: Graph
 
 
 def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core | None:
@@ -34,7 +35,7 @@ def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core 
     if part.linear is None:
         return None
     moving = [field for field in part.fields if field.name not in part.frozen]
-    values: dict[str, Any] = {field.name: sym("state", field.name, field.size) for field in moving}
+    values: dict[str, Graph] = {field.name: sym("state", field.name, field.size) for field in moving}
     x, y = ca.vertcat(*values.values()), sym("work", "y", outputs)
     values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
     lines = part.linear(values, y, ca.SX(ca.DM(np.ones(outputs) if valid is None else valid)))
@@ -43,18 +44,18 @@ def core(part: Ode, outputs: int, valid: Sequence[float] | None = None) -> Core 
 
 
 def core_numbers(part: Ode, outputs: int, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """M (N, N) of a part that has a core, at the numbers of the places it reads."""
-    found = core(part, outputs)
-    assert found is not None
-    return numbers(found.M, nominal)
+    """M (N, N) of a part that has a core, evaluated at the numbers of the places that it reads."""
+    linear = core(part, outputs)
+    assert linear is not None
+    return numbers(linear.M, nominal)
 
 
-def numbers(graph: Any, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
-    """An SX of places of parameters and gains at their numbers."""
+def numbers(graph: Graph, nominal: Mapping[Place, np.ndarray]) -> np.ndarray:
+    """The value of an SX graph of places of parameters and gains at their numbers."""
     symbols = ca.symvar(ca.SX(graph))
     values = [nominal[place].reshape(-1)[index] for place, index, _ in map(address, symbols)]
-    (found,) = ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))]).call(values)  # of no symbols as well
-    return np.array(found)
+    (evaluated,) = ca.Function("numbers", symbols, [ca.densify(ca.SX(graph))]).call(values)  # of no symbols as well
+    return np.array(evaluated)
 
 
 def nominal(observer: Observer) -> dict[Place, np.ndarray]:

@@ -1,20 +1,20 @@
 """The error of an estimator at fixed points of its box, e' = M e: its linear core and the model's Jacobian together.
 
 M is the Jacobian of the right-hand side in the fields, the measurement being what the estimate would give: the error of
-the estimate against a plant near by. The points lie in the box and beyond its edges, where the argument of the model is
+the estimate against a plant nearby. The points lie in the box and beyond its edges, where the argument of the model is
 clamped and its columns are 0: a clamp passes a share of an error, between none and all of it, and the points have both.
 Fields that adapt rest where the core is the fastest.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import core, nominal
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Ode
 from hgogen.program import address, sym
@@ -46,28 +46,28 @@ class Frozen:
 
 @lru_cache(maxsize=16)
 def frozen(part: Ode, observer: Observer) -> Frozen:
-    """At fixed points; those at which M is not finite are left out."""
+    """The errors at fixed points of the box, without the points at which M is not finite."""
     form, moving = observer.form, [field for field in part.fields if field.name not in part.frozen]
     values = {field.name: sym("state", field.name, field.size) for field in moving}
     x, u = ca.vertcat(*values.values()), sym("state", "u", len(form.system.inputs))
     values |= {name: ca.SX(ca.DM(numbers)) for name, numbers in part.frozen.items()}
     output = observer.dynamics.output(observer.z, u)
     reading = ca.SX.sym("reading", output.numel())
-    near = output + PUSH * (1 + ca.fabs(output))
+    pushed = output + PUSH * (1 + ca.fabs(output))
 
-    def slope(valid: Any) -> Any:
+    def slope(valid: Graph) -> Graph:
         rates = part.rhs(values, u, reading, valid * ca.SX.ones(output.numel()))
         matrix = ca.jacobian(ca.vertcat(*(rates[field.name] for field in moving)), x)
-        return ca.substitute([matrix], [reading], [near])[0]
+        return ca.substitute([matrix], [reading], [pushed])[0]
 
     estimate, seen, unseen = _numbers([observer.z, slope(1), slope(0)], observer)
-    told = ca.Function("told", [x, u], [ca.densify(ca.jacobian(estimate, x)), ca.densify(estimate)])
+    readout = ca.Function("readout", [x, u], [ca.densify(ca.jacobian(estimate, x)), ca.densify(estimate)])
     error = ca.Function("error", [x, u], [ca.densify(seen), ca.densify(unseen)])
     points, n = box_points(form), form.n
     z, inputs = points[:, :n].T, points[:, n:].T
     start = np.repeat(np.concatenate([field.initial for field in moving])[:, None], len(points), axis=1)
-    inverse = np.linalg.pinv(_stacked(told(start, inputs)[0], len(points)))
-    fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(told(start, inputs)[1]))
+    inverse = np.linalg.pinv(_stacked(readout(start, inputs)[0], len(points)))
+    fields = start + np.einsum("kij,jk->ik", inverse, z - np.array(readout(start, inputs)[1]))
     M, blind = (_stacked(matrix, len(points)) for matrix in error(fields, inputs))
     finite = np.isfinite(M).all(axis=(1, 2)) & np.isfinite(blind).all(axis=(1, 2))
     linear = core(part, output.numel())
@@ -95,16 +95,18 @@ def box_points(form: Form) -> Array:
     return np.asarray(low + np.vstack(shares) * (high - low))
 
 
-def _numbers(graphs: list[Any], observer: Observer) -> list[Any]:
-    """Graphs with parameters, gains and what is derived of them at their numbers."""
+def _numbers(graphs: list[Graph], observer: Observer) -> list[Graph]:
+    """The graphs with parameters, gains and the values derived from them replaced by their numbers."""
     known = nominal(observer)
     symbols = [s for s in ca.symvar(ca.veccat(*graphs)) if address(s)[0] in known]
     numbers = [ca.SX(float(known[place].reshape(-1)[index])) for place, index, _ in map(address, symbols)]
-    found: list[Any] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, numbers) if symbols else graphs
-    return found
+    substituted: list[Graph] = (
+        ca.substitute([ca.SX(graph) for graph in graphs], symbols, numbers) if symbols else graphs
+    )
+    return substituted
 
 
-def _stacked(wide: Any, count: int) -> Array:
-    """(r, count c) as (count, r, c)."""
+def _stacked(wide: Graph, count: int) -> Array:
+    """Matrices (r, count c) side by side as an array (count, r, c)."""
     numbers = np.array(wide)
     return np.ascontiguousarray(numbers.reshape(len(numbers), count, -1).swapaxes(0, 1))

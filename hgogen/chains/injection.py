@@ -16,6 +16,7 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.gains import coefficients
 from hgogen.chains.integrators import Integrators, shifted
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.intervals.digits import same
 from hgogen.part import Clock, Jump, Ode, Pieces
 from hgogen.program import Bit, Block, Field, Place, sym
@@ -29,7 +30,7 @@ GAIN_LIMITED = Bit(
 
 
 def injection_gains(observer: str, poles: Any, gains: Any, n: int) -> np.ndarray:
-    """K (n) from the `poles` of A - K C, or as the `gains` given in their place; A - K C is Hurwitz by exact test.
+    """K (n) from the `poles` of A - K C, or the `gains` in their place; an exact test shows that A - K C is Hurwitz.
 
     Raises: `BadPoles`; `NotHurwitz`; `BadGain` for both or none of the two, or gains of another length.
     """
@@ -55,13 +56,13 @@ def companion(K: Any) -> Any:
     return N
 
 
-def scaled(K: Sequence[float] | np.ndarray, level: Any) -> Any:
-    """D_l K (n), l = `level` an SX scalar."""
-    power, found = ca.SX(1), []
+def scaled(K: Sequence[float] | np.ndarray, level: Graph) -> Graph:
+    """The column D_l K (n) for the SX scalar l = `level`."""
+    power, gains = ca.SX(1), []
     for k in K:
         power = power * level
-        found.append(float(k) * power)
-    return ca.vertcat(*found)
+        gains.append(float(k) * power)
+    return ca.vertcat(*gains)
 
 
 def moving_gain(
@@ -69,15 +70,15 @@ def moving_gain(
     w: Field,
     K: np.ndarray,
     level: Field,
-    law: Callable[[Any], Any] = lambda e: ca.SX(1, 1),
+    law: Callable[[Graph], Graph] = lambda e: ca.SX(1, 1),
 ) -> Ode:
     """The observer with i(e) = e whose gain is the field `level`, l' = law(e); by default a jump moves it."""
 
-    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w_ = values[w.name]
         return {w.name: shifted(w_) + scaled(K, values[level.name]) * (valid * (y - w_[0]))}
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         w_ = values[w.name]
         return {w.name: chain.nonlinear(w_, u), level.name: law(valid * (y - chain.offset(u) - w_[0]))}
 
@@ -103,6 +104,6 @@ def unmodelled(form: Form) -> Jump:
     return Jump(lambda clock: Pieces(bits=bits))
 
 
-def last_error(chain: Integrators, w: Field, clock: Clock) -> Any:
-    """y - o(u) - w_1 of the last valid sample, after the estimate has come to its time; SX scalar."""
+def last_error(chain: Integrators, w: Field, clock: Clock) -> Graph:
+    """The error y - o(u) - w_1 at the last valid sample, once the estimate has come to its time; SX scalar."""
     return sym("state", "y") - chain.offset(clock.u_now) - sym("state", w.name, chain.n)[0]

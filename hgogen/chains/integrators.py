@@ -10,21 +10,23 @@ are free of inputs and states; they may hold parameters.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
 import sympy as sp
 
+from hgogen.algebra.points import exact
 from hgogen.check import Check
 from hgogen.form import Form
-from hgogen.graph import to_casadi
+from hgogen.graph import Graph, to_casadi
 from hgogen.observer import Observer, state_field
 from hgogen.part import Part
 from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.polytope import fixed, span
 from hgogen.theorem import Theorem
 
 T = TypeVar("T")
@@ -55,11 +57,11 @@ class Integrators:
 
     @cached_property
     def products(self) -> tuple[sp.Expr, ...]:
-        """a_(i,1) .. a_(i,j) (n), the scale from z to w."""
+        """The products a_(i,1) .. a_(i,j) (n), which scale z to w."""
         return tuple(sp.prod(chain[: j + 1]) for chain in self.gains for j in range(len(chain)))
 
     @cached_property
-    def scale(self) -> Any:
+    def scale(self) -> Graph:
         """The products as SX (n) of parameters; those without a range are folded."""
         system = self.form.system
         places = {s: sym("plant", s.name) for s in system.parameters if s.bounded}
@@ -71,19 +73,29 @@ class Integrators:
         """The products (n) at the nominal parameters."""
         return np.array([float(p.subs(self.form.system.nominal)) for p in self.products])
 
-    def z(self, w: Any) -> Any:
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """The ends (2, n) of the products on the parameters' ranges; nominal ones where no finite range is known."""
+        return np.array([self._ends(p, at) for p, at in zip(self.products, self.nominal, strict=True)]).T
+
+    def _ends(self, product: sp.Expr, nominal: float) -> tuple[float, float]:
+        exactly = exact(sp.sympify(product).xreplace(fixed(self.form)))
+        values = None if exactly.is_number else span(exactly, self.form)
+        return (values.low, values.high) if values and values.defined and values.finite else (nominal, nominal)
+
+    def z(self, w: Graph) -> Graph:
         """The form's state (n)."""
         return w / self.scale
 
-    def nonlinear(self, w: Any, u: Any) -> Any:
-        """c(w, u) (n), its argument saturated to the declared box."""
+    def nonlinear(self, w: Graph, u: Graph) -> Graph:
+        """The nonlinear terms c(w, u) (n), their argument saturated to the declared box."""
         return self.scale * self.dynamics.nonlinear(self.z(w), u)
 
-    def offset(self, u: Any) -> Any:
-        """o(u) (p)."""
+    def offset(self, u: Graph) -> Graph:
+        """The outputs' offset o(u) (p)."""
         return self.dynamics.output(ca.SX.zeros(self.n), u)
 
-    def saturated(self, w: Any, i: int) -> Any:
+    def saturated(self, w: Graph, i: int) -> Graph:
         """An SX scalar clamped to the declared range of w_i; as it is where there is none."""
         if not self.form.states[i].bounded:
             return w
@@ -91,12 +103,13 @@ class Integrators:
         return ca.fmin(ca.fmax(w, self.scale[i] * low), self.scale[i] * high)
 
     def field(self, initial: Mapping[str, float] | Sequence[float] | None, peak: float) -> Field:
-        """The field `w` (n), with the outer box of `state_field` and `peak`.
+        """The field `w` (n), with the outer box of `state_field` and `peak` at any parameters in their ranges: the
+        plant's w is in it, whatever they are tuned to.
 
         Raises: `BadGain` for a bad initial state.
         """
         z, scale = state_field(self.form, initial, peak), self.nominal
-        ends = np.array([scale * z.low, scale * z.high])
+        ends = np.array([product * side for product in self.reach for side in (z.low, z.high)])
         names = (label if p == 1 else f"({p})*({label})" for p, label in zip(self.products, z.labels, strict=True))
         return replace(
             z,
@@ -109,8 +122,8 @@ class Integrators:
         )
 
 
-def shifted(w: Any) -> Any:
-    """w_2, .., w_n, 0 of an SX column."""
+def shifted(w: Graph) -> Graph:
+    """The SX column w_2, .., w_n, 0 of w."""
     return ca.vertcat(*(w[i] for i in range(1, w.numel())), 0)
 
 
@@ -120,7 +133,7 @@ def observer_on(
     *,
     parts: tuple[Part, ...],
     gains: tuple[Field, ...],
-    w: Any,
+    w: Graph,
     theorem: Theorem,
     equations: tuple[str, ...],
     reference: str,

@@ -23,6 +23,7 @@ import mpmath
 import numpy as np
 
 from hgogen.chains.gains import BadPoles, coefficients
+from hgogen.graph import Graph
 from hgogen.reading.given import BadGain, reals
 
 _DIGITS = 60  # of the roots: close ones are less certain than the polynomial by many digits
@@ -30,7 +31,7 @@ _REAL = 1e-20  # the imaginary part, as a share of the largest root, of what is 
 
 
 def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
-    """k (n - 1, 2) as the `gains` given, from `poles` (2n - 2), or by default (2, (n - i)/i): all poles at -1.
+    """The gains k (n - 1, 2): the `gains`, or from `poles` (2n - 2), or by default (2, (n - i)/i) with all poles at -1.
 
     Raises: `BadGain` for both, or for gains of another shape or not finite; `BadPoles`.
     """
@@ -51,9 +52,9 @@ def pair_gains(observer: str, n: int, gains: Any, poles: Any) -> np.ndarray:
 
 
 def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
-    """k (n - 1, 2) of 2n - 2 poles; where there is a choice, the last pair is the slowest.
+    """The gains k (n - 1, 2) of 2n - 2 poles; where there is a choice, the last pair is the slowest.
 
-    Raises: `BadPoles`, also for poles that no positive gains were found for.
+    Raises: `BadPoles`, also where the search finds no positive gains for the poles.
     """
     listed = tuple(poles) if isinstance(poles, Sequence | np.ndarray) else (poles,)
     if len(listed) != 2 * n - 2 and not isinstance(poles, str):
@@ -77,9 +78,9 @@ def from_poles(poles: Sequence[complex], n: int) -> np.ndarray:
 
 
 def _real_roots(polynomial: list[Any]) -> list[Any]:
-    found = mpmath.polyroots(polynomial, maxsteps=1000, extraprec=1000)
-    largest = max(map(abs, found))
-    return [mpmath.re(x) for x in found if abs(mpmath.im(x)) <= _REAL * largest]
+    roots = mpmath.polyroots(polynomial, maxsteps=1000, extraprec=1000)
+    largest = max(map(abs, roots))
+    return [mpmath.re(x) for x in roots if abs(mpmath.im(x)) <= _REAL * largest]
 
 
 def _divided(polynomial: list[Any], root: Any) -> list[Any]:
@@ -90,11 +91,11 @@ def _divided(polynomial: list[Any], root: Any) -> list[Any]:
     return quotient
 
 
-def errors(first: Any, p: Any, q: Any) -> Any:
-    """e (m): `first`, then q_(i-1) - p_i."""
+def errors(first: Graph, p: Graph, q: Graph) -> Graph:
+    """The errors e (m): `first`, then q_(i-1) - p_i."""
     return ca.vertcat(first, *(q[i - 1] - p[i] for i in range(1, q.numel())))
 
 
-def injected(k: np.ndarray, theta: Any, e: Any) -> tuple[Any, Any]:
+def injected(k: np.ndarray, theta: Graph, e: Graph) -> tuple[Graph, Graph]:
     """What e (m) adds to p' (m) and q' (m)."""
     return theta * (ca.DM(k[:, 0]) * e), theta * theta * (ca.DM(k[:, 1]) * e)

@@ -11,7 +11,6 @@ missing, M and B are those of `Ode.linear` without it. The core sets no limit to
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,7 +19,8 @@ from hgogen.chains.core import Core, core
 from hgogen.chains.transient import first_unstable, lengths
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.stability import Limit
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
+from hgogen.graph import Graph
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -37,15 +37,10 @@ MEANINGS = {  # of the matrices, of which the elements are stored that are not 0
 Pattern = tuple[bool, ...]  # which outputs have a sample
 
 
-@dataclass(eq=False)
-class NoRealisation(HgogenError):
+class NoRealisation(BadArgument):
     """An observer that has no linear core with constant coefficients."""
 
-    method: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.method} realises a linear error core with constant coefficients; {self.reason}"
+    text = "{what} realises a linear error core with constant coefficients; {reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +48,11 @@ class Matrices:
     """Phi (N, N), Gamma_0, Gamma_1 (N, p), Psi_0, Psi_1 (N, N) as SX of the places that `program` writes."""
 
     program: Program
-    Phi: Any
-    Gamma_0: Any
-    Gamma_1: Any
-    Psi_0: Any
-    Psi_1: Any
+    Phi: Graph
+    Gamma_0: Graph
+    Gamma_1: Graph
+    Psi_0: Graph
+    Psi_1: Graph
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +96,7 @@ class Sampled:
         )
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Of the nonlinear rest: the core sets no limit."""
+        """The step lengths of the nonlinear rest: the core sets no limit."""
         return lengths(part, observer, dt, self, Limit(INF, ""))
 
     @property
@@ -116,7 +111,7 @@ class Sampled:
         return np.asarray(first + Psi_1 @ J @ (first - np.eye(len(core))))
 
     def refused(self, core: np.ndarray, M: np.ndarray) -> np.ndarray:
-        """By trying step lengths in turn (k)."""
+        """The refused step lengths (k), by trying lengths in turn."""
         return first_unstable(core, M, self)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -124,7 +119,7 @@ class Sampled:
         raise NoRealisation(self.name, "that of a Riccati observer moves with its covariance: take continuous_discrete")
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """None: the observer is refused by `riccati`."""
+        """There are none: `riccati` refuses the observer."""
         return Lengths()
 
 
@@ -143,19 +138,19 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     start = rest(line.x, 0.0)
     bent = [i for i in range(start.numel()) if not start[i].is_zero()]  # the rows that have a rest
     whole = method.matrices(line, clock.dt)
-    given = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
-    given |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
-    given = {name: ca.sparsify(matrix) for name, matrix in given.items()}
-    held = {name: _held(Place("derived", f"{name}{label}"), matrix) for name, matrix in given.items()}
+    matrices = {"Phi": whole.Phi, "Gamma_0": whole.Gamma_0, "Gamma_1": whole.Gamma_1}
+    matrices |= {"Psi_0": whole.Psi_0[:, bent], "Psi_1": whole.Psi_1[:, bent]}
+    matrices = {name: ca.sparsify(matrix) for name, matrix in matrices.items()}
+    held = {name: _held(Place("derived", f"{name}{label}"), matrix) for name, matrix in matrices.items()}
     guess = held["Phi"] @ line.x + held["Psi_0"] @ start[bent]
     guess += held["Gamma_0"] @ _source(part, clock, 0.0) + held["Gamma_1"] @ _source(part, clock, 1.0)
     after = guess + held["Psi_1"] @ (rest(guess, 1.0) - start)[bent]
-    kept = {name: matrix for name, matrix in given.items() if matrix.nnz()}
-    stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in kept.items()}
+    nonempty = {name: matrix for name, matrix in matrices.items() if matrix.nnz()}
+    stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in nonempty.items()}
     return _Update(
         derived=tuple(
             Field(f"{name}{label}", (0.0,) * matrix.nnz(), meaning=f"{MEANINGS[name]}{said}, by columns")
-            for name, matrix in kept.items()
+            for name, matrix in nonempty.items()
         ),
         tune=(*whole.program, Block(f"the core over a step{said}", stored)),
         block=Block(
@@ -166,29 +161,29 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     )
 
 
-def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Any, float], Any]:
-    """r (N) of the fields' column (N) at an end of the step."""
+def _rest(part: Ode, clock: Clock, seen: Pattern) -> Callable[[Graph, float], Graph]:
+    """The nonlinear rest r (N) as a function of the fields' column (N) and of an end of the step, 0 or 1."""
     valid = ca.SX(ca.DM(list(map(float, seen))))
 
-    def rest(x: Any, c: float) -> Any:
-        found = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
-        return ca.densify(ca.vertcat(*(found[field.name] for field in part.fields)))
+    def rest(x: Graph, c: float) -> Graph:
+        rates = part.rest(_split(part, x), clock.u(c), clock.y(c), valid)
+        return ca.densify(ca.vertcat(*(rates[field.name] for field in part.fields)))
 
     return rest
 
 
-def _source(part: Ode, clock: Clock, c: float) -> Any:
-    """v (p) at an end of the step."""
+def _source(part: Ode, clock: Clock, c: float) -> Graph:
+    """The measurement without its offset, v (p), at an end of the step."""
     return clock.y(c) if part.offset is None else clock.y(c) - part.offset(clock.u(c))
 
 
-def _split(part: Ode, x: Any) -> dict[str, Any]:
-    """A column (N) by fields."""
+def _split(part: Ode, x: Graph) -> dict[str, Graph]:
+    """The parts of a column (N) by the names of the fields."""
     ends = np.cumsum([0, *(field.size for field in part.fields)]).tolist()
     return dict(zip((field.name for field in part.fields), ca.vertsplit(x, ends), strict=True))
 
 
-def _held(place: Place, matrix: Any) -> Any:
+def _held(place: Place, matrix: Graph) -> Graph:
     """A sparse matrix whose elements lie in a place, by columns."""
     return ca.SX(matrix.sparsity(), sym(*place, matrix.nnz())) if matrix.nnz() else ca.SX(*matrix.shape)
 
@@ -207,7 +202,7 @@ def _said(seen: Pattern) -> str:
 # --- what methods compute their matrices with --------------------------------------------------------------
 
 
-def balanced(X: Any) -> tuple[Program, int]:
+def balanced(X: Graph) -> tuple[Program, int]:
     """S^-1 X S of an SX matrix (N, N) in `work.core`, S in `work.scale`; and its size: an array of one element would be
     no array in C, so that X of one element gets a row and a column of zeros."""
     size = max(2, X.shape[0])
@@ -219,12 +214,13 @@ def balanced(X: Any) -> tuple[Program, int]:
     return (block, Kernel("balance", size, None, arguments)), size
 
 
-def spread(place: Place, X: Any, size: int) -> Any:
-    """S F S^-1 (N, N) of a function F of S^-1 X S, by rows in a place, F's elements not 0 by the structure of X."""
+def spread(place: Place, X: Graph, size: int) -> Graph:
+    """S F S^-1 (N, N) of a function F of S^-1 X S, which lies by rows in a place. By the structure of X some elements
+    of F are 0, and these are left out."""
     n, scale, F = X.shape[0], sym("work", "scale", size), sym(*place, size**2)
     links = np.array(ca.DM(X.sparsity(), 1)) + np.eye(n)
     reached = np.linalg.matrix_power(links, n) > 0
-    found = ca.SX(n, n)
+    unscaled = ca.SX(n, n)
     for i, j in zip(*np.nonzero(reached), strict=True):
-        found[int(i), int(j)] = F[int(i) * size + int(j)] * (1 if i == j else scale[int(i)] / scale[int(j)])
-    return found
+        unscaled[int(i), int(j)] = F[int(i) * size + int(j)] * (1 if i == j else scale[int(i)] / scale[int(j)])
+    return unscaled

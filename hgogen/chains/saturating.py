@@ -9,7 +9,6 @@ saturated estimate at least as near as the estimate itself.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,13 +16,14 @@ import numpy as np
 from hgogen.chains.core import core_numbers
 from hgogen.chains.integrators import Integrators
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.part import Ode
 from hgogen.program import Field, Place
 from hgogen.reading.given import BadGain
 
-Saturate = Callable[[Any, int], Any]  # an SX scalar to the range of w_i
-Model = Callable[[Any], Any]  # c (n) of w (n)
-Lines = Callable[[Mapping[str, Any], Any, Any, Saturate, Model], Mapping[str, Any]]
+Saturate = Callable[[Graph, int], Graph]  # an SX scalar to the range of w_i
+Model = Callable[[Graph], Graph]  # c (n) of w (n)
+Lines = Callable[[Mapping[str, Graph], Graph, Graph, Saturate, Model], Mapping[str, Graph]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Saturating(Ode):
     """An estimator with saturations in its linear core: `whole`, by field name, is its right-hand side in one piece,
     of fewer operations than linear + rest."""
 
-    whole: Callable[[Mapping[str, Any], Any, Any, Any], Mapping[str, Any]] | None = None
+    whole: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]] | None = None
 
-    def rhs(self, values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rhs(self, values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         """The whole right-hand side."""
         assert self.whole is not None
         return dict(self.whole(values, u, y, valid))
@@ -44,16 +44,16 @@ def saturating(
     fields: tuple[Field, ...],
     lines: Lines,
 ) -> Saturating:
-    """field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of w_i, c(w) the
-    chain's nonlinear terms (n)."""
+    """The estimator field' = lines(values, y - o(u), valid, saturate, c): saturate(value, i) is clamped to the range of
+    w_i, c(w) are the chain's nonlinear terms (n)."""
 
-    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> Mapping[str, Any]:
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> Mapping[str, Graph]:
         return lines(values, y, valid, lambda value, _: value, lambda _: ca.SX.zeros(chain.n))
 
-    def whole(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> Mapping[str, Any]:
+    def whole(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> Mapping[str, Graph]:
         return lines(values, y - chain.offset(u), valid, chain.saturated, lambda w: chain.nonlinear(w, u))
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         core, all_ = linear(values, y - chain.offset(u), valid), whole(values, u, y, valid)
         return {name: all_[name] - core[name] for name in core}
 
@@ -67,7 +67,9 @@ def vertices(
     saturated estimate of a state inside its range obeys is between them."""
     for shares in product((1.0, 0.0), repeat=chain.n - 1):
 
-        def linear(values: Mapping[str, Any], y: Any, valid: Any, shares: Any = (1.0, *shares)) -> Mapping[str, Any]:
+        def linear(
+            values: Mapping[str, Graph], y: Graph, valid: Graph, shares: tuple[float, ...] = (1.0, *shares)
+        ) -> Mapping[str, Graph]:
             return lines(values, y, valid, lambda value, i: shares[i] * value, lambda _: ca.SX.zeros(chain.n))
 
         yield core_numbers(Ode(fields, lambda *_: {}, linear), 1, places)

@@ -49,7 +49,7 @@ class Way(Protocol):
         ...
 
     def refused(self, core: Array, M: Array) -> Array:
-        """For each stable M the least h from which T(h) has an eigenvalue beyond 1 (k); inf for none."""
+        """The least h for each stable M (k) from which T(h) has an eigenvalue beyond 1; inf where there is none."""
         ...
 
     def __hash__(self) -> int:
@@ -58,17 +58,17 @@ class Way(Protocol):
 
 
 def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rule: str = "") -> Lengths:
-    """Those of a part of the observer; `core`: what its linear core alone admits, `rule` as in `Lengths`.
+    """The step lengths of a part of the observer; `core`: what its linear core alone admits, `rule` as in `Lengths`.
 
-    A step that is shorter than any `take` can be is not asked for it.
+    The costly `take` is computed only for a step `dt` that may exceed it.
     """
     errors, limits = _judged(part, observer), _limits(part, observer, way)
     tightest, at = core, int(limits.argmin()) if len(limits) else -1
     if limits.min(initial=math.inf) < core.dt:
         why = f"beyond it errors grow that decay in continuous time, of the estimate {errors.at(at)}"
         tightest = Limit(float(limits[at]), why, at)
-    near = dt > SHARE * _shortest(errors.M, tightest.dt)
-    take = _advised(part, observer, way, tightest.dt) if near else math.inf
+    may_exceed = dt > SHARE * _shortest(errors.M, tightest.dt)
+    take = _advised(part, observer, way, tightest.dt) if may_exceed else math.inf
     take = min(take, SHARE * pace(errors.blind)) if way.exact else take
     return Lengths(refused=tightest.dt, take=take, why=tightest.why, basis=FOUND, rule=rule)
 
@@ -77,11 +77,11 @@ def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rul
 def _judged(part: Ode, observer: Observer) -> Frozen:
     """The stable errors, in coordinates that are balanced."""
     errors = frozen(part, observer)
-    kept = stable(errors.M)
+    decaying = stable(errors.M)
     scale = np.ones(errors.M.shape[-1])
     balance(np.abs(np.concatenate((errors.M, errors.core[None]))).max(axis=0).reshape(-1), scale)
-    M, core = (X * scale / scale[:, None] for X in (errors.M[kept], errors.core))
-    return replace(errors, M=M, points=errors.points[kept], core=core)
+    M, core = (X * scale / scale[:, None] for X in (errors.M[decaying], errors.core))
+    return replace(errors, M=M, points=errors.points[decaying], core=core)
 
 
 @lru_cache(maxsize=16)
@@ -124,7 +124,8 @@ def first_unstable(core: Array, M: Array, way: Way) -> Array:
 
 
 def advised(core: Array, M: Array, way: Way, refused: float) -> float:
-    """`take` of stable, balanced M (k, N, N), or half an eighth of `refused`; inf where nothing limits it."""
+    """The length `take` for stable, balanced M (k, N, N), or half an eighth of `refused`; inf where there is no
+    limit."""
     fastest = np.abs(np.linalg.eigvals(M)).max(axis=1, initial=0.0)
     if not fastest.any():
         return math.inf
@@ -134,12 +135,12 @@ def advised(core: Array, M: Array, way: Way, refused: float) -> float:
     def grows(h: float) -> bool:
         return bool((growth(way.transition(core, M, h)) > most).any())
 
-    found = longest(grows, _shortest(M, refused), end)
-    return SHARE * (end if math.isinf(found) and end == refused else found)
+    largest = longest(grows, _shortest(M, refused), end)
+    return SHARE * (end if math.isinf(largest) and end == refused else largest)
 
 
 def _shortest(M: Array, refused: float) -> float:
-    """Where the search for `take` ends, in any case a step that follows every M."""
+    """The step length at which the search for `take` ends, which follows every M in any case."""
     fastest = _fastest(M)
     return DEEPEST * refused if math.isfinite(refused) else SHORT / fastest if fastest else math.inf
 

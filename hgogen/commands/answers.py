@@ -26,6 +26,7 @@ from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import bound
+from hgogen.intervals.lost import lost
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.slope import lipschitz_bound
@@ -107,6 +108,12 @@ class _Forms:
         """b_1 .. b_n."""
         links = self.chains.links[0]
         return (*(link.rest for link in links[1:]), self.rows.rate(links[-1].state))
+
+    @cached_property
+    def hole(self) -> sp.Expr | None:
+        """A part of the model that its form no longer has, and that may have no value on the box."""
+        e, head = self.entry, self.chains.links[0][0]
+        return lost((*e.flow, *e.output), (*self.rests, *self.gains, head.gain, head.rest), e.outer)
 
 
 def _ranks(forms: _Forms) -> Iterator[Answer]:
@@ -269,7 +276,8 @@ def _singular(forms: _Forms) -> Iterator[Answer]:
 
 def _lipschitz(forms: _Forms) -> Iterator[Answer]:
     if forms.measured and forms.entry.boxed:
-        yield "lipschitz", _is_lipschitz(forms.rests, forms.entry)
+        found = _is_lipschitz(forms.rests, forms.entry)
+        yield "lipschitz", None if found and forms.hole is not None else found
 
 
 def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:

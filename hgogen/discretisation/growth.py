@@ -13,7 +13,7 @@ POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and t
 
 
 def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
-    """sum of c_j X^j (k, N, N), constant first."""
+    """The sum of c_j X^j (k, N, N), the constant first."""
     total, power = np.zeros_like(X), np.broadcast_to(np.eye(X.shape[-1]), X.shape)
     for c in coefficients:
         total, power = total + c * power, power @ X
@@ -21,7 +21,7 @@ def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def growth(T: Array) -> Array:
-    """max over k of |T^k| (k), T (k, N, N): at least 1."""
+    """The largest |T^k| over all powers k >= 0, at least 1, for each T (k, N, N)."""
     largest, power, bases = np.ones(len(T)), T, []
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
         for k in range(1, POWERS + 1):
@@ -36,7 +36,7 @@ def growth(T: Array) -> Array:
 
 
 def continuous(M: Array, units: Array) -> Array:
-    """max over t of |exp(M t)| (k), M (k, N, N), at multiples of `units` (k)."""
+    """The largest |exp(M t)| for each M (k, N, N) over t at multiples of `units` (k)."""
     return growth(polynomial(M * units[:, None, None], tuple(1 / math.factorial(j) for j in range(9))))
 
 

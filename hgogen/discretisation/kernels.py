@@ -91,7 +91,7 @@ def correct(columns: Array, d: Array, c: Array, r: Array, gain: Array) -> None:
 
 def cap(columns: Array, d: Array, caps: Array) -> bool:
     """Scale row i by cap_i/P_ii where P_ii > cap_i; whether one did."""
-    n, variance = len(d), _variances(columns, d)
+    n, variance = len(d), variances(columns, d)
     scale = np.where(variance > caps, caps / variance, np.ones(n, d.dtype))
     if not (variance > caps).any():
         return False
@@ -103,6 +103,11 @@ def cap(columns: Array, d: Array, caps: Array) -> bool:
 
 def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
     """Measure each state to the variance 1/c_i^2; whether the P_ii/cap_i then add up to over 1/2."""
+    return bool(share(columns, d, caps, c) > 0.5)
+
+
+def share(columns: Array, d: Array, caps: Array, c: Array) -> Any:
+    """Measure each state to the variance 1/c_i^2; what the P_ii/cap_i then add up to."""
     n = len(d)
     for i in range(n):
         alpha, gain = d.dtype.type(1), np.zeros(n, d.dtype)
@@ -115,13 +120,13 @@ def renew(columns: Array, d: Array, caps: Array, c: Array) -> bool:
             columns[j, j + 1 :] = old - f * gain[j + 1 :] / before
             gain[j + 1 :] = gain[j + 1 :] + old * v
             gain[j] = v
-    share = d.dtype.type(0)
-    for variance, limit in zip(_variances(columns, d), caps, strict=True):
-        share = share + variance / limit
-    return bool(share > 0.5)
+    total = d.dtype.type(0)
+    for variance, limit in zip(variances(columns, d), caps, strict=True):
+        total = total + variance / limit
+    return total
 
 
-def _variances(columns: Array, d: Array) -> Array:
+def variances(columns: Array, d: Array) -> Array:
     """P_ii, summed from the diagonal's own, then from the first column on."""
     variance = d.copy()
     for k in range(len(d)):

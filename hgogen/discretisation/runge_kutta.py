@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
-Values = Mapping[str, Any]
+from hgogen.graph import Graph
+
+Values = Mapping[str, Graph]
 
 
 @dataclass(frozen=True)
@@ -59,27 +60,27 @@ def repeated(tableau: Tableau, times: int) -> Tableau:
 class Stages:
     """One Runge-Kutta step: the new values, and each stage's argument and slope."""
 
-    result: dict[str, Any]
-    arguments: tuple[dict[str, Any], ...]
-    slopes: tuple[dict[str, Any], ...]
+    result: dict[str, Graph]
+    arguments: tuple[dict[str, Graph], ...]
+    slopes: tuple[dict[str, Graph], ...]
 
     @property
-    def names(self) -> dict[str, Any]:
+    def names(self) -> dict[str, Graph]:
         """The slopes by name (`k1_z`, ...), for the C printer."""
         return {f"k{i}_{key}": k[key] for i, k in enumerate(self.slopes, 1) for key in k}
 
 
 def advance(tableau: Tableau, rate: Callable[[Values, float], Values], start: Values, h: float) -> Stages:
     """One step of length h from `start`; `rate(values, c)` is the slope at the fraction c of the step."""
-    arguments: list[dict[str, Any]] = []
-    slopes: list[dict[str, Any]] = []
+    arguments: list[dict[str, Graph]] = []
+    slopes: list[dict[str, Graph]] = []
     for row, c in zip(tableau.a, tableau.c, strict=True):
         arguments.append(_combined(start, slopes, [h * a for a in row]))
         slopes.append(dict(rate(arguments[-1], c)))
     return Stages(_weighted(start, slopes, tableau.b, h), tuple(arguments), tuple(slopes))
 
 
-def _combined(start: Values, slopes: list[dict[str, Any]], weights: list[float]) -> dict[str, Any]:
+def _combined(start: Values, slopes: list[dict[str, Graph]], weights: list[float]) -> dict[str, Graph]:
     result = dict(start)
     for slope, weight in zip(slopes, weights, strict=False):
         if weight:
@@ -87,7 +88,7 @@ def _combined(start: Values, slopes: list[dict[str, Any]], weights: list[float])
     return result
 
 
-def _weighted(start: Values, slopes: list[dict[str, Any]], b: tuple[float, ...], h: float) -> dict[str, Any]:
+def _weighted(start: Values, slopes: list[dict[str, Graph]], b: tuple[float, ...], h: float) -> dict[str, Graph]:
     """z + h b_1 (k_1 + b_2/b_1 k_2 + ...): whole ratios cost no multiplication."""
     result = {}
     for key, value in start.items():

@@ -22,7 +22,7 @@ X(0), and fails at once from dt m = x* on, the first zero of the method's step f
 taken, on the frozen equation, from every value that X starts from: X(0) and, where theta rises from a value
 at which it rests, the steady value there.
 
-Every Jacobian given counts as frozen, and the worst decides. So a refusal is about one point of the box:
+Every Jacobian counts as frozen, and the worst decides. So a refusal is about one point of the box:
 the observer started there fails, while from elsewhere steps twice as long may survive (about a rise: if the
 plant rests there). To be admitted promises less: a Jacobian that turns faster than the covariance settles
 is not seen (a pendulum that swings through its whole box at theta <= 2 can fail from half the limit on),
@@ -223,7 +223,7 @@ class _Riccati:
         return F, N, np.broadcast_to(scaling.process(theta) * self.Q * np.outer(power, power), F.shape)
 
     def hamiltonian(self, theta: float) -> Array:
-        """(k, 2n, 2n), in the coordinates Delta z."""
+        """The Hamiltonian matrices (k, 2n, 2n) in the coordinates Delta z."""
         F, N, Q = self.parts(theta, theta)
         return np.block([[_t(F), -N], [-Q, -F]])
 
@@ -300,7 +300,7 @@ def _starts(riccati: _Riccati, initial: Array, rest: float, theta_max: float) ->
 
 @dataclass(frozen=True)
 class _Transients:
-    """The step from given starts, in the coordinates Delta z of theta_max."""
+    """The step from some starts, in the coordinates Delta z of theta_max."""
 
     riccati: _Riccati
     theta_max: float
@@ -309,9 +309,9 @@ class _Transients:
     tableau: Tableau
 
     def lost(self, starts: tuple[_Start, ...], dt: float) -> tuple[_Start, ...]:
-        """What of the starts loses positive definiteness at this dt."""
-        found = (start.only(self._fails(start, dt)) for start in starts)
-        return tuple(start for start in found if len(start.rows))
+        """The starts, at their Jacobians, from which the step loses positive definiteness at this dt."""
+        failing = (start.only(self._fails(start, dt)) for start in starts)
+        return tuple(start for start in failing if len(start.rows))
 
     def _fails(self, start: _Start, dt: float) -> Flags:
         delta = self.riccati.delta(self.theta_max)

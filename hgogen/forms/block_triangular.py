@@ -23,7 +23,7 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import ELSEWHERE, Form
-from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant, remainder
+from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.connected import cut_off
 from hgogen.structure.coordinates import Coordinates, Parts, coordinates, form_in
@@ -61,7 +61,7 @@ class _Chain:
 
     @property
     def gains(self) -> list[sp.Expr]:
-        """a_1..a_n."""
+        """The gains a_1..a_n."""
         before = (1, *self.signs)
         return [s * link.gain * t for s, link, t in zip(before, self.links, self.signs, strict=False)]
 
@@ -94,12 +94,12 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     if chains.broken or answer is False:
         refused = (structure, *cut_off("block_triangular", plant))
         return form_in(coordinates(plant), "block_triangular", refused, _REFERENCE)
-    found = [_signed(links, plant) for links in chains.links]
-    z = coordinates(plant, chains.order, [t for chain in found for t in chain.signs])
-    parts = _, b, _ = _parts(z, found)
-    pairs = ((link, remainder(link, plant)) for chain in found for link in chain.links[1:])
-    more = (row for link, row in pairs if row != link.rest)
-    checks = (structure, *_claims(found, plant), lipschitz("block_triangular", (*map(z.back, b), *more), plant))
+    signed = [_signed(links, plant) for links in chains.links]
+    z = coordinates(plant, chains.order, [t for chain in signed for t in chain.signs])
+    parts = _, b, _ = _parts(z, signed)
+    beside = (e for chain in signed for e in (*chain.gains, chain.rests[0]))
+    steep = lipschitz("block_triangular", map(z.back, b), plant, beside=beside)
+    checks = (structure, *_claims(signed, plant), steep)
     blocks = chains.blocks
     return form_in(z, "block_triangular", checks, _REFERENCE, parts=parts, blocks=blocks, alignment=name)
 
@@ -147,6 +147,6 @@ def _claims(chains: list[_Chain], plant: System) -> Iterator[Check]:
         for j, gain in enumerate(chain.gains, 1):
             yield positive(ClaimId("block_triangular", "a", i, j), f"a_({i},{j})", gain, plant)
     for i, chain in enumerate(chains, 1):
-        offset = remainder(chain.links[0], plant)
-        if offset != 0 and chain.rests[0].free_symbols.isdisjoint(plant.states):
+        offset = chain.rests[0]
+        if offset != 0 and offset.free_symbols.isdisjoint(plant.states):
             yield defined(ClaimId("block_triangular", "offset", i), f"c_{i}", offset, plant)

@@ -23,7 +23,7 @@ from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.digits import down
@@ -43,20 +43,15 @@ _POLES = 200  # phi is large, and with poles in the box of z, as they often are,
 _REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
 
 
-@dataclass(eq=False)
-class NoPhase(HgogenError):
+class NoPhase(BadArgument):
     """A plant that has no phase form here."""
 
-    system: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"system {self.system!r} {self.reason}"
+    text = "system {what!r} {reason}"
 
 
 @dataclass(frozen=True)
 class _Map:
-    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the given plant;
+    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the user's plant;
     `shown`: the determinant as it is read."""
 
     plant: System
@@ -98,7 +93,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
         _lipschitz(whole, rank, one_to_one),
     )
     if original or back is None or sign.verdict is not Verdict.PROVED:
-        return _kept(whole, checks)
+        return _in_plant_coordinates(whole, checks)
     return _changed(whole, z, back, checks, recovered)
 
 
@@ -121,16 +116,16 @@ def _map(plant: System) -> _Map:
         rough = without_derivative((*plant.flow, *plant.output)) or "something"
         raise NoPhase(plant.name, f"has no derivatives to order {n} here: {rough}")
     try:
-        found = determinant(jacobian.tolist())
+        det = determinant(jacobian.tolist())
     except TooLarge as error:
         raise NoPhase(plant.name, f"has no determinant of dPhi/dx here: {error}") from error
-    return _Map(extended, plant, chain[:n], chain[n], jacobian, found.value, as_written(jacobian.tolist(), found).value)
+    return _Map(extended, plant, chain[:n], chain[n], jacobian, det.value, as_written(jacobian.tolist(), det).value)
 
 
 def _changed(
     whole: _Map, z: Sequence[Signal], back: dict[sp.Symbol, sp.Expr], checks: tuple[Check, ...], recovered: bool
 ) -> Form:
-    """In z = (y, y', ..), each with the range that Phi has on the box."""
+    """The form in z = (y, y', ..), each with the range that Phi has on the box."""
     plant, n = whole.plant, len(z)
     box_x = box(plant.signals, plant.nominal)
     (y,) = plant.outputs
@@ -166,8 +161,8 @@ def _derivative(name: str, y: Signal, image: sp.Expr, order: int, box_x: Box, ti
     return Signal(name, source.unit, meaning, low=low, high=high)
 
 
-def _kept(whole: _Map, checks: tuple[Check, ...]) -> Form:
-    """In the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
+def _in_plant_coordinates(whole: _Map, checks: tuple[Check, ...]) -> Form:
+    """The form in the plant's coordinates, with dPhi/dx and those derivatives of inputs that it reads."""
     plant = whole.before
     read = tuple(u for u in whole.plant.inputs if u in plant.inputs or u in whole.jacobian.free_symbols)
     z = coordinates(replace(plant, inputs=read) if len(read) > len(plant.inputs) else plant)
@@ -194,7 +189,8 @@ def _inputs(whole: _Map) -> Check:
 
 
 def _rank(whole: _Map) -> tuple[Check, Sign]:
-    """By rigorous bounds of the determinant; generic where it is not 0 identically, and its zeros are not excluded."""
+    """The check of the rank by rigorous bounds of the determinant, and its sign. The rank is generic where the
+    determinant is not 0 identically and its zeros are not excluded."""
     id, claim = ClaimId("phase", "rank"), f"det dPhi/dx = {whole.shown} has no zero on the box"
     jumps = any(row.has(*JUMPS) for row in (*whole.before.flow, *whole.before.output))
     det = whole.determinant if jumps else at_kinks(whole.determinant)
@@ -234,7 +230,8 @@ def _written(whole: _Map, point: Mapping[sp.Symbol, Fraction]) -> bool:
 def _one_to_one(
     whole: _Map, images: dict[Signal, sp.Expr], back: dict[sp.Symbol, sp.Expr] | None, rank: Check
 ) -> Check:
-    """By the inverse, wherever it is defined on the image; or by rows that each bring in one state, with a slope."""
+    """The check that Phi is one to one: by the inverse, wherever it is defined on the image, or by rows that each
+    bring in one state, with a slope."""
     id, claim = ClaimId("phase", "inverse"), "Phi is one to one on the box, whatever the inputs"
     if back is None:
         return _by_rows(whole, rank, id, claim)
@@ -266,7 +263,8 @@ def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
 
 
 def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
-    """phi(Psi(z)): on a compact box, a one to one Phi of full rank has a smooth inverse on its compact image."""
+    """The check that phi(Psi(z)) is Lipschitz: on a compact box, a one to one Phi of full rank has a smooth inverse on
+    its compact image."""
     unknown = Check(ClaimId("phase", "lipschitz"), "phi is Lipschitz in z on the image of the box", Verdict.UNKNOWN, "")
     loose = [s.name for s in (*whole.plant.states, *whole.plant.inputs) if not s.bounded]
     if loose:

@@ -18,8 +18,6 @@ import sympy as sp
 
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import ELSEWHERE, Form
-from hgogen.intervals.box import box
-from hgogen.intervals.singular import singular
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
 from hgogen.structure.chain import listed, of_plant
@@ -37,9 +35,9 @@ _FIX = f"Measure the states that enter nonlinearly; {ELSEWHERE}"
 def state_affine(plant: System) -> Form:
     """The plant in state-affine form, in its own coordinates.
 
-    Checks: `state_affine.structure`; `state_affine.lipschitz`, of A(u, y) x + b(u, y), so that A is bounded, and of an
-    output that may have no value somewhere on the box; `state_affine.connected`, refuted, where states are hidden from
-    the outputs for every input. A plant without the structure comes back with that one check; observers refuse it.
+    Checks: `state_affine.structure`; `state_affine.lipschitz`, of A(u, y) x + b(u, y), so that A is bounded;
+    `state_affine.connected`, refuted, where states are hidden from the outputs for every input. A plant without the
+    structure comes back with that one check; observers refuse it.
     """
     rows = of_plant(plant)
     output = [affine(name, row, plant.states, rows) for name, row in zip(rows.names, rows.output, strict=True)]
@@ -57,10 +55,7 @@ def state_affine(plant: System) -> Form:
             A[i, plant.states.index(x)] = z.carry(gain)
         b.append(z.carry(rest[i]))
     A += linear
-    around = box(plant.signals, plant.nominal)
-    rough = [row for row in plant.output if singular((row,), around)]  # that may have no value somewhere
-    name = "A x + b with the output" if rough else "A x + b"
-    steep = lipschitz("state_affine", (*plant.flow, *rough), plant, name)
+    steep = lipschitz("state_affine", plant.flow, plant, "A x + b")
     parts = sp.ImmutableDenseMatrix(A), tuple(b), z.output
     unseen = cut_off("state_affine", plant)
     return form_in(z, "state_affine", (structure, steep, *unseen), _REFERENCE, parts=parts)

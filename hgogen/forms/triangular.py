@@ -20,7 +20,7 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import ELSEWHERE, Form
-from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant, remainder
+from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.defined import defined
@@ -79,14 +79,12 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
     checks = (
         _structure(Verdict.PROVED if answer else Verdict.UNKNOWN, why, ""),
         *(positive(ClaimId("triangular", "a", i), f"a_{i}", gain, plant) for i, gain in enumerate(a, 1)),
-        *_offset(links[0], plant),
+        *_offset(links[0].rest, plant),
     )
     parts = sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,)
     form = form_in(z, "triangular", checks, _REFERENCE, parts=parts)
     name = "b" if form.nonlinear == form.b else "b, with the a_i(z_1) z_i,"
-    left = (remainder(link, plant) for link in links[1:])
-    more = (row for row, link in zip(left, links[1:], strict=True) if row != link.rest)
-    steep = lipschitz("triangular", (*map(z.back, form.nonlinear), *more), plant, name)
+    steep = lipschitz("triangular", map(z.back, form.nonlinear), plant, name, (*a, links[0].rest))
     return replace(form, checks=(*form.checks, steep))
 
 
@@ -107,9 +105,8 @@ def _signs(links: list[Link], plant: System) -> list[int]:
     return signs[1:]
 
 
-def _offset(head: Link, plant: System) -> tuple[Check, ...]:
-    c = remainder(head, plant)
-    known = c != 0 and head.rest.free_symbols.isdisjoint(plant.states)
+def _offset(c: sp.Expr, plant: System) -> tuple[Check, ...]:
+    known = c != 0 and c.free_symbols.isdisjoint(plant.states)
     return (defined(ClaimId("triangular", "offset"), "c", c, plant),) if known else ()
 
 

@@ -56,9 +56,9 @@ def uniform(plant: System) -> Form:
     chains = levelwise(of_plant(plant))
     answer, why = chains.answer(Shape.UNIFORM)
     verdict = Verdict.PROVED if answer else Verdict.UNKNOWN if answer is None else Verdict.REFUTED
-    found = not chains.broken and answer is not False
-    z = coordinates(plant, chains.order if found else None)
-    checks = (_structure(verdict, why), *(_claims(chains, plant) if found else ()))
+    ordered = not chains.broken and answer is not False
+    z = coordinates(plant, chains.order if ordered else None)
+    checks = (_structure(verdict, why), *(_claims(chains, plant) if ordered else ()))
     return form_in(z, "uniform", checks, "Hammouri, Farza, ESAIM: COCV 9 (2003)")
 
 

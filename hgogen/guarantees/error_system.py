@@ -16,6 +16,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.algebra.points import exact
+from hgogen.analysis.written import written
 from hgogen.errors import BadArgument
 from hgogen.intervals.box import Box, box
 from hgogen.intervals.lost import lost
@@ -151,7 +152,7 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
         {s: ends for s, ends in around.items() if s not in fixed},
         plant.states,
         Injection(*(M.as_immutable() for M in (ell, G_1, G_2))),
-        lost((*plant.flow, *plant.output), flow, around),
+        lost(written(plant), flow, around),
     )
 
 

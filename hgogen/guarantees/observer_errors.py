@@ -15,9 +15,10 @@ import sympy as sp
 
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact
+from hgogen.analysis.written import written
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import lost
+from hgogen.intervals.lost import lost, put_apart
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.named import BadNames, in_order, names_of
 from hgogen.signal import Signal
@@ -88,7 +89,7 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
     shown = {s: ends for s, ends in around.items() if s not in away}
     pushes = sp.ImmutableDenseMatrix(noise)
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
-    part = lost(map(on_way, (*plant.flow, *plant.output)), (*flow, *pushes), around)
+    part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
     return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part)
 
 

@@ -18,7 +18,7 @@ from hgogen.algebra.variants import variants
 from hgogen.intervals.box import Box, End, Sides, box, sides
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.outward import Array
-from hgogen.intervals.search import Found, Goal, Tree, search, tight
+from hgogen.intervals.search import Goal, Outcome, Tree, search, tight
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.intervals.zeros import special_point
 
@@ -72,28 +72,28 @@ class Range:
         return "; ".join([*said, *filter(None, [self.note])])
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, which has no infinity: None for an end that is not bounded."""
+        """The range as plain data for JSON, which has no infinity: an unbounded end is None."""
         low, high = (end if math.isfinite(end) else None for end in (self.low, self.high))
         return {"low": low, "high": high, "defined": self.defined, "boxes": self.boxes, "note": self.note}
 
 
 def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
-    """The range of the expression on the box, outward; wider than the true one by at most `relative` of its width,
-    or `note` says why.
+    """The range of the expression on the box, rounded outward; it is wider than the true one by at most `relative` of
+    its width, or `note` says why not.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
     problem = problem_of(expression, box)
     if problem is None:
         return NOWHERE
-    found = problem.search(tight(relative), min(boxes, _FIRST))
-    if found.finished:
-        return range_of(problem, found, relative)
-    if not found.defined:
+    outcome = problem.search(tight(relative), min(boxes, _FIRST))
+    if outcome.finished:
+        return range_of(problem, outcome, relative)
+    if not outcome.defined:
         special = special_point(problem.expression, problem.program, problem.sides, ("undefined",))
         if special:  # more boxes would not help
             return replace(
-                range_of(problem, found, relative), note=f"it is not a finite real number at {_text(special[1])}"
+                range_of(problem, outcome, relative), note=f"it is not a finite real number at {_text(special[1])}"
             )
     return range_of(problem, problem.search(tight(relative), boxes), relative)
 
@@ -109,31 +109,31 @@ class Problem:
     sides: Sides
     program: Tape
 
-    def search(self, goal: Goal, boxes: int) -> Found:
-        """Bisect its box for a goal."""
+    def search(self, goal: Goal, boxes: int) -> Outcome:
+        """The outcome of a bisection of its box for a goal."""
         return search(self.program, self.sides.outer, self.sides.inner, goal, boxes)
 
 
 def problem_of(expression: sp.Expr, box: Box) -> Problem | None:
-    """None for an expression that is nowhere a finite real number."""
+    """The problem of an expression on a box; None where the expression is nowhere a finite real number."""
     fixed, around = sides(exact(sp.sympify(expression)), box)
     if fixed.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I, sp.AccumBounds):
         return None
     return Problem(fixed, around, tape(variants(fixed), around.symbols))
 
 
-def range_of(problem: Problem, found: Found, relative: float) -> Range:
-    """What a search found, as a range; `relative`: how tight it was asked to be."""
+def range_of(problem: Problem, outcome: Outcome, relative: float) -> Range:
+    """The outcome of a search as a range; `relative`: how tight the search was asked to be."""
     return Range(
-        low=found.low,
-        high=found.high,
-        defined=found.defined,
-        least=attained(problem, found.inner.least, found.inner.at_least),
-        most=attained(problem, found.inner.most, found.inner.at_most),
-        boxes=found.boxes,
-        note=_note(found, relative),
+        low=outcome.low,
+        high=outcome.high,
+        defined=outcome.defined,
+        least=attained(problem, outcome.inner.least, outcome.inner.at_least),
+        most=attained(problem, outcome.inner.most, outcome.inner.at_most),
+        boxes=outcome.boxes,
+        note=_note(outcome, relative),
         variables=problem.sides.symbols,
-        tree=found.tree,
+        tree=outcome.tree,
     )
 
 
@@ -144,12 +144,12 @@ def attained(problem: Problem, value: float, at: Array | None) -> Attained | Non
     return None if at is None else Attained(value, problem.sides.point(at.tolist()))
 
 
-def _note(found: Found, relative: float) -> str:
-    if not found.defined:
-        return f"it was not shown to be finite and real everywhere, with {counted(found.boxes)}"
-    if found.finished:
+def _note(outcome: Outcome, relative: float) -> str:
+    if not outcome.defined:
+        return f"it was not shown to be finite and real everywhere, with {counted(outcome.boxes)}"
+    if outcome.finished:
         return ""
-    return f"it is not within {relative:.0%} of values that are attained, with {counted(found.boxes)}"
+    return f"it is not within {relative:.0%} of values that are attained, with {counted(outcome.boxes)}"
 
 
 def counted(count: int) -> str:

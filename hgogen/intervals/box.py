@@ -77,8 +77,8 @@ class Sides:
 
     def only(self, symbols: Iterable[sp.Symbol]) -> "Sides":
         """The sides of some of its symbols."""
-        kept = [(s, e) for s, e in zip(self.symbols, self.ends, strict=True) if s in set(symbols)]
-        return Sides(tuple(s for s, _ in kept), tuple(e for _, e in kept))
+        pairs = [(s, e) for s, e in zip(self.symbols, self.ends, strict=True) if s in set(symbols)]
+        return Sides(tuple(s for s, _ in pairs), tuple(e for _, e in pairs))
 
     def centre(self) -> Point:
         """A point inside."""

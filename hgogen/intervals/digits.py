@@ -25,6 +25,6 @@ def _rounded(value: float | Fraction, digits: int, rounding: str) -> str:
     if isinstance(value, float) and not math.isfinite(value):
         return f"{value:g}"
     exact = Fraction(value)
-    near = Context(prec=digits, rounding=rounding).divide(Decimal(exact.numerator), Decimal(exact.denominator))
-    plain = -4 <= near.adjusted() < digits  # as float's g: 0.0001, 1e-05
-    return f"{near.normalize():f}" if plain or not near else f"{near.normalize():e}"
+    rounded = Context(prec=digits, rounding=rounding).divide(Decimal(exact.numerator), Decimal(exact.denominator))
+    plain = -4 <= rounded.adjusted() < digits  # as float's g: 0.0001, 1e-05
+    return f"{rounded.normalize():f}" if plain or not rounded else f"{rounded.normalize():e}"

@@ -101,7 +101,7 @@ def _both(args: list[Enclosure]) -> tuple[Flags, Flags]:
 
 
 def _chain(a: Enclosure, slope: Callable[[], Pair]) -> Pair | None:
-    """The slope of f(a), f' as given."""
+    """The slope of f(a) by the chain rule, from an enclosure of f'."""
     return a.slope if a.fixed or a.slope is None else scale(slope(), a.slope)
 
 
@@ -292,7 +292,7 @@ def _sign(args: list[Enclosure]) -> Enclosure:
 
 
 def _heaviside(args: list[Enclosure]) -> Enclosure:
-    """0 below 0, 1 above, and the second argument at 0."""
+    """The unit step: 0 below 0, 1 above, and the second argument at 0."""
     a, at_zero = args
     low, high = a.value
     value: Pair = np.where(low > 0, 1.0, np.inf), np.where(high > 0, 1.0, -np.inf)
@@ -301,12 +301,12 @@ def _heaviside(args: list[Enclosure]) -> Enclosure:
     above = high > 0
     value = np.where(above, np.minimum(value[0], 1.0), value[0]), value[1]
     there = (low <= 0) & (high >= 0)
-    found = _steps(a, _joined(value, at_zero.value, there))
-    defined, continuous = found.defined & (at_zero.defined | ~there), found.continuous & (at_zero.continuous | ~there)
-    if found.slope is None or at_zero.slope is None:
-        return replace(found, defined=defined, continuous=continuous)
-    slope = _joined(found.slope, at_zero.slope, there)
-    return replace(found, defined=defined, continuous=continuous, slope=slope)
+    steps = _steps(a, _joined(value, at_zero.value, there))
+    defined, continuous = steps.defined & (at_zero.defined | ~there), steps.continuous & (at_zero.continuous | ~there)
+    if steps.slope is None or at_zero.slope is None:
+        return replace(steps, defined=defined, continuous=continuous)
+    slope = _joined(steps.slope, at_zero.slope, there)
+    return replace(steps, defined=defined, continuous=continuous, slope=slope)
 
 
 def _compare(verdicts: Callable[[Pair, Pair], tuple[Flags, Flags]]) -> Callable[[list[Enclosure]], Enclosure]:

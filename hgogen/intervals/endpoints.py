@@ -1,7 +1,7 @@
 """Elementary functions on intervals: Arb at the ends, rounded outward, between the points where they turn.
 
 Arb (python-flint) encloses each value in a ball; the ball's ends become floats that are compared with it exactly. An
-infinite end takes the function's limit. Bisection shares ends, so values are kept.
+infinite end takes the function's limit. Boxes of a bisection share ends, so the values are cached.
 """
 
 import math
@@ -108,11 +108,11 @@ def _monotone(name: str, rule: Monotone, a: Pair) -> tuple[Pair, Flags]:
 
 
 def _turns(a: Pair, phase: float) -> Flags:
-    """Whether phase + 2 pi k may lie in a for a whole k: by floats, with more slack than their rounding."""
+    """Whether phase + 2 pi k may lie in a for a whole k, in floats, with more slack than their rounding errors."""
     slack = 1e-14 * (1.0 + np.maximum(np.abs(a[0]), np.abs(a[1])))
     first, last = (a[0] - slack - phase) / (2 * PI[0]), (a[1] + slack - phase) / (2 * PI[0])
-    found = np.floor(last) >= np.ceil(first)
-    return np.asarray(found | ~np.isfinite(first) | ~np.isfinite(last) | (slack > 1.0))
+    inside = np.floor(last) >= np.ceil(first)
+    return np.asarray(inside | ~np.isfinite(first) | ~np.isfinite(last) | (slack > 1.0))
 
 
 def _wave(name: str, a: Pair) -> Pair:

@@ -8,7 +8,7 @@ from hgogen.intervals.outward import Array
 
 
 def middle(low: Array, high: Array) -> Array:
-    """Where a side is cut: its midpoint; an unbounded one at 0, or beyond 0 at twice its end and one."""
+    """The point at which a side is cut: its midpoint; for an unbounded one 0, or beyond 0 twice its end and one."""
     both = np.isinf(low) & np.isinf(high)
     right, left = np.isinf(high) & ~both, np.isinf(low) & ~both
     centre = low / 2.0 + high / 2.0

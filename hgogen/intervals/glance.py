@@ -17,8 +17,8 @@ _STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I, sp.AccumBounds)
 
 
 def enclose(expression: sp.Expr, box: Box) -> Interval:
-    """An interval that holds the values of the expression on the box, where it and its parts are real; exact for a
-    rational number and for a symbol. A function without a rule may have any value."""
+    """An interval that holds the values of the expression on the box, where it and its parts are real; it is exact for
+    a rational number and for a symbol. A function without a rule may have any value."""
     fixed, around = sides(exact(expression), box)
     if fixed.is_Rational:
         value = Fraction(fixed)
@@ -32,8 +32,8 @@ def enclose(expression: sp.Expr, box: Box) -> Interval:
     except NoTape:
         return EVERYTHING
     low, high = around.outer
-    (found,) = enclosures(program, low[:, None], high[:, None])
-    return float(found.value[0][0]), float(found.value[1][0])
+    (enclosure,) = enclosures(program, low[:, None], high[:, None])
+    return float(enclosure.value[0][0]), float(enclosure.value[1][0])
 
 
 def contains_zero(interval: Interval) -> bool:

@@ -42,26 +42,26 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     if isinstance(node, (sp.Min, sp.Max)):
         return _extreme(type(node), args, box)
     built = node if args == list(node.args) else node.func(*args)
-    found = _plain(built, box)
-    return node if found != node and lost(args, (found,), box) is not None else found
+    simplified = _plain(built, box)
+    return node if simplified != node and lost(args, (simplified,), box) is not None else simplified
 
 
-def _plain(found: sp.Expr, box: Box) -> sp.Expr:
-    """An expression whose parts were visited."""
-    if isinstance(found, sp.Mul) and any(isinstance(part, sp.sign) for part in found.args):
-        whole = signed(found)
-        return found if whole == found else _visited(whole, box)
-    if isinstance(found, sp.Abs) or (isinstance(found, Norm) and len(found.args) == 1):
-        return _size(found.args[0], box)
-    if isinstance(found, sp.sign):
-        return sp.Integer(_constant(found.args[0], box)) or found
-    if isinstance(found, sp.Heaviside):
-        way = _constant(found.args[0], box)
-        return found if way == 0 else sp.Integer(way > 0)
-    if isinstance(found, sp.Pow) and _rooted(found):
-        whole = bent(found)
-        return found if whole == found or not whole.is_Function or len(whole.args) > 1 else _size(whole.args[0], box)
-    return found
+def _plain(e: sp.Expr, box: Box) -> sp.Expr:
+    """An expression, whose parts are simplified already, without the kinks at its own node."""
+    if isinstance(e, sp.Mul) and any(isinstance(part, sp.sign) for part in e.args):
+        whole = signed(e)
+        return e if whole == e else _visited(whole, box)
+    if isinstance(e, sp.Abs) or (isinstance(e, Norm) and len(e.args) == 1):
+        return _size(e.args[0], box)
+    if isinstance(e, sp.sign):
+        return sp.Integer(_constant(e.args[0], box)) or e
+    if isinstance(e, sp.Heaviside):
+        way = _constant(e.args[0], box)
+        return e if way == 0 else sp.Integer(way > 0)
+    if isinstance(e, sp.Pow) and _rooted(e):
+        whole = bent(e)
+        return e if whole == e or not whole.is_Function or len(whole.args) > 1 else _size(whole.args[0], box)
+    return e
 
 
 def _size(argument: sp.Expr, box: Box) -> sp.Expr:
@@ -75,28 +75,29 @@ def _size(argument: sp.Expr, box: Box) -> sp.Expr:
 
 
 def _extreme(kind: type[sp.Expr], args: Iterable[sp.Expr], box: Box) -> sp.Expr:
-    """Min or Max of those that may be it."""
+    """The Min or Max of the arguments that may attain it on the box."""
     way = 1 if kind is sp.Max else -1
-    kept: list[sp.Expr] = []
+    remaining: list[sp.Expr] = []
     for a in args:
-        if any(_side(way * (b - a), box) > 0 for b in kept) and is_defined(a, box):
+        if any(_side(way * (b - a), box) > 0 for b in remaining) and is_defined(a, box):
             continue
-        kept = [b for b in kept if _side(way * (a - b), box) <= 0 or not is_defined(b, box)]
-        kept.append(a)
-    return kind(*kept)
+        remaining = [b for b in remaining if _side(way * (a - b), box) <= 0 or not is_defined(b, box)]
+        remaining.append(a)
+    return kind(*remaining)
 
 
 def _chosen(node: sp.Piecewise, box: Box) -> sp.Expr:
-    """The branches that may be taken; where it is continuous, what holds at a branch's edge alone does not count."""
-    kept: list[tuple[sp.Expr, sp.Basic]] = []
+    """The Piecewise of the branches that may be taken. Of a continuous one, a condition that holds at the edge of a
+    branch alone does not count."""
+    branches: list[tuple[sp.Expr, sp.Basic]] = []
     smooth = not bent(node).has(sp.Piecewise)
     for value, condition in (tuple(pair.args) for pair in node.args):
         holds = _holds(condition, smooth, box)
         if holds is not False:
-            kept.append((_visited(value, box), sp.true if holds else condition))
+            branches.append((_visited(value, box), sp.true if holds else condition))
         if holds:
             break
-    return sp.Piecewise(*kept) if kept else node
+    return sp.Piecewise(*branches) if branches else node
 
 
 def _holds(condition: sp.Basic, weakly: bool, box: Box) -> bool | None:
@@ -135,7 +136,7 @@ def _strict(e: sp.Expr, box: Box) -> int:
     if low > 0 or high < 0:
         return 1 if low > 0 else -1
     try:
-        found = nonzero(e, box, boxes=_BOXES, refute=False)
+        answer = nonzero(e, box, boxes=_BOXES, refute=False)
     except NoTape:
         return 0
-    return found.sign if found.verdict is Verdict.PROVED else 0
+    return answer.sign if answer.verdict is Verdict.PROVED else 0

@@ -34,10 +34,10 @@ def number(value: Fraction | float) -> tuple[float, float]:
     if math.isinf(nearest):
         largest = math.nextafter(math.inf, 0.0)
         return (largest, math.inf) if value > 0 else (-math.inf, -largest)
-    found = Fraction(nearest)
+    exact = Fraction(nearest)
     return (
-        nearest if found <= value else math.nextafter(nearest, -math.inf),
-        nearest if found >= value else math.nextafter(nearest, math.inf),
+        nearest if exact <= value else math.nextafter(nearest, -math.inf),
+        nearest if exact >= value else math.nextafter(nearest, math.inf),
     )
 
 

@@ -29,7 +29,7 @@ class Proof:
 @dataclass(frozen=True)
 class Grounds:
     """What a claim about an observer stands on: the `numbers` by name that it is built with (numbers, expressions of
-    parameters, sequences of them), and the `fact` that was found; None where it follows from another claim's."""
+    parameters, sequences of them), and the `fact` that was established; None where it follows from another claim's."""
 
     numbers: Mapping[str, Any] = field(hash=False)
     fact: Any = field(hash=False)

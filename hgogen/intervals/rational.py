@@ -78,19 +78,19 @@ def _ends(e: sp.Expr, box: Box) -> Interval:
 
 
 def _number(e: sp.Expr) -> Interval:
-    """A number, in as many bits as its sign takes."""
+    """An enclosure of a number, in as many bits as it takes to decide its sign."""
     try:
         program = tape([e], ())
     except NoTape:
         return EVERYTHING
-    found: Interval = EVERYTHING
+    enclosure: Interval = EVERYTHING
     for bits in _PRECISIONS:
         (ball,) = values(program, (), bits)
         if ball.is_finite():
-            found = _of_ball(ball)
+            enclosure = _of_ball(ball)
             if not ball.contains(0):
                 break
-    return found
+    return enclosure
 
 
 def _of_ball(ball: Any) -> Interval:
@@ -123,7 +123,7 @@ def _sum(a: Interval, b: Interval) -> Interval:
 
 
 def fractions(a: Interval) -> Interval:
-    """The same ends, those that are numbers as fractions."""
+    """The same ends, finite ones as fractions."""
     low, high = (end if end in (-math.inf, math.inf) else Fraction(end) for end in a)
     return low, high
 

@@ -72,7 +72,7 @@ class Inner:
 
 
 @dataclass(frozen=True)
-class Found:
+class Outcome:
     """The result of a search: the leaves, the inner values, how many boxes were tried, and the bisection tree."""
 
     leaves: Leaves
@@ -121,7 +121,7 @@ def tight(relative: float) -> Goal:
 
 
 def one_sign(leaves: Leaves, inner: Inner) -> Array:
-    """The goal that the expression is defined and has one sign; given up once both signs are attained."""
+    """The goal that the expression is defined and has one sign; the search ends once both signs are attained."""
     if inner.least <= 0.0 <= inner.most:
         return np.zeros(leaves.bottom.shape)
     doubt = (leaves.bottom <= 0.0) & (leaves.top >= 0.0)
@@ -139,7 +139,7 @@ def regular(leaves: Leaves, inner: Inner) -> Array:
     return np.where(leaves.defined & leaves.continuous, 0.0, np.inf)
 
 
-def search(program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int) -> Found:
+def search(program: Tape, root: Pair, inside: Pair, goal: Goal, limit: int) -> Outcome:
     """Bisect `root` (m ends each) until nothing is left to do for the goal, or `limit` boxes were tried.
 
     `inside`: the largest box of floats in the true box, whose ends lie at most one float inside the root's.
@@ -163,7 +163,7 @@ class _Problem:
         return np.where(x > last, last, low), np.where(x > last, top, high)
 
 
-def _search(problem: _Problem, goal: Goal, limit: int) -> Found:
+def _search(problem: _Problem, goal: Goal, limit: int) -> Outcome:
     inner = _explore(problem, Inner(math.inf, -math.inf, None, None, None))
     low, high = problem.root
     leaves, inner = _boxes(problem, low[:, None], high[:, None], np.zeros(1, dtype=np.int64), inner)
@@ -177,16 +177,16 @@ def _search(problem: _Problem, goal: Goal, limit: int) -> Found:
             break
         worst = rows[np.argsort(-todo[rows], kind="stable")][: min(_BATCH, (limit - boxes) // 2)]
         parents = leaves.only(worst)
-        kept = np.ones(len(todo), dtype=bool)
-        kept[worst] = False
+        remaining = np.ones(len(todo), dtype=bool)
+        remaining[worst] = False
         children = count + np.arange(2 * len(worst), dtype=np.int64)
         count += len(children)
         splits += zip(parents.node.tolist(), parents.cut.tolist(), strict=True)
         new, inner = _boxes(problem, *_halves(parents), children, inner)
-        leaves = leaves.only(kept).with_more(new)
+        leaves = leaves.only(remaining).with_more(new)
         boxes += len(children)
     unresolved = goal(leaves, inner) > 0.0
-    return Found(leaves, inner, boxes, not unresolved.any(), split_tree(splits))
+    return Outcome(leaves, inner, boxes, not unresolved.any(), split_tree(splits))
 
 
 def _halves(parents: Leaves) -> Pair:
@@ -311,8 +311,8 @@ def _on_faces(problem: _Problem, box: Pair, slope: Pair, sound: Flags, value: Pa
 
 
 def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags) -> NDArray[np.int64]:
-    """The variable to bisect: the largest |slope| times width; where no slope is known the relatively widest; -1 where
-    no side can be cut."""
+    """The variable to bisect in each box: that with the largest |slope| times width, or the relatively widest where no
+    slope is known; -1 where no side can be cut."""
     m, k = low.shape
     if m == 0:
         return np.full(k, -1, dtype=np.int64)
@@ -322,8 +322,8 @@ def _cuts(problem: _Problem, low: Array, high: Array, slope: Pair, sound: Flags)
     size = np.maximum(np.abs(slope[0]), np.abs(slope[1])) * width
     score = np.where(sound & np.isfinite(size).all(axis=0), size + 1e-3 * size.max(axis=0) * share, share)
     centre = middle(low, high)
-    near = (np.minimum(np.abs(low), np.abs(high)) < _FAR) | (np.isinf(low) & np.isinf(high))
-    possible = (centre > low) & (centre < high) & np.where(np.isinf(width), near, share > _FINE)
+    within_reach = (np.minimum(np.abs(low), np.abs(high)) < _FAR) | (np.isinf(low) & np.isinf(high))
+    possible = (centre > low) & (centre < high) & np.where(np.isinf(width), within_reach, share > _FINE)
     score = np.where(possible, score, -1.0)
     best = np.argmax(score, axis=0)
     return np.where(possible.any(axis=0), best, -1).astype(np.int64)
@@ -351,7 +351,7 @@ def _better(inner: Inner, x: Array, at: list[Enclosure]) -> Inner:
 
 
 def _explore(problem: _Problem, inner: Inner) -> Inner:
-    """Corners, a spread of points, then closer and closer around the best two."""
+    """The values at the corners, at a spread of points, and then closer and closer around the best two points."""
     low, high = problem.root
     m = len(low)
     if m == 0:
@@ -359,15 +359,15 @@ def _explore(problem: _Problem, inner: Inner) -> Inner:
     start = np.concatenate((corners(low, high), placed(low, high, spread(m, _SPREAD))), axis=1)
     inner = _better(inner, start, enclose(problem.program, *problem.points(start)))
     for round in range(_ROUNDS if m > 1 else 0):
-        near = [
+        clusters = [
             placed(np.maximum(low, at - reach), np.minimum(high, at + reach), spread(m, _AROUND))
             for at in (inner.at_least, inner.at_most)
             if at is not None
             for reach in [_reach(low, high, at) * 0.35 ** (round + 1)]
         ]
-        if not near:
+        if not clusters:
             break
-        x = np.concatenate(near, axis=1)
+        x = np.concatenate(clusters, axis=1)
         inner = _better(inner, x, enclose(problem.program, *problem.points(x)))
     return inner
 

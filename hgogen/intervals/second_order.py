@@ -73,19 +73,19 @@ class Answer:
 
 
 def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
-    """Whether S < 0, as above; `boxes` for each question of a sign. With an `obstacle`, why N says nothing of S, it is
-    refuted or unknown."""
+    """Whether S < 0, by the method of the module, with `boxes` for each question of a sign. With an `obstacle`, the
+    reason why N says nothing of S, the answer is refuted or unknown."""
     program = _Program.of(asked)
-    found = next(program.violations(_samples(program)), None)
-    if found:
-        return _refuted(found)
+    violation = next(program.violations(_samples(program)), None)
+    if violation:
+        return _refuted(violation)
     if obstacle:
         return Answer(Verdict.UNKNOWN, obstacle)
     share, definite = _largest(asked, boxes)
     if definite is None:
-        found = next(program.violations(_along(program)), None)
-        if found:
-            return _refuted(found)
+        violation = next(program.violations(_along(program)), None)
+        if violation:
+            return _refuted(violation)
         reason = "near e = 0 the second order does not decide it"
         return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for a sign")
     if share == 1:
@@ -93,9 +93,9 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
         return Answer(Verdict.PROVED, whole, proofs=(definite.proof,), basis=definite.basis)
     left = tuple(nonzero(asked.value, slab, boxes=boxes, refute=False) for slab in _slabs(asked, share))
     for sign in left:
-        found = next(program.violations(_of(sign)), None)
-        if found:
-            return _refuted(found)
+        violation = next(program.violations(_of(sign)), None)
+        if violation:
+            return _refuted(violation)
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
         total = sum(sign.range.boxes for sign in left)
         reason = f"its second order is definite on {share} of the box of errors, {total} boxes cover the rest"
@@ -124,7 +124,7 @@ class _Program:
         return cls(asked, symbols, tape([asked.value], symbols), sp.lambdify(symbols, asked.value, "numpy"))
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
-        """Those of the points where S >= 0 is proved and e is not 0, with the value there."""
+        """The points where S >= 0 is proved and e is not 0, with the value there."""
         everything = {**self.asked.box, **self.asked.around}
         sides = Sides(self.symbols, tuple(everything[s] for s in self.symbols))
         for point in points:
@@ -135,11 +135,11 @@ class _Program:
                 yield point, float(ball.mid())
 
     def ratio(self, x: np.ndarray) -> np.ndarray:
-        """S/|e|^2 at points (number of symbols, k), -inf where it is not a number."""
+        """The ratios S/|e|^2 at points (number of symbols, k), -inf where one is not finite."""
         with np.errstate(all="ignore"):
             value = np.broadcast_to(np.asarray(self.floats(*x), dtype=float), x.shape[1:])
-            found = value / (x[: len(self.asked.errors)] ** 2).sum(axis=0)
-        return np.where(np.isfinite(found), found, -np.inf)
+            ratios = value / (x[: len(self.asked.errors)] ** 2).sum(axis=0)
+        return np.where(np.isfinite(ratios), ratios, -np.inf)
 
 
 def _refuted(violation: tuple[Point, float]) -> Answer:
@@ -148,7 +148,8 @@ def _refuted(violation: tuple[Point, float]) -> Answer:
 
 
 def _samples(program: _Program) -> Iterator[Point]:
-    """The worst of a fixed set of random points, each moved uphill; e on scales down to a thousandth of its box."""
+    """The points with the largest ratios of a fixed set of random ones, each moved uphill; e has scales down to a
+    thousandth of its box."""
     n, rng = len(program.asked.errors), np.random.default_rng(1)
     low, high = _floats(program)
     size = len(program.symbols)
@@ -166,12 +167,12 @@ def _samples(program: _Program) -> Iterator[Point]:
         best, small, most = whole[:, k], scale[k], ratio[k]
         for step in range(_ROUNDS):
             reach = max(1, _GRID >> (step + 2))
-            near = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(size, 48)), 0, _GRID)
+            neighbours = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(size, 48)), 0, _GRID)
             scales = np.minimum(small * 2.0 ** rng.integers(-1, 2, size=48), 1.0)
-            tried = program.ratio(placed(near, scales))
+            tried = program.ratio(placed(neighbours, scales))
             j = int(np.argmax(tried))
             if tried[j] > most:
-                best, small, most = near[:, j], scales[j], tried[j]
+                best, small, most = neighbours[:, j], scales[j], tried[j]
         yield _exactly(program, best, Fraction(float(small)))
 
 
@@ -204,19 +205,19 @@ def _exactly(program: _Program, grid: np.ndarray, scale: Fraction) -> Point:
 def _along(program: _Program) -> Iterator[Point]:
     """Short steps e from points x where N of zero copies is not positive definite, along its worst direction."""
     asked, n = program.asked, len(program.asked.errors)
-    matrix, box = _near(asked, Fraction(0))
+    matrix, box = _restricted(asked, Fraction(0))
     eigenvalues = _Eigenvalues.of(matrix, box)
     reach = min(min(-Fraction(a), Fraction(b)) for a, b in asked.around.values())
-    for found in eigenvalues.worst():
-        x = {s: found[s] if s in found else _cut(asked.box[s])[0] for s in program.symbols[n:]}
-        direction = np.linalg.eigh(eigenvalues.matrix(found))[1][:, 0]
+    for worst in eigenvalues.worst():
+        x = {s: worst[s] if s in worst else _cut(asked.box[s])[0] for s in program.symbols[n:]}
+        direction = np.linalg.eigh(eigenvalues.matrix(worst))[1][:, 0]
         e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
         for k, sign in product(range(0, 40, 3), (1, -1)):
             yield x | {s: sign * d * reach / 2**k for s, d in zip(asked.errors, e, strict=True)}
 
 
 def _of(sign: Sign) -> Iterator[Point]:
-    """Where a search met the largest value."""
+    """The point at which a search met the largest value, if any."""
     if sign.range.most is not None:
         yield dict(sign.range.most.point)
 
@@ -233,21 +234,21 @@ class _Definite:
 
 
 def _largest(asked: SecondOrder, boxes: int) -> tuple[Fraction, _Definite | None]:
-    """The share of the box of e on which N is proved positive definite, halved as often as it takes; none where it is
-    not even at e = 0."""
-    share, found = Fraction(1), None
-    if _definite(*_near(asked, Fraction(0)), boxes) is None:
+    """The largest tried share of the box of e on which N is proved positive definite, halved as often as it takes, and
+    the proof; the proof is None where N is not shown to be definite on any of them, or not even at e = 0."""
+    share, definite = Fraction(1), None
+    if _definite(*_restricted(asked, Fraction(0)), boxes) is None:
         return share, None
     for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
-        found = _definite(*_near(asked, share), boxes)
-        if found is not None:
+        definite = _definite(*_restricted(asked, share), boxes)
+        if definite is not None:
             break
-    return share, found
+    return share, definite
 
 
-def _near(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
-    """N and its box, every copy in `share` of the box of e; where N reads x and a copy by their difference alone, it
-    is one symbol."""
+def _restricted(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
+    """N and its box, with every copy in a `share` of the box of e; where N reads x and a copy by their difference
+    alone, the difference is one symbol."""
     box, matrix = dict(asked.box), asked.matrix
     if not share:
         matrix = matrix.xreplace({c: sp.S.Zero for copy in asked.copies for c in copy})
@@ -279,11 +280,11 @@ def _definite(matrix: sp.Matrix, box: Box, boxes: int) -> _Definite | None:
     rows = (sp.eye(n) - short.T * matrix * short / _short((moved.least + moved.most) / 2)) * sp.Matrix(t)
     whole: Box = {**box, **dict.fromkeys(t, (Fraction(-1), Fraction(1)))}
     for relative in _RELATIVE:
-        found = lipschitz_bound(rows, t, whole, boxes=boxes, relative=relative)
-        if found.verdict is Verdict.PROVED and found.high < 1:
-            high, tree = Fraction(found.high), found.tree
-            return _Definite(Proof(tuple(rows), None, high, found.variables, tree), short)
-        if found.verdict is not Verdict.PROVED or found.low >= 1:
+        steepest = lipschitz_bound(rows, t, whole, boxes=boxes, relative=relative)
+        if steepest.verdict is Verdict.PROVED and steepest.high < 1:
+            high, tree = Fraction(steepest.high), steepest.tree
+            return _Definite(Proof(tuple(rows), None, high, steepest.variables, tree), short)
+        if steepest.verdict is not Verdict.PROVED or steepest.low >= 1:
             break
     return None
 
@@ -294,7 +295,7 @@ def _short(value: float) -> sp.Rational:
 
 @dataclass(frozen=True)
 class _Eigenvalues:
-    """Those of a symmetric matrix of symbols, at sample points of their box, in floats: nothing is proved here.
+    """The eigenvalues of a symmetric matrix of symbols at sample points of their box, as floats that prove nothing.
 
     `least`, `most`: the extremes; `middle`: the matrix in the middle.
     """
@@ -303,7 +304,7 @@ class _Eigenvalues:
     sides: tuple[tuple[Fraction, Fraction], ...]
     floats: Any
     grid: np.ndarray
-    found: np.ndarray
+    spectra: np.ndarray
 
     @classmethod
     def of(cls, matrix: sp.Matrix, box: Box) -> "_Eigenvalues":
@@ -328,38 +329,38 @@ class _Eigenvalues:
 
     @property
     def least(self) -> float:
-        """-inf where the matrix is not finite."""
-        return float(self.found[:, 0].min())
+        """The smallest, -inf where the matrix is not finite."""
+        return float(self.spectra[:, 0].min())
 
     @property
     def most(self) -> float:
         """The largest."""
-        return float(self.found[:, -1].max())
+        return float(self.spectra[:, -1].max())
 
     @property
     def middle(self) -> np.ndarray:
-        """(n, n)."""
+        """The matrix (n, n) in the middle of the box."""
         return np.asarray(self.floats(self.grid[:, :1])[0])
 
     def matrix(self, point: Point) -> np.ndarray:
-        """(n, n) at a point of the grid."""
+        """The matrix (n, n) at a point of the grid."""
         shares = [(point[s] - a) / (b - a) * _GRID for s, (a, b) in zip(self.symbols, self.sides, strict=True)]
         return np.asarray(self.floats(np.array([[float(share)] for share in shares]).reshape(-1, 1))[0])
 
     def worst(self) -> Iterator[Point]:
-        """Points with small eigenvalues, each moved downhill, while they are finite."""
+        """The points with the smallest eigenvalues, each moved downhill, where they are finite."""
         rng = np.random.default_rng(2)
-        for k in np.argsort(self.found[:, 0], kind="stable")[:_BEST]:
-            best, least = self.grid[:, k], self.found[k, 0]
+        for k in np.argsort(self.spectra[:, 0], kind="stable")[:_BEST]:
+            best, least = self.grid[:, k], self.spectra[k, 0]
             if not np.isfinite(least):
                 continue
             for step in range(_ROUNDS):
                 reach = max(1, _GRID >> (step + 2))
-                near = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(len(best), 48)), 0, _GRID)
-                found = _spectrum(self.floats(near))[:, 0]
-                j = int(np.argmin(np.where(np.isfinite(found), found, np.inf)))
-                if np.isfinite(found[j]) and found[j] < least:
-                    best, least = near[:, j], found[j]
+                neighbours = np.clip(best[:, None] + rng.integers(-reach, reach + 1, size=(len(best), 48)), 0, _GRID)
+                smallest = _spectrum(self.floats(neighbours))[:, 0]
+                j = int(np.argmin(np.where(np.isfinite(smallest), smallest, np.inf)))
+                if np.isfinite(smallest[j]) and smallest[j] < least:
+                    best, least = neighbours[:, j], smallest[j]
             yield {s: a + (b - a) * int(i) / _GRID for s, (a, b), i in zip(self.symbols, self.sides, best, strict=True)}
 
 
@@ -381,5 +382,5 @@ def _slabs(asked: SecondOrder, share: Fraction) -> Iterator[Box]:
 
 
 def _proof(expression: sp.Expr, sign: Sign) -> Proof:
-    found = sign.range
-    return Proof((expression,), *ends(found.low, found.high), found.variables, found.tree)
+    extent = sign.range
+    return Proof((expression,), *ends(extent.low, extent.high), extent.variables, extent.tree)

@@ -24,7 +24,7 @@ from hgogen.intervals.digits import down
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.outward import number
 from hgogen.intervals.rational import fractions, multiplied, raised, rational
-from hgogen.intervals.search import Found, one_sign, regular
+from hgogen.intervals.search import Outcome, one_sign, regular
 from hgogen.intervals.zeros import crossing, special_point
 
 _GLANCE = 60  # boxes before a zero is looked for
@@ -63,8 +63,8 @@ class Sign:
 
     def __str__(self) -> str:
         if self.verdict is Verdict.PROVED:
-            told = f"at least {down(self.margin, 9)}" if self.sign > 0 else f"at most -{down(self.margin, 9)}"
-            return f"{self.verdict}: {told}, by {self.reason}"
+            margin = f"at least {down(self.margin, 9)}" if self.sign > 0 else f"at most -{down(self.margin, 9)}"
+            return f"{self.verdict}: {margin}, by {self.reason}"
         return f"{self.verdict}: {self.reason}{place(self.witness)}"
 
 
@@ -86,55 +86,57 @@ def _nonzero(
         return Sign(Verdict.REFUTED, 0, 0.0, {}, "it is not a finite real number", NOWHERE, Cause.UNDEFINED)
     never = False
     for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
-        found = problem.search(one_sign, limit)
-        if found.defined and (found.low > 0 or found.high < 0):
-            return _proved(problem, found)
-        refuted = _refutation(problem, found, limit) if refute else None
+        outcome = problem.search(one_sign, limit)
+        if outcome.defined and (outcome.low > 0 or outcome.high < 0):
+            return _proved(problem, outcome)
+        refuted = _refutation(problem, outcome, limit) if refute else None
         if refuted:
             cause, reason, witness = refuted
-            return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, range_of(problem, found, 0.0), cause)
-        if limit <= _GLANCE and not found.inner.least < 0 < found.inner.most:
+            return Sign(Verdict.REFUTED, 0, 0.0, witness, reason, range_of(problem, outcome, 0.0), cause)
+        if limit <= _GLANCE and not outcome.inner.least < 0 < outcome.inner.most:
             never, low, high = _by_algebra(problem.expression, box_of(problem.sides))
-            if found.defined and (low > 0 or high < 0):
-                return _enclosed(problem, found, low, high)
-        if found.boxes + 2 <= limit:  # more boxes would change nothing
+            if outcome.defined and (low > 0 or high < 0):
+                return _enclosed(problem, outcome, low, high)
+        if outcome.boxes + 2 <= limit:  # more boxes would change nothing
             break
-    reason = f"{counted(found.boxes)} {'does' if found.boxes == 1 else 'do'} not decide it"
-    return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, found, 0.0), never=never)
+    reason = f"{counted(outcome.boxes)} {'does' if outcome.boxes == 1 else 'do'} not decide it"
+    return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
 
 
-def _proved(problem: Problem, found: Found) -> Sign:
-    positive = found.low > 0
-    margin = found.low if positive else -found.high
-    reason = counted(found.boxes)
+def _proved(problem: Problem, outcome: Outcome) -> Sign:
+    positive = outcome.low > 0
+    margin = outcome.low if positive else -outcome.high
+    reason = counted(outcome.boxes)
     sign = 1 if positive else -1
-    return Sign(Verdict.PROVED, sign, margin, {}, reason, range_of(problem, found, 0.0), never=True)
+    return Sign(Verdict.PROVED, sign, margin, {}, reason, range_of(problem, outcome, 0.0), never=True)
 
 
-def _enclosed(problem: Problem, found: Found, low: End, high: End) -> Sign:
-    """Of one sign by its exact range on the box as a whole."""
-    outer = replace(range_of(problem, found, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
+def _enclosed(problem: Problem, outcome: Outcome, low: End, high: End) -> Sign:
+    """The proof of one sign by the exact range on the box as a whole."""
+    outer = replace(range_of(problem, outcome, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
     sign, reason = 1 if low > 0 else -1, "exact algebra and rational ends"
     return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
 
 
 def _by_algebra(expression: sp.Expr, box: Box) -> tuple[bool, End, End]:
-    """Whether it is 0 nowhere on the box where it is defined, by its factors; and its range with rational ends."""
+    """Whether an expression is 0 nowhere on the box where it is defined, by its factors; and its range, whose ends are
+    rational."""
     low, high = rational(expression, box)
-    found = factors(expression)
-    if found is None or (low > 0 or high < 0):
+    factored = factors(expression)
+    if factored is None or (low > 0 or high < 0):
         return low > 0 or high < 0, low, high
-    never, product = _product(found, expression, box)
+    never, product = _product(factored, expression, box)
     return never, max(low, product[0]), min(high, product[1])
 
 
-def _product(found: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Interval]:
-    """The factors' ranges multiplied; a factor that floats bound away from 0 by bisection as they say."""
-    never, total = True, rational(found.number, {})
-    for one in found.factors:
+def _product(factored: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Interval]:
+    """Whether no factor is 0, and the product of the factors' ranges; a factor that is proved to have one sign by
+    bisection has the range of that proof."""
+    never, total = True, rational(factored.number, {})
+    for one in factored.factors:
         low, high = rational(one.base, box)
         known = one.definite or low > 0 or high < 0
-        again = len(found.factors) == 1 and one.exponent == 1 and one.base.count_ops() >= expression.count_ops()
+        again = len(factored.factors) == 1 and one.exponent == 1 and one.base.count_ops() >= expression.count_ops()
         other = not again and one.base not in (expression, -expression)  # no more than another way to write it
         if low <= 0 <= high and one.base.free_symbols and other:
             sign = nonzero(one.base, box, boxes=_GLANCE, refute=False)
@@ -147,15 +149,17 @@ def _product(found: Factors, expression: sp.Expr, box: Box) -> tuple[bool, Inter
     return never, total
 
 
-def _refutation(problem: Problem, found: Found, boxes: int) -> tuple[Cause, str, Point] | None:
-    """Why it has not one sign, as a sentence too, and where."""
-    near = [problem.sides.point(at.tolist()) for at in (found.inner.at_least, found.inner.at_most) if at is not None]
-    special = special_point(problem.expression, problem.program, problem.sides, near=near)
+def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, str, Point] | None:
+    """The cause why an expression has not one sign, the same as a sentence, and a point; None where none is known."""
+    extremes = [
+        problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
+    ]
+    special = special_point(problem.expression, problem.program, problem.sides, hints=extremes)
     if special:
         what, point = special
         cause = Cause.ZERO if what == "= 0" else Cause.UNDEFINED
         return cause, cause.value, point
-    crossed = _crossed(problem, found, boxes)
+    crossed = _crossed(problem, outcome, boxes)
     if crossed:
         sides = jump(problem.expression, {s: sp.Rational(value) for s, value in crossed.items()})
         if sides is None:
@@ -169,15 +173,15 @@ def _refutation(problem: Problem, found: Found, boxes: int) -> tuple[Cause, str,
     return None
 
 
-def _crossed(problem: Problem, found: Found, boxes: int) -> Point | None:
+def _crossed(problem: Problem, outcome: Outcome, boxes: int) -> Point | None:
     """The zero between two values of opposite sign of a continuous expression."""
     least, most = (
-        attained(problem, found.inner.least, found.inner.at_least),
-        attained(problem, found.inner.most, found.inner.at_most),
+        attained(problem, outcome.inner.least, outcome.inner.at_least),
+        attained(problem, outcome.inner.most, outcome.inner.at_most),
     )
     if least is None or most is None or not least.value < 0 < most.value:
         return None
-    if not found.continuous:
+    if not outcome.continuous:
         between = {s: _ordered(least.point[s], most.point[s]) for s in problem.sides.symbols}
         part = problem_of(problem.expression, between)
         if part is None or not part.search(regular, boxes).continuous:

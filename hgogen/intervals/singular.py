@@ -25,7 +25,7 @@ class Condition:
 
     @property
     def failure(self) -> str:
-        """Where it fails, in words."""
+        """The places where the condition fails, in words."""
         return f"at {self.of} = 0" if self.relation == NONZERO else f"unless {self}"
 
     def implies(self, other: "Condition") -> bool:
@@ -65,8 +65,8 @@ _ENTIRE = (
 def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Condition]:
     """Parts that may be singular somewhere on the box, each with what must hold to exclude it."""
     nodes = {node for expression in expressions for node in expression.atoms(sp.Pow, sp.Function)}
-    found = {node: _condition(node, box) for node in sorted(nodes, key=str)}
-    return {node: condition for node, condition in found.items() if condition}
+    conditions = {node: _condition(node, box) for node in sorted(nodes, key=str)}
+    return {node: condition for node, condition in conditions.items() if condition}
 
 
 def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:

@@ -57,8 +57,8 @@ class Lipschitz:
 def lipschitz_bound(
     b: Iterable[sp.Expr], states: Sequence[sp.Symbol], box: Box, *, boxes: int = LIMIT, relative: float = _RELATIVE
 ) -> Lipschitz:
-    """The supremum over the box of the spectral norm of db/dx, outward, at most `relative` too large or `reason` says
-    why.
+    """The supremum over the box of the spectral norm of db/dx, rounded outward; it is at most `relative` too large, or
+    `reason` says why not.
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
@@ -73,30 +73,30 @@ def lipschitz_bound(
         return _constant(rows, around, boxes)
     vector = _field([bent(row) for row in rows], read, around)
     boxes = min(boxes, _WORK // (len(rows) * len(around.symbols) ** 2) + 1)
-    found = steepest(vector, around.outer, relative, min(boxes, _FIRST))
-    steep = None if found.bounded else _endless(rows, read, around)
-    if not (found.finished or steep) and boxes > _FIRST:
-        found = steepest(vector, around.outer, relative, boxes)
-    if found.bounded:
-        reason = "" if found.finished else f"{found.boxes} boxes bring it no closer to the slopes that are attained"
-        return _answer(Verdict.PROVED, found, reason, around)
+    outcome = steepest(vector, around.outer, relative, min(boxes, _FIRST))
+    steep = None if outcome.bounded else _endless(rows, read, around)
+    if not (outcome.finished or steep) and boxes > _FIRST:
+        outcome = steepest(vector, around.outer, relative, boxes)
+    if outcome.bounded:
+        reason = "" if outcome.finished else f"{outcome.boxes} boxes bring it no closer to the slopes that are attained"
+        return _answer(Verdict.PROVED, outcome, reason, around)
     if steep:
         slope, point = steep
         at = ", ".join(f"{s} = {value}" for s, value in point.items())
         reason = f"the slope {slope} has no bound towards {at}"
-        return Lipschitz(Verdict.REFUTED, found.low, math.inf, reason, found.boxes, around.symbols, point)
-    return _answer(Verdict.UNKNOWN, found, f"{found.boxes} boxes give no bound", around)
+        return Lipschitz(Verdict.REFUTED, outcome.low, math.inf, reason, outcome.boxes, around.symbols, point)
+    return _answer(Verdict.UNKNOWN, outcome, f"{outcome.boxes} boxes give no bound", around)
 
 
-def _answer(verdict: Verdict, found: Steep, reason: str, around: Sides) -> Lipschitz:
-    return Lipschitz(verdict, found.low, found.high, reason, found.boxes, around.symbols, tree=found.tree)
+def _answer(verdict: Verdict, outcome: Steep, reason: str, around: Sides) -> Lipschitz:
+    return Lipschitz(verdict, outcome.low, outcome.high, reason, outcome.boxes, around.symbols, tree=outcome.tree)
 
 
 def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
-    """For rows that do not depend on the state: Lipschitz where they are defined."""
-    found = [search(tape([row], around.symbols), around.outer, around.inner, everywhere, boxes) for row in rows]
-    tried = sum(one.boxes for one in found)
-    if all(one.defined for one in found):
+    """The answer for rows that do not depend on the state, which are Lipschitz where they are defined."""
+    outcomes = [search(tape([row], around.symbols), around.outer, around.inner, everywhere, boxes) for row in rows]
+    tried = sum(one.boxes for one in outcomes)
+    if all(one.defined for one in outcomes):
         return Lipschitz(Verdict.PROVED, 0.0, 0.0, "it does not depend on the state", tried, around.symbols)
     reason = f"{tried} boxes do not show that it is defined"
     return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, tried, around.symbols)
@@ -133,7 +133,7 @@ def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tup
             for x in states:
                 slope = row.diff(x)
                 if slope == 0 or slope.has(sp.re, sp.im) or slope.count_ops() >= _OPERATIONS:
-                    continue  # re and im stand in the slope of |e| where e is not real everywhere: limits are dear
+                    continue  # re and im stand in the slope of |e| where e is not real everywhere: limits cost much
                 if _grows(slope, point, around):
                     return slope.xreplace(plain), {plain[s]: value for s, value in point.items()}
     return None
@@ -146,9 +146,9 @@ def _suspects(row: sp.Expr, around: Sides) -> Iterator[Point]:
         own = around.only(symbols)
         if not symbols:
             continue
-        found = special_point(argument, tape([argument], own.symbols), own, ("= 0",))
-        if found:
-            yield around.centre() | found[1]
+        special = special_point(argument, tape([argument], own.symbols), own, ("= 0",))
+        if special:
+            yield around.centre() | special[1]
 
 
 def _singular_arguments(row: sp.Expr) -> Iterator[sp.Expr]:
@@ -169,7 +169,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
     """Whether |slope| tends to infinity towards the point along a line in the box: by its limit, and as seen."""
     t = sp.Dummy("t", positive=True)
     exponents = {s for node in slope.atoms(sp.Pow) for s in node.exp.free_symbols}
-    for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits is dear
+    for target in islice(around.spread(), 6):  # exponents stay: a power to a fraction of many digits costs much
         moved = {s: Fraction(0) if s in exponents else target[s] - value for s, value in point.items()}
         along = put(slope, {s: sp.Rational(value) + t * sp.Rational(moved[s]) for s, value in point.items()})
         along = along and _settled(along, t)
@@ -181,7 +181,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
         try:
             limit = sp.limit(along, t, 0, "+")
         except (NotImplementedError, ValueError, TypeError, RecursionError, sp.PoleError):
-            return False  # nor would it be found along other lines, and each try may be dear
+            return False  # nor would other lines show it, and each try may cost much
         if limit in (sp.oo, -sp.oo):
             return True
     return False

@@ -81,11 +81,11 @@ def _steepest(field: Field, root: Pair, relative: float, limit: int) -> Steep:
         more = _norms(field, root, new_low, new_high)
         value, point = _attained(field, middle(new_low, new_high))
         best, at = (value, point) if value > best else (best, at)
-        kept = np.ones(len(norm), dtype=bool)
-        kept[rows] = False
-        low, high = np.hstack((low[:, kept], new_low)), np.hstack((high[:, kept], new_high))
-        norm, smooth, cut = (np.concatenate((a[kept], b)) for a, b in zip((norm, smooth, cut), more, strict=True))
-        node = np.concatenate((node[kept], children))
+        remaining = np.ones(len(norm), dtype=bool)
+        remaining[rows] = False
+        low, high = np.hstack((low[:, remaining], new_low)), np.hstack((high[:, remaining], new_high))
+        norm, smooth, cut = (np.concatenate((a[remaining], b)) for a, b in zip((norm, smooth, cut), more, strict=True))
+        node = np.concatenate((node[remaining], children))
     worst = int(np.argmax(np.where(smooth, norm, np.inf)))
     most = float(norm.max())
     done = bool(most <= (1.0 + relative) * best)
@@ -159,10 +159,10 @@ def _norm(matrix: Pair) -> Array:
     sharp = plain if max(low.shape[:2]) > _SHARP else up(_point_norm(centre) + _frobenius((radius, radius)))
     sums = _largest_sum(size), _largest_sum(np.swapaxes(size, 0, 1))
     mixed = up(np.sqrt(up(sums[0] * sums[1])))
-    found = np.fmin(np.fmin(plain, mixed), sharp)
-    found = np.where(np.isnan(found), np.inf, up(found + _LOST))
+    norm = np.fmin(np.fmin(plain, mixed), sharp)
+    norm = np.where(np.isnan(norm), np.inf, up(norm + _LOST))
     zero = ((low == 0) & (high == 0)).all(axis=(0, 1))
-    return np.asarray(np.where(zero & (exponent == 0), 0.0, up(np.ldexp(found, exponent))))
+    return np.asarray(np.where(zero & (exponent == 0), 0.0, up(np.ldexp(norm, exponent))))
 
 
 def _scaled(matrix: Pair) -> tuple[Pair, NDArray[np.int64]]:

@@ -30,13 +30,13 @@ def special_point(
     program: Tape,
     sides: Sides,
     kinds: tuple[str, ...] = ("= 0", "undefined"),
-    near: Iterable[Point] = (),
+    hints: Iterable[Point] = (),
 ) -> tuple[str, Point] | None:
-    """("= 0" or "undefined", the point) for the first candidate that is one of the kinds; simple points next to those
-    of `near` are candidates, too."""
+    """("= 0" or "undefined", the point) for the first candidate that is one of the kinds; points of few digits next to
+    the `hints` are candidates, too."""
     if largest_exponent(expression) > STEEP:
         return None
-    candidates = [*_simple(near, sides), *islice(_candidates(expression, sides), _CANDIDATES)]
+    candidates = [*_simple(hints, sides), *islice(_candidates(expression, sides), _CANDIDATES)]
     if not candidates:
         return None
     low, high = _around(candidates, sides)
@@ -76,12 +76,12 @@ def crossing(expression: sp.Expr, program: Tape, sides: Sides, below: Point, abo
     return below
 
 
-def _simple(near: Iterable[Point], sides: Sides) -> Iterator[Point]:
-    for point in near:
+def _simple(hints: Iterable[Point], sides: Sides) -> Iterator[Point]:
+    for point in hints:
         for largest in (1, 2, 6, 12, 100, 1000):
-            found = {s: value.limit_denominator(largest) for s, value in point.items()}
-            if sides.contains(found):
-                yield found
+            simple = {s: value.limit_denominator(largest) for s, value in point.items()}
+            if sides.contains(simple):
+                yield simple
 
 
 def _simplest(below: Point, above: Point) -> Point:
@@ -162,6 +162,6 @@ def _solved(expression: sp.Expr, sides: Sides, values: list[list[Fraction]]) -> 
             if not (steep and start is not None and steep.is_Rational and start.is_Rational):
                 continue
             root = -start / steep
-            found = point | {symbol: Fraction(root)}
-            if sides.contains(found):
-                yield found
+            solution = point | {symbol: Fraction(root)}
+            if sides.contains(solution):
+                yield solution

@@ -76,13 +76,13 @@ class Loops:
         return largest
 
     def settles(self, h: float) -> Array:
-        """Where (k) no error grows for ever, neither by the steady P nor by what its cap leaves of it."""
+        """Whether no error grows for ever at a point (k), neither by the steady P nor by what its cap leaves of it."""
         *_, (_, _, P) = _doubled(*self._step(h))
         return _decays(self._transition(h, P)) & _decays(self._transition(h, self._capped(P)))
 
     def longest(self, end: float) -> float:
-        """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0, one number
-        for every `end`; inf where it is beyond."""
+        """The largest h up to which no error grows much, and no P reaches its cap that does not for h -> 0. The
+        value does not depend on `end`; it is inf where it lies beyond `end`."""
         fastest = np.abs(np.linalg.eigvals(np.concatenate((self.F, self.continuous)))).max(initial=0.0)
         if not fastest or SHORT / fastest > end:
             return math.inf
@@ -93,8 +93,8 @@ class Loops:
         def grows(h: float) -> bool:
             return bool((growth(self.transition(h)) > most).any() or (free & ~(self.way(h) <= 1)).any())
 
-        near = end, WIDER * end  # the step of the search that is beyond `end` lies between them
-        return longest(grows, start, end) if any(map(grows, near)) else math.inf
+        bracket = end, WIDER * end  # the step of the search that is beyond `end` lies between them
+        return longest(grows, start, end) if any(map(grows, bracket)) else math.inf
 
     def refused(self, start: float) -> float:
         """The largest h from `start` on up to which errors settle at one of the F at least; inf for any h, or none."""
@@ -150,16 +150,16 @@ def advised(part: Riccati, dt: float) -> tuple[float, float]:
 
 
 def loops(part: Riccati, F: Array, C: Array, theta: float, rest: float) -> Loops:
-    """Those at F (k, n, n), C (k, p, n) that have a steady covariance at a theta; P starts at P(0), and where it is
-    steady at the theta `rest`."""
+    """The closed loops at F (k, n, n), C (k, p, n) that have a steady covariance at a theta; P starts at P(0), and at
+    its steady value at the theta `rest`."""
     Q, _ = part.nominal
     rho = part.forgetting.initial[0] if part.forgetting is not None else 0.0
     n, scaling = len(Q), part.scaling
     prior = rho * np.diag(1 / part.cap) if rho else np.zeros((n, n))
     noise = scaling.process(theta) * Q * np.outer(scaling.spread(theta), scaling.spread(theta))
     P, rested = _steady(part, F, C, theta, rho), _steady(part, F, C, rest, rho)
-    there, kept = _definite(P), _definite(rested)
-    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(kept[:, None, None], rested, P)])
+    there, settled = _definite(P), _definite(rested)
+    starts = np.array([np.broadcast_to(part.covariance, F.shape), np.where(settled[:, None, None], rested, P)])
     F, C, P, starts = F[there], C[there], P[there], starts[:, there]
     N = np.swapaxes(C, 1, 2) @ (C / scaling.variances(np.asarray(part.nominal[1]), theta)[:, None])
     L = np.linalg.cholesky(P)
@@ -194,7 +194,7 @@ def _steady(part: Riccati, F: Array, C: Array, theta: float, rho: float) -> Arra
 
 
 def _decays(T: Array) -> Flags:
-    """Where T (k, n, n) is finite and has no eigenvalue beyond 1."""
+    """Whether each T (k, n, n) is finite and has no eigenvalue beyond 1."""
     finite = np.isfinite(T).all(axis=(1, 2))
     radius = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], T, 0.0))).max(axis=1)
     return np.asarray(finite & (radius <= 1 + ROUNDING))
@@ -205,8 +205,8 @@ def _definite(P: Array) -> Flags:
 
 
 def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Those of 1, 2, 4, .. steps (k, n, n) in one, until H is the steady P; where there is none it is not finite, or
-    large."""
+    """The maps of 1, 2, 4, .. steps (k, n, n) in one, until H is the steady P; where there is none, H is not finite or
+    it is large."""
     one = np.eye(A.shape[-1])
     for _ in range(DOUBLED):
         yield A, G, H
@@ -229,9 +229,9 @@ def _moved(P: Array, steps: tuple[Array, Array, Array]) -> Array:
 
 
 def _solved(W: Array, B: Array) -> Array:
-    """W^-1 B (k, n, n); nan where W is not finite, or singular."""
+    """The solutions W^-1 B (k, n, n), nan where W is not finite or singular."""
     good = np.isfinite(W).all(axis=(1, 2))
     good[good] = np.abs(np.linalg.det(W[good])) > 0
-    found = np.full(B.shape, np.nan)
-    found[good] = np.linalg.solve(W[good], B[good])
-    return found
+    solution = np.full(B.shape, np.nan)
+    solution[good] = np.linalg.solve(W[good], B[good])
+    return solution

@@ -9,23 +9,23 @@ F = A(u) + b*(z, u), rho = 0; of a Kalman-like observer F = A(u, y), Q_theta = Q
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Ode
 from hgogen.program import Field
 
 
-def pack(matrix: Any) -> Any:
-    """Lower triangle of a symmetric SX matrix, column by column (n (n + 1)/2)."""
+def pack(matrix: Graph) -> Graph:
+    """The lower triangle of a symmetric SX matrix, column by column (n (n + 1)/2)."""
     n = matrix.shape[0]
     return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j, n)))
 
 
-def unpack(packed: Any, n: int) -> Any:
+def unpack(packed: Graph, n: int) -> Graph:
     """The symmetric SX matrix (n, n) of its packed lower triangle."""
     matrix = ca.SX(n, n)
     entries = iter(range(n * (n + 1) // 2))
@@ -35,7 +35,7 @@ def unpack(packed: Any, n: int) -> Any:
     return matrix
 
 
-def unit_lower(packed: Any, n: int) -> Any:
+def unit_lower(packed: Graph, n: int) -> Graph:
     """The unit lower triangular SX matrix (n, n) of its packed strict lower triangle (n (n - 1)/2)."""
     matrix = ca.SX.eye(n)
     entries = iter(range(n * (n - 1) // 2))
@@ -45,8 +45,8 @@ def unit_lower(packed: Any, n: int) -> Any:
     return matrix
 
 
-def pack_unit_lower(matrix: Any) -> Any:
-    """Strict lower triangle, column by column."""
+def pack_unit_lower(matrix: Graph) -> Graph:
+    """The strict lower triangle of an SX matrix, column by column (n (n - 1)/2)."""
     n = matrix.shape[0]
     return ca.vertcat(*(matrix[i, j] for j in range(n) for i in range(j + 1, n))) if n > 1 else ca.SX(0, 1)
 
@@ -66,7 +66,7 @@ def factor(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def information_ode(part: Riccati) -> Ode:
     """z and S as one differential equation."""
 
-    def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         n = part.dynamics.n
         z, S = values[part.z.name], unpack(values["S"], n)
         F, C, weight, error = _along(part, z, u, y, valid)
@@ -82,7 +82,7 @@ def information_ode(part: Riccati) -> Ode:
 def covariance_ode(part: Riccati) -> Ode:
     """z and P as one differential equation."""
 
-    def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z, P = values[part.z.name], unpack(values["P"], part.dynamics.n)
         F, C, weight, error = _along(part, z, u, y, valid)
         gain = P @ C.T @ ca.diag(weight)
@@ -93,7 +93,7 @@ def covariance_ode(part: Riccati) -> Ode:
     return Ode((part.z, _symmetric("P", part.covariance, "covariance")), rate)
 
 
-def _along(part: Riccati, z: Any, u: Any, y: Any, valid: Any) -> tuple[Any, Any, Any, Any]:
+def _along(part: Riccati, z: Graph, u: Graph, y: Graph, valid: Graph) -> tuple[Graph, Graph, Graph, Graph]:
     """F, C, the weights 1/R_theta of the valid outputs, and y - h(z, u), of which an invalid one counts as 0."""
     F, C = part.jacobian(z, u, y, valid), part.dynamics.output_jacobian(z, u)
     theta, outputs = part.theta.value, part.dynamics.outputs
@@ -113,10 +113,10 @@ def _symmetric(name: str, start: np.ndarray, meaning: str) -> Field:
     )
 
 
-def pivots(S: Any) -> tuple[Any, list[Any]]:
+def pivots(S: Graph) -> tuple[Graph, list[Graph]]:
     """L, unit lower triangular, and the diagonal of D of a symmetric matrix (n, n) = L D L', SX or numbers."""
     n = S.shape[0]
-    L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Any]()
+    L, d = np.eye(n) if isinstance(S, np.ndarray) else ca.SX.eye(n), list[Graph]()
     for j in range(n):
         d.append(S[j, j] - sum(L[j, k] ** 2 * d[k] for k in range(j)))
         for i in range(j + 1, n):
@@ -124,7 +124,7 @@ def pivots(S: Any) -> tuple[Any, list[Any]]:
     return L, d
 
 
-def solve(S: Any, right: Any) -> Any:
+def solve(S: Graph, right: Graph) -> Graph:
     """S^-1 right for a symmetric positive definite SX matrix (n, n), by its factors L D L'."""
     n, (L, d) = S.shape[0], pivots(S)
     x = [right[i] for i in range(n)]
@@ -136,7 +136,9 @@ def solve(S: Any, right: Any) -> Any:
     return ca.vertcat(*x)
 
 
-def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> tuple[Any, Any, dict[str, Any]]:
+def time_update(
+    L: Graph, d: Graph, transition: Graph, shaped: Graph, weights: Graph
+) -> tuple[Graph, Graph, dict[str, Graph]]:
     """Factors of Phi L D L' Phi' + W diag(w) W' by weighted Gram-Schmidt (Thornton), and the values worth a name.
 
     Args: SX `L` (n, n), `d` (n), `transition` Phi (n, n), `shaped` W (n, k), `weights` w (k).
@@ -144,7 +146,7 @@ def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> t
     n = d.shape[0]
     stacked, weight = ca.horzcat(transition @ L, shaped), ca.vertcat(d, weights)
     rows = [stacked[i, :].T for i in range(n)]
-    factor, diagonal, names = ca.SX.eye(n), [], dict[str, Any]()
+    factor, diagonal, names = ca.SX.eye(n), [], dict[str, Graph]()
     for j in range(n):
         weighted = rows[j] * weight
         diagonal.append(ca.dot(rows[j], weighted))
@@ -158,7 +160,7 @@ def time_update(L: Any, d: Any, transition: Any, shaped: Any, weights: Any) -> t
     return factor, ca.vertcat(*diagonal), names
 
 
-def measurement_update(L: Any, d: Any, c: Any, r: Any) -> tuple[Any, Any, Any]:
+def measurement_update(L: Graph, d: Graph, c: Graph, r: Graph) -> tuple[Graph, Graph, Graph]:
     """Factors after one scalar measurement with row c (1, n) and variance r (Bierman), and the gain K (n).
 
     The recursion runs from the last state to the first because L is lower triangular; where c = (c_1, 0, ..., 0) it

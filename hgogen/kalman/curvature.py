@@ -19,6 +19,7 @@ import casadi as ca
 
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4
+from hgogen.graph import Graph
 from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Explicit
@@ -38,15 +39,15 @@ class Curved(Part):
     """A Riccati observer at theta = 1 with the term; `rate` (1/s): SX scalar, at most `fastest`."""
 
     plain: Riccati
-    rate: Any
+    rate: Graph
     fastest: float
 
     def equation(self, view: str) -> Ode:
-        """z and Pi (its name is S), or z and P."""
+        """The differential equation of z and Pi (its name is S), or of z and P."""
         name, ode = VIEWS[view]
         plain, n = ode(self.plain), self.plain.dynamics.n
 
-        def rate(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+        def rate(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
             slopes, X = plain.rhs(values, u, y, valid), unpack(values[name], n)
             D = self._pull(values[self.plain.z.name], u, y, valid)
             PD = X @ D if name == "P" else ca.horzcat(*(solve(X, D[:, j]) for j in range(n)))
@@ -57,8 +58,8 @@ class Curved(Part):
 
         return Ode(plain.fields, rate)
 
-    def _pull(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
-        """D (n, n)."""
+    def _pull(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
+        """The matrix D (n, n) of the output errors and the outputs' second derivatives."""
         dynamics = self.plain.dynamics
         pull = valid * (y - dynamics.output(z, u)) / self.plain.R
         return sum(
@@ -68,7 +69,7 @@ class Curved(Part):
 
 
 def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
-    """By an explicit method in its own view; by classical Runge-Kutta on (z, P) where the method is another."""
+    """The pieces of a step: by an explicit method in its own view, else by classical Runge-Kutta on (z, P)."""
     explicit = _explicit(method)
     plain = explicit.riccati(part.plain, clock)
     moves = explicit.step(part.equation(explicit.view), clock)
@@ -81,7 +82,7 @@ def curved(part: Curved, method: Any, clock: Clock) -> Pieces:
 
 
 def curved_lengths(part: Curved, method: Any, dt: float) -> tuple[Lengths, Lengths]:
-    """Those of the observer without the term, and of the term, which no other method is free of."""
+    """The step lengths of the observer without the term, and those of the term, which no other method is free of."""
     plain = replace(_explicit(method).riccati_lengths(part.plain, dt), other="")
     why = "beyond it the second derivatives of the output can take all of Pi in one step"
     return plain, Lengths(refused=1 / part.fastest, why=why, rule=plain.rule)
@@ -94,9 +95,9 @@ def _explicit(method: Any) -> Explicit:
 def _kept_definite(covariance: Field, n: int) -> Program:
     """The packed symmetric matrix (n, n) as it was first where a pivot of L D L' is not positive."""
     place = Place("state", covariance.name)
-    found = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
+    definite = reduce(ca.logic_and, (pivot > 0 for pivot in pivots(unpack(sym(*place, covariance.size), n))[1]))
     first = {place: ca.SX(ca.DM(covariance.initial)), Place("status", "COVARIANCE_RESTARTED"): ca.SX(1)}
     return (
-        Block("is it positive definite?", {Place("work", "broken"): ca.logic_not(found)}),
+        Block("is it positive definite?", {Place("work", "broken"): ca.logic_not(definite)}),
         When(Place("work", "broken"), (Block("a covariance that is none restarts", first),)),
     )

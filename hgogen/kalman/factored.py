@@ -21,6 +21,7 @@ import numpy as np
 from hgogen.discretisation.growth import FOUND
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
+from hgogen.graph import Graph
 from hgogen.kalman.closed_loop import advised
 from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
 from hgogen.kalman.prior import near
@@ -32,7 +33,7 @@ from hgogen.structure.dynamics import HUGE
 
 # D_i stays above SMALLEST of its natural size and |L_ij| within LARGEST of its own: both only catch rounding.
 SMALLEST, LARGEST, TINY = 1e-12, 1e9, 1e-35
-Factors = Callable[[Any], dict[Place, Any]]  # of a vector (n), those of P as writes
+Factors = Callable[[Graph], dict[Place, Graph]]  # of a vector (n), those of P as writes
 POINTS = 12  # corners, and as many points inside, at which the model's growth is judged
 
 
@@ -44,57 +45,57 @@ class Moved:
     clock: Clock
 
     @property
-    def z(self) -> Any:
+    def z(self) -> Graph:
         """The symbols of z (n)."""
         return sym("state", self.part.z.name, self.part.dynamics.n)
 
     def stages(self) -> Stages:
         """The Runge-Kutta step of z."""
-        return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._given(c))}, {"z": self.z}, self.clock.dt)
+        return advance(RK4, lambda v, c: {"z": self.part.flow(v["z"], *self._signals(c))}, {"z": self.z}, self.clock.dt)
 
-    def jacobian(self, stages: Stages) -> Any:
-        """F (n, n), at the third stage's argument and what is given at mid-step."""
-        return self.part.jacobian(stages.arguments[2]["z"], *self._given(0.5))
+    def jacobian(self, stages: Stages) -> Graph:
+        """F (n, n) at the third stage's argument and the signals at mid-step."""
+        return self.part.jacobian(stages.arguments[2]["z"], *self._signals(0.5))
 
-    def transition(self, stages: Stages) -> Any:
+    def transition(self, stages: Stages) -> Graph:
         """Phi = I + hF + (hF)^2/2, sparse."""
         F, h = self.jacobian(stages), self.clock.dt
         return ca.sparsify(ca.SX.eye(self.part.dynamics.n) + h * F + (h * h / 2) * (F @ F))
 
-    def weights(self) -> Any:
+    def weights(self) -> Graph:
         """h theta^(1+g) weights, the diagonal of h Q_theta in its factor (k)."""
         return self.clock.dt * self.part.scaling.process(self.part.theta.value) * self.part.weights
 
-    def grown(self, d: Any) -> Any:
+    def grown(self, d: Graph) -> Graph:
         """The diagonal factor d (n) of P as it grows where the past is forgotten."""
         return d if self.part.forgetting is None else sym("derived", "growth") * d
 
-    def priors(self) -> list[Any]:
+    def priors(self) -> list[Graph]:
         """Rows (1, n) whose samples, of variance 1, have the information (1 - exp(-rho h)) S_0."""
         return [ca.sparsify(row) for row in ca.vertsplit(ca.diag(sym("derived", "prior", self.part.dynamics.n)))]
 
     @property
     def equation(self) -> str:
-        """Of P over one step."""
+        """The equation of P over one step."""
         if self.part.forgetting is not None:
             return "P <- exp(rho h) Phi P Phi' + h Q_0"
         return "P <- Phi P Phi'" + (" + h Q_theta" if self.part.factor.size else "")
 
-    def _given(self, c: float) -> tuple[Any, Any, Any]:
-        """Input, measurement and its validity at the fraction c of the step."""
+    def _signals(self, c: float) -> tuple[Graph, Graph, Graph]:
+        """The input, the measurement and its validity at the fraction c of the step."""
         return self.clock.u(c), self.clock.y(c), self.clock.valid
 
-    def row(self, output: int) -> Any:
-        """c = dh/dz of an output (1, n), sparse."""
+    def row(self, output: int) -> Graph:
+        """The row c = dh/dz (1, n) of an output, sparse."""
         return ca.sparsify(self.part.dynamics.output_jacobian(self.z, self.clock.u_now)[output, :])
 
-    def variance(self, output: int) -> Any:
-        """r = R_theta/h, h the sampling period of that output."""
+    def variance(self, output: int) -> Graph:
+        """The variance r = R_theta/h of an output, h its sampling period."""
         return self.part.scaling.variance(self.part.R[output], self.part.theta.value, output, self.clock.period(output))
 
 
-def entries(name: str, matrix: Any) -> dict[str, Any]:
-    """Those of a sparse SX matrix that are computed, by name, for the C printer."""
+def entries(name: str, matrix: Graph) -> dict[str, Graph]:
+    """The computed entries of a sparse SX matrix by name, for the C printer."""
     rows, columns = matrix.shape
     listed = ((i, j, matrix[i, j]) for i in range(rows) for j in range(columns))
     return {f"{name}_{i + 1}{j + 1}": entry for i, j, entry in listed if entry.n_dep()}
@@ -110,15 +111,15 @@ def common(part: Riccati, clock: Clock) -> dict[str, Any]:
 
 
 def factored_lengths(part: Riccati, dt: float) -> Lengths:
-    """Those of the closed loop, for every factored covariance."""
+    """The step lengths of the closed loop, which are those of every factored covariance."""
     refused, take = advised(part, dt)
     why = "beyond it no error settles, wherever in the declared box it was tried"
     return Lengths(refused=refused, take=take, why=why, basis=FOUND)
 
 
 def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:
-    """exp(rho h), and the roots of (1 - exp(-rho h)) S_0; both from one rounding of exp, so that S tends to S_0 however
-    small rho h is."""
+    """The pieces that forget: exp(rho h), and the roots of (1 - exp(-rho h)) S_0. Both come from one rounding of exp,
+    so that S tends to S_0 however small rho h is."""
     growth = ca.exp(part.rho * clock.dt)
     share = ca.fmax(growth - 1, 0) / growth
     prior = ca.sqrt(share / ca.SX(ca.DM(part.cap)))
@@ -198,13 +199,13 @@ def _factors(part: Riccati, clock: Clock) -> tuple[Field, ...]:
     return (L, _diagonal(part, clock, diagonal))
 
 
-def _symbols(part: Riccati) -> tuple[Any, Any]:
+def _symbols(part: Riccati) -> tuple[Graph, Graph]:
     n = part.dynamics.n
     lower = unit_lower(sym("state", "L", n * (n - 1) // 2), n) if n > 1 else ca.SX.eye(1)
     return lower, sym("state", "D", n)
 
 
-def _written(L: Any, d: Any) -> dict[Place, Any]:
+def _written(L: Graph, d: Graph) -> dict[Place, Graph]:
     lower = {Place("state", "L"): ca.densify(pack_unit_lower(L))} if d.numel() > 1 else {}
     return lower | {Place("state", "D"): d}
 
@@ -229,7 +230,7 @@ def _renewed(part: Riccati, clock: Clock) -> Program:
     return (*blocks, near(part, _variances(part)))
 
 
-def _variances(part: Riccati) -> list[Any]:
+def _variances(part: Riccati) -> list[Graph]:
     L, d = _symbols(part)
     return [ca.dot(L[i, :].T ** 2, d) for i in range(part.dynamics.n)]
 
@@ -237,14 +238,15 @@ def _variances(part: Riccati) -> list[Any]:
 def _cap(part: Riccati) -> Program:
     L, d = _symbols(part)
 
-    def scaled(scale: Any) -> dict[Place, Any]:
+    def scaled(scale: Graph) -> dict[Place, Graph]:
         return _written(ca.diag(scale) @ L @ ca.diag(1 / scale), scale**2 * d)
 
     return capped(part, _variances(part), scaled)
 
 
-def capped(part: Riccati, variance: list[Any], scaled: Factors) -> Program:
-    """Where a P_ii (`variance`) exceeds its cap: the factors `scaled` of min(1, cap_i/P_ii) (n), a congruence."""
+def capped(part: Riccati, variance: list[Graph], scaled: Factors) -> Program:
+    """The program that caps P where a P_ii (`variance`) exceeds its cap: it writes the factors `scaled` of
+    min(1, cap_i/P_ii) (n), a congruence."""
     caps = [float(value) for value in part.cap]
     scale = column(ca.fmin(1, cap / value) for cap, value in zip(caps, variance, strict=True))
     limited = {Place("status", "COVARIANCE_LIMITED"): ca.SX(1)}
@@ -254,7 +256,7 @@ def capped(part: Riccati, variance: list[Any], scaled: Factors) -> Program:
     )
 
 
-def _beyond(variance: list[Any], limits: list[float]) -> Any:
+def _beyond(variance: list[Graph], limits: list[float]) -> Graph:
     return reduce(ca.logic_or, [value > limit for value, limit in zip(variance, limits, strict=True)])
 
 
@@ -338,8 +340,8 @@ def _looped_limit(part: Riccati) -> Program:
 
 def _looped_keep(n: int) -> Program:
     v = sym("column", "v", n)
-    kept = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
-    return (Loop("column", n, (Block("a lost value restarts", {Place("column", "v"): kept}),)),)
+    restarted = column(ca.if_else(ca.fabs(v[i]) <= HUGE * HUGE, v[i], 0) for i in range(n))
+    return (Loop("column", n, (Block("a lost value restarts", {Place("column", "v"): restarted}),)),)
 
 
 def _looped_update(part: Riccati, clock: Clock, output: int) -> Program:

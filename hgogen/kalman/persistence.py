@@ -25,6 +25,7 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
@@ -58,43 +59,44 @@ def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None,
     Args: `inputs`: of each input by name, an expression of `hgogen.trial.t`, its text, or a number, None where they are
     not known beforehand; `period` (s) of them all, as 2*sympy.pi or "2*pi", where one varies.
 
-    proved, refuted (a constant input), or unknown: as the module says, and where exact algebra would need too long.
+    The verdicts proved and refuted (of a constant input) are as the module says; all else is unknown, as is what exact
+    algebra would need too long for.
 
     Raises: `BadGain` for names that are not the plant's inputs, or expressions of something else.
     """
-    given = None if inputs is None else _given(form, inputs)
-    told = ", ".join(f"{name} = {expression}" for name, expression in (given or {}).items())
-    check = Check(id, f"the input is regularly persistent{': ' + told if told else ''}", Verdict.UNKNOWN, "")
+    waveforms = None if inputs is None else _waveforms(form, inputs)
+    listing = ", ".join(f"{name} = {expression}" for name, expression in (waveforms or {}).items())
+    check = Check(id, f"the input is regularly persistent{': ' + listing if listing else ''}", Verdict.UNKNOWN, "")
 
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
         return Check(id, check.claim, verdict, reason, fix=fix)
 
     if not form.structured:
         return answer(Verdict.UNKNOWN, "it is not shown that the plant is state-affine, with this A and C")
-    symbols = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, given or {})))
+    symbols = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, waveforms or {})))
     measured = ", ".join(sorted(str(z) for z in symbols & {*form.states}))
     if measured:
         fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
         return answer(Verdict.UNKNOWN, f"A depends on {measured}, which is measured, not known beforehand", fix)
-    if given is None and symbols & {*form.system.inputs}:
+    if waveforms is None and symbols & {*form.system.inputs}:
         fix = "Give inputs= and period= where it is, or judge a record by hgogen.excitation.along."
         return answer(Verdict.UNKNOWN, "the input is not known beforehand", fix)
     try:
-        return _judged(answer, form, given, period)
+        return _judged(answer, form, waveforms, period)
     except TooLarge as error:
         return answer(Verdict.UNKNOWN, str(error), _SHORTEST)
 
 
-def _judged(answer: Callable[..., Check], form: Form, given: Mapping[str, sp.Expr] | None, period: Any) -> Check:
-    """Of known inputs, or of A and C that read none. Raises: `TooLarge`."""
+def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp.Expr] | None, period: Any) -> Check:
+    """The check for known inputs, or for A and C that read none. Raises: `TooLarge`."""
     read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
-    A, C = _along_time(form, given or {})
-    broken = _broken(form, given) if given else ""
+    A, C = _along_time(form, waveforms or {})
+    broken = _broken(form, waveforms) if waveforms else ""
     if broken:
         return answer(Verdict.UNKNOWN, f"{broken} of the plant is not shown to be a finite real number all the time")
-    if given is None or t not in A.free_symbols | C.free_symbols:
-        doubt = _doubt(form, A, C, {u: given[u.name] for u in form.system.inputs if u in read} if given else {})
-        constants = {u: e for u, e in (given or {}).items() if u in {x.name for x in read}}
+    if waveforms is None or t not in A.free_symbols | C.free_symbols:
+        doubt = _doubt(form, A, C, {u: waveforms[u.name] for u in form.system.inputs if u in read} if waveforms else {})
+        constants = {u: e for u, e in (waveforms or {}).items() if u in {x.name for x in read}}
         known = answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
         return replace(known, proofs=(Persistent(constants),))
     if period is None:
@@ -102,23 +104,25 @@ def _judged(answer: Callable[..., Check], form: Form, given: Mapping[str, sp.Exp
     length, rough = _expression("period", period), (*JUMPS, *KINKS)
     if not (length.is_positive and length.is_finite) or A.has(*rough) or C.has(*rough):
         return answer(Verdict.UNKNOWN, "the period is no positive number, or A(t), C(t) have kinks or jumps")
-    later = (sp.expand_mul(e.xreplace({t: t + length})) for e in given.values())  # 20*pi*(t + 1/10) keeps its brackets
-    if not all(is_zero(e - now) for e, now in zip(later, given.values(), strict=True)):
+    later = (
+        sp.expand_mul(e.xreplace({t: t + length})) for e in waveforms.values()
+    )  # 20*pi*(t + 1/10) keeps its brackets
+    if not all(is_zero(e - now) for e, now in zip(later, waveforms.values(), strict=True)):
         return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", _EXACTLY)
-    doubt = _unbounded(form, given, length)
+    doubt = _unbounded(form, waveforms, length)
     if doubt:
         return answer(Verdict.UNKNOWN, doubt)
     A, C = (matrix.xreplace({t: length * t}) for matrix in (A, C))  # in periods, however short they are
     for share in _SHARES:
-        if _inside(form, given, share * length) and _full(form, A, C, share, 1 / length):
+        if _inside(form, waveforms, share * length) and _full(form, A, C, share, 1 / length):
             reason = f"rank {form.n} of C, C A + C', .. at t = {float(share * length):.3g}, and so in every period"
-            return replace(answer(Verdict.PROVED, reason), proofs=(Persistent(given, share * length, length),))
+            return replace(answer(Verdict.PROVED, reason), proofs=(Persistent(waveforms, share * length, length),))
     reason = f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times with the input inside its range"
     return answer(Verdict.UNKNOWN, reason)
 
 
 def seconds(period: Any) -> float | None:
-    """A declared period as a number of the model's time unit; None where none is given, or it is not positive.
+    """A declared period as a number of the model's time unit; None where none is declared, or it is not positive.
 
     Raises: `BadGain` for an expression of something else than the time.
     """
@@ -126,7 +130,8 @@ def seconds(period: Any) -> float | None:
     return float(length) if length is not None and length.is_positive and length.is_finite else None
 
 
-def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
+def _waveforms(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
+    """Each input by name as an expression of the time. Raises: `BadGain`."""
     names = [u.name for u in form.system.inputs]
     for name in inputs:
         if name not in names:
@@ -139,42 +144,43 @@ def _given(form: Form, inputs: Mapping[str, Any]) -> dict[str, sp.Expr]:
 
 
 def _expression(name: str, value: Any) -> sp.Expr:
-    """A number, a text or an expression, of the time alone, with exact numbers."""
+    """A number, a text or an expression as an expression of the time alone, with exact numbers. Raises: `BadGain`."""
     try:
-        found = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
+        expression = parse(value, {"t": t}) if isinstance(value, str) else sp.sympify(value, strict=True)
     except (BadExpression, sp.SympifyError) as error:
         raise BadGain(f"{name} = {value!r}", f"is no expression of the time: {error}") from None
-    if not isinstance(found, sp.Expr) or found.free_symbols - {t}:
+    if not isinstance(expression, sp.Expr) or expression.free_symbols - {t}:
         raise BadGain(f"{name} = {value}", "must be an expression of hgogen.trial.t alone")
-    return exact(found)
+    return exact(expression)
 
 
-def _along_time(form: Form, given: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
-    """A (n, n) and C (p, n) with the given inputs as expressions of time and fixed parameters at their values."""
+def _along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:
+    """A (n, n) and C (p, n) with waveforms in the place of the inputs and fixed parameters at their values."""
     system = form.system
-    values = {u: given[u.name] for u in system.inputs if u.name in given}
+    values = {u: waveforms[u.name] for u in system.inputs if u.name in waveforms}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
     C = sp.Matrix([[sp.diff(row, z) for z in form.states] for row in form.output])
     return tuple(matrix.applyfunc(exact).xreplace(values) for matrix in (sp.Matrix(form.A), C))
 
 
-def _broken(form: Form, given: Mapping[str, sp.Expr]) -> str:
-    """A part of the plant, of inputs and parameters, that is not shown to be finite for these inputs at any time; "" if
-    none. A and C may not have it any more: a/b is 1 for a = b = sin t, and the plant has no value at t = 0."""
+def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> str:
+    """A part of the plant, of inputs and parameters alone, that is not shown to be finite for these inputs at all
+    times; "" if there is none. A and C may have lost it: a/b is 1 for a = b = sin t, and the plant has no value at
+    t = 0."""
     system, around = form.system, box(form.system.signals, form.system.nominal)
-    values = {u: given[u.name] for u in system.inputs}
+    values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
-    parts = singular(map(exact, (*system.flow, *system.output)), around)
+    parts = singular(map(exact, written(system)), around)
     known = (part for part in parts if part.free_symbols.isdisjoint(system.states))
     return next((str(part) for part in known if not _finite(exact(part.xreplace(values)), around)), "")
 
 
-def _unbounded(form: Form, given: Mapping[str, sp.Expr], length: sp.Expr) -> str:
-    """What is not shown to be finite and real over a period: an input, or an entry of A, C for inputs in their ranges;
-    "" if nothing."""
+def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> str:
+    """A sentence about an input, or an entry of A and C for inputs in their ranges, that is not shown to be finite and
+    real over a period; "" if there is none."""
     period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
-    rough = next((f"{name} = {e}" for name, e in given.items() if not _finite(e, period)), "")
-    loose = {u.name: given[u.name] for u in form.system.inputs if not u.bounded}
+    rough = next((f"{name} = {e}" for name, e in waveforms.items() if not _finite(e, period)), "")
+    loose = {u.name: waveforms[u.name] for u in form.system.inputs if not u.bounded}
     ranged = [u for u in form.system.inputs if u.bounded]
     around = box((*ranged, *form.system.parameters), form.system.nominal) | period
     entries = (e for matrix in _along_time(form, loose) for e in matrix)
@@ -197,25 +203,25 @@ def _doubt(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp
 
 def _finite(e: sp.Expr, around: Box) -> bool:
     try:
-        found = bound(e, around)
+        extent = bound(e, around)
     except NoTape:
         return False
-    return found.defined and found.finite
+    return extent.defined and extent.finite
 
 
 def _within(value: sp.Expr, low: Any, high: Any) -> bool:
     """Whether a constant is in the closed range: exactly for a rational, else strictly by rigorous bounds."""
     if value.is_Rational:
         return bool(low <= Fraction(value) <= high)
-    found = bound(value, {})
-    return bool(low < found.low and found.high < high)
+    extent = bound(value, {})
+    return bool(low < extent.low and extent.high < high)
 
 
-def _inside(form: Form, given: Mapping[str, sp.Expr], when: sp.Expr) -> bool:
+def _inside(form: Form, waveforms: Mapping[str, sp.Expr], when: sp.Expr) -> bool:
     """Whether each input that the observer clamps is strictly inside its range at that time, and so around it."""
-    found = {u: bound(given[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
-    ranges = box(found)
-    return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in found.items())
+    extents = {u: bound(waveforms[u.name].xreplace({t: when}), {}) for u in form.system.inputs if u.bounded}
+    ranges = box(extents)
+    return all(ranges[u][0] < value.low and value.high < ranges[u][1] for u, value in extents.items())
 
 
 def _rows(A: sp.Matrix, C: sp.Matrix, count: int, rate: sp.Expr = sp.S.One) -> sp.Matrix:

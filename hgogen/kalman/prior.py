@@ -8,11 +8,12 @@ and of Q_0, for s tends to 1 where nothing is seen of a state that stays.
 """
 
 from functools import reduce
-from typing import Any, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.kalman.covariance import pivots, unpack
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.program import Block, Place, column, sym
@@ -20,20 +21,21 @@ from hgogen.program import Block, Place, column, sym
 SHARE = 0.5
 
 
-def near(part: Riccati, variance: list[Any]) -> Block:
-    """Say so where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than `SHARE`."""
-    return _told(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
+def near(part: Riccati, variance: list[Graph]) -> Block:
+    """The status where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than `SHARE`."""
+    return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 
 def near_view(part: Riccati, view: Literal["information", "covariance"]) -> Block:
-    """The same of the symbols of S or P in full."""
+    """The same for a method whose state is the symmetric matrix S or P itself."""
     n = part.dynamics.n
     matrix = unpack(sym("state", "S" if view == "information" else "P", n * (n + 1) // 2), n)
     if view == "covariance":
         return near(part, [matrix[i, i] for i in range(n)])
     _, left = pivots(matrix - ca.SX(ca.DM(np.diag(1 / (SHARE * part.cap)))))
-    return _told(ca.logic_not(reduce(ca.logic_and, (d > 0 for d in left))))
+    return _limit_status(ca.logic_not(reduce(ca.logic_and, (d > 0 for d in left))))
 
 
-def _told(near: Any) -> Block:
-    return Block("is the covariance near S_0^-1?", {Place("status", "COVARIANCE_LIMITED"): near})
+def _limit_status(limited: Graph) -> Block:
+    """The block that writes the condition `limited` to the status."""
+    return Block("is the covariance near S_0^-1?", {Place("status", "COVARIANCE_LIMITED"): limited})

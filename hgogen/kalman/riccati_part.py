@@ -10,11 +10,12 @@ Middleton, International Journal of Control 47 (1988).
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.part import Part
 from hgogen.program import Bit, Field, sym
 from hgogen.structure.dynamics import Dynamics
@@ -25,8 +26,8 @@ class HighGain(Protocol):
     """What a Riccati observer needs to know of theta."""
 
     @property
-    def value(self) -> Any:
-        """SX scalar."""
+    def value(self) -> Graph:
+        """The gain theta as an SX scalar."""
         ...
 
     @property
@@ -41,7 +42,7 @@ class HighGain(Protocol):
 
     @property
     def rest(self) -> float | None:
-        """Where it rests, if it comes back to its peak from there."""
+        """The value at which it rests, if it comes back to its peak from there."""
         ...
 
     @property
@@ -71,31 +72,31 @@ class Riccati(Part):
     dynamics: Dynamics
     z: Field
     theta: HighGain
-    weights: Any
+    weights: Graph
     factor: np.ndarray
-    R: Any
+    R: Graph
     covariance: np.ndarray
     cap: np.ndarray
     limited: Bit
     nominal: tuple[np.ndarray, np.ndarray]
     forgetting: Field | None = None
-    known: Callable[[Any, Any, Any, Any], Any] | None = None
+    known: Callable[[Graph, Graph, Graph, Graph], Graph] | None = None
     period: float | None = None
 
     @cached_property
     def scaling(self) -> Scaling:
-        """How theta enters Q_theta and R_theta."""
+        """The scaling by which theta enters Q_theta and R_theta."""
         return scaling(self.dynamics.form, self.theta.scaled)
 
-    def flow(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
-        """f (n)."""
+    def flow(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
+        """The prediction's rate f (n)."""
         if self.known is None:
             return self.dynamics.flow(z, u)
         A, b = self.dynamics.affine(self.known(z, u, y, valid), u)
         return A @ z + b
 
-    def jacobian(self, z: Any, u: Any, y: Any, valid: Any) -> Any:
-        """F, n x n SX."""
+    def jacobian(self, z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
+        """The matrix F (n, n) of the Riccati equation, SX."""
         if self.known is None:
             return self.dynamics.jacobian(z, u)
         return self.dynamics.affine(self.known(z, u, y, valid), u)[0]
@@ -110,19 +111,19 @@ class Riccati(Part):
         return (F if self.forgetting is None else F + self.forgetting.initial[0] / 2 * np.eye(len(self.covariance))), C
 
     @property
-    def rho(self) -> Any:
+    def rho(self) -> Graph:
         """The rate at which the past is forgotten, SX scalar; 0 for none."""
         return sym("gain", self.forgetting.name) if self.forgetting else ca.SX(0)
 
-    def noise(self) -> Any:
-        """Q_theta, n x n SX."""
+    def noise(self) -> Graph:
+        """The process noise Q_theta (n, n), SX."""
         factor = self.scaled_factor()
         return factor @ ca.diag(self.scaling.process(self.theta.value) * self.weights) @ factor.T
 
-    def scaled_factor(self) -> Any:
-        """Delta^-1 G, n x k SX."""
+    def scaled_factor(self) -> Graph:
+        """The factor Delta^-1 G (n, k) of the process noise, SX."""
         return ca.diag(self.spread()) @ ca.sparsify(ca.SX(ca.DM(self.factor)))
 
-    def spread(self) -> Any:
-        """The diagonal of Delta^-1, as SX column."""
+    def spread(self) -> Graph:
+        """The diagonal of Delta^-1 as an SX column."""
         return ca.vertcat(*self.scaling.spread(self.theta.value))

@@ -12,11 +12,10 @@ formulation of the square root filter", AIAA Journal 11 (1973); Potter's update 
 Kaminski, Bryson, Schmidt, IEEE TAC 16 (1971).
 """
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
 from hgogen.kalman.prior import near
@@ -44,11 +43,11 @@ def square_root(part: Riccati, clock: Clock) -> Pieces:
     )
 
 
-def triangle(stack: Any) -> Any:
+def triangle(stack: Graph) -> Graph:
     """The lower triangular SX matrix S (n, n), positive diagonal, with S S' = stack stack' (n, k), and values worth a
     name."""
     n = stack.shape[0]
-    rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Any]()
+    rows, S, names = [stack[i, :].T for i in range(n)], ca.SX(n, n), dict[str, Graph]()
     for j in range(n):
         S[j, j] = ca.sqrt(ca.dot(rows[j], rows[j]))
         inverse = 1 / S[j, j]
@@ -62,7 +61,7 @@ def triangle(stack: Any) -> Any:
     return S, names
 
 
-def carlson(S: Any, c: Any, r: Any) -> tuple[Any, Any]:
+def carlson(S: Graph, c: Graph, r: Graph) -> tuple[Graph, Graph]:
     """S after one scalar measurement with row c (1, n) and variance r, and the gain (n)."""
     n = S.shape[0]
     f, after = S.T @ c.T, ca.SX(S)
@@ -97,7 +96,7 @@ def _root(part: Riccati, clock: Clock) -> Field:
     )
 
 
-def _symbols(part: Riccati) -> Any:
+def _symbols(part: Riccati) -> Graph:
     n = part.dynamics.n
     packed, S = sym("state", "root", n * (n + 1) // 2), ca.SX(n, n)
     for k, (i, j) in enumerate(_pairs(n)):
@@ -105,7 +104,7 @@ def _symbols(part: Riccati) -> Any:
     return S
 
 
-def _written(S: Any) -> dict[Place, Any]:
+def _written(S: Graph) -> dict[Place, Graph]:
     return {Place("state", "root"): column(S[i, j] for i, j in _pairs(S.shape[0]))}
 
 
@@ -132,7 +131,7 @@ def _renewed(part: Riccati, clock: Clock) -> Program:
     return (*blocks, near(part, _variances(part)))
 
 
-def _variances(part: Riccati) -> list[Any]:
+def _variances(part: Riccati) -> list[Graph]:
     S = _symbols(part)
     return [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
 
@@ -140,7 +139,7 @@ def _variances(part: Riccati) -> list[Any]:
 def _cap(part: Riccati) -> Program:
     S = _symbols(part)
 
-    def scaled(scale: Any) -> dict[Place, Any]:
+    def scaled(scale: Graph) -> dict[Place, Graph]:
         return _written(ca.diag(scale) @ S)
 
     return capped(part, _variances(part), scaled)

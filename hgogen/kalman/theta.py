@@ -8,16 +8,17 @@
 The adaptive law is stepped by its exact sub-flows, because explicit Euler lets theta pass 2 theta_1, where F_0 > 0, and
 escape: with s = mu dt/rise_time, first the rise (in closed form on each side of theta_1), then the decay by exp(-rate
 (1 - mu) dt), then a clamp to [1, 2 theta_1]. A decaying theta scales the process noise alone, as its theorem asks,
-unless it is told otherwise (`scaling`); the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
+unless `scaling` says otherwise; the others scale both noises. Source: Boizot, Busvelle, Gauthier 2010, (4)-(6);
 decaying: Busvelle's slides. mu is a C1 smoothstep, exactly 0 below gamma_0 and 1 above gamma_1 as (6) asks, or the
 paper's logistic, which is never 0 and so holds theta a little above 1.
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 
+from hgogen.graph import Graph
 from hgogen.intervals.digits import same
 from hgogen.kalman.decay import error_bound as error_bound
 from hgogen.kalman.innovation import Innovation
@@ -38,11 +39,11 @@ class Theta(HighGain, Protocol):
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """Its tunable gains."""
+        """The tunable gains of theta."""
         ...
 
     def law(self, unit: str) -> str:
-        """What it does, for the banner; `unit`: that of time."""
+        """The law of theta for the banner; `unit`: the unit of time."""
         ...
 
     @property
@@ -69,12 +70,12 @@ class Constant:
 
     @property
     def peak(self) -> float:
-        """theta."""
+        """The largest value, which is theta."""
         return self.theta
 
     @property
     def late(self) -> float:
-        """theta."""
+        """The value while a large error lasts, which is theta."""
         return self.theta
 
     @property
@@ -86,33 +87,33 @@ class Constant:
         return theta
 
     @property
-    def value(self) -> Any:
-        """1, or the gain."""
+    def value(self) -> Graph:
+        """The constant 1, or the gain."""
         return ca.SX(1) if self.theta == 1 else sym("gain", "theta")
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """theta, unless it is 1; step lengths are judged at its nominal value, which is its largest, alone."""
+        """The gain theta, unless it is 1; step lengths are judged at its nominal value alone, which is its largest."""
         if self.theta == 1:
             return ()
         return (gain("theta", self.theta, 1.0, self.theta, "high-gain parameter"),)
 
     def law(self, unit: str) -> str:
-        """For the banner."""
+        """The law for the banner."""
         return "theta = 1, an extended Kalman filter" if self.theta == 1 else "theta constant"
 
     @property
     def theorem(self) -> Theorem:
-        """Of the extended Kalman filter, or of the one with a high gain."""
+        """The theorem of the extended Kalman filter, or of the one with a high gain."""
         return KALMAN if self.theta == 1 else HIGH_GAIN
 
     @property
     def traces(self) -> tuple[str, ...]:
-        """None."""
+        """There are none: theta is constant."""
         return ()
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
-        """None."""
+        """There are none: theta is constant."""
         return ()
 
 
@@ -126,7 +127,7 @@ class Decaying:
     traces: tuple[str, ...] = ("theta",)
 
     def law(self, unit: str) -> str:
-        """For the banner."""
+        """The law for the banner."""
         return "theta(t) = 1 + (theta_0 - 1) exp(-rate t)"
 
     @property
@@ -136,12 +137,12 @@ class Decaying:
 
     @property
     def peak(self) -> float:
-        """theta_0."""
+        """The largest value, theta_0."""
         return self.theta_0
 
     @property
     def late(self) -> float:
-        """1."""
+        """The value while a large error lasts, which is 1."""
         return 1.0
 
     @property
@@ -153,7 +154,7 @@ class Decaying:
         return theta
 
     @property
-    def value(self) -> Any:
+    def value(self) -> Graph:
         """The place `state.theta`."""
         return sym("state", "theta")
 
@@ -164,7 +165,7 @@ class Decaying:
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
         """The exact decay."""
-        return (Jump(self._pieces),)
+        return (Jump(self._pieces, {"theta": -sym("gain", "rate") * (self.value - 1)}),)
 
     def _pieces(self, clock: Clock) -> Pieces:
         theta, decay = sym("state", "theta"), sym("derived", "decay")
@@ -188,15 +189,15 @@ class Smoothstep:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """The two thresholds."""
+        """The two thresholds gamma_0 and gamma_1."""
         top = 1e6 * self.gamma_1
         return (
             gain("gamma_0", self.gamma_0, 0.0, top, "innovation below which theta decays", "y^2 s"),
             gain("gamma_1", self.gamma_1, 0.0, top, "innovation above which theta rises fully", "y^2 s"),
         )
 
-    def of(self, innovation: Any) -> Any:
-        """SX mu(I)."""
+    def of(self, innovation: Graph) -> Graph:
+        """The SX scalar mu(I)."""
         low, high = sym("gain", "gamma_0"), sym("gain", "gamma_1")
         x = ca.fmin(ca.fmax((innovation - low) / ca.fmax(high - low, 1e-6 * self.gamma_1), 0), 1)
         return x * x * (3 - 2 * x)
@@ -213,14 +214,14 @@ class Logistic:
 
     @property
     def gains(self) -> tuple[Field, ...]:
-        """Centre and slope."""
+        """The centre and the slope."""
         return (
             gain("centre", self.centre, 0.0, 1e6 * self.centre, "innovation at which mu = 1/2", "y^2 s"),
             gain("slope", self.slope, 0.0, 1e6 * self.slope, "slope of the logistic", "1/(y^2 s)"),
         )
 
-    def of(self, innovation: Any) -> Any:
-        """SX mu(I); the exponent is clamped to +-80, where exp still is a float."""
+    def of(self, innovation: Graph) -> Graph:
+        """The SX scalar mu(I); the exponent is clamped to +-80, where exp still is a float."""
         exponent = sym("gain", "slope") * (sym("gain", "centre") - innovation)
         return 1 / (1 + ca.exp(ca.fmin(ca.fmax(exponent, -80), 80)))
 
@@ -238,7 +239,7 @@ class Adaptive:
     traces: tuple[str, ...] = ("theta", "innovation")
 
     def law(self, unit: str) -> str:
-        """For the banner."""
+        """The law for the banner."""
         return (
             "theta' = mu(I_d) F_0(theta) + rate (1 - mu(I_d)) (1 - theta), by exact sub-flows; F_0 = theta^2/rise_time "
             "up to theta_1, then (theta - 2 theta_1)^2/rise_time; "
@@ -253,7 +254,7 @@ class Adaptive:
 
     @property
     def peak(self) -> float:
-        """2 theta_1."""
+        """The largest value, 2 theta_1."""
         return 2 * self.theta_1
 
     @property
@@ -263,15 +264,15 @@ class Adaptive:
 
     @property
     def rest(self) -> float:
-        """1."""
+        """The value at rest, 1."""
         return 1.0
 
     def rise(self, theta: float, dt: float) -> float:
-        """By the exact sub-flow at mu = 1."""
+        """The value after a time dt by the exact sub-flow at mu = 1."""
         return float(rise(theta, dt / self.rise_time, self.theta_1))
 
     @property
-    def value(self) -> Any:
+    def value(self) -> Graph:
         """The place `state.theta`."""
         return sym("state", "theta")
 
@@ -289,7 +290,10 @@ class Adaptive:
 
     def parts(self, dynamics: Dynamics, z: Field) -> tuple[Part, ...]:
         """The innovation, then the law."""
-        return (self.innovation.part(dynamics, z), Jump(self._pieces))
+        theta, theta_1, mu = self.value, sym("gain", "theta_1"), self.mu.of(sym("state", "innovation"))
+        growth = ca.if_else(theta <= theta_1, theta, theta - 2 * theta_1) ** 2 / sym("gain", "rise_time")
+        law = mu * growth + sym("gain", "rate") * (1 - mu) * (1 - theta)
+        return (self.innovation.part(dynamics, z), Jump(self._pieces, {"theta": law}))
 
     def _pieces(self, clock: Clock) -> Pieces:
         theta, mu = sym("state", "theta"), self.mu.of(sym("state", "innovation"))
@@ -305,7 +309,7 @@ class Adaptive:
         return Pieces(fields=(_theta_field(1.0, self.peak),), adapt=(block,))
 
 
-def rise(theta: Any, s: Any, theta_1: Any) -> Any:
+def rise(theta: Graph, s: Graph, theta_1: Graph) -> Graph:
     """theta after the time s under theta' = theta^2 up to theta_1, then theta' = (2 theta_1 - theta)^2; exact.
 
     `room` is the time to theta_1, 0 above it.

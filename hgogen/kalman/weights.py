@@ -64,21 +64,21 @@ def spd(name: str, value: Any, n: int) -> np.ndarray:
 
 
 def _definite(matrix: np.ndarray) -> bool:
-    """Exactly: a float eigenvalue near 0 may have the wrong sign."""
+    """Whether a matrix is positive definite, by exact arithmetic: a float eigenvalue near 0 may have the wrong sign."""
     if not np.count_nonzero(matrix - np.diag(np.diag(matrix))):
         return bool((np.diag(matrix) > 0).all())
     return definite.positive(definite.exact(definite.rationals(matrix)))
 
 
 def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
-    """A number, or one for each of `outputs` outputs, all positive, as one for each.
+    """Positive numbers, one for each output, from one number for all of them or a number for each.
 
     Raises: `BadGain`.
     """
-    given = reals(name, value)
-    numbers = tuple(map(float, given if given.ndim else [given] * outputs))
-    if given.ndim > 1 or len(numbers) != outputs:
-        raise BadGain(f"{name} of shape {given.shape}", f"must have one number for each of {outputs} outputs")
+    array = reals(name, value)
+    numbers = tuple(map(float, array if array.ndim else [array] * outputs))
+    if array.ndim > 1 or len(numbers) != outputs:
+        raise BadGain(f"{name} of shape {array.shape}", f"must have one number for each of {outputs} outputs")
     if any(not HUGE**-2 <= number <= HUGE**2 for number in numbers):
         raise BadGain(f"{name} = {value}", f"must be positive, from {HUGE**-2:g} to {HUGE**2:g}")
     return numbers
@@ -87,7 +87,7 @@ def positive(name: str, value: Any, outputs: int) -> tuple[float, ...]:
 def wide(
     name: str, values: Sequence[float] | np.ndarray, meaning: str, unit: str, labels: tuple[str, ...] = ()
 ) -> Field:
-    """A gain of positive numbers, tunable by six decades either way; `labels`: what they are of."""
+    """A gain of positive numbers that may be tuned by six decades either way; `labels`: what each number belongs to."""
     numbers = tuple(map(float, values))
-    found = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)
-    return replace(found, labels=labels)
+    field = gain(name, numbers, 1e-6 * min(numbers), 1e6 * max(numbers), meaning, unit)
+    return replace(field, labels=labels)

@@ -1,13 +1,12 @@
 """A plant declared in CasADi: x' = flow, y = output, graphs of SX or MX symbols, each of which is a Signal."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import sympy as sp
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.graph import to_sympy
 from hgogen.signal import Signal
 from hgogen.system import System
@@ -15,15 +14,10 @@ from hgogen.system import System
 Pairs = Iterable[tuple[Any, Any]]
 
 
-@dataclass(eq=False)
-class BadGraph(HgogenError):
+class BadGraph(BadArgument):
     """A CasADi model that does not fit together; the sentence names the part and the fix."""
 
-    system: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"CasADi model {self.system!r}: {self.reason}"
+    text = "CasADi model {what!r}: {reason}"
 
 
 def from_casadi(

@@ -3,25 +3,19 @@
 import os
 import select
 import stat
-from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 
 SILENCE, PATIENCE = 60.0, 600.0  # seconds for which a pipe may say nothing, and may go on
 _PIECE = 1 << 20  # bytes
 
 
-@dataclass(eq=False)
-class Unread(HgogenError):
+class Unread(BadArgument):
     """A path of which the content was not read."""
 
-    path: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.path}: {self.reason}"
+    text = "{what}: {reason}"
 
 
 def content_of(path: str | Path, most: int, silence: float = SILENCE, patience: float = PATIENCE) -> bytes:

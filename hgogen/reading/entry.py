@@ -21,7 +21,7 @@ import sympy as sp
 
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tape import tape
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.intervals.box import EVERYTHING, Box, End, box
 from hgogen.reading.expression import parse
 from hgogen.reading.text_model import from_table
@@ -38,15 +38,10 @@ _INFINITE = {"oo": math.inf, "inf": math.inf, "+oo": math.inf, "-oo": -math.inf,
 _BITS = 160
 
 
-@dataclass(eq=False)
-class BadEntry(HgogenError):
+class BadEntry(BadArgument):
     """A model of a library that cannot be read."""
 
-    name: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"model {self.name!r}: {self.reason}"
+    text = "model {what!r}: {reason}"
 
 
 @dataclass(frozen=True)

@@ -223,7 +223,7 @@ class _Parser:
             raise self.bad(token, f"{name} needs {least} arguments; it has {len(values)}")
         if name in ("exp", "sinh", "cosh"):
             self.not_huge(values[0], token)
-        self.demanded += of_call(function, values[0])
+        self.demanded += of_call(function, *values)
         return self.real(function(*values), token)
 
     def not_huge(self, value: sp.Expr, token: Token) -> None:

@@ -5,9 +5,10 @@ exp(log(x)) is read as x, x/x as 1, sqrt(x)**2 as x. An operation demands someth
     log a, a**s     a >= 0, a != 0           a**(p/q), q > 1, p > 0    a >= 0      1/a       a != 0
     tan a           cos a != 0               asin a, acos a            1 - a**2 >= 0
     acosh a         a - 1 >= 0               atanh a                   1 - a**2 >= 0, != 0
+    atan2(a, b)     a**2 + b**2 != 0
 
-A demand of the text is lost if no operation of what is read makes it. What a Piecewise demands is not followed: a
-branch that is not taken demands nothing.
+A demand of the text is lost if no operation of what is read makes it. What a Piecewise demands is not followed, in
+either: a branch that is not taken demands nothing.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -19,6 +20,7 @@ import sympy as sp
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Box, bound
+from hgogen.intervals.lost import parts
 from hgogen.intervals.sign import nonzero
 
 _LENGTH = 60  # of an expression in a sentence
@@ -31,22 +33,23 @@ class Demand(NamedTuple):
     of: sp.Expr
 
 
-_DEMANDS: dict[type, Callable[[sp.Expr], tuple[Demand, ...]]] = {
+_DEMANDS: dict[type, Callable[..., tuple[Demand, ...]]] = {
     sp.log: lambda a: (Demand("<", a), Demand("=", a)),
     sp.tan: lambda a: (Demand("=", sp.cos(a)),),
     sp.asin: lambda a: (Demand("<", 1 - a**2),),
     sp.acos: lambda a: (Demand("<", 1 - a**2),),
     sp.acosh: lambda a: (Demand("<", a - 1),),
     sp.atanh: lambda a: (Demand("<", 1 - a**2), Demand("=", 1 - a**2)),
+    sp.atan2: lambda a, b: (Demand("=", a**2 + b**2),),
 }
 
 
-def of_call(function: object, argument: sp.Expr) -> Iterator[Demand]:
-    """What function(argument) demands."""
+def of_call(function: object, *arguments: sp.Expr) -> Iterator[Demand]:
+    """What function(arguments) demands."""
     if function is sp.sqrt:
-        yield from of_power(argument, sp.S.Half)
+        yield from of_power(arguments[0], sp.S.Half)
     elif isinstance(function, type) and function in _DEMANDS:
-        for demand in _DEMANDS[function](argument):
+        for demand in _DEMANDS[function](*arguments):
             yield from _plain(demand)
 
 
@@ -68,11 +71,11 @@ def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
 
 
 def _all(expression: sp.Expr) -> Iterator[Demand]:
-    for node in sp.preorder_traversal(expression):
+    for node in parts(expression):
         if isinstance(node, sp.Pow):
             yield from of_power(node.base, node.exp)
-        elif isinstance(node, sp.Function) and node.args:
-            yield from of_call(node.func, node.args[0])
+        else:
+            yield from of_call(node.func, *node.args)
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:

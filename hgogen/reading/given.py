@@ -30,7 +30,7 @@ def reals(name: str, value: Any) -> np.ndarray:
     """A number or an array of numbers as floats, NaN where it is masked. Raises: `BadGain` for anything else."""
     try:
         array = np.asarray(unmasked(value))
-        if value is None or array.dtype.kind in "US":  # which numpy would turn into NaN, or into numbers
+        if value is None or array.dtype.kind in "USc":  # which numpy would turn into NaN, into numbers, or cut
             raise TypeError
         return np.asarray(array, dtype=float)
     except (TypeError, ValueError):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument
 from hgogen.reading.content import Unread, content_of
 
 BYTES = 1 << 28  # of a log, whose cells take some ten times as much memory
@@ -18,15 +18,10 @@ EMPTY = frozenset(("", "na", "n/a", "null", "none", "nil", "-", "--"))
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
 
-@dataclass(eq=False)
-class BadRecord(HgogenError):
+class BadRecord(BadArgument):
     """A log that cannot be read; the sentence names the file, what is wrong and the fix."""
 
-    path: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.path}: {self.reason}"
+    text = "{what}: {reason}"
 
 
 @dataclass(frozen=True)

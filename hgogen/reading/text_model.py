@@ -27,7 +27,7 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.errors import HgogenError, nearest
+from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
@@ -73,15 +73,10 @@ class BadModelFile(HgogenError):
         return f"{self.file}{f', {self.key}' if self.key else ''}: {self.reason}"
 
 
-@dataclass(eq=False)
-class NoText(HgogenError):
+class NoText(BadArgument):
     """A system that no plain text can hold."""
 
-    system: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"system {self.system!r} cannot be written as plain text: {self.reason}"
+    text = "system {what!r} cannot be written as plain text: {reason}"
 
 
 @dataclass(frozen=True)

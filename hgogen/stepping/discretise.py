@@ -1,15 +1,20 @@
-"""The one place that knows all kinds of parts: which rule makes memory and statements of each, and how long a step may
-be."""
+"""The one place that knows all kinds of parts: which rule makes memory and statements of each, what its differential
+equation is, and how long a step may be."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
 
 from hgogen.discretisation.lengths import Lengths
+from hgogen.errors import HgogenError
+from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.curvature import Curved, curved, curved_lengths
-from hgogen.kalman.innovation import Predictors
+from hgogen.kalman.predictor import Predictors
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
+from hgogen.program import Program
 from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 
 
@@ -32,6 +37,46 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
         case Parallel():
             return parallel(part, clock, lambda each: pieces(each, method, clock))
     raise TypeError(f"no rule makes statements of a {type(part).__name__}")
+
+
+@dataclass(eq=False)
+class NoEquation(HgogenError):
+    """A differential equation asked of an observer that is none."""
+
+    observer: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.observer} is no differential equation: {self.reason}; take its step"
+
+
+def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | None:
+    """The differential equation of a part, of a covariance in this view; None for what moves at samples alone.
+
+    Raises: `NoEquation`.
+    """
+    match part:
+        case Ode():
+            return part
+        case Riccati():
+            return information_ode(part) if view == "information" else covariance_ode(part)
+        case Curved():
+            return part.equation(view)
+        case Jump(flow=flow):
+            return Ode((), lambda values, u, y, valid: flow)
+        case Parallel():
+            raise NoEquation("a bank", "its members restart, and one of them is selected, at samples")
+    return None
+
+
+def tuned(part: Part, clock: Clock) -> Program:
+    """What `tune` computes for the differential equation of a part."""
+    match part:
+        case Ode(tune=tune):
+            return tune
+        case Jump(build=build):
+            return build(clock).tune
+    return ()
 
 
 def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:

@@ -7,12 +7,12 @@ its box; each guard says in the status what it did.
 from collections.abc import Iterable
 from fractions import Fraction
 from functools import reduce
-from typing import Any
 
 import casadi as ca
 
 from hgogen.check import Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
@@ -91,7 +91,7 @@ def or_lower(observer: Observer) -> str:
     return "".join(f" or lower {name}" for name in high)
 
 
-def outside(observer: Observer, margin: float = 0.0) -> Any:
+def outside(observer: Observer, margin: float = 0.0) -> Graph:
     """Whether the estimate, or the plant's state that it stands for, is outside its declared range by more than
     `margin` of its width, so that the model is evaluated at the edge; SX."""
     z, dynamics = observer.z, observer.dynamics
@@ -107,7 +107,7 @@ def outside_bit(observer: Observer) -> Block:
 
 
 def unrecovered(observer: Observer) -> tuple[Block, ...]:
-    """Say so where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
+    """The status where the plant's state cannot be recovered from the form's; nothing for a form that always can."""
     form = observer.form
     if form.behind is None or observer.dynamics.recoverable:
         return ()
@@ -120,20 +120,20 @@ def unrecovered(observer: Observer) -> tuple[Block, ...]:
     )
 
 
-def any_of(tests: Iterable[Any]) -> Any:
+def any_of(tests: Iterable[Graph]) -> Graph:
     """Whether one of the truth values holds; 0 for none."""
     tests = list(tests)
     return reduce(ca.logic_or, tests) if tests else ca.SX(0)
 
 
-def _within(value: Any, limit: float) -> Any:
+def _within(value: Graph, limit: float) -> Graph:
     """|value| <= limit; 0 for what is not a number."""
     return ca.fabs(value) <= limit
 
 
 def guard_inputs(observer: Observer) -> Block:
     """Each input: the last valid one where it is no number or absurd, clamped to its range."""
-    values, writes, names = [], {}, dict[str, Any]()
+    values, writes, names = [], {}, dict[str, Graph]()
     last = sym("state", "u", len(observer.form.system.inputs))
     for i, signal in enumerate(observer.form.system.inputs):
         raw, (low, high) = sym("input", signal.name), signal.interval
@@ -148,25 +148,25 @@ def guard_inputs(observer: Observer) -> Block:
     return Block("guard the input", {Place("work", "u"): column(values), **writes}, names)
 
 
-def plausible(reading: tuple[float, float], raw: Any) -> Any:
+def plausible(reading: tuple[float, float], raw: Graph) -> Graph:
     """Whether a sample is a number that the sensor can read, or nearly."""
     low, high = reading
     width = high - low
-    near = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
-    return ca.logic_and(_within(raw, LARGEST_NUMBER), near)
+    in_range = ca.logic_and(raw >= low - width, raw <= high + width) if width < INF else _within(raw, HUGE)
+    return ca.logic_and(_within(raw, LARGEST_NUMBER), in_range)
 
 
 def implausible(reading: tuple[float, float]) -> str:
-    """Where a sample is not plausible, in words."""
+    """The samples that are not plausible, in words."""
     low, high = reading
     width = high - low
     place = f"outside {low - width:g} .. {high + width:g}" if width < INF else f"beyond {HUGE:g}"
     return f"{place}, or {10 * HUGE:g} off its estimate"
 
 
-def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) -> tuple[Any, dict[Place, Any]]:
-    """(whether a sample can be used, its status writes): a number, plausible, and not absurdly far from the
-    prediction."""
+def _judged(signal: Signal, reading: tuple[float, float], raw: Graph, error: Graph) -> tuple[Graph, dict[Place, Graph]]:
+    """Whether a sample can be used, and its writes to the status: a usable sample is a number, plausible, and not
+    absurdly far from the prediction."""
     number = _within(raw, LARGEST_NUMBER)
     valid = ca.logic_and(plausible(reading, raw), _within(error, 10 * HUGE))
     rejected = ca.logic_and(number, ca.logic_not(valid))
@@ -177,13 +177,14 @@ def _judged(signal: Signal, reading: tuple[float, float], raw: Any, error: Any) 
 
 
 def readings(form: Form) -> list[tuple[float, float]]:
-    """What each output can read: its declared range, else what the ranges of states, inputs and parameters give."""
+    """The interval that each output can read: its declared range, or the one that follows from the ranges of states,
+    inputs and parameters."""
     signals = box((*form.states, *form.system.inputs, *form.system.parameters))
     signals |= {p: (Fraction(str(p.nominal)),) * 2 for p in form.system.parameters if not p.bounded}
-    given = [enclose(expression, signals) for expression in form.output]
+    computed = [enclose(expression, signals) for expression in form.output]
     return [
         signal.interval if signal.bounded else (float(low), float(high))
-        for signal, (low, high) in zip(form.system.outputs, given, strict=True)
+        for signal, (low, high) in zip(form.system.outputs, computed, strict=True)
     ]
 
 
@@ -236,7 +237,7 @@ def kept(program: Program, state: tuple[Field, ...], others: Program = ()) -> Pr
     lost = Block("is a value lost?", {Place("work", "lost"): ca.logic_not(reduce(ca.logic_and, usable))})
     fresh = {Place("state", f.name): column(f.initial) for f in state if f.kind == "real" and f.name not in SIGNALS}
     restart = Block("a value is lost: all restart", {**fresh, Place("status", "RESTARTED"): ca.SX(1)})
-    return (lost, When(Place("work", "lost"), (restart, *others)), *(_kept(f) for f in fields))
+    return (lost, When(Place("work", "lost"), (restart, *others)), *(_in_its_box(f) for f in fields))
 
 
 def _written(program: Program) -> set[Place]:
@@ -245,17 +246,17 @@ def _written(program: Program) -> set[Place]:
     return {p for p, value in writes if not _same(value, sym(*p, ca.SX(value).numel())) and not _of_member(value)}
 
 
-def _of_member(value: Any) -> bool:
+def _of_member(value: Graph) -> bool:
     """Whether the value is that of a field of a group, which is kept in its box there."""
     elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
     return all(e.is_symbolic() and address(e)[0].struct not in STRUCTS for e in elements)
 
 
-def _same(a: Any, b: Any) -> bool:
+def _same(a: Graph, b: Graph) -> bool:
     return bool(ca.is_equal(ca.densify(ca.SX(a)), b, 1))
 
 
-def _kept(field: Field) -> Block:
+def _in_its_box(field: Field) -> Block:
     value, limit = sym("state", field.name, field.size), HUGE * HUGE
     box = [(max(low, -limit), min(high, limit)) for low, high in field.box]
     clamped = [ca.fmin(ca.fmax(value[i], low), high) for i, (low, high) in enumerate(box)]
@@ -268,16 +269,17 @@ def _kept(field: Field) -> Block:
 
 
 def limit_parameters(plant: tuple[Field, ...], gains: tuple[Field, ...], derived: Program) -> Program:
-    """Each parameter in its range, its nominal value where it is no number; then the derived gains."""
+    """The program that clamps each parameter to its range, with its nominal value where it is not a number, and then
+    computes the derived gains."""
     blocks = []
     for kind, fields in (("plant", plant), ("gain", gains)):
         for field in fields:
             value = sym(kind, field.name, field.size)
-            kept, changed = [], []
+            limited, changed = [], []
             for i, (low, high) in enumerate(field.box):
                 clamped = ca.fmin(ca.fmax(value[i], low), high)
-                kept.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
+                limited.append(ca.if_else(_within(value[i], LARGEST_NUMBER), clamped, field.initial[i]))
                 changed.append(ca.logic_not(ca.logic_and(value[i] >= low, value[i] <= high)))
-            writes = {Place(kind, field.name): column(kept), Place("status", "PARAMETER_LIMITED"): any_of(changed)}
+            writes = {Place(kind, field.name): column(limited), Place("status", "PARAMETER_LIMITED"): any_of(changed)}
             blocks.append(Block(f"{field.name} in its range", writes))
     return (*blocks, *derived)

@@ -238,16 +238,16 @@ class Machine(Reading):
         self._run(self._estimate)
 
     def record(self, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
+        """The estimates (N, n), the traces (N, number of them) and the statuses (N) of samples u (N, m), y (N, p)."""
         step, memory = self.step, self.memory
         kinds = (("input", step.inputs), ("output", step.outputs))
-        given = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]
+        slots = [memory[Place(kind, signal.name)] for kind, signals in kinds for signal in signals]
         results = [memory[Place("estimate", s.name)] for s in step.states]
         scalars = [memory[Place("state", name)] for name in step.observer.traces]
         x, traces = np.zeros((len(y), len(results))), np.zeros((len(y), len(scalars)))
         status = np.zeros(len(y), np.uint32)
         for k in range(len(y)):
-            for place, value in zip(given, (*u[k], *y[k]), strict=True):
+            for place, value in zip(slots, (*u[k], *y[k]), strict=True):
                 place[0] = value
             status[k] = self.call()
             x[k] = [place[0] for place in results]

@@ -10,6 +10,7 @@ from typing import Any
 
 import casadi as ca
 
+from hgogen.graph import Graph
 from hgogen.part import Pieces
 from hgogen.program import (
     Block,
@@ -31,10 +32,10 @@ from hgogen.program import (
 
 @dataclass(frozen=True)
 class Moved:
-    """Where places go: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
+    """A map of places: `places` maps each to another one, or, of those only read, to an SX column; `groups` maps the
     names of groups."""
 
-    places: Mapping[Place, Any]
+    places: Mapping[Place, Graph]
     groups: Mapping[str, str]
 
     def program(self, program: Iterable[Statement]) -> Program:
@@ -42,25 +43,25 @@ class Moved:
         return tuple(self._statement(statement) for statement in program)
 
     def place(self, place: Place) -> Place:
-        """Where a place that may be written goes."""
+        """The new place of one that may be written."""
         if place.struct in self.groups:
             return place._replace(struct=self.groups[place.struct])
         moved = self.places.get(place, place)
         assert isinstance(moved, Place), f"{place} is only read"
         return moved
 
-    def value(self, place: Place, size: int) -> Any:
+    def value(self, place: Place, size: int) -> Graph:
         """SX column of what stands for a place that is read."""
         moved = self.places.get(place)
         return sym(*self.place(place), size) if moved is None or isinstance(moved, Place) else moved
 
-    def values(self, *graphs: Any) -> list[Any]:
+    def values(self, *graphs: Graph) -> list[Graph]:
         """SX graphs of the moved places."""
         symbols = ca.symvar(ca.veccat(*graphs))
         if not symbols:
             return list(graphs)
         now = [self.value(place, size)[index] for place, index, size in map(address, symbols)]
-        moved: list[Any] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, now)
+        moved: list[Graph] = ca.substitute([ca.SX(graph) for graph in graphs], symbols, now)
         return moved
 
     def _statement(self, statement: Statement) -> Statement:
@@ -91,7 +92,7 @@ class Moved:
         return Block(block.title, writes, dict(zip(block.names, values[len(writes) :], strict=True)))
 
 
-def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Any]) -> Pieces:
+def renamed(pieces: Pieces, name: Callable[[str], str], places: Mapping[Place, Graph]) -> Pieces:
     """The pieces with other names for their fields and groups; `places` as in `Moved`, for what else they read."""
     fields = {Place("state", field.name): Place("state", name(field.name)) for field in pieces.fields}
     moved = Moved({**places, **fields}, {group.name: name(group.name) for group in pieces.groups})
@@ -138,13 +139,13 @@ def fresh(group: str, fields: Iterable[Field]) -> Program:
     return tuple(programs)
 
 
-def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Any) -> Program:
+def fresh_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
     """The groups in `above`, a member or the state of these fields, as after a reset, but for what lasts, and but for
     their estimates, which become those of `above`; `z` is the observer's estimate, an SX of places of the state."""
     return tuple(Loop(group.name, group.count, _fresh(above, fields, group, z)) for group in groups)
 
 
-def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Any) -> Program:
+def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group], z: Graph) -> Program:
     """The estimates of the groups in `above` become its own, as in `fresh_groups`; what else they hold stays."""
     loops = []
     for group in groups:
@@ -154,13 +155,13 @@ def following_groups(above: str, fields: Iterable[Field], groups: Iterable[Group
     return tuple(loops)
 
 
-def _fresh(above: str, fields: Iterable[Field], group: Group, z: Any) -> Program:
+def _fresh(above: str, fields: Iterable[Field], group: Group, z: Graph) -> Program:
     shown, start = _copied(above, fields, group, z)
     rest = fresh(group.name, [f for f in group.fields if f not in shown and not f.lasting])
     return (*start, *rest, *fresh_groups(group.name, group.fields, group.groups, z))
 
 
-def _copied(above: str, fields: Iterable[Field], group: Group, z: Any) -> tuple[list[Field], Program]:
+def _copied(above: str, fields: Iterable[Field], group: Group, z: Graph) -> tuple[list[Field], Program]:
     """The fields of a group that take the estimate of `above`, and the block that copies it."""
     known = {field.name for field in fields} | {"z"}
     own = Moved({Place("state", name): Place(above, name) for name in read_fields([z])}, {})
@@ -170,7 +171,7 @@ def _copied(above: str, fields: Iterable[Field], group: Group, z: Any) -> tuple[
     return shown, (start,) if shown else ()
 
 
-def read_fields(graphs: Iterable[Any]) -> set[str]:
-    """Names of the fields of the state that SX graphs read."""
-    found = {address(symbol)[0] for symbol in ca.symvar(ca.veccat(*graphs))}
-    return {place.name for place in found if place.struct == "state"}
+def read_fields(graphs: Iterable[Graph]) -> set[str]:
+    """The names of the fields of the state that the SX graphs read."""
+    places = {address(symbol)[0] for symbol in ca.symvar(ca.veccat(*graphs))}
+    return {place.name for place in places if place.struct == "state"}

@@ -12,12 +12,12 @@ ranges, at which it does. Which of the two signs of x is right no sample of y = 
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import nominal, numbers
+from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.program import INF, Block, Field, Place, Program, column, sym
@@ -30,7 +30,7 @@ ELSEWHERE = 32  # points of the ranges that are tried
 
 
 def nearest(
-    observer: Observer, clock: Clock, shown: tuple[Field, ...], samples: Mapping[int, tuple[Any, Any]]
+    observer: Observer, clock: Clock, shown: tuple[Field, ...], samples: Mapping[int, tuple[Graph, Graph]]
 ) -> Program:
     """The `shown` fields of the state set to x of the module; `samples` by output, the most trusted last: what was
     measured, and whether that is plausible."""
@@ -55,25 +55,25 @@ def nearest(
     return tuple(blocks)
 
 
-def _number(value: Any, end: tuple[float, float], other: Any) -> Any:
+def _number(value: Graph, end: tuple[float, float], other: Graph) -> Graph:
     """A value clamped to a range, another where it is lost; of a plausible sample none is, which an analyser sees."""
     return ca.if_else(ca.fabs(value) <= HUGE * HUGE, clamp(value, *end), other)
 
 
-def _placed(shown: tuple[Field, ...], value: Any) -> dict[Place, Any]:
+def _placed(shown: tuple[Field, ...], value: Graph) -> dict[Place, Graph]:
     """The writes of an SX column to the fields, one after the other."""
     parts = ca.vertsplit(value, np.cumsum([0, *(field.size for field in shown)]).tolist())
     return {Place("state", field.name): part for field, part in zip(shown, parts, strict=True)}
 
 
-def _weights(shown: tuple[Field, ...]) -> Any:
+def _weights(shown: tuple[Field, ...]) -> Graph:
     """V of the module as a column."""
     widths = np.array([high - low for field in shown for low, high in field.box])
     widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
     return ca.DM(widths**2)
 
 
-def _ends(observer: Observer, shown: tuple[Field, ...], x: Any) -> list[tuple[float, float]]:
+def _ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:
     """The declared range of each x_i that is a state z_k, else its outer box."""
     ends = [end for field in shown for end in field.box]
     for k, end in enumerate(observer.dynamics.box):
@@ -88,9 +88,9 @@ def _start(
     observer: Observer,
     clock: Clock,
     shown: tuple[Field, ...],
-    slopes: Mapping[int, Any],
+    slopes: Mapping[int, Graph],
     spans: np.ndarray,
-    V: Any,
+    V: Graph,
     ends: list[tuple[float, float]],
 ) -> np.ndarray:
     """x_0: the first values, or the point of the ranges at which the most outputs, of these spans, tell something."""

@@ -6,13 +6,13 @@ those of its score, by which the members are compared: `score`, the smaller the 
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi as ca
 
 from hgogen.chains.core import nominal, numbers
 from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import HgogenError
+from hgogen.graph import Graph
 from hgogen.kalman.innovation import Innovation, staggered
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
@@ -163,7 +163,7 @@ def _samples(part: Parallel, dt: float) -> int:
 
 
 def _choose(part: Parallel, period: int) -> Program:
-    """Of the members that stay the one with the smallest score, if it is better by the hysteresis."""
+    """The choice of the member with the smallest score among those that stay, if it is better by the hysteresis."""
     tick, selected, score = sym("state", "tick") + 1, sym("state", "selected"), sym("member", "score")
     best, after = sym("work", "best"), _after_the_oldest(part)
     clock = {Place("work", "due"): tick >= period, Place("state", "tick"): ca.if_else(tick >= period, 0, tick)}
@@ -212,7 +212,7 @@ def _restart(part: Parallel, alone: Pieces) -> Program:
     return (When(Place("work", "due"), restart),)
 
 
-def _after_the_oldest(part: Parallel) -> Any:
+def _after_the_oldest(part: Parallel) -> Graph:
     after = sym("state", "oldest") + 1
     return ca.if_else(after >= part.count, 0, after)
 

@@ -40,7 +40,7 @@ def patience(observer: Observer, clock: Clock, r: float) -> float:
 
 
 def plant_rate(observer: Observer) -> float | None:
-    """lambda of the module; None where the Jacobian is 0, or not finite at a point of the box."""
+    """The rate lambda of the module; None where the Jacobian is 0, or not finite at a point of the box."""
     try:
         slopes, _ = observer.dynamics.linearised(POINTS)
     except Singular:
@@ -55,7 +55,7 @@ def _typical(decays: np.ndarray) -> float | None:
 
 
 def rate(observer: Observer, clock: Clock) -> float:
-    """mu of the observer's slowest part; that of ten samples where none is known."""
+    """The rate mu of the observer's slowest part; that of ten samples where none is known."""
     known = [mu for part in observer.parts if (mu := _rate(part, observer, clock)) is not None]
     return min(known, default=1 / (SAMPLES * clock.dt))
 

@@ -33,12 +33,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from math import ceil
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import nominal, numbers
+from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Pieces
 from hgogen.program import INF, Block, Field, Place, Program, When, scalar, sym
@@ -60,9 +60,9 @@ LONGEST = 1 << 23  # a float adds two such counts exactly
 class Sampled:
     """A sample of an output as SX scalars: `y`, whether it is `valid`, its `error` before the correction."""
 
-    y: Any
-    valid: Any
-    error: Any
+    y: Graph
+    valid: Graph
+    error: Graph
 
 
 Samples = Mapping[int, Sampled]  # by output
@@ -100,12 +100,12 @@ class Sign:
             scalar(self.patience, self.wait, low=self.wait, high=self.most, meaning=limit),
         )
 
-    def doubts(self, value: Any) -> dict[Place, Any]:
-        """c set to a value, where it can be."""
+    def doubts(self, value: Graph) -> dict[Place, Graph]:
+        """The write that sets c to a value, clamped to its range."""
         return {Place("state", self.doubt): clamp(value, 0.0, float(self.most))}
 
-    def limit(self, value: Any) -> Any:
-        """A value of w, where it can be; SX."""
+    def limit(self, value: Graph) -> Graph:
+        """A value of w, clamped to its range; SX."""
         return clamp(value, float(self.wait), float(self.most))
 
     def counted(self, weight: int) -> Program:
@@ -189,8 +189,8 @@ class Recovery:
         return (*fields, scalar("doubt_sum", 0.0, low=0.0, high=most, meaning=meaning))
 
     @property
-    def _sum(self) -> Any:
-        """Of all doubt, and of what patience is beyond the first; SX."""
+    def _sum(self) -> Graph:
+        """The sum of all doubt, and of the patience beyond the first; SX."""
         return sum(sym("state", sign.doubt) + (sym("state", sign.patience) - sign.wait) for sign in self.signs)
 
     def watch(self, samples: Samples, says: bool) -> Program:
@@ -205,8 +205,8 @@ class Recovery:
         signs = [sign for sign in self.signs if sign.output is None or sign.output in samples]
         rejected = any_of(ca.logic_not(sample.valid) for sample in samples.values())
         sampled = any_of(self._plausible(j, sample) for j, sample in samples.items())
-        near = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
-        doubtful = any_of([*near, ca.logic_not(sym("state", "doubt_sum") <= 0), rejected])
+        beyond = [outside(self.observer) if sign.output is None else self._beyond(sign, samples) for sign in signs]
+        doubtful = any_of([*beyond, ca.logic_not(sym("state", "doubt_sum") <= 0), rejected])
         shows = {sign: self._shows(sign, samples) for sign in signs}
         judged_by = Block("is there a sample to judge by?", {Place("work", "sampled"): sampled})
         judgement = Block(
@@ -231,18 +231,18 @@ class Recovery:
         spoiled = Block("was doubt or patience spoiled?", {Place("work", "spoiled"): ca.logic_not(sound)})
         return (spoiled, When(Place("work", "spoiled"), fresh("state", self.fields)))
 
-    def _beyond(self, sign: Sign, samples: Samples) -> Any:
-        """Whether the error of a sign's output, a number, is beyond what is near."""
+    def _beyond(self, sign: Sign, samples: Samples) -> Graph:
+        """Whether the error of a sign's output is larger than its limit; not where the error is not a number."""
         assert sign.output is not None
         return ca.fabs(samples[sign.output].error) > SHARE * self._spans[sign.output]
 
-    def _shows(self, sign: Sign, samples: Samples) -> Any:
+    def _shows(self, sign: Sign, samples: Samples) -> Graph:
         """Whether a sign shows, where there is a sample to judge by."""
         if sign.output is None:
             return outside(self.observer, MARGIN)
         return ca.logic_not(ca.fabs(samples[sign.output].error) <= SHARE * self._spans[sign.output])
 
-    def _plausible(self, j: int, sample: Sampled) -> Any:
+    def _plausible(self, j: int, sample: Sampled) -> Graph:
         """Whether the estimate is judged by a sample: a valid one, or one that is absurdly far from the prediction."""
         return ca.logic_or(sample.valid, plausible(self._readings[j], sample.y))
 
@@ -265,7 +265,7 @@ class Recovery:
         )
 
     def _weight(self, judged: tuple[int, ...]) -> int:
-        """p_j: what a judgement by these outputs counts, so that all of them add up to p in a time dt."""
+        """The count p_j of a judgement by these outputs, so that all of them add up to p in a time dt."""
         if len(judged) == len(self.judged):
             return len(self.judged)
         return self.clock.every[judged[0]] if self.clock.every else 1
@@ -289,7 +289,7 @@ class Recovery:
         return tuple(field for field in self.pieces.fields if field.name in read and field.kind == "real")
 
     def _widest(self) -> float:
-        """r: by how much the outer box is wider than the declared one, at the coordinate where it is the most."""
+        """The largest ratio r, over the coordinates, of the widths of the outer box and the declared one."""
         shown = self._shown()
         x = ca.vertcat(*(sym("state", field.name, field.size) for field in shown))
         values = {Place("state", field.name): np.array(field.initial) for field in shown}

@@ -41,7 +41,7 @@ class Assembly:
 
     @cached_property
     def law(self) -> Recovery:
-        """By which an estimate that is lost restarts."""
+        """The law by which an estimate that is lost restarts."""
         return Recovery(self.observer, self.clock, self.whole)
 
     @cached_property
@@ -83,7 +83,7 @@ class Assembly:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """In order, what is written and never read left out."""
+        """The sections in order, without what is written and never read."""
         sections = [self._predict, *map(self._update, self.correcting), *self._adapt]
         last = len(sections) - (2 if self.adapt and self.still else 1)  # after it the estimate of this call stands
         return tuple(

@@ -30,7 +30,7 @@ class BadRate(BadArgument):
 
 
 def multiples(periods: Any, plant: System, dt: float) -> tuple[int, ...]:
-    """How many dt lie between two samples of each output; 1 of those that `periods` (by name) does not name.
+    """The number of dt between two samples of each output; 1 for an output that `periods` (by name) does not name.
 
     Raises: `BadRate`.
     """

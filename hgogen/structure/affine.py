@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import sympy as sp
@@ -10,6 +9,7 @@ import sympy as sp
 from hgogen.algebra.identity import free_of
 from hgogen.algebra.kinks import bent, slope
 from hgogen.check import ClaimId, Verdict
+from hgogen.graph import Graph
 from hgogen.signal import Signal
 from hgogen.structure.apart import apart
 from hgogen.structure.chain import Rows, listed, of_plant
@@ -68,25 +68,25 @@ _GAIN = ClaimId("state_affine", "gain")  # of which the verdict alone is read
 
 def measurements(plant: System) -> tuple[Measurement, ...]:
     """The states that an output shows alone, each by the first such output, as far as is proved."""
-    rows, found = of_plant(plant), dict[int, Measurement]()
+    rows, by_state = of_plant(plant), dict[int, Measurement]()
     for j, (name, row) in enumerate(zip(rows.names, rows.output, strict=True)):
         line = affine(name, row, plant.states, rows)
         seen = [(k, gain) for k, gain in enumerate(line.slopes) if gain != 0]
         if line.answer and len(seen) == 1 and apart(_GAIN, "c", seen[0][1], plant).verdict is Verdict.PROVED:
-            found.setdefault(seen[0][0], Measurement(seen[0][0], j, seen[0][1], line.rest))
-    return tuple(found.values())
+            by_state.setdefault(seen[0][0], Measurement(seen[0][0], j, seen[0][1], line.rest))
+    return tuple(by_state.values())
 
 
-def known(dynamics: Dynamics) -> Callable[[Any, Any, Any, Any], Any]:
-    """Of SX z (n), u (m), y (p), valid (p): z with what is measured in the place of its estimate, for a form in the
-    plant's own coordinates."""
-    found = measurements(dynamics.form.system)
+def known(dynamics: Dynamics) -> Callable[[Graph, Graph, Graph, Graph], Graph]:
+    """A function of the SX columns z (n), u (m), y (p), valid (p) that returns z with the measured states in the place
+    of their estimates, for a form in the plant's own coordinates."""
+    measured = measurements(dynamics.form.system)
 
-    def replaced(z: Any, u: Any, y: Any, valid: Any) -> Any:
+    def replaced(z: Graph, u: Graph, y: Graph, valid: Graph) -> Graph:
         values = [z[i] for i in range(dynamics.n)]
         offset = dynamics.output(ca.SX.zeros(dynamics.n), u)
         slope = dynamics.output_jacobian(z, u)
-        for one in found:
+        for one in measured:
             shown = (y[one.output] - offset[one.output]) / slope[one.output, one.state]
             values[one.state] = ca.if_else(valid[one.output], shown, values[one.state])
         return ca.vertcat(*values)

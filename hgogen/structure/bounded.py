@@ -1,20 +1,25 @@
 """Whether what is nonlinear in a form is bounded on the declared ranges: |b_i| <= mu.
 
+The law asks for no slope of phi, so the plant as it is written is asked here: (u x + u)/u is x + 1 in a form, and has
+no value at u = 0.
+
 phi of a phase form, at its place in b, is taken as a function of the plant's states where it has poles in the box of z.
 """
 
 from hgogen.algebra.tape import NoTape
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import up
+from hgogen.intervals.lost import lost
 
 BOXES = 500  # mu need not be the least
 
 
 def bounded(id: ClaimId, form: Form) -> Check:
-    """The check that every row of b is bounded, by mu: proved with it, or unknown."""
+    """The check that every row of b is bounded: it is proved with the bound mu, or unknown."""
     claim = "phi is bounded on the declared ranges of states and inputs"
     rows = form.b if form.behind is None else form.behind
     states = form.states if form.behind is None else form.system.states
@@ -26,10 +31,14 @@ def bounded(id: ClaimId, form: Form) -> Check:
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
-        found = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
+        ranges = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
     except NoTape as missing:
         return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
-    if not all(values.finite and values.defined for values in found):
+    if not all(values.finite and values.defined for values in ranges):
         return Check(id, claim, Verdict.UNKNOWN, "no bound was found; it may have poles on the box")
-    mu = max((max(abs(values.low), abs(values.high)) for values in found), default=0.0)
+    plant = form.system
+    part = lost(written(plant), (), box(plant.signals, plant.nominal))
+    if part is not None:
+        return Check(id, claim, Verdict.UNKNOWN, f"{part} of the plant is not shown to have a value on the box")
+    mu = max((max(abs(values.low), abs(values.high)) for values in ranges), default=0.0)
     return Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")

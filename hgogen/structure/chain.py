@@ -22,7 +22,6 @@ from hgogen.algebra.kinks import slope as slope_of
 from hgogen.algebra.points import put
 from hgogen.analysis.on_box import on_box
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import lost
 from hgogen.intervals.slope import JUMPS
 from hgogen.system import System
 
@@ -62,7 +61,7 @@ class Rows:
         return dependence(row, among, self.box)
 
     def rate(self, state: sp.Symbol) -> sp.Expr:
-        """x' of a state."""
+        """The rate x' of a state."""
         return self.flow[self.states.index(state)]
 
 
@@ -162,9 +161,9 @@ class Chains:
                 doubt = doubt or ("" if answer else why)
         if self.broken:
             return (False if self.certain else None), self.broken
-        return (None, doubt) if doubt else (True, " and ".join(self._told(links) for links in self.links))
+        return (None, doubt) if doubt else (True, " and ".join(self._as_text(links) for links in self.links))
 
-    def _told(self, links: Sequence[Link]) -> str:
+    def _as_text(self, links: Sequence[Link]) -> str:
         return " -> ".join([links[0].name, *(link.state.name for link in links)])
 
 
@@ -184,7 +183,7 @@ def levelwise(rows: Rows) -> Chains:
         return Chains(tuple(map(tuple, chains)), why, certain and sure)
 
     while left:
-        found: dict[int, Link] = {}
+        links: dict[int, Link] = {}
         for j, (name, row) in active.items():
             sure, maybe = rows.reads(row, left)
             if alone and not sure and not maybe:  # a gain that is 0 for the parameters' values: its own check says so
@@ -194,16 +193,16 @@ def levelwise(rows: Rows) -> Chains:
                 return broken(*stop)
             if sure or maybe:
                 certain = certain and (bool(sure) or alone)
-                found[j] = link(name, row, (*sure, *maybe), rows)
-        both = twice(found.values())
+                links[j] = link(name, row, (*sure, *maybe), rows)
+        both = twice(links.values())
         if both:
             return broken(f"{both[0].name} and {both[1].name} bring in the same state, {both[0].state}")
-        if not found:
+        if not links:
             return broken(f"no row brings in {listed(left)}")
-        for j, new in found.items():
+        for j, new in links.items():
             chains[j].append(new)
             left.remove(new.state)
-        active = {j: (f"{new.state}'", rows.rate(new.state)) for j, new in found.items()}
+        active = {j: (f"{new.state}'", rows.rate(new.state)) for j, new in links.items()}
     return Chains(tuple(map(tuple, chains)), certain=certain)
 
 
@@ -234,13 +233,6 @@ def link(name: str, row: sp.Expr, new: Sequence[sp.Symbol], rows: Rows) -> Link:
     return Link(name, row, state, gain, rest, affine, varies, may_vary, strays, slope, moves)
 
 
-def remainder(link: Link, plant: System) -> sp.Expr:
-    """The rest of a link; row - gain * state as it stands where the row may have no value and gain and rest have one:
-    (u x + u)/u is not x + 1 at u = 0."""
-    part = lost((link.row,), (link.gain, link.rest), box(plant.signals, plant.nominal))
-    return link.rest if part is None else link.row - link.gain * link.state
-
-
 def _line(
     row: sp.Expr, clean: sp.Expr, state: sp.Symbol, slope: sp.Expr, rows: Rows
 ) -> tuple[sp.Expr, sp.Expr, bool | None]:
@@ -262,9 +254,9 @@ def _rest(row: sp.Expr, state: sp.Symbol, gain: sp.Expr) -> sp.Expr:
 
 
 def _at(row: sp.Expr, state: sp.Symbol, value: int) -> sp.Expr:
-    """The row at a value of the state, nan where it compares what is not real there."""
-    found = put(row, {state: sp.Integer(value)})
-    return sp.nan if found is None else found
+    """The row at a value of the state, or nan where a comparison in the row has no real value there."""
+    at_value = put(row, {state: sp.Integer(value)})
+    return sp.nan if at_value is None else at_value
 
 
 def _on_a_line(row: sp.Expr, state: sp.Symbol, box: Box) -> bool | None:
@@ -277,12 +269,12 @@ def _on_a_line(row: sp.Expr, state: sp.Symbol, box: Box) -> bool | None:
 
 
 def twice(links: Iterable[Link]) -> tuple[Link, Link] | None:
-    """Two links with the same state."""
+    """The first two links with the same state, or None."""
     seen: dict[sp.Symbol, Link] = {}
-    for found in links:
-        if found.state in seen:
-            return seen[found.state], found
-        seen[found.state] = found
+    for later in links:
+        if later.state in seen:
+            return seen[later.state], later
+        seen[later.state] = later
     return None
 
 

@@ -25,24 +25,25 @@ _HOW = "by outward-rounded intervals"
 
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
-    """`OBSERVER.lipschitz`, of a form in coordinates other than the plant's states in an order, with signs; there the
-    form's own check is of the same box, and none is made. None either where b is 0.
+    """The check `OBSERVER.lipschitz` of a form in other coordinates than the plant's states, in some order and with
+    signs. For those states the form's own check is of the same box, and no check is made; nor is one where b is 0.
     """
     if not any(form.b) or all(any(z in (x, -x) for x in form.system.states) for z in form.to_form):
         return ()
-    verdict, reason, *proofs = _found(form, boxes)
+    verdict, reason, *proofs = _bounded_slope(form, boxes)
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
     return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(proofs)),)
 
 
-def _found(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, Proof]:
-    """PROVED or UNKNOWN: beyond the image of the plant's box b is not the plant's, and nothing there refutes."""
+def _bounded_slope(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, Proof]:
+    """The verdict, the reason and the proof. The verdict is PROVED or UNKNOWN: beyond the image of the plant's box b is
+    not the plant's, and nothing there refutes."""
     if form.behind is None:
-        found = _steepest(form.b, form.states, form, boxes)
-        if isinstance(found, str):
-            return Verdict.UNKNOWN, found
-        assert found.high is not None
-        return Verdict.PROVED, f"L_b <= {up(found.high)}, {_HOW}", found
+        proof = _steepest(form.b, form.states, form, boxes)
+        if isinstance(proof, str):
+            return Verdict.UNKNOWN, proof
+        assert proof.high is not None
+        return Verdict.PROVED, f"L_b <= {up(proof.high)}, {_HOW}", proof
     taken = "b is taken at Psi(z), clamped to the plant's ranges"
     if isinstance(_steepest(form.from_form, form.states, form, boxes), str):
         return Verdict.UNKNOWN, f"{taken}, of which no slope is proved: Psi may have poles in the box of z"
@@ -53,12 +54,12 @@ def _found(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, 
 
 
 def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | str:
-    """The steepest slope of the rows on the box of the states; or why none is proved."""
+    """The proof of the steepest slope of the rows on the box of the states, or the reason why none is proved."""
     around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
-        found = lipschitz_bound(rows, states, around, boxes=boxes)
+        steepest = lipschitz_bound(rows, states, around, boxes=boxes)
     except NoTape as missing:
         return f"{missing.what} may jump or be singular"
-    if found.verdict is not Verdict.PROVED or not math.isfinite(found.high):
-        return found.reason
-    return Proof(tuple(rows), None, Fraction(found.high), found.variables, found.tree)
+    if steepest.verdict is not Verdict.PROVED or not math.isfinite(steepest.high):
+        return steepest.reason
+    return Proof(tuple(rows), None, Fraction(steepest.high), steepest.variables, steepest.tree)

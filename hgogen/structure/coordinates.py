@@ -9,8 +9,6 @@ import sympy as sp
 
 from hgogen.check import Check
 from hgogen.form import Form
-from hgogen.intervals.box import box
-from hgogen.intervals.lost import lost
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -108,17 +106,11 @@ def form_in(
 
 
 def split(flow: Iterable[sp.Expr], states: Sequence[Signal]) -> tuple[sp.ImmutableDenseMatrix, tuple[sp.Expr, ...]]:
-    """A and b of flow = A x + b; A holds the coefficients, free of states, of the terms linear in a state.
-
-    A row stays as it is where the sum of its terms has a value and it may have none: (u x + u)/u is not x + 1 at u = 0.
-    """
+    """A and b of flow = A x + b; A holds the coefficients, free of states, of the terms linear in a state."""
     A, b = sp.zeros(len(states), len(states)), []
     for i, row in enumerate(flow):
         rest = []
-        expanded = sp.expand_mul(row)
-        if lost((row,), (expanded,), box(s for s in row.free_symbols if isinstance(s, Signal))) is not None:
-            expanded = sp.S.Zero
-        for term in sp.Add.make_args(expanded):
+        for term in sp.Add.make_args(sp.expand_mul(row)):
             coefficient, factor = term.as_independent(*states, as_Add=False)
             if factor in states:
                 A[i, states.index(factor)] += coefficient

@@ -18,17 +18,17 @@ _SLOPED_BEYOND = (sp.log, sp.atanh)  # their derivatives have a real value where
 def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
     """The check that c is defined on the box; `name` is what the report calls it.
 
-    proved: by outward-rounded intervals and bisection. refuted: with a point. unknown: neither, or a range is missing.
+    It is proved by outward-rounded intervals and bisection, refuted by a point, and unknown otherwise.
     """
     claim = f"{name} = {c} is a finite real number on the box"
     c = exact(settled(c, {p: value for p, value in system.nominal.items() if not p.bounded}))
     signals = tuple(s for s in system.signals if s in c.free_symbols)
     around = box(signals, system.nominal)
     try:
-        found = bound(c, around, boxes=_BOXES)
+        extent = bound(c, around, boxes=_BOXES)
     except NoTape as missing:
         return Check(id, claim, Verdict.UNKNOWN, str(missing))
-    if found.defined:
+    if extent.defined:
         return Check(id, claim, Verdict.PROVED, "outward-rounded intervals find no singular point")
     loose = ", ".join(s.name for s in signals if not s.bounded)
     if loose:
@@ -39,7 +39,7 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
         if kind(c, point) == "undefined":
             return Check(id, claim, Verdict.REFUTED, f"{name} is not a finite real number", witness(point), fix)
     poles = singular([c], around)
-    reason = f"holds where {' and '.join(map(str, minimal(poles.values())))}" if poles else found.note
+    reason = f"holds where {' and '.join(map(str, minimal(poles.values())))}" if poles else extent.note
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
 
 

@@ -49,9 +49,9 @@ class Change:
 
     @property
     def new(self) -> tuple[Signal, ...]:
-        """What `backward` may read."""
-        kept = (x for x in self.plant.states if x not in self.backward)
-        return (*self.forward, *kept, *self.tuned)
+        """The signals that `backward` may read."""
+        unchanged = (x for x in self.plant.states if x not in self.backward)
+        return (*self.forward, *unchanged, *self.tuned)
 
 
 def stand_ins(signals: Iterable[Signal], fixed: Mapping[Signal, float] = EMPTY) -> dict[Signal, sp.Dummy]:
@@ -107,7 +107,7 @@ def _zero(gap: sp.Expr, signed: Mapping[Signal, sp.Dummy]) -> bool:
 
 
 def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> str:
-    """Where a map or a slope of it may be singular, jump or have a kink; empty if nowhere."""
+    """A text that says where a map or a slope of it may be singular, jump or have a kink; empty if nowhere."""
     for s, e, signals in maps:
         rough = sorted(map(str, e.atoms(*JUMPS, *KINKS)))
         if rough:

@@ -18,7 +18,7 @@ import sympy as sp
 from hgogen.analysis.determinant import determinant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
-from hgogen.graph import to_casadi
+from hgogen.graph import Graph, to_casadi
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.program import INF, column, sym
@@ -44,7 +44,7 @@ class Singular(HgogenError):
         )
 
 
-def clamp(value: Any, low: float, high: float) -> Any:
+def clamp(value: Graph, low: float, high: float) -> Graph:
     """SX min(max(value, low), high); as it is where there is no bound."""
     value = value if low == -INF else ca.fmax(value, low)
     return value if high == INF else ca.fmin(value, high)
@@ -90,29 +90,29 @@ class Dynamics:
         """Each state's declared range."""
         return tuple(z.interval for z in self.form.states)
 
-    def saturated(self, z: Any) -> Any:
-        """z clamped to the box."""
+    def saturated(self, z: Graph) -> Graph:
+        """The state z clamped to the box."""
         return column(clamp(z[i], low, high) for i, (low, high) in enumerate(self.box))
 
-    def flow(self, z: Any, u: Any) -> Any:
-        """z' (n), with the argument of b clamped."""
+    def flow(self, z: Graph, u: Graph) -> Graph:
+        """The rate z' (n), with the argument of b clamped."""
         linear, nonlinear = self._graphs(self.saturated(z), u)
         return linear @ z + nonlinear
 
-    def linear(self, u: Any) -> Any:
+    def linear(self, u: Graph) -> Graph:
         """A(u), sparse (n, n), of a form whose A is free of states."""
         return self._graphs(self._z, u)[0]
 
-    def nonlinear(self, z: Any, u: Any) -> Any:
-        """b (n), with its argument clamped."""
+    def nonlinear(self, z: Graph, u: Graph) -> Graph:
+        """The nonlinear part b (n), with its argument clamped."""
         return self._graphs(self.saturated(z), u)[1]
 
-    def affine(self, z: Any, u: Any) -> tuple[Any, Any]:
+    def affine(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A (n, n), sparse, and b (n), both at sat(z)."""
         return self._graphs(self.saturated(z), u)
 
-    def jacobian(self, z: Any, u: Any) -> Any:
-        """d(A z + b)/dz at (sat(z), u), n x n: A(u) + b* where A is free of states."""
+    def jacobian(self, z: Graph, u: Graph) -> Graph:
+        """The Jacobian d(A z + b)/dz (n, n) at (sat(z), u): A(u) + b* where A is free of states."""
         if self.form.behind is not None:
             return self.linear(u) + self._slope_behind(self.form.behind, z, u)
         linear, rest = self._graphs(self._z, self._u)
@@ -121,22 +121,22 @@ class Dynamics:
             slope += ca.jacobian(linear @ self._z, self._z) - linear
         return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
-    def output(self, z: Any, u: Any) -> Any:
+    def output(self, z: Graph, u: Graph) -> Graph:
         """C(u) z + h(z, u) (p), with the argument of the nonlinear part h clamped."""
         return self._output(z, u)
 
-    def output_jacobian(self, z: Any, u: Any) -> Any:
-        """dh/dz, p x n."""
+    def output_jacobian(self, z: Graph, u: Graph) -> Graph:
+        """The Jacobian dh/dz (p, n) of the output."""
         slope = ca.jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
-    def output_curvature(self, z: Any, u: Any) -> tuple[Any, ...]:
-        """d2h_j/dz2 (n, n) at (sat(z), u), for each output."""
+    def output_curvature(self, z: Graph, u: Graph) -> tuple[Graph, ...]:
+        """The second derivatives d2h_j/dz2 (n, n) at (sat(z), u) of each output."""
         rows = column(self._convert(self.form.output, self._z, self._u))
-        found = tuple(ca.hessian(rows[j], self._z)[0] for j in range(self.outputs))
-        return tuple(ca.substitute(list(found), [self._z, self._u], [self.saturated(z), u]))
+        hessians = tuple(ca.hessian(rows[j], self._z)[0] for j in range(self.outputs))
+        return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u]))
 
-    def estimate(self, z: Any, u: Any) -> Any:
+    def estimate(self, z: Graph, u: Graph) -> Graph:
         """The plant's states, as first declared, from z (n) and u (m).
 
         The map back is shown to be one on the box only: beyond an end where it turns round it is evaluated at that
@@ -146,19 +146,19 @@ class Dynamics:
         if self._moved:
             return column(self._of_plant([expression for _, expression in system.reported], z, u))
         linear, rest = zip(*(_split(e, self.form.states) for _, e in self.form.estimates), strict=True)
-        kept = column(clamp(z[i], *_reach(rest, s, self.form.states)) for i, s in enumerate(self.form.states))
-        return column(self._convert(linear, z, u)) + column(self._convert(rest, kept, u))
+        clamped = column(clamp(z[i], *_reach(rest, s, self.form.states)) for i, s in enumerate(self.form.states))
+        return column(self._convert(linear, z, u)) + column(self._convert(rest, clamped, u))
 
-    def recovered(self, z: Any, u: Any) -> tuple[Any, Any]:
-        """(the states of the form's system from z, each in its range, whether the inverse is a number there).
+    def recovered(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
+        """The states of the form's system from z, each in its range, and whether the inverse is a number there.
 
-        A state of which it is none takes its resting value. Denominators keep their side (structure/sided.py).
+        A state for which it is not takes its resting value. Denominators keep their sign (structure/sided.py).
         """
         return self._ranged(self._unranged(z, u))
 
-    def beyond(self, z: Any, u: Any, margin: float = 0.0) -> list[Any]:
-        """For each state of the form's system that is more than a z with a sign: whether it leaves its range by more
-        than `margin` of its width."""
+    def beyond(self, z: Graph, u: Graph, margin: float = 0.0) -> list[Graph]:
+        """Whether each state of the form's system that is more than a z with a sign leaves its range by more than
+        `margin` of its width."""
         raw = self._unranged(z, u)
         ends = [widened(*s.interval, margin) for s in self.form.system.states]
         return [
@@ -176,10 +176,10 @@ class Dynamics:
     def _inverse(self) -> Sided:
         return sided(self.form)
 
-    def _unranged(self, z: Any, u: Any) -> Any:
+    def _unranged(self, z: Graph, u: Graph) -> Graph:
         return self._saturating(self._inverse.rows, z, u)
 
-    def _ranged(self, raw: Any) -> tuple[Any, Any]:
+    def _ranged(self, raw: Graph) -> tuple[Graph, Graph]:
         """Values of the states of the form's system, each in its range or, where it is no number, at rest."""
         states = self.form.system.states
         looked = {i: ca.fabs(raw[i]) <= HUGE for i, finite in enumerate(self._inverse.finite) if not finite}
@@ -187,8 +187,9 @@ class Dynamics:
         values = (clamp(value, *s.interval) for value, s in zip(taken, states, strict=True))
         return column(values), reduce(ca.logic_and, looked.values()) if looked else ca.SX(1)
 
-    def pulled(self, vector: Any, z: Any, u: Any, least: float | None) -> Any:
-        """(dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); None: it is proved to have no zero."""
+    def pulled(self, vector: Graph, z: Graph, u: Graph, least: float | None) -> Graph:
+        """The product (dPhi/dx)^-1 vector, or 0 where |det dPhi/dx| <= `least` at sat(z); with None for `least` the
+        determinant is proved to have no zero."""
         n, place = self.n, self.saturated(z)
         map_ = ca.sparsify(ca.reshape(column(self._convert(list(self._map.T), place, u)), n, n))
         if least is None:
@@ -197,8 +198,8 @@ class Dynamics:
         solved = ca.solve(_regular(map_, regular), vector)
         return column(ca.if_else(regular, solved[i], 0) for i in range(n))
 
-    def determinant(self, z: Any, u: Any) -> Any:
-        """det dPhi/dx."""
+    def determinant(self, z: Graph, u: Graph) -> Graph:
+        """The determinant of dPhi/dx."""
         return self._convert([determinant(self._map.tolist()).value], z, u)[0]
 
     def largest_determinant(self) -> float:
@@ -242,21 +243,21 @@ class Dynamics:
         lows, highs = np.array([s.interval if s.bounded else (s.nominal or 0.0,) * 2 for s in signals]).T
         return np.asarray(lows + points * (highs - lows))
 
-    def _numbers(self, matrix: Any, points: np.ndarray) -> np.ndarray:
+    def _numbers(self, matrix: Graph, points: np.ndarray) -> np.ndarray:
         plant = [p for p in self.form.system.parameters if p.bounded]
         graph = ca.Function("F", [self._z, self._u, *(sym("plant", p.name) for p in plant)], [matrix])
         nominal = [float(p.nominal or 0) for p in plant]
         return np.array([np.array(graph(v[: self.n], v[self.n :], *nominal)) for v in points])
 
     @cached_property
-    def _z(self) -> Any:
+    def _z(self) -> Graph:
         return sym("form", "z", self.n)
 
     @cached_property
-    def _u(self) -> Any:
+    def _u(self) -> Graph:
         return sym("form", "u", len(self.form.system.inputs))
 
-    def _graphs(self, z: Any, u: Any) -> tuple[Any, Any]:
+    def _graphs(self, z: Graph, u: Graph) -> tuple[Graph, Graph]:
         """A and b at z, which its callers have clamped."""
         n = self.n
         linear = ca.sparsify(ca.reshape(column(self._convert(list(self.form.A.T), z, u)), n, n))
@@ -265,11 +266,11 @@ class Dynamics:
             return linear, column(self._convert(self.form.behind, states, u, self.form.system.states))
         return linear, column(self._convert(self.form.b, z, u))
 
-    def _behind(self, z: Any, u: Any) -> Any:
+    def _behind(self, z: Graph, u: Graph) -> Graph:
         """Psi(z), each state in its range, at z, which its callers have clamped."""
         return self._ranged(column(self._convert(self._inverse.rows, z, u)))[0]
 
-    def _slope_behind(self, behind: Sequence[sp.Expr], z: Any, u: Any) -> Any:
+    def _slope_behind(self, behind: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """db/dx (dPhi/dx)^-1, n x n, at x = Psi(sat(z)) in the plant's ranges. There dPhi/dx is regular, as phase has
         proved, while dPsi/dz may have poles in the box of z."""
         states, x = self.form.system.states, sym("form", "x", self.n)
@@ -280,7 +281,7 @@ class Dynamics:
 
     @property
     def _map(self) -> sp.ImmutableDenseMatrix:
-        """dPhi/dx, of a form that carries it."""
+        """The Jacobian dPhi/dx of a form that carries it."""
         assert self.form.jacobian is not None
         return self.form.jacobian
 
@@ -289,20 +290,20 @@ class Dynamics:
         """Whether the form's coordinates are more than the system's states in another order, with signs."""
         return not all(x.is_Symbol or (-x).is_Symbol for x in self.form.from_form)
 
-    def _of_plant(self, expressions: Any, z: Any, u: Any) -> list[Any]:
+    def _of_plant(self, expressions: Any, z: Graph, u: Graph) -> list[Graph]:
         """Expressions of the states of the form's system, inputs and parameters."""
         states, _ = self.recovered(z, u)
         return self._convert(expressions, states, u, self.form.system.states)
 
-    def _output(self, z: Any, u: Any) -> Any:
+    def _output(self, z: Graph, u: Graph) -> Graph:
         return self._saturating(self.form.output, z, u)
 
-    def _saturating(self, expressions: Sequence[sp.Expr], z: Any, u: Any) -> Any:
+    def _saturating(self, expressions: Sequence[sp.Expr], z: Graph, u: Graph) -> Graph:
         """Terms linear in a state at z, the others at sat(z)."""
         linear, rest = zip(*(_split(e, self.form.states) for e in expressions), strict=True)
         return column(self._convert(linear, z, u)) + column(self._convert(rest, self.saturated(z), u))
 
-    def _convert(self, expressions: Any, z: Any, u: Any, states: Sequence[sp.Symbol] | None = None) -> list[Any]:
+    def _convert(self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None) -> list[Graph]:
         system = self.form.system
         constants = {p: value for p, value in system.nominal.items() if not p.bounded}
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
@@ -311,24 +312,24 @@ class Dynamics:
         return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)
 
 
-def _regular(matrix: Any, test: Any) -> Any:
+def _regular(matrix: Graph, test: Graph) -> Graph:
     """The matrix where the test holds, elsewhere one that has an inverse as well: nothing is divided by 0.
 
     Its pivots are 1 there, and what is off them 0 but for one that is triangular in an order.
     """
     blocks, rows, columns, *_ = matrix.sparsity().btf()
     pivots = set(zip(rows, columns, strict=True))
-    kept = ca.SX(matrix)
+    regular = ca.SX(matrix)
     for i, j in zip(*matrix.sparsity().get_triplet(), strict=True):
         pivot = (i, j) in pivots
         moves = not matrix[i, j].is_constant() if pivot else blocks < len(rows)
         if moves:
-            kept[i, j] = ca.if_else(test, matrix[i, j], float(pivot))
-    return kept
+            regular[i, j] = ca.if_else(test, matrix[i, j], float(pivot))
+    return regular
 
 
 def _split(expression: sp.Expr, states: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
-    """(terms linear in a state with a coefficient free of states, the rest)."""
+    """The sum of the terms that are linear in a state with a coefficient free of states, and the rest."""
     linear: list[sp.Expr] = []
     rest: list[sp.Expr] = []
     for term in sp.Add.make_args(sp.expand_mul(expression)):

@@ -43,10 +43,10 @@ def inverse(
     known: Sequence[Signal],
     fixed: Mapping[Signal, float] = EMPTY,
 ) -> dict[sp.Symbol, sp.Expr] | None:
-    """Each state as an expression of z, inputs and parameters; None where none was found.
+    """Each state as an expression of z, inputs and parameters; None where the search finds no inverse.
 
     Args: `images`: z to Phi, in order; `states`: x; `known`: the inputs and parameters that Phi may read; `fixed`: the
-    values of those of them that never change.
+    values of those that never change.
     """
     plain = stand_ins((*states, *known), fixed)
     forward = {z: exact(e).xreplace(plain) for z, e in images.items()}
@@ -55,8 +55,8 @@ def inverse(
     if solved is None:
         return None
     back = {dummy: signal for signal, dummy in plain.items()}
-    found = {x: solved[plain[x]].xreplace(back) for x in states}
-    return found if _holds(found, images, (*states, *known), fixed) else None
+    candidate = {x: solved[plain[x]].xreplace(back) for x in states}
+    return candidate if _holds(candidate, images, (*states, *known), fixed) else None
 
 
 def tidy(expression: sp.Expr) -> sp.Expr:
@@ -98,7 +98,7 @@ def _next(
 def _linear(
     rows: Mapping[sp.Symbol, sp.Expr], left: list[sp.Symbol], forward: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, sp.Expr]:
-    """All that are left at once, where the numerators are linear in them together."""
+    """All remaining states at once, where the numerators of the remaining rows are linear in them together."""
     numerators = [sp.fraction(sp.together(e - z))[0] for z, e in rows.items() if e.free_symbols & set(left)]
     try:
         matrix, right = sp.linear_eq_to_matrix(numerators, left)
@@ -106,8 +106,8 @@ def _linear(
         return {}
     if matrix.rows != matrix.cols or tidy(matrix.det()) == 0:
         return {}
-    found = dict(zip(left, map(tidy, matrix.LUsolve(right)), strict=True))
-    return found if all(_undoes(e, x, forward) for x, e in found.items()) else {}
+    solution = dict(zip(left, map(tidy, matrix.LUsolve(right)), strict=True))
+    return solution if all(_undoes(e, x, forward) for x, e in solution.items()) else {}
 
 
 def _roots(equation: sp.Expr, x: sp.Symbol) -> Iterator[sp.Expr]:
@@ -162,13 +162,13 @@ def _signed(s: sp.Symbol) -> bool:
 
 
 def _holds(
-    found: Mapping[sp.Symbol, sp.Expr],
+    candidate: Mapping[sp.Symbol, sp.Expr],
     images: Mapping[sp.Symbol, sp.Expr],
     signals: Sequence[Signal],
     fixed: Mapping[Signal, float],
 ) -> bool:
-    """A second look: at sample points of the box no ball of a value keeps off 0."""
-    errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in found.items()]
+    """A second test of the candidate: at no sample point of the box does a ball exclude that Psi(Phi(x)) = x."""
+    errors = [exact(e.xreplace(dict(images)).xreplace(dict(fixed))) - x for x, e in candidate.items()]
     read = [s for s in signals if any(s in e.free_symbols for e in errors)]
     try:
         program = tape(errors, read)

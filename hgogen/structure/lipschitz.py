@@ -11,9 +11,11 @@ import sympy as sp
 
 from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
+from hgogen.intervals.lost import lost
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.singular import minimal, singular
@@ -23,33 +25,46 @@ from hgogen.system import System
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
 
 
-def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
-    """`MAKER.lipschitz`, that b is Lipschitz in the states; b is given in the plant's states, inputs and parameters,
-    `name` is what the report calls it.
+def lipschitz(
+    maker: str, b: Iterable[sp.Expr], system: System, name: str = "b", beside: Iterable[sp.Expr] = ()
+) -> Check:
+    """The check `MAKER.lipschitz`, that b is Lipschitz in the states.
 
-    proved: with L_b. refuted: with a point towards which a slope tends to infinity. where: for some inputs or
-    parameters alone it may be singular; closed parts of the box without them have a bound each. unknown: a range is
-    missing, there may be a jump or a singular state, near which no bound is known, or the boxes tried give no bound.
+    `b`: in the plant's states, inputs and parameters; `name`: what the report calls it; `beside`: what else a form
+    takes from the plant, which has checks of its own.
+
+    This check answers for the plant as it is written as well: (u x + u)/u is x + 1 in a form, and has no value at
+    u = 0.
+
+    The verdicts are
+    proved: with L_b, and what the form no longer has of the plant is finite and real on the box;
+    refuted: with a point towards which a slope tends to infinity;
+    where: for some inputs or parameters alone it may be singular; closed parts of the box without them have a bound;
+    unknown: a range is missing, there may be a jump or a singular state, near which no bound is known, the boxes tried
+    give no bound, or a part of the plant that cancels may have no value.
     """
     id, claim = ClaimId(maker, "lipschitz"), f"{name} is Lipschitz in the state on the box"
 
     def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
         return Check(id, claim, verdict, reason, fix=fix)
 
-    box, given = box_of(system.signals, system.nominal), tuple(b)
-    rows = tuple(one_sided(row, box) for row in given)
+    box, entries = box_of(system.signals, system.nominal), tuple(b)
+    rows = tuple(one_sided(row, box) for row in entries)
     try:
-        found = lipschitz_bound(rows, system.states, box)
+        steepest = lipschitz_bound(rows, system.states, box)
     except NoTape as missing:
         return answer(
             Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
         )
-    if found.verdict is Verdict.PROVED:
-        proof = Proof(given, None, ends(0.0, found.high)[1], found.variables, found.tree)
-        return replace(answer(Verdict.PROVED, _bound(found)), proofs=(proof,))
-    if found.verdict is Verdict.REFUTED:
+    if steepest.verdict is Verdict.PROVED:
+        part = lost(written(system), (*entries, *beside), box)
+        if part is not None:
+            return answer(Verdict.UNKNOWN, f"{part} is not shown to have a value on the box, though it cancels")
+        proof = Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree)
+        return replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(proof,))
+    if steepest.verdict is Verdict.REFUTED:
         return _refuted(
-            answer(Verdict.REFUTED, found.reason, "Narrow the ranges so that it stays away from there."), found
+            answer(Verdict.REFUTED, steepest.reason, "Narrow the ranges so that it stays away from there."), steepest
         )
     jumps = sorted({str(node) for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)})
     if jumps:
@@ -67,19 +82,19 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
             return answer(Verdict.UNKNOWN, f"no uniform bound is shown; it may be singular {there}", fix)
         holds = " and ".join(map(str, conditions))
         return answer(Verdict.WHERE, f"holds on every closed part of the box where {holds}", fix)
-    return answer(Verdict.UNKNOWN, found.reason)
+    return answer(Verdict.UNKNOWN, steepest.reason)
 
 
 def _loose(system: System) -> set[sp.Symbol]:
     return {s for s in (*system.states, *system.inputs) if not s.bounded}
 
 
-def _bound(found: Lipschitz) -> str:
-    boxes = f"{found.boxes} box{'' if found.boxes == 1 else 'es'}"
-    if found.high == 0:
+def _bound(steepest: Lipschitz) -> str:
+    boxes = f"{steepest.boxes} box{'' if steepest.boxes == 1 else 'es'}"
+    if steepest.high == 0:
         return "it does not depend on the state"
-    return f"L_b <= {up(found.high)}, by outward-rounded intervals on {boxes}"
+    return f"L_b <= {up(steepest.high)}, by outward-rounded intervals on {boxes}"
 
 
-def _refuted(check: Check, found: Lipschitz) -> Check:
-    return replace(check, witness={s.name: float(value) for s, value in found.witness.items()})
+def _refuted(check: Check, steepest: Lipschitz) -> Check:
+    return replace(check, witness={s.name: float(value) for s, value in steepest.witness.items()})

@@ -31,7 +31,7 @@ def fixed(form: Form) -> Mapping[sp.Symbol, sp.Rational]:
 
 
 def signals(form: Form) -> tuple[sp.Symbol, ...]:
-    """z, inputs and parameters."""
+    """The states z, the inputs and the parameters."""
     return (*form.states, *form.system.inputs, *form.system.parameters)
 
 
@@ -44,24 +44,24 @@ def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
 
 
 def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | str:
-    """The ranges of a chain's a_1..a_n on the declared box; or why there are none."""
-    found = []
+    """The ranges of a chain's a_1..a_n on the declared box, or the reason why there are none."""
+    ranges = []
     for i, a in enumerate(chain, 1):
         known = span(a, form)
         if not (known and known.defined and known.finite):
             return f"a_{i} = {a} has no finite range on the box"
-        found.append(known)
-    return tuple(found)
+        ranges.append(known)
+    return tuple(ranges)
 
 
 def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | str:
-    """(A, C) of a chain at the ends of the ranges of its a_1..a_n; or why there are none."""
-    found = extents(chain, form)
-    if isinstance(found, str):
-        return found
+    """The pairs (A, C) of a chain at the ends of the ranges of its a_1..a_n, or the reason why there are none."""
+    ranges = extents(chain, form)
+    if isinstance(ranges, str):
+        return ranges
     ends = [
         (Fraction(a),) if a.is_Rational else (Fraction(known.low), Fraction(known.high))
-        for a, known in zip(chain, found, strict=True)
+        for a, known in zip(chain, ranges, strict=True)
     ]
     if sum(len(pair) > 1 for pair in ends) > VARYING:
         return f"more than {VARYING} of the a_i vary, whose ranges have too many vertices"

@@ -22,11 +22,11 @@ def sign(a: sp.Expr, system: System) -> int:
     """1 or -1 if a has that sign on the box (proved, or else at all sample points), 0 otherwise."""
     a, signals = _varying(a, system)
     try:
-        found = nonzero(a, box(system.signals, system.nominal), boxes=_FEW)
+        answer = nonzero(a, box(system.signals, system.nominal), boxes=_FEW)
     except NoTape:
-        found = None
-    if found and found.verdict is Verdict.PROVED:
-        return found.sign
+        answer = None
+    if answer and answer.verdict is Verdict.PROVED:
+        return answer.sign
     seen = {kind(a, point) for point in points(signals)}
     return 1 if seen == {"> 0"} else -1 if seen == {"< 0"} else 0
 
@@ -40,18 +40,18 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
     check = Check(id, f"0 < a_m <= {name} = {a} <= a_M on the box", Verdict.UNKNOWN, "")
     a, signals = _varying(a, system)
     try:
-        found = nonzero(a, box(system.signals, system.nominal))
+        answer = nonzero(a, box(system.signals, system.nominal))
     except NoTape as missing:
         return replace(check, reason=str(missing))
-    if found.verdict is Verdict.PROVED and found.sign > 0:
-        return _proved(check, a, found, signals, system)
-    negative = found.range.least
-    if found.verdict is Verdict.REFUTED:
-        reason, witness = found.reason, found.witness
+    if answer.verdict is Verdict.PROVED and answer.sign > 0:
+        return _proved(check, a, answer, signals, system)
+    negative = answer.range.least
+    if answer.verdict is Verdict.REFUTED:
+        reason, witness = answer.reason, answer.witness
     elif negative is not None and negative.value < 0:
         reason, witness = "is negative", negative.point
     else:
-        return _unknown(check, found.reason, signals)
+        return _unknown(check, answer.reason, signals)
     at = {s.name: float(value) for s, value in witness.items()}
     fix, consequence = _fix(name, signals, system)
     refuted = replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at)
@@ -59,23 +59,23 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
 
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
-    """Once the sign is proved, as tight a range as there is."""
-    found = first.range if first.exact else bound(a, box(system.signals, system.nominal))
-    low, high = first.exact or (max(found.low, first.range.low), min(found.high, first.range.high))
+    """The check with its proof and the tightest known range, once the sign is proved."""
+    extent = first.range if first.exact else bound(a, box(system.signals, system.nominal))
+    low, high = first.exact or (max(extent.low, first.range.low), min(extent.high, first.range.high))
     if high == float("inf"):
-        return _unknown(check, f"{found.boxes} boxes give no upper bound", signals)
-    tightest = found if found.low > 0 else first.range
+        return _unknown(check, f"{extent.boxes} boxes give no upper bound", signals)
+    tightest = extent if extent.low > 0 else first.range
     sure = first.exact or (tightest.low, tightest.high)
     proof = Proof((a,), *ends(*sure), tightest.variables, tightest.tree)
-    return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, found, first), proofs=(proof,))
+    return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, extent, first), proofs=(proof,))
 
 
-def _range(a: sp.Expr, low: End, high: End, found: Range, first: Sign) -> str:
+def _range(a: sp.Expr, low: End, high: End, extent: Range, first: Sign) -> str:
     if a.is_Rational:
         return f"it is {a}"
     if first.exact:
         return f"between {down(low)} and {up(high)}, by {first.reason}"
-    boxes = max(found.boxes, first.range.boxes)
+    boxes = max(extent.boxes, first.range.boxes)
     return (
         f"between {down(low)} and {up(high)}, by outward-rounded intervals on {boxes} box{'' if boxes == 1 else 'es'}"
     )

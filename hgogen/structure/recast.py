@@ -20,8 +20,8 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
     """The plant with some states replaced.
 
     Args: `coordinates` maps each new state (a Signal with its own range) to an expression of the plant's states;
-    `inverse` maps each replaced state of the plant to an expression of the new states and those kept. New states stand
-    in the place of the replaced ones, in order.
+    `inverse` maps each replaced state of the plant to an expression of the new and the unchanged states. New states
+    stand in the place of the replaced ones, in order.
 
     Raises: `BadSystem` where the numbers differ, or a map reads an input or an unknown name. Whether the maps are
     smooth and inverse to each other is a Check, `recast.inverse`; whether the new ranges are wide enough another,
@@ -33,13 +33,13 @@ def recast(plant: System, coordinates: Mapping[Signal, Any], inverse: Mapping[Si
             raise BadSystem(plant.name, f"the inverse names {state}, which is no state of it")
     if len(new) != len(old):
         raise BadSystem(plant.name, f"{len(new)} new states for {len(old)} replaced ones; give as many")
-    kept = [s for s in plant.states if s not in old]
+    unchanged = [s for s in plant.states if s not in old]
     states = tuple(dict(zip(old, new, strict=True)).get(s, s) for s in plant.states)
     change = Change(plant, *({s: sp.sympify(e) for s, e in maps.items()} for maps in (coordinates, inverse)))
     _readable(change)
     plain = stand_ins((*plant.states, *new))
     back = {dummy: signal for signal, dummy in plain.items()}
-    forward = {w: e.xreplace(plain) for w, e in change.forward.items()} | {s: plain[s] for s in kept}
+    forward = {w: e.xreplace(plain) for w, e in change.forward.items()} | {s: plain[s] for s in unchanged}
     backward = {plain[x]: e.xreplace(plain) for x, e in change.backward.items()}
     flow = [f.xreplace(plain) for f in plant.flow]
     ones = [plain[s] for s in plant.states]
@@ -76,8 +76,8 @@ def _moved(
 
 def _readable(change: Change) -> None:
     """The maps read states and parameters: an input has a derivative, which the plant does not know."""
-    plant, kept = change.plant, {x for x in change.plant.states if x not in change.backward}
-    for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.forward} | kept)):
+    plant, unchanged = change.plant, {x for x in change.plant.states if x not in change.backward}
+    for maps, states in ((change.forward, {*plant.states}), (change.backward, {*change.forward} | unchanged)):
         for s, e in maps.items():
             for symbol in sorted(e.free_symbols - states - {*plant.parameters}, key=str):
                 what = f"the input {symbol}, whose derivative is not known" if symbol in plant.inputs else symbol

@@ -17,11 +17,12 @@ Source of the ends: Boizot, "Adaptive high-gain extended Kalman filter and appli
 import operator
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from hgogen.form import Form
+from hgogen.graph import Graph
 
 Scaled = Literal["both", "process"]
 SCALED: dict[str, int] = {"both": 0, "process": 1}
@@ -36,23 +37,23 @@ class Scaling:
     outputs: tuple[int, ...]
     gauge: int = 0
 
-    def spread(self, theta: Any) -> list[Any]:
+    def spread(self, theta: Graph) -> list[Graph]:
         """The diagonal of Delta^-1; of a number, or an SX scalar."""
         return [power(theta, exponent) for exponent in self.states]
 
-    def process(self, theta: Any) -> Any:
-        """theta^(1+g)."""
+    def process(self, theta: Graph) -> Graph:
+        """The factor theta^(1+g) of Q_theta."""
         return power(theta, 1 + self.gauge)
 
-    def variance(self, R: Any, theta: Any, output: int, period: float = 1.0) -> Any:
-        """R_theta/period of an output, whose own R is given."""
+    def variance(self, R: Graph, theta: Graph, output: int, period: float = 1.0) -> Graph:
+        """The variance R_theta/period of an output with the variance R at theta = 1."""
         exponent = self._exponents[output]
         if exponent < 0:
             return R / (power(theta, -exponent) * period)
         return (R if exponent == 0 else R * power(theta, exponent)) * (1 / period)
 
-    def weight(self, R: Any, theta: Any, output: int) -> Any:
-        """1/R_theta of an output."""
+    def weight(self, R: Graph, theta: Graph, output: int) -> Graph:
+        """The weight 1/R_theta of an output."""
         exponent = self._exponents[output]
         return power(theta, -exponent) / R if exponent < 0 else 1 / (R * power(theta, exponent))
 
@@ -108,6 +109,6 @@ def _powers(form: Form) -> str:
     return ", ".join(f"theta^-{level}" if level > 1 else "1/theta" if level else "1" for level in form.levels)
 
 
-def power(theta: Any, exponent: int) -> Any:
+def power(theta: Graph, exponent: int) -> Graph:
     """theta^exponent for exponent >= 0 as products, which cost less than pow and are exact at theta = 1."""
     return reduce(operator.mul, [theta] * exponent) if exponent else 1.0

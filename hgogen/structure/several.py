@@ -33,7 +33,7 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
             links = tuple(done.get(j, tries[j][0] if j in tries else ()) for j in range(len(first)))
             return Chains(links, next(iter(tries.values()))[1], all(tried[2] for tried in tries.values()))
         done[ready] = tries[ready][0]
-        taken += [found.state for found in done[ready]]
+        taken += [each.state for each in done[ready]]
     left = [x for x in rows.states if x not in taken]
     links = tuple(done[j] for j in range(len(first)))
     return Chains(links, f"no row brings in {listed(left)}" if left else "")
@@ -51,11 +51,12 @@ def _head(name: str, row: sp.Expr, rows: Rows) -> Link | Chains:
 def _path(
     head: Link, heads: set[sp.Symbol], taken: Sequence[sp.Symbol], rows: Rows, shape: Shape
 ) -> tuple[tuple[Link, ...], str, bool]:
-    """The chain of an output after the states taken; what stops it, or ""; and whether that is proved."""
+    """The chain of an output after the states taken, the reason why it stops early or "", and whether this is
+    proved."""
     links = [head]
     while True:
         state = links[-1].state
-        own = [found.state for found in links]
+        own = [each.state for each in links]
         sure, maybe = rows.reads(rows.rate(state), [x for x in rows.states if x not in (*taken, *own)])
         if not sure and not maybe:
             return tuple(links), "", True
@@ -97,9 +98,9 @@ def _candidates(rows: Rows) -> Iterator[Chains]:
 
 
 def _too_late(chains: Chains, rows: Rows) -> str:
-    """The first row that reads, as far as is known, a state too near the end of its chain; or ""."""
+    """A sentence about the first row that reads, or may read, a state too close to the end of its chain; else ""."""
     sizes = chains.blocks
-    place = {found.state: (k, i) for k, links in enumerate(chains.links) for i, found in enumerate(links, 1)}
+    place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
     for state, (i, j) in place.items():
         following = [x for x, (k, level) in place.items() if k == i and level == j + 1]
         late = [x for x, (k, level) in place.items() if level > j + sizes[k] - sizes[i] and x not in following]

@@ -31,7 +31,7 @@ class Sided:
 
 
 def sided(form: Form) -> Sided:
-    """The form's `from_form`, x as expressions of z, with the denominators that are proved to have a side kept there.
+    """The form's `from_form`, x as expressions of z, with each denominator of a proved sign clamped to that sign.
 
     The least size of a denominator on the image is proved by outward-rounded intervals; half of it is taken, which
     leaves room for rounding.
@@ -39,13 +39,13 @@ def sided(form: Form) -> Sided:
     plant = form.system
     around = box((*form.states, *plant.inputs, *plant.parameters), plant.nominal)
     ranges, images = box(plant.signals, plant.nominal), dict(zip(form.states, form.to_form, strict=True))
-    found = sorted({d for row in form.from_form for d in _denominators(row)}, key=sp.default_sort_key)
-    poles = [d for d in found if not _least(d, around)]
+    denominators = sorted({d for row in form.from_form for d in _denominators(row)}, key=sp.default_sort_key)
+    poles = [d for d in denominators if not _least(d, around)]
     leasts = {d: _least(tidy(d.xreplace(images)), ranges) for d in poles}
     leasts = {d: least for d, least in leasts.items() if least}
     doubtful = {d for d in poles if d not in leasts}
     return Sided(
-        tuple(_kept(row, leasts) for row in form.from_form),
+        tuple(_bounded_away(row, leasts) for row in form.from_form),
         tuple(_finite(row, form, doubtful) for row in form.from_form),
     )
 
@@ -63,19 +63,20 @@ def _least(denominator: sp.Expr, ranges: Box) -> sp.Rational:
     return sign.sign * sp.Rational(down(sign.margin / 2))
 
 
-def _kept(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Expr:
+def _bounded_away(row: sp.Expr, leasts: Mapping[sp.Expr, sp.Rational]) -> sp.Expr:
     """The row, each denominator d of `leasts` as max(d, least), or min(d, least) where least < 0."""
     powers = (p for p in row.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative and p.base in leasts)
     changed = {}
     for p in powers:
         least = leasts[p.base]
         keep = sp.Max if least > 0 else sp.Min
-        changed[p] = keep(_kept(p.base, leasts), least) ** p.exp
+        changed[p] = keep(_bounded_away(p.base, leasts), least) ** p.exp
     return row.xreplace(changed)
 
 
 def _finite(row: sp.Expr, form: Form, doubtful: set[sp.Expr]) -> bool:
-    """A state with a sign, or a rational function of bounded signals whose denominators are kept off 0."""
+    """Whether a row is a state with a sign, or a rational function of bounded signals without a denominator that may be
+    0."""
     if row in form.states or -row in form.states:
         return True
     read = row.free_symbols

@@ -27,7 +27,7 @@ from hgogen.discretisation.runge_kutta import RK4, repeated
 from hgogen.errors import HgogenError
 from hgogen.graph import CVODES
 from hgogen.kalman.covariance import information_ode
-from hgogen.kalman.innovation import Predictors
+from hgogen.kalman.predictor import Predictors
 from hgogen.kalman.riccati_part import HighGain, Riccati
 from hgogen.kalman.theta import Decaying
 from hgogen.observer import Observer

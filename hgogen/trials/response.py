@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.chains.core import Core, core, nominal, numbers
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
 from hgogen.program import Place, address, sym
@@ -30,15 +30,10 @@ from hgogen.stepping.machine import Reading
 Values = Mapping[Place, np.ndarray]
 
 
-@dataclass(eq=False)
-class NoResponse(HgogenError):
+class NoResponse(BadArgument):
     """An observer that has no frequency response."""
 
-    observer: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"the {self.observer} observer has no frequency response: {self.reason}"
+    text = "the {what} observer has no frequency response: {reason}"
 
 
 @dataclass(eq=False)

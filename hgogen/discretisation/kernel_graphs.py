@@ -1,0 +1,238 @@
+"""Matrix operations as CasADi functions: what `kernels` does with numbers, in the same order of operations.
+
+A loop that ends early runs to its bound, and changes nothing from there on.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, reduce
+from operator import add, mul, sub, truediv
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.discretisation.kernels import DEGREE, HALVINGS, KERNELS, SWEEPS, share, variances
+
+
+@cache
+def kernel_graph(name: str, n: int, sizes: tuple[int, ...]) -> Any:
+    """The kernel as a function of its arguments, of these sizes, to all of them as they are then and what it returns.
+
+    The columns of a group, of a kernel that has some, come first, side by side (n, n).
+    """
+    if name in _ON_ARRAYS:
+        return _on_columns(name, n, sizes)
+    arguments = [ca.MX.sym(f"a{k}", size) for k, size in enumerate(sizes)]
+    return ca.Function(name, arguments, [*_ON_MATRICES[name](*arguments), ca.MX(0)])
+
+
+# --- on L D L', without a choice: the operations of numpy on arrays of scalars
+
+
+def _operation(apply: Callable[[Any, Any], Any], swapped: bool = False) -> Callable[[Any, Any], Any]:
+    def operation(scalar: "_Scalar", other: Any) -> Any:
+        if isinstance(other, np.ndarray):  # which goes on element by element
+            return NotImplemented
+        pair = (_value(other), scalar.value) if swapped else (scalar.value, _value(other))
+        return _Scalar(apply(*pair))
+
+    return operation
+
+
+@dataclass(frozen=True, eq=False)
+class _Scalar:
+    """An SX scalar that an array of objects holds: SX itself would take over the operations of the array."""
+
+    value: Any
+    __add__, __radd__ = _operation(add), _operation(add, swapped=True)
+    __sub__, __rsub__ = _operation(sub), _operation(sub, swapped=True)
+    __mul__, __rmul__ = _operation(mul), _operation(mul, swapped=True)
+    __truediv__, __rtruediv__ = _operation(truediv), _operation(truediv, swapped=True)
+
+
+def _value(number: Any) -> Any:
+    return number.value if isinstance(number, _Scalar) else ca.SX(float(number))
+
+
+def _array(matrix: Any) -> np.ndarray:
+    """The columns of a matrix as the rows of an array, a vector as an array (n)."""
+    rows, columns = matrix.shape
+    made = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
+    return made if columns > 1 else made[0]
+
+
+def _matrix(array: np.ndarray) -> Any:
+    return ca.horzcat(*(ca.vertcat(*map(_value, row)) for row in np.atleast_2d(array)))
+
+
+def _on_columns(name: str, n: int, sizes: tuple[int, ...]) -> Any:
+    shapes = [(n, n), *((size, 1) for size in sizes)]
+    symbols = [ca.SX.sym(f"a{k}", *shape) for k, shape in enumerate(shapes)]
+    columns, *others = map(_array, symbols)
+    result = _ON_ARRAYS[name](columns if n > 1 else columns[None], *others)
+    return ca.Function(name, symbols, [*map(_matrix, (columns, *others)), ca.SX(0) if result is None else result])
+
+
+def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Any:
+    """A factor of 1 where a variance does not exceed its cap changes no bit."""
+    found = [_value(v) for v in variances(columns, d)]
+    over = [v > _value(c) for v, c in zip(found, caps, strict=True)]
+    chosen = zip(over, caps, found, strict=True)
+    scale = np.array([_Scalar(ca.if_else(o, _value(c) / v, 1.0)) for o, c, v in chosen], dtype=object)
+    for k in range(len(d)):
+        columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
+    d[:] = d * scale * scale
+    return reduce(ca.logic_or, over)
+
+
+_ON_ARRAYS: Mapping[str, Callable[..., Any]] = {
+    **{name: KERNELS[name] for name in ("expand", "triangularise", "add", "correct")},
+    "cap": _capped,
+    "renew": lambda *arguments: _value(share(*arguments)) > 0.5,
+}
+
+
+# --- on a matrix by rows, in one array
+
+
+def _rows(x: Any) -> Any:
+    n = int(np.sqrt(x.numel()))
+    return ca.reshape(x, n, n).T
+
+
+def _flat(matrix: Any) -> Any:
+    return ca.vec(matrix.T)
+
+
+def _size(values: Any, but: int) -> Any:
+    """The sum of |values| but one, from the first to the last."""
+    return reduce(lambda total, j: total + ca.fabs(values[j]), (j for j in range(values.numel()) if j != but), ca.MX(0))
+
+
+@cache
+def _doubled(up: bool) -> Any:
+    """(f, column, row, whether it goes on) after all doublings of f, or halvings."""
+    x = ca.SX.sym("x", 4)
+    f, column, row, going = ca.vertsplit(x)
+    if up:
+        on, then = ca.logic_not(column >= row / 2), (f * 2, column * 2, row / 2)
+    else:
+        on, then = ca.logic_not(column < row * 2), (f / 2, column / 2, row * 2)
+    on = ca.logic_and(going, on)
+    moved = [ca.if_else(on, new, old) for new, old in zip(then, (f, column, row), strict=True)]
+    return ca.Function("doubled", [x], [ca.vertcat(*moved, on)]).fold(HALVINGS)
+
+
+def _balance(x: Any, scale: Any) -> tuple[Any, ...]:
+    X, n = _rows(x), scale.numel()
+    factors = [ca.MX(1)] * n
+    for _ in range(SWEEPS):
+        for i in range(n):
+            column, row = _size(X[:, i], i), _size(X[i, :].T, i)
+            both = ca.logic_and(column > 0, row > 0)
+            f, column, row, _ = ca.vertsplit(_doubled(True)(ca.vertcat(1, column, row, both)))
+            f, *_ = ca.vertsplit(_doubled(False)(ca.vertcat(f, column, row, both)))
+            X = ca.vertcat(X[:i, :], X[i, :] / f, X[i + 1 :, :])
+            X = ca.horzcat(X[:, :i], X[:, i] * f, X[:, i + 1 :])
+            factors[i] = factors[i] * f
+    return _flat(X), ca.vertcat(*factors)
+
+
+def _product(a: Any, b: Any) -> Any:
+    """a b, summed from the first to the last."""
+    return reduce(lambda total, k: total + a[:, k] @ b[k, :], range(1, a.shape[0]), a[:, 0] @ b[0, :])
+
+
+@cache
+def _halved(size: int) -> Any:
+    """(norm, doublings, X) after all halvings."""
+    x = ca.SX.sym("x", 2 + size)
+    over = x[0] > 0.5
+    then = ca.vertcat(x[0] / 2, x[1] + 1, x[2:] / 2)
+    moved = (ca.if_else(over, then[k], x[k]) for k in range(2 + size))
+    return ca.Function("halved", [x], [ca.vertcat(*moved)]).fold(HALVINGS)
+
+
+@cache
+def _squared(n: int) -> Any:
+    """(doublings left, phi_0, phi_1, phi_2) after all doublings."""
+    x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
+    a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
+    next2, next1 = (_product(a0, a2) + a1 + a2) / 4, (_product(a0, a1) + a1) / 2
+    moved = ca.vertcat(x[0] - 1, *map(ca.vec, (_product(a0, a0), next1, next2)))
+    again, still = ca.Function("again", [x], [moved]), ca.Function("still", [x], [x])
+    y = ca.MX.sym("y", 1 + 3 * size)
+    once = ca.Function.if_else("doubling", again, still)
+    return ca.Function("squared", [y], [once(y[0] > 0, y)]).fold(HALVINGS)
+
+
+def _exponential(x: Any, *_: Any) -> tuple[Any, ...]:
+    n = int(np.sqrt(x.numel()))
+    X = _rows(x)
+    norm = reduce(_larger, (_size(X[i, :].T, n) for i in range(n)))
+    halved = _halved(n * n)(ca.vertcat(norm, 0, ca.vec(X)))
+    X, series = ca.reshape(halved[2:], n, n), ca.SX.sym("X", n, n)
+    graph = ca.Function("series", [series], list(_series(series)))
+    squared = _squared(n)(ca.vertcat(halved[1], *map(ca.vec, graph(X))))
+    found = (ca.reshape(squared[1 + k * n * n : 1 + (k + 1) * n * n], n, n) for k in range(3))
+    return x, *map(_flat, found)
+
+
+def _larger(a: Any, b: Any) -> Any:
+    return ca.if_else(b > a, b, a)  # as Python's max has it
+
+
+def _series(X: Any) -> tuple[Any, Any, Any]:
+    """phi_0, phi_1, phi_2."""
+    one = ca.SX.eye(X.shape[0])
+    a2 = one
+    for j in range(DEGREE, 0, -1):
+        a2 = one + _product(X, a2) / (j + 2)
+    a2 = a2 / 2
+    a1 = one + _product(X, a2)
+    return one + _product(X, a1), a1, a2
+
+
+def _resolvent(x: Any, inverse: Any) -> tuple[Any, ...]:
+    n = int(np.sqrt(x.numel()))
+    X = ca.SX.sym("X", n, n)
+    graph = ca.Function("resolvent", [X], [ca.densify(each) for each in _resolved(X, n)])
+    return tuple(map(_flat, graph(_rows(x))))
+
+
+def _resolved(X: Any, n: int) -> tuple[Any, Any]:
+    """What is left of 1 - X, and its inverse, by Gauss-Jordan with row pivots."""
+    one = ca.SX.eye(n)
+    rows = [list(ca.vertsplit(matrix)) for matrix in (ca.densify(one - X), ca.densify(one))]
+    A = rows[0]
+    for k in range(n):
+        best, largest = ca.SX(k), ca.fabs(A[k][k])
+        for i in range(k + 1, n):
+            size = ca.fabs(A[i][k])
+            better = size > largest
+            best, largest = ca.if_else(better, i, best), ca.if_else(better, size, largest)
+        for each in rows:
+            old = list(each)
+            each[k] = reduce(lambda row, i, old=old: _row(best == i, old[i], row), range(k + 1, n), old[k])  # type: ignore[misc]
+            each[k + 1 :] = [_row(best == i, old[k], old[i]) for i in range(k + 1, n)]
+        pivot = A[k][k]
+        for each in rows:
+            each[k] = each[k] / pivot
+        for i in range(n):
+            factor = A[i][k]
+            if i != k:
+                for each in rows:
+                    each[i] = each[i] - factor * each[k]
+    return ca.vertcat(*rows[0]), ca.vertcat(*rows[1])
+
+
+def _row(test: Any, yes: Any, no: Any) -> Any:
+    return ca.horzcat(*(ca.if_else(test, yes[j], no[j]) for j in range(yes.numel())))
+
+
+_ON_MATRICES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
+    "balance": _balance,
+    "exponential": _exponential,
+    "resolvent": _resolvent,
+}

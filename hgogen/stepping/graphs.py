@@ -1,0 +1,190 @@
+"""A step, and its continuous observer, as CasADi functions of vectors.
+
+step         (state, u, y, p) -> next, x, status    one call: the memory after it, the estimate, the status
+derivative   (state, u, y, p) -> rate               of the observer's differential equations
+estimate     (state, u, p) -> x                     from the state of these
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from math import prod
+from typing import Any, Literal
+
+import casadi as ca
+
+from hgogen.method import Explicit
+from hgogen.part import Clock
+from hgogen.program import Block, Field, Place, Program, lines_of, sym
+from hgogen.step import Step
+from hgogen.stepping.discretise import equation, tuned
+from hgogen.stepping.entries import Entry, Vector, distinct, of_field, of_line, of_signals
+from hgogen.stepping.guards import LARGEST_NUMBER, limit_parameters
+from hgogen.stepping.members import read_fields
+from hgogen.stepping.symbolic import Memory, Shape, Symbolic, shapes
+
+
+@dataclass(frozen=True)
+class Flow:
+    """The continuous observer: two functions, their state, and the names of its fields that are held."""
+
+    derivative: Any
+    estimate: Any
+    state: Vector
+    held: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Graphs:
+    """The functions of a step; `graph` gives that of a block."""
+
+    made: Step
+    graph: Callable[[Block], Any]
+
+    @cached_property
+    def memory(self) -> Vector:
+        """All that a call remembers."""
+        step = self.made
+        entries = [entry for field in step.state for entry in self._of(field)]
+        for line in lines_of(step.groups):
+            entries += [entry for field in line[-1].fields for entry in of_line(line, field, step.unit(field))]
+        return Vector("memory", tuple(entries))
+
+    @cached_property
+    def inputs(self) -> tuple[Vector, Vector, Vector]:
+        """u, y, and the parameters: the gains, then what can be tuned of the plant."""
+        step = self.made
+        gains = [entry for field in step.gains for entry in self._of(field)]
+        plant = distinct((e for f in step.plant for e in self._of(f)), (g.name for g in step.gains), "plant")
+        signals = of_signals("inputs", step.inputs), of_signals("outputs", step.outputs)
+        return *signals, Vector("parameters", (*gains, *plant))
+
+    @cached_property
+    def estimates(self) -> Vector:
+        """What is estimated."""
+        return of_signals("estimates", self.made.states)
+
+    def step(self) -> Any:
+        """One call."""
+        step, state, lies = self.made, ca.MX.sym("state", len(self.memory)), shapes(self.made.state, self.made.groups)
+        memory = {**self._tuned(step.tuning), **_parts(state, lies)}
+        memory |= _scalars("input", step.inputs, self._u) | _scalars("output", step.outputs, self._y)
+        for section in step.sections:
+            memory = self._symbolic.section(section.program, memory)
+        x = self._estimated(memory)
+        after = ca.veccat(*(memory[place] for place in lies))
+        raised = (2.0**k * memory[Place("status", bit.name)] for k, bit in enumerate(step.bits))
+        status = reduce(lambda a, b: a + b, raised, ca.MX(0))
+        given, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
+        return ca.Function(f"{step.name}_step", [state, self._u, self._y, self._p], [after, x, status], given, shown)
+
+    def flow(self) -> Flow:
+        """The continuous observer. Raises: `NoEquation`."""
+        name, fields = self.made.name, self._moving
+        state = ca.MX.sym("state", sum(field.size for field in fields))
+        memory = {**self._tuned(self._tuning), **_parts(state, {Place("state", f.name): (f.size, 1) for f in fields})}
+        memory |= {Place("state", "u"): self._u, Place("work", "u"): self._u} if self._u.numel() else {}
+        memory[Place("work", "valid")] = valid = ca.fabs(self._y) <= LARGEST_NUMBER
+        memory[Place("work", "y")] = ca.if_else(valid, self._y, 0)  # which leaves no trace, see `Ode`
+        rates = [ca.SX(self._rates.get(field.name, ca.SX.zeros(field.size))) for field in fields]
+        moved = {Place("work", "rate"): ca.vertcat(*rates)}
+        rate = self._symbolic.after((Block("the rates", moved),), memory)[Place("work", "rate")]
+        given = ["state", "u", "y", "p"]
+        return Flow(
+            ca.Function(f"{name}_derivative", [state, self._u, self._y, self._p], [rate], given, ["rate"]),
+            ca.Function(
+                f"{name}_estimate", [state, self._u, self._p], [self._estimated(memory)], ["state", "u", "p"], ["x"]
+            ),
+            Vector("continuous state", tuple(entry for field in fields for entry in self._of(field))),
+            tuple(field.name for field, rate in zip(fields, rates, strict=True) if rate.is_zero()),
+        )
+
+    # --- the continuous observer
+
+    @property
+    def _clock(self) -> Clock:
+        return Clock(self.made.dt, self.made.between, len(self.made.inputs), len(self.made.outputs))
+
+    @cached_property
+    def _view(self) -> Literal["information", "covariance"]:
+        return self.made.method.view if isinstance(self.made.method, Explicit) else "covariance"
+
+    @cached_property
+    def _odes(self) -> list[Any]:
+        return [ode for part in self.made.observer.parts if (ode := equation(part, self._view))]
+
+    @cached_property
+    def _rates(self) -> dict[str, Any]:
+        """SX, by the names of fields."""
+        clock, rates = self._clock, dict[str, Any]()
+        u, y = sym("work", "u", clock.inputs), sym("work", "y", clock.outputs)
+        for ode in self._odes:
+            values = {field.name: sym("state", field.name, field.size) for field in ode.fields}
+            rates |= ode.rhs(values, u, y, clock.valid)
+        return rates
+
+    @cached_property
+    def _moving(self) -> list[Field]:
+        """The fields of the differential equations, and others of the step that they move or read."""
+        own = [field for ode in self._odes for field in ode.fields]
+        others = read_fields([self.made.observer.z, *self._rates.values()]) | self._rates.keys()
+        return own + [f for f in self.made.state if f.name in others - {"u", *(field.name for field in own)}]
+
+    @property
+    def _tuning(self) -> Program:
+        parts = (tuned(part, self._clock) for part in self.made.observer.parts)
+        return limit_parameters(self.made.plant, self.made.gains, tuple(s for program in parts for s in program))
+
+    # --- what both share
+
+    @property
+    def _symbolic(self) -> Symbolic:
+        return Symbolic({line[-1].name: line for line in lines_of(self.made.groups)}, self.graph)
+
+    @cached_property
+    def _symbols(self) -> list[Any]:
+        return [ca.MX.sym(name, len(vector)) for name, vector in zip("uyp", self.inputs, strict=True)]
+
+    @property
+    def _u(self) -> Any:
+        return self._symbols[0]
+
+    @property
+    def _y(self) -> Any:
+        return self._symbols[1]
+
+    @property
+    def _p(self) -> Any:
+        return self._symbols[2]
+
+    def _of(self, field: Field) -> Iterable[Entry]:
+        return of_field(field, self.made.unit(field))
+
+    def _tuned(self, tuning: Program) -> Memory:
+        """The parameters in their ranges, those derived from them, and the bits of the status that this raises."""
+        step = self.made
+        lies = {
+            Place(kind, f.name): (f.size, 1)
+            for kind, fields in (("gain", step.gains), ("plant", step.plant))
+            for f in fields
+        }
+        zeros = {Place("derived", f.name): ca.MX.zeros(f.size) for f in step.derived}
+        bits = {Place("status", bit.name): ca.MX(0) for bit in step.bits}
+        return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._p, lies)})
+
+    def _estimated(self, memory: Memory) -> Any:
+        shown = self._symbolic.section(self.made.estimate, memory)
+        return ca.vertcat(*(shown[Place("estimate", signal.name)] for signal in self.made.states))
+
+
+def _parts(vector: Any, lies: dict[Place, Shape]) -> Memory:
+    """A vector cut into places, one after the other."""
+    found, start = Memory(), 0
+    for place, shape in lies.items():
+        found[place] = ca.reshape(vector[start : start + prod(shape)], *shape)
+        start += prod(shape)
+    return found
+
+
+def _scalars(struct: str, signals: Iterable[Any], vector: Any) -> Memory:
+    return {Place(struct, signal.name): vector[k] for k, signal in enumerate(signals)}

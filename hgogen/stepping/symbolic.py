@@ -1,0 +1,176 @@
+"""CasADi's reading of programs, as one MX graph: what places hold after a program, of what they held before.
+
+Blocks are calls of their own graphs, which are not written into one another: the order of operations stays, and so do
+the bits. A condition runs one of its two branches, so that a derivative is that of the branch taken. A loop calls its
+body for each member; a member that is chosen as the program runs is read and written at its place in the array.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import casadi as ca
+
+from hgogen.discretisation.kernel_graphs import kernel_graph
+from hgogen.program import (
+    Block,
+    Call,
+    Copy,
+    Field,
+    Group,
+    Kernel,
+    Loop,
+    Place,
+    Program,
+    Statement,
+    When,
+    lines_of,
+    places,
+)
+
+Memory = dict[Place, Any]  # MX: a column (size), of a field of a group a table with a column for each member
+Shape = tuple[int, int]
+
+
+def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shape]:
+    """How a state lies in memory; of a group in a group, a column holds all its members, one after the other."""
+    found = {Place("state", field.name): (field.size, 1) for field in fields}
+    for line in lines_of(groups):
+        inner = prod(group.count for group in line[1:])
+        found |= {Place(line[-1].name, field.name): (field.size * inner, line[0].count) for field in line[-1].fields}
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Symbolic:
+    """A reader of programs over groups, each by its name with those that it lies in, the outermost first; `graph` gives
+    the function of a block."""
+
+    lines: Mapping[str, tuple[Group, ...]]
+    graph: Callable[[Block], Any]
+
+    def section(self, program: Program, memory: Memory) -> Memory:
+        """The memory after a program whose work values are its own."""
+        work = {place: ca.MX.zeros(size) for place, size in places(program) if place.struct == "work"}
+        return self.after(program, {**memory, **work})
+
+    def after(self, program: Program, memory: Memory) -> Memory:
+        """The memory after statements, whose work values are in it."""
+        for statement in program:
+            memory = {**memory, **self._written(statement, memory)}
+        return memory
+
+    def _written(self, statement: Statement, memory: Memory) -> Memory:
+        match statement:
+            case Block():
+                return self._block(statement, memory)
+            case When():
+                return self._when(statement, memory)
+            case Loop():
+                return self._loop(statement, memory)
+            case Copy():
+                return self._copy(statement, memory)
+            case Kernel():
+                return self._kernel(statement, memory)
+            case Call():
+                return self.section(statement.section.program, memory)
+
+    def _block(self, block: Block, memory: Memory) -> Memory:
+        results = self.graph(block).call([memory[place] for place, _ in block.reads])
+        written = dict(zip(block.writes, results, strict=False))
+        raised = {p: ca.logic_or(memory[p], value != 0) for p, value in written.items() if p.struct == "status"}
+        return written | raised
+
+    def _when(self, when: When, memory: Memory) -> Memory:
+        symbols = _symbols(memory)
+        ends = self.after(when.body, symbols), self.after(when.otherwise, symbols)
+        return _Choice(symbols, ends).at(memory[when.flag], memory)
+
+    def _loop(self, loop: Loop, memory: Memory) -> Memory:
+        total = self.lines[loop.group][-1].count
+        rows = {place: self._row(place, loop.group, memory) for place in self._inside(loop.group, memory)}
+        symbols = _symbols(memory, rows)
+        body = _Choice(symbols, (self.after(loop.body, symbols), symbols))
+        first, memory = _number(memory[loop.start], total) if loop.start else None, dict(memory)
+        for k in range(loop.count):
+            member = k if first is None else ca.fmod(first + k, total)
+            if loop.index:
+                memory[loop.index] = ca.MX(member)
+            now = {**memory, **{place: ca.reshape(_column(memory[place], member), *rows[place]) for place in rows}}
+            then = body.at(memory[loop.active] > k if loop.active else ca.MX(1), now)
+            memory |= {p: _with_column(memory[p], member, value) if p in rows else value for p, value in then.items()}
+        return memory
+
+    def _copy(self, copy: Copy, memory: Memory) -> Memory:
+        source, target = (_number(memory[p], self.lines[copy.group][-1].count) for p in (copy.source, copy.target))
+        tables = {place: memory[place] for place in self._inside(copy.group, memory)}
+        return {place: _with_column(table, target, _column(table, source)) for place, table in tables.items()}
+
+    def _kernel(self, kernel: Kernel, memory: Memory) -> Memory:
+        changed = [*([kernel.columns] if kernel.columns else []), *(place for place, _ in kernel.arguments)]
+        graph = kernel_graph(kernel.name, kernel.size, tuple(size for _, size in kernel.arguments))
+        *results, returned = graph.call([memory[place] for place in changed])
+        return dict(zip(changed, results, strict=True)) | ({kernel.result: returned} if kernel.result else {})
+
+    def _inside(self, group: str, memory: Memory) -> list[Place]:
+        """The fields of a group, and of those in it."""
+        return [place for place in memory if any(each.name == group for each in self.lines.get(place.struct, ()))]
+
+    def _row(self, place: Place, group: str, memory: Memory) -> Shape:
+        """The shape of one member's share in a field of a group, or of one in it."""
+        names, rows = [each.name for each in self.lines[place.struct]], memory[place].shape[0]
+        deeper = self.lines[place.struct][names.index(group) + 1 :]
+        return (rows // deeper[0].count, deeper[0].count) if deeper else (rows, 1)
+
+
+class _Choice:
+    """Two ends of the same beginning, of which one is taken; where the choice is known there is none."""
+
+    def __init__(self, symbols: Memory, ends: tuple[Memory, Memory]) -> None:
+        self.written = [p for p in symbols if any(end[p] is not symbols[p] for end in ends)]
+        results = [[end[place] for place in self.written] for end in ends]
+        used = {symbol.name() for symbol in ca.symvar(ca.veccat(*results[0], *results[1]))}
+        self.read = [place for place, symbol in symbols.items() if symbol.name() in used]
+        given = [symbols[place] for place in self.read]
+        self.yes, self.no = (ca.Function("branch", given, values) for values in results)
+
+    def at(self, flag: Any, memory: Memory) -> Memory:
+        """What is written."""
+        given = [memory[place] for place in self.read]
+        if not self.written:
+            return {}
+        if flag.is_constant():
+            results = (self.yes if float(flag) else self.no).call(given)
+        else:
+            results = ca.Function.if_else("choice", self.yes, self.no).call([flag, *given])
+        return dict(zip(self.written, results, strict=True))
+
+
+def _symbols(memory: Memory, rows: Mapping[Place, Shape] | None = None) -> Memory:
+    shaped = {place: value.shape for place, value in memory.items()} | dict(rows or {})
+    return {place: ca.MX.sym(f"m{k}", *shape) for k, (place, shape) in enumerate(shaped.items())}
+
+
+def _number(place: Any, total: int) -> Any:
+    """The number of a member, 0 where it is beyond the last, as in C."""
+    return ca.if_else(place < total, place, 0)
+
+
+def _at(table: Any, member: Any) -> Any:
+    """Where the column of a member lies in a table."""
+    rows = table.shape[0]
+    return rows * member + ca.DM(range(rows))
+
+
+def _column(table: Any, member: Any) -> Any:
+    return table[:, member] if isinstance(member, int) else table.nz[_at(table, member)]
+
+
+def _with_column(table: Any, member: Any, value: Any) -> Any:
+    changed = ca.MX(table)
+    if isinstance(member, int):
+        changed[:, member] = ca.vec(value)
+    else:
+        changed.nz[_at(table, member)] = ca.vec(value)
+    return changed

@@ -1,0 +1,162 @@
+"""CasADi functions, for those who build on: the continuous observer, its estimate, and the step, with named entries.
+
+    derivative   (state, u, y, p) -> rate               state' of the observer's differential equations
+    estimate     (state, u, p) -> x                     the plant's state from that state
+    step         (state, u, y, p) -> next, x, status    one call: the memory after it, the estimate, the status
+
+The first two have one state, `continuous`, the step has another, `memory`: all that a call remembers. Each vector names
+its elements. A covariance is the S or P that an explicit method integrates, and P where the method keeps factors. `p`
+is limited to its ranges in every call, as `tune` does it; the status says so.
+
+A sample that is not a number is missing, in the derivative as in the step. The other guards, restarts, and what an
+observer does at samples alone (the predictors of an innovation, a gain that is switched) are no differential equation
+and in the step alone: in the derivative such entries are held, and `held` names them. A bank has no derivative.
+
+The step has the values of `step.run`, up to the rounding of CasADi's own sin, exp and the like, and with `bundled` its
+bits: then those are computed as in the C (of a zero, the sign may differ).
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from hgogen.emit.cprint import CALLS, Real
+from hgogen.emit.elementary import elementary
+from hgogen.errors import BadArgument
+from hgogen.program import Block
+from hgogen.step import Step
+from hgogen.stepping.discretise import NoEquation
+from hgogen.stepping.entries import Vector
+from hgogen.stepping.graphs import Flow, Graphs
+from hgogen.target import Files
+
+
+class NotInCasadi(BadArgument):
+    """A step, or a precision, of which no CasADi function is made."""
+
+
+@dataclass(frozen=True, repr=False)
+class Functions(Files):
+    """The functions of a step. As files, each is serialised (`casadi.Function.deserialize` reads it, in Python, C++ and
+    MATLAB), and NAME_entries.json says what their elements are.
+
+    `step` a `casadi.Function`; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of the bits of its status.
+    """
+
+    step: Any
+    memory: Vector
+    u: Vector
+    y: Vector
+    p: Vector
+    x: Vector
+    bits: tuple[str, ...]
+    flow: Flow | NoEquation
+
+    @property
+    def derivative(self) -> Any:
+        """The `casadi.Function` of the differential equations. Raises: `NoEquation`."""
+        return self._flow.derivative
+
+    @property
+    def estimate(self) -> Any:
+        """The `casadi.Function` of the estimate. Raises: `NoEquation`."""
+        return self._flow.estimate
+
+    @property
+    def continuous(self) -> Vector:
+        """The state of the differential equations. Raises: `NoEquation`."""
+        return self._flow.state
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """What of it the differential equations hold. Raises: `NoEquation`."""
+        return self._flow.held
+
+    def flags(self, status: Any) -> tuple[str, ...]:
+        """The names of the bits that a status holds."""
+        return tuple(bit for k, bit in enumerate(self.bits) if int(status) >> k & 1)
+
+    @property
+    def _flow(self) -> Flow:
+        if isinstance(self.flow, NoEquation):
+            raise self.flow
+        return self.flow
+
+    def __repr__(self) -> str:
+        return f"<CasADi functions {', '.join(name for name in self if not name.endswith('.json'))}>"
+
+
+def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Functions:
+    """The functions of a step.
+
+    Args: `real` is "double", in which CasADi computes; `bundled`: sin, exp and the like by the functions of the C, for
+    the same bits.
+
+    Raises: `NotInCasadi` for what is no step, and for float.
+    """
+    if not isinstance(step, Step):
+        raise NotInCasadi(f"{type(step).__name__} given to casadi", "is no step; make one by hg.sample")
+    if real != "double":
+        raise NotInCasadi(f"real = {real!r}", 'is not what CasADi computes in: take "double", or the target c99')
+    known = elementary("double") if bundled else {}
+    graphs = Graphs(step, lambda block: _block(block, known))
+    call, flow = graphs.step(), _flow(graphs)
+    u, y, p = graphs.inputs
+    vectors = {"memory": graphs.memory, "u": u, "y": y, "p": p, "x": graphs.estimates}
+    continuous = {"continuous": flow.state} if isinstance(flow, Flow) else {}
+    functions = [call, *([flow.derivative, flow.estimate] if isinstance(flow, Flow) else [])]
+    texts = [(f"{function.name()}.casadi", function.serialize()) for function in functions]
+    texts.append((f"{step.name}_entries.json", _listed(step, vectors | continuous)))
+    return Functions(tuple(texts), step=call, bits=tuple(bit.name for bit in step.bits), flow=flow, **vectors)
+
+
+def _flow(graphs: Graphs) -> Flow | NoEquation:
+    try:
+        return graphs.flow()
+    except NoEquation as error:
+        return error
+
+
+def _listed(step: Step, vectors: Mapping[str, Vector]) -> str:
+    keys = ("name", "initial", "unit", "meaning")
+    rows = {name: [{key: getattr(e, key) for key in keys} for e in vector.entries] for name, vector in vectors.items()}
+    bits = [{"name": bit.name, "meaning": bit.meaning, "action": bit.action} for bit in step.bits]
+    return json.dumps({**rows, "status": bits}, indent=1) + "\n"
+
+
+# --- the function of a block
+
+_CHOSEN: Mapping[int, Callable[[Any, Any], Any]] = {
+    ca.OP_FMIN: lambda a, b: ca.if_else(a <= b, a, b),
+    ca.OP_FMAX: lambda a, b: ca.if_else(a >= b, a, b),
+}
+
+
+def _block(block: Block, known: Mapping[str, Any]) -> Any:
+    """A block operation by operation, without the values that only have a name in C; by the functions of `known`.
+
+    A clamp is a choice, of which the value is taken where it is at the end: there CasADi's own have half of its slope,
+    and a gain is often first at the end of its range.
+    """
+    graph, work = block.graph, dict[int, Any]()
+    given, results = graph.sx_in(), [ca.SX.zeros(*graph.size_out(k)) for k in range(graph.n_out())]
+    for k in range(graph.n_instructions()):
+        op, read, wrote = graph.instruction_id(k), graph.instruction_input(k), graph.instruction_output(k)
+        if op == ca.OP_INPUT:
+            work[wrote[0]] = given[read[0]][read[1]]
+        elif op == ca.OP_CONST:
+            work[wrote[0]] = ca.SX(graph.instruction_constant(k))
+        elif op == ca.OP_OUTPUT:
+            results[wrote[0]][wrote[1]] = work[read[0]]
+        else:
+            work[wrote[0]] = _applied(op, known)(*(work[place] for place in read))
+    return ca.Function("block", given, results[: len(block.writes)])
+
+
+def _applied(op: int, known: Mapping[str, Any]) -> Callable[..., Any]:
+    """What an operation does with SX scalars."""
+    own = _CHOSEN.get(op) or known.get(CALLS.get(op, ""))
+    return own or (lambda *values: (ca.SX.unary if len(values) == 1 else ca.SX.binary)(op, *values))
