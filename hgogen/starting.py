@@ -104,8 +104,8 @@ def starts(
 
 def rule(observer: Callable[..., Observer]) -> Rule:
     """The rule of an observer, of one without its own that which gives nothing."""
-    found: Rule = getattr(observer, "rule", Rule())
-    return found
+    own: Rule = getattr(observer, "rule", Rule())
+    return own
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def starting_gains(
     dt: float | None = None,
     noise: Mapping[str, float] | None = None,
 ) -> Starting:
-    """What to begin with, on a form, for one of `hg.observers`: `observer(form, **found.gains)`, sampled at `found.dt`.
+    """What to begin with, on a form, for one of `hg.observers`: `observer(form, **start.gains)`, sampled at `start.dt`.
 
     Args: `dt` the sampling period, in the plant's time, where it is not free; `noise` the standard deviation of a
     sample by output, as far as it is known.
@@ -138,10 +138,10 @@ def starting_gains(
     """
     numbers = scale(form, None if dt is None else positive("dt", dt), noise or {})
     try:
-        found = rule(observer).gains(numbers)
+        gains = rule(observer).gains(numbers)
     except ArithmeticError:
-        found = "they are beyond a double; give the signals other units"
-    return Starting({}, numbers.dt, found) if isinstance(found, str) else Starting(found, numbers.dt)
+        gains = "they are beyond a double; give the signals other units"
+    return Starting({}, numbers.dt, gains) if isinstance(gains, str) else Starting(gains, numbers.dt)
 
 
 def scale(form: Form, dt: float | None, noise: Mapping[str, float]) -> Scale:

@@ -46,8 +46,8 @@ def test_each_says_where_to_take_it_and_what_it_asks_for(name: str) -> None:
 @pytest.mark.parametrize("name", RULED)
 def test_each_is_built_with_its_starting_gains_on_a_chain(name: str, n: int) -> None:
     form = (hg.forms.state_affine if name == "kalman_like" else hg.forms.triangular)(chain(n))
-    found = hg.starting_gains(form, getattr(hg.observers, name))
-    step = hg.sample(getattr(hg.observers, name)(form, **found.gains), dt=found.dt)
+    start = hg.starting_gains(form, getattr(hg.observers, name))
+    step = hg.sample(getattr(hg.observers, name)(form, **start.gains), dt=start.dt)
     assert step.observer.name == name
     assert np.isfinite(step.run(u=np.zeros((200, 1)), y=np.ones(200), engine="python").x).all()
 
@@ -55,17 +55,17 @@ def test_each_is_built_with_its_starting_gains_on_a_chain(name: str, n: int) -> 
 def test_by_hand() -> None:
     """theta = 2 n/T with T about 2, or 2.1 among points; dt = 1/(20 theta); R = (1 %)^2 dt; Q = S^2/D."""
     for scale in (1.0, 100.0):
-        found = hg.starting_gains(oscillator(scale), hg.observers.riccati)
-        assert found.dt == 0.025
-        assert found.gains["R"] == pytest.approx((scale / 100) ** 2 * 0.025, rel=0.05)
-        assert found.gains["Q"]["x1"] == pytest.approx(scale**2 / 2.1, rel=0.06)
-        assert found.gains["covariance"]["x2"] == pytest.approx(scale**2 / 4)
+        start = hg.starting_gains(oscillator(scale), hg.observers.riccati)
+        assert start.dt == 0.025
+        assert start.gains["R"] == pytest.approx((scale / 100) ** 2 * 0.025, rel=0.05)
+        assert start.gains["Q"]["x1"] == pytest.approx(scale**2 / 2.1, rel=0.06)
+        assert start.gains["covariance"]["x2"] == pytest.approx(scale**2 / 4)
         assert hg.starting_gains(oscillator(scale), hg.observers.high_gain).gains == {"theta": 2.0, "poles": (-1, -1)}
 
 
 def test_noise_and_dt_are_taken() -> None:
-    found = hg.starting_gains(oscillator(), hg.observers.riccati, dt=0.01, noise={"y": 0.3})
-    assert (found.dt, found.gains["R"]) == (0.01, 9e-4)
+    start = hg.starting_gains(oscillator(), hg.observers.riccati, dt=0.01, noise={"y": 0.3})
+    assert (start.dt, start.gains["R"]) == (0.01, 9e-4)
     assert hg.starting_gains(oscillator(), hg.observers.high_gain, dt=0.04).gains["theta"] == 1.2
     assert hg.starting_gains(oscillator(), hg.observers.high_gain, dt=9).gains["theta"] == 1.0
     with pytest.raises(BadGain, match="dt"):
@@ -73,9 +73,9 @@ def test_noise_and_dt_are_taken() -> None:
 
 
 def test_what_has_none_says_why() -> None:
-    found = hg.starting_gains(oscillator(), hg.observers.bank)
-    assert not found
-    assert found.none.startswith("it goes around another observer")
+    start = hg.starting_gains(oscillator(), hg.observers.bank)
+    assert not start
+    assert start.none.startswith("it goes around another observer")
     without = hg.starting_gains(oscillator(), lambda form: high_gain(form, theta=2))
     assert without.none == "no rule for them stands beside it"
     assert rule(len) == Rule()  # type: ignore[arg-type]

@@ -62,15 +62,15 @@ def on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
     points = _lattice(signals)
     x, u = points[:, : len(plant.states)], points[:, len(plant.states) :]
     with np.errstate(all="ignore"):
-        found, rates = linear(plant, x, u), np.array(_functions(plant)[0](x.T, u.T)).T
-        known = np.isfinite(rates).all(1) & np.isfinite(found.A).all((1, 2)) & np.isfinite(found.C).all((1, 2))
+        slopes, rates = linear(plant, x, u), np.array(_functions(plant)[0](x.T, u.T)).T
+        known = np.isfinite(rates).all(1) & np.isfinite(slopes.A).all((1, 2)) & np.isfinite(slopes.C).all((1, 2))
         if not known.any():
             raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
         crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
     moving = crossing[np.isfinite(crossing)]
-    kept = Linear(found.A[known], found.C[known])
-    fastest = np.abs(np.linalg.eigvals(kept.A)).max()
-    return points[known], kept, Pace(float(min(moving, default=0)), float(max(moving, default=0)), float(fastest))
+    finite = Linear(slopes.A[known], slopes.C[known])
+    fastest = np.abs(np.linalg.eigvals(finite.A)).max()
+    return points[known], finite, Pace(float(min(moving, default=0)), float(max(moving, default=0)), float(fastest))
 
 
 def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:

@@ -29,7 +29,7 @@ from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Survey
 
-_DEAR = "phase"
+_SLOW = "phase"
 _KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
     Convergence.PROVED: ("proved", 0),
     Convergence.ABOVE: ("proved for its theta", 0),
@@ -74,8 +74,8 @@ class Admitted:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         names = ("observer", "name", "form", "known", "where", "line", "proposed")
-        told = {name: getattr(self, name) for name in names}
-        return {**told, "operations": self.cost.operations, "functions": self.cost.functions}
+        shown = {name: getattr(self, name) for name in names}
+        return {**shown, "operations": self.cost.operations, "functions": self.cost.functions}
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Advice:
         return {"take": [one.as_dict() for one in self.admitted], "advice": list(self.notes)}
 
 
-def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *, deep: bool = False) -> Advice:
+def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *, deep: bool = False) -> Advice:
     """What to take for a model; what may take seconds, tunings in the phase form and observers whose proof asks a
     solver, only if `deep`, but the model's own step in any case.
 
@@ -101,16 +101,16 @@ def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *,
     """
     tuned = _Tuned(model, claims, deep)
     rows = dict(tuned.rows())
-    n = len(found.plant.states)
+    n = len(survey.plant.states)
     asked = [kind for kind in observers.__all__ if kind not in rows and (deep or n <= _rule(kind).quick)]
-    proposed = {kind: first(kind, places(found)) for kind in asked}
+    proposed = {kind: first(kind, places(survey)) for kind in asked}
     rows |= {kind: _first(one, model) for kind, one in proposed.items() if isinstance(one, First)}
     order = sorted(rows.values(), key=lambda row: row.rank)
     brief = (
         ["Of so many states, other observers are built with first gains by --deep."] if n > MANY and not deep else []
     )
-    notes = (*_notes(model, seen, found), *tuned.left(rows), *(brief or (_without(proposed) if rows else ())))
-    return Advice(found.plant.name, tuple(order), notes, model.plain)
+    notes = (*_notes(model, seen, survey), *tuned.left(rows), *(brief or (_without(proposed) if rows else ())))
+    return Advice(survey.plant.name, tuple(order), notes, model.plain)
 
 
 def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "") -> Admitted:
@@ -135,7 +135,7 @@ class _Tuned:
     claims: Checked
     deep: bool
     accepting: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    dear: list[str] = field(default_factory=list)
+    slow: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
 
     def rows(self) -> Iterator[tuple[str, Admitted]]:
@@ -164,7 +164,7 @@ class _Tuned:
             self.accepting[kind] = tuple(table["accept"])
             return None
         if not self.deep and (not _rule(kind).quick or self._in_phase(table)):
-            self.dear.append(kind)
+            self.slow.append(kind)
             return None
         own = self.claims.step if not self.claims.tuning else None
         try:
@@ -183,13 +183,13 @@ class _Tuned:
             seen.append(table)
             table = self.model.tuning.tables.get(table["member"], {})
         form = table.get("form") if isinstance(table, Mapping) else None
-        return (form.get("kind") if isinstance(form, Mapping) else form) == _DEAR
+        return (form.get("kind") if isinstance(form, Mapping) else form) == _SLOW
 
     def left(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
         """Why tunings of observers that have no row have none."""
-        dear = [kind for kind in dict.fromkeys(self.dear) if kind not in rows]
-        if dear:
-            yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(dear)}."
+        slow = [kind for kind in dict.fromkeys(self.slow) if kind not in rows]
+        if slow:
+            yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(slow)}."
         for kind, ids in self.accepting.items():
             if kind not in rows or rows[kind].proposed:
                 yield f"The tuning of {kind} is built only by accepting what is refuted: {', '.join(ids)}."
@@ -237,22 +237,22 @@ def _toml(value: Any) -> str:
 # ---------------------------------------------------------------- what else
 
 
-def _notes(model: Model, seen: Observability, found: Survey) -> Iterator[str]:
+def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
     """What to do about states that nothing shows, and about a plant that no form holds."""
     hidden = seen.known.rank.unobservable
     if hidden:
         names = ", ".join(s.name for s in hidden)
         shown = " or ".join(s.name for s in seen.known.repairs)
         measure = f"measure {shown} as well" if shown else "measure more"
-        yield f"No observer tells {names} from these outputs: {measure}{_apart(found.plant, hidden)}."
+        yield f"No observer tells {names} from these outputs: {measure}{_apart(survey.plant, hidden)}."
         return
-    if any(row.verdict is Verdict.PROVED for row in found.candidates):
+    if any(row.verdict is Verdict.PROVED for row in survey.candidates):
         return
-    best = list(_measurements(found.plant))
+    best = list(_measurements(survey.plant))
     if best:
-        form = "another form" if found.proved else "a form"
+        form = "another form" if survey.proved else "a form"
         yield f"A measurement that puts the plant in {form}, proved: {'; '.join(best)}."
-    if found.plant.origin is None and not found.proved:
+    if survey.plant.origin is None and not survey.proved:
         how = "write the model in those" if model.plain else "see hg.recast, and models/cascaded_tanks.py"
         yield f"Other states may be in a form where these are not: {how}."
 

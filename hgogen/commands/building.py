@@ -144,7 +144,7 @@ def generate_(
 
     JSON keys: models (a list of: model, c_names, by signal where C has another name, files).
     """
-    loaded = [load(given).set(setting) for given in models]
+    loaded = [load(name).set(setting) for name in models]
     folders = [Folder(out, named(one, observer)) for one in loaded]
     for first, second in combinations(loaded, 2):
         if same(first.name) == same(second.name):
@@ -197,7 +197,7 @@ def simulate_(
     done = _tried(step, chosen, engine, seeds)
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(jobs.told(summaries, done), done, strict=True)
-    listed_ = [{**told, "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
+    listed_ = [{**summary, "each": [seed.as_dict() for seed in one.each]} for summary, one in pairs]
     report = {"model": loaded.path, "gains": {gain.name: by_name(gain) for gain in step.gains}, "trials": listed_}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
     show(as_json, report, head, tables.trials(summaries, step.time))

@@ -71,9 +71,9 @@ def _settable(function: Callable[..., None]) -> Callable[..., None]:
         return function
 
     @wraps(function)
-    def taking(**given: Any) -> None:
-        chosen = Setting(**{name: given.pop(name) for name in _SET})
-        function(**given, **{place: chosen})
+    def taking(**arguments: Any) -> None:
+        chosen = Setting(**{name: arguments.pop(name) for name in _SET})
+        function(**arguments, **{place: chosen})
 
     taking.__annotations__ = {name: each.annotation for name, each in parameters.items() if name != place}
     taking.__annotations__ |= {name: Annotated[kind | None, option] for name, (kind, option) in _SET.items()}

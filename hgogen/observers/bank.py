@@ -83,14 +83,14 @@ def bank(
     share = real("hysteresis", HYSTERESIS[selection] if hysteresis is None else hysteresis)
     part = Parallel(member, int(count), positive("period", period), selection == "newest", innovation)
     every = f"{same(period)} {member.form.system.time}"
-    told = f"{count} members; every {every} the oldest restarts from the selected estimate, which has the "
+    schedule = f"{count} members; every {every} the oldest restarts from the selected estimate, which has the "
     return replace(
         member,
         name="bank",
         parts=(part,),
         gains=(*member.gains, gain("hysteresis", share, 1e-3, 1.0, "share to which another innovation must fall")),
         theorem=member.theorem.under(SELECTED),
-        equations=(*member.equations, told + RULES[selection]),
+        equations=(*member.equations, schedule + RULES[selection]),
         reference=f"{REFERENCE}; member: {member.reference}",
         traces=("selected", *member.traces),
     )

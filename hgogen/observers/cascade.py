@@ -94,18 +94,18 @@ def cascade(
     alpha = _alpha(n, gains, poles)
 
     def estimates(v: Any, saturate: Saturate, model: Model) -> list[Any]:
-        found = [v[0]]
+        states = [v[0]]
         for i in range(1, n):
-            rate = v[1] if i == 1 else level * alpha[i] * (found[-1] - v[i])
-            c = model(ca.vertcat(*found, ca.SX.zeros(n - i)))
-            found.append(saturate(rate - c[i - 1], i))
-        return found
+            rate = v[1] if i == 1 else level * alpha[i] * (states[-1] - v[i])
+            c = model(ca.vertcat(*states, ca.SX.zeros(n - i)))
+            states.append(saturate(rate - c[i - 1], i))
+        return states
 
     def lines(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate, model: Model) -> dict[str, Any]:
         v = values["v"]
-        e, found = valid * (y - v[0]), estimates(v, saturate, model)
+        e, states = valid * (y - v[0]), estimates(v, saturate, model)
         first = (v[1] + level * alpha[0] * e, level * level * alpha[1] * e)
-        return {"v": ca.vertcat(*first, *(level * alpha[i] * (found[i - 1] - v[i]) for i in range(2, n)))}
+        return {"v": ca.vertcat(*first, *(level * alpha[i] * (states[i - 1] - v[i]) for i in range(2, n)))}
 
     u = sym("state", "u", len(form.system.inputs))
     return observer_on(
@@ -166,7 +166,7 @@ def _span(chain: Integrators) -> tuple[float, float]:
     form = chain.form
     around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
-        found = bound(sp.sympify(chain.products[0] * form.b[0]), around)
+        enclosure = bound(sp.sympify(chain.products[0] * form.b[0]), around)
     except NoTape:
         return -INF, INF
-    return found.low, found.high
+    return enclosure.low, enclosure.high

@@ -104,7 +104,7 @@ def hamilton_jacobi(
     start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
     precisions, rate = positive("R", of_outputs("R", R, form), outputs), _rate(curvature)
     noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)
-    upper, weights = (found[::-1] for found in factor(weight[::-1, ::-1]))  # Q = U W U', U unit upper triangular
+    upper, weights = (each[::-1] for each in factor(weight[::-1, ::-1]))  # Q = U W U', U unit upper triangular
     shape = np.linalg.inv(upper[:, ::-1]).T  # so that Q^-1 = shape W^-1 shape'
     z = state_field(form, initial, 1.0)
     plain = Riccati(
