@@ -11,6 +11,7 @@ import pytest
 from mutations import copied
 
 import hgogen as hg
+from hgogen.modelfiles.place import shipped
 
 FIXTURES = Path(__file__).parent / "fixtures"
 NEW = [path.stem for path in sorted(FIXTURES.rglob("*.*")) if path.suffix in (".py", ".toml")]
@@ -66,10 +67,14 @@ def test_nothing_else_is_asked_of_new_files(copy: Path) -> None:
 
 
 def test_a_list_that_is_kept_by_hand_is_seen(copy: Path) -> None:
-    """A test that names every observer there was fails in the copy."""
-    names = sorted(hg.observers.__all__)
-    listed = f"import hgogen as hg\n\n\ndef test_all():\n    assert set(hg.observers.__all__) == set({names})\n"
-    (copy / "tests" / "test_listed.py").write_text(listed)
-    with pytest.raises(AssertionError, match="luenberger"):
+    """Tests that name every observer, form, method, target and model there was fail in the copy."""
+    kinds = {kind: getattr(hg, kind).__all__ for kind in ("observers", "forms", "methods", "targets")}
+    lists = {f"hg.{kind}.__all__": sorted(names) for kind, names in kinds.items()} | {"shipped()": sorted(shipped())}
+    tests = [
+        f"def test_{k}():\n    assert {{*{kind}}} == {{*{names}}}\n" for k, (kind, names) in enumerate(lists.items())
+    ]
+    head = "import hgogen as hg\nfrom hgogen.modelfiles.place import shipped\n"
+    (copy / "tests" / "test_listed.py").write_text("\n\n".join([head, *tests]))
+    with pytest.raises(AssertionError, match=f"{len(lists)} failed"):
         asked(copy, "tests/test_listed.py")
     (copy / "tests" / "test_listed.py").unlink()
