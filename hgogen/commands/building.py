@@ -1,6 +1,5 @@
 """The commands `build`, `generate` and `simulate`: a model's observer in C and in Python, and what its trials show."""
 
-from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated
@@ -37,19 +36,10 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
 from hgogen.step import Step
+from hgogen.target import Files
 from hgogen.targets.c99 import c99
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
-
-
-class Precision(StrEnum):
-    """Working precision of the C."""
-
-    FLOAT = "float"
-    DOUBLE = "double"
-
-
-Real = Annotated[Precision, typer.Option("--real", help="Working precision of the C.")]
 
 
 def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count: int | None) -> list[jobs.Tried]:
@@ -59,10 +49,10 @@ def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
-def _made_by(model: Model, observer: str | None, real: Precision) -> str:
-    """The command that makes the same C, for its banner."""
+def _c(step: CallableStep, model: Model, observer: str | None) -> Files:
+    """The C of a step, in float unless the precision is set; its banner says which command makes it again."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
-    return " ".join([*words, *(["--real double"] if real is Precision.DOUBLE else [])])
+    return c99(step, real=model.setting.real or "float", command=" ".join(words))
 
 
 @command()
@@ -71,7 +61,6 @@ def build_(
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     out: Out = None,
-    real: Real = Precision.FLOAT,
     seeds: Seeds = None,
     as_json: Json = False,
 ) -> None:
@@ -94,7 +83,7 @@ def build_(
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     for sentence in claims.notes:
         note(sentence)
-    files = c99(step, real=real.value, command=_made_by(loaded, observer, real))
+    files = _c(step, loaded, observer)
     _note_names(step)
     engine = engine_here()
     self_check = native.run_check(files).strip() if engine == "c" else None
@@ -117,7 +106,10 @@ def build_(
     folder.write({**written, "report.json": json_text(report) + "\n"})
     shown = [tables.trials(summaries, step.time)]
     if again:
-        shown += [tables.agreements(comparison, step.time), f"self-check of the {real.value} C: {self_check}\n"]
+        shown += [
+            tables.agreements(comparison, step.time),
+            f"self-check of the {setting.real or 'float'} C: {self_check}\n",
+        ]
     show(as_json, report, *shown, tables.files(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
@@ -137,7 +129,6 @@ def generate_(
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
-    real: Real = Precision.FLOAT,
     as_json: Json = False,
 ) -> None:
     """Write the C of models, and the figures of their trials as that C draws them.
@@ -157,7 +148,7 @@ def generate_(
         for sentence in one.notes:
             note(sentence)
         step = one.step(observer)
-        files: dict[str, str | bytes] = {**c99(step, real=real.value, command=_made_by(one, observer, real))}
+        files: dict[str, str | bytes] = {**_c(step, one, observer)}
         _note_names(step)
         if one.has("trial"):
             done = _tried(step, one.trials(), "c", 1)

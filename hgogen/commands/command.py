@@ -35,6 +35,13 @@ from hgogen.trials.agreement import Disagree
 FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed)
 
 
+class Precision(StrEnum):
+    """Working precision of a step."""
+
+    FLOAT = "float"
+    DOUBLE = "double"
+
+
 class Reader(StrEnum):
     """Who runs the step."""
 
@@ -60,6 +67,10 @@ _SET = {  # what a user may set of every step that a command makes
     "form": (str, typer.Option("--form", metavar="NAME", help="The form, in the place of the model's.")),
     "method": (str, typer.Option("--method", metavar="NAME", help="The method, in the place of the model's.")),
     "dt": (float, typer.Option("--dt", help="The sampling period, in the model's unit of time.")),
+    "real": (
+        Precision,
+        typer.Option("--real", help="float or double; by default C is written in float and samples run in double."),
+    ),
 }
 
 
