@@ -46,22 +46,22 @@ class CallableStep(Step):
     _shown: Callable[[], bytes] = field(init=False)
 
     def __post_init__(self) -> None:
-        """A memory of its own, as before the first call."""
-        kept, u = Kept(self, self.real), len(self.inputs)
+        """Gives the step a memory of its own, as before the first call."""
+        memory, u = Kept(self, self.real), len(self.inputs)
         signals = (*self.inputs, *self.outputs)
 
         def to(name: str, first: int, last: int) -> Take:
-            return door(name, signals[first:last], kept.given, first)
+            return door(name, signals[first:last], memory.signals, first)
 
         states, bits = (tuple(each.name for each in named) for named in (self.states, self.bits))
         vars(self).update(
-            _kept=kept,
+            _kept=memory,
             _clock=[0],
             _legend=Legend(states, bits, self.observer.traces, "d" if self.real == "double" else "f"),
             _take_u=to("u", 0, u),
             _take_y=to("y", u, len(signals)),
             _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.outputs, u)},
-            _shown=kept.shown.data.tobytes,
+            _shown=memory.shown.data.tobytes,
         )
 
     def __call__(self, u: Any = (), y: Any = ()) -> Sample:
@@ -102,14 +102,17 @@ class CallableStep(Step):
             if name not in self._take:
                 raise BadShape(f"update({name}=)", f"names no output; the outputs are {', '.join(self._take)}")
             self._take[name](value)
-        told = "" if at is None else self._told(at)
+        ending = "" if at is None else self._ending(at)
         status = self._entries["estimate"]() if not y else 0
         for name in y:
-            status |= self._entries[f"update_{name}{told}"]()
+            status |= self._entries[f"update_{name}{ending}"]()
         return Sample(self._legend, self._shown(), status)
 
-    def _told(self, at: int) -> str:
-        """The ending of a section that is told the number of the period."""
+    def _ending(self, at: int) -> str:
+        """The ending of the name of a section that takes a sample of an earlier period, whose number it stores.
+
+        Raises: `BadShape`.
+        """
         if not self.timed:
             raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
         if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
@@ -154,7 +157,7 @@ class CallableStep(Step):
         )
 
     def reset(self) -> None:
-        """As before the first call; tuned parameters stay."""
+        """Sets the state to what it is before the first call; tuned parameters stay."""
         self._kept.reset()
         self._clock[0] = 0
 
@@ -224,7 +227,7 @@ class CallableStep(Step):
         return self._legend.flags(status)
 
     def __copy__(self) -> "CallableStep":
-        """The same program with a memory of its own, which goes on from here."""
+        """A step of the same program with a memory of its own, which goes on from the state of this one."""
         other = CallableStep(**{f.name: getattr(self, f.name) for f in fields(self) if f.init})
         return other._resumed(*self._memory)
 

@@ -100,8 +100,8 @@ class Check:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; the proofs go into a certificate."""
-        said = {"id": self.id, "claim": self.claim, "verdict": str(self.verdict), "reason": self.reason}
-        return {**said, "witness": dict(self.witness), "fix": self.advice}
+        fields = {"id": self.id, "claim": self.claim, "verdict": str(self.verdict), "reason": self.reason}
+        return {**fields, "witness": dict(self.witness), "fix": self.advice}
 
 
 @dataclass(eq=False)
@@ -123,18 +123,18 @@ class Refuted(HgogenError):
 
     def __str__(self) -> str:
         head = f"{self.where}: refuted" if self.where else "refuted"
-        said = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
-        said += [check.fix for check in self.checks]
-        said += [self.never or self._offer, self.other]
-        return " ".join(filter(None, said))
+        sentences = [f"{head}: {'; '.join(check.sentence for check in self.checks)}."]
+        sentences += [check.fix for check in self.checks]
+        sentences += [self.never or self._offer, self.other]
+        return " ".join(filter(None, sentences))
 
     @property
     def _offer(self) -> str:
-        """In the language of the model's file."""
+        """The sentence that says how to accept the checks, in the language of the model's file."""
         ids = tuple(check.id for check in self.checks)
-        said = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
+        option = f"accept = {json.dumps(ids)}" if self.plain else f"accept={ids!r}"
         known = "; ".join(dict.fromkeys(check.consequence for check in self.checks if check.consequence))
-        return f"To build all the same, say {said}{f', knowing that {known}.' if known else ''}"
+        return f"To build all the same, say {option}{f', knowing that {known}.' if known else ''}"
 
 
 @dataclass(eq=False)

@@ -10,8 +10,8 @@ import _signal as signal  # type: ignore[import-not-found]  # `signal` makes enu
 
 def main() -> None:
     """Run the command line of this process."""
-    heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # or whoever started it ignores Ctrl-C
-    if heard:
+    interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # or its parent ignores Ctrl-C
+    if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing is to be put in order yet
     from hgogen.commands import process
     from hgogen.commands.app import app
@@ -27,7 +27,7 @@ def main() -> None:
         status = process.flushed(2)
     except KeyboardInterrupt:
         pass
-    if heard:
+    if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         if status == process.INTERRUPTED:
             signal.raise_signal(signal.SIGINT)

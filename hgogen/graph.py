@@ -32,7 +32,7 @@ class NoGraph(HgogenError):
 # of every integration by CVODES: it may take many steps, and prints nothing of its own
 CVODES = {"max_num_steps": 100_000, "show_eval_warnings": False, "disable_internal_warnings": True}
 
-_FUNCTIONS: dict[type, Callable[..., Any]] = {
+_FUNCTIONS: dict[type, Callable[..., Graph]] = {
     sp.sin: ca.sin,
     sp.cos: ca.cos,
     sp.tan: ca.tan,
@@ -54,7 +54,7 @@ _FUNCTIONS: dict[type, Callable[..., Any]] = {
     sp.Min: lambda *args: reduce(ca.fmin, args),
     sp.Max: lambda *args: reduce(ca.fmax, args),
 }
-_RELATIONS: dict[type, Callable[[Any, Any], Any]] = {
+_RELATIONS: dict[type, Callable[[Graph, Graph], Graph]] = {
     sp.StrictLessThan: lambda a, b: a < b,
     sp.LessThan: lambda a, b: a <= b,
     sp.StrictGreaterThan: lambda a, b: a > b,
@@ -64,24 +64,25 @@ _RELATIONS: dict[type, Callable[[Any, Any], Any]] = {
 }
 
 
-def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Any]) -> list[Any]:
+def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
     """The expressions as SX graphs, one scalar each; a subexpression is built once.
 
     Args: `symbols` maps every free symbol to an SX scalar (or a float, which is folded).
 
     Raises: `NoGraph`.
     """
-    memo: dict[sp.Basic, Any] = {}
+    memo: dict[sp.Basic, Graph] = {}
     return [ca.SX(_convert(expression, expression, symbols, memo)) for expression in expressions]
 
 
-def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Any], memo: dict[sp.Basic, Any]) -> Any:
+def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph], memo: dict[sp.Basic, Graph]) -> Graph:
     if node in memo:
         return memo[node]
 
-    def inner(child: sp.Basic) -> Any:
+    def inner(child: sp.Basic) -> Graph:
         return _convert(child, whole, symbols, memo)
 
+    value: Graph
     if isinstance(node, sp.Symbol):
         if node not in symbols:
             raise NoGraph(f"the symbol {node}", str(whole))
@@ -114,9 +115,9 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Any], 
     return value
 
 
-def _sum(terms: list[tuple[sp.Expr, Callable[[sp.Basic], Any]]]) -> Any:
+def _sum(terms: list[tuple[sp.Expr, Callable[[sp.Basic], Graph]]]) -> Graph:
     """a - b stays a subtraction, so that the C reads as the formula does."""
-    total: Any = None
+    total: Graph = None
     for term, inner in terms:
         negative = term.could_extract_minus_sign()
         value = inner(-term if negative else term)
@@ -127,7 +128,7 @@ def _sum(terms: list[tuple[sp.Expr, Callable[[sp.Basic], Any]]]) -> Any:
     return total
 
 
-def _product(node: sp.Mul, inner: Callable[[sp.Basic], Any]) -> Any:
+def _product(node: sp.Mul, inner: Callable[[sp.Basic], Graph]) -> Graph:
     """Number times numerator over denominator: one multiplication by the number, no division by constants."""
     number, rest = node.as_coeff_Mul()
     numerator, denominator = sp.fraction(rest, exact=True)
@@ -139,7 +140,7 @@ def _product(node: sp.Mul, inner: Callable[[sp.Basic], Any]) -> Any:
     return value if number == 1 else ca.SX(float(number)) * value
 
 
-def _power(node: sp.Pow, inner: Callable[[sp.Basic], Any]) -> Any:
+def _power(node: sp.Pow, inner: Callable[[sp.Basic], Graph]) -> Graph:
     base, exponent = node.as_base_exp() if node.exp.is_number else (node.base, node.exp)
     if base == sp.E:
         return ca.exp(inner(exponent))
@@ -156,7 +157,7 @@ def _power(node: sp.Pow, inner: Callable[[sp.Basic], Any]) -> Any:
     return ca.power(inner(base), inner(exponent))
 
 
-def _repeated(base: Any, times: int) -> Any:
+def _repeated(base: Graph, times: int) -> Graph:
     """base ** times by squaring: real powers are no C of ours."""
     if times == 0:
         return ca.SX(1)

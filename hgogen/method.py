@@ -1,8 +1,9 @@
 """A method turns the differential equations of an observer into the statements of a step, and says how long a step may
 be."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import Tableau, advance
 from hgogen.discretisation.stability import EVERYWHERE, Limit, core_limit, covariance_limit, decay_limits, pace
 from hgogen.errors import HgogenError
+from hgogen.graph import Graph
 from hgogen.kalman.covariance import covariance_ode, information_ode
-from hgogen.kalman.prior import near_view
+from hgogen.kalman.prior import prior_status_of_view
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -47,7 +49,7 @@ class Method(Protocol):
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """The name of the method in reports."""
         ...
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
@@ -77,7 +79,7 @@ class Explicit:
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """The name of the method in reports."""
         return f"{self.tableau.name}, {self.view} form" if self.view == "covariance" else self.tableau.name
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
@@ -87,7 +89,7 @@ class Explicit:
         return self.step(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Of the linear core, and of the core with the model's Jacobian."""
+        """The step lengths that the linear core admits, and the core with the model's Jacobian."""
         why = f"beyond it the linear error core leaves the stability region of {self.tableau.name}"
         return lengths(part, observer, dt, self, Limit(paced(part, observer, self.tableau), why), self.tableau.name)
 
@@ -108,7 +110,7 @@ class Explicit:
         """One step of every field of the part at once, whatever the part is of."""
         start = {field.name: sym("state", field.name, field.size) for field in part.fields}
 
-        def rate(values: Any, c: float) -> Any:
+        def rate(values: Mapping[str, Graph], c: float) -> Mapping[str, Graph]:
             return part.rhs(values, clock.u(c), clock.y(c), clock.valid)
 
         stages = advance(self.tableau, rate, start, clock.dt)
@@ -134,13 +136,13 @@ class Explicit:
         return Pieces(
             fields=pieces.fields,
             bits=(part.limited,) if forgets else (),
-            predict=(*pieces.predict, near_view(part, self.view)) if forgets else pieces.predict,
+            predict=(*pieces.predict, prior_status_of_view(part, self.view)) if forgets else pieces.predict,
             uses_output=True,
             rule=self.name,
         )
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """Of the covariance equation; `take` also follows the model's motion."""
+        """The step lengths that the covariance equation admits; `take` also follows the model's motion."""
         limits = sorted(covariance_limits(part, self.tableau, self.view), key=lambda limit: limit.dt)
         return Lengths(
             refused=limits[-1].dt,

@@ -107,7 +107,7 @@ class Model:
 
     @property
     def plant(self) -> System:
-        """Its `plant`. Raises: `MissingPart`."""
+        """The plant that the file defines. Raises: `MissingPart`."""
         plant = self._part("plant")
         if not isinstance(plant, System):
             raise MissingPart(self.path, "plant", f"plant is of type {type(plant).__name__}; make it an hg.System")
@@ -115,7 +115,7 @@ class Model:
 
     @property
     def dissipation(self) -> Dissipation | None:
-        """What it declares of inequality (38), proved or not; None where it declares nothing. Raises: `MissingPart`."""
+        """The inequality (38) that the file declares, proved or not; None without one. Raises: `MissingPart`."""
         if not self.has("dissipation"):
             return None
         try:
@@ -135,7 +135,7 @@ class Model:
 
     @property
     def tuning(self) -> Tuning:
-        """Its observers by name, empty where it defines no `tuning`. Raises: `MissingPart`."""
+        """The observers that the file defines, by name; empty where it defines no `tuning`. Raises: `MissingPart`."""
         return Tuning(self.path, self.plant, self._tables, self.default, self.setting)
 
     @property
@@ -233,10 +233,10 @@ class Model:
 
     def trials(self) -> tuple[Trial, ...]:
         """What its `trial()` returns, one trial or several. Raises: `MissingPart`, `ModelFails`."""
-        given = self._called("trial")
-        trials = (given,) if isinstance(given, Trial) else given
+        returned = self._called("trial")
+        trials = (returned,) if isinstance(returned, Trial) else returned
         if not isinstance(trials, tuple | list) or not trials or not all(isinstance(t, Trial) for t in trials):
-            kind = type(given).__name__
+            kind = type(returned).__name__
             raise MissingPart(self.path, "trial", f"trial() returns the type {kind}; return a Trial or a tuple of them")
         names = [trial.name for trial in trials]
         if len(set(map(filename.same, names))) < len(names):
@@ -258,7 +258,7 @@ class Model:
         return _guarded(self.path, function)
 
 
-def load(given: str | Path) -> Model:
+def load(path: str | Path) -> Model:
     """The model at a path, or of a bare name in the folder `models` or, where nothing here is called so, among those
     that come with hgogen.
 
@@ -267,10 +267,10 @@ def load(given: str | Path) -> Model:
     Raises: `NoModel`; `ModelFails` with file, line and error where Python cannot import it; `BadModelFile` for a name
     that cannot be part of a path, and with file, key and fix for plain text.
     """
-    path = located(str(given))
-    if why := filename.fault(path.stem):
-        raise BadModelFile(str(path), "", f"{filename.BadFileName(path.stem, why)} in the name of the file")
-    return _LOADERS[path.suffix](path)
+    file = located(str(path))
+    if why := filename.fault(file.stem):
+        raise BadModelFile(str(file), "", f"{filename.BadFileName(file.stem, why)} in the name of the file")
+    return _LOADERS[file.suffix](file)
 
 
 @lru_cache(maxsize=2)
@@ -279,27 +279,32 @@ def _surveyed(plant: System, deep: bool) -> Survey:
 
 
 def _plain(path: Path) -> Model:
+    """The model of a plain-text file. Raises: `NoModel`, `BadModelFile`."""
     try:
-        told = read(path)
+        declared = read(path)
     except OSError as error:
         raise NoModel(str(path), f"cannot be read: {error.strerror}", listed()) from None
     parts = SimpleNamespace(
-        plant=told.plant, known=told.known, reference=told.reference, __doc__=told.meaning, __name__=path.stem
+        plant=declared.plant,
+        known=declared.known,
+        reference=declared.reference,
+        __doc__=declared.meaning,
+        __name__=path.stem,
     )
-    default = _default(told) if told.observer else ""
-    if told.observer or told.tuning:
-        parts.tuning = {default: told.observer} | dict(told.tuning) if default else dict(told.tuning)
-    if told.dissipation:
-        parts.dissipation = told.dissipation
-    if told.trial:
-        parts.trial = lambda: trial_of(told)
-    return Model(path.stem, str(path), parts, _PLAIN, default, told.folds)
+    default = _default(declared) if declared.observer else ""
+    if declared.observer or declared.tuning:
+        parts.tuning = {default: declared.observer} | dict(declared.tuning) if default else dict(declared.tuning)
+    if declared.dissipation:
+        parts.dissipation = declared.dissipation
+    if declared.trial:
+        parts.trial = lambda: trial_of(declared)
+    return Model(path.stem, str(path), parts, _PLAIN, default, declared.folds)
 
 
-def _default(told: PlainModel) -> str:
+def _default(declared: PlainModel) -> str:
     """The name of the table `observer` among the tunings: its observer's, if that is free."""
-    kind = told.observer.get("kind")
-    return kind if isinstance(kind, str) and kind not in told.tuning else "observer"
+    kind = declared.observer.get("kind")
+    return kind if isinstance(kind, str) and kind not in declared.tuning else "observer"
 
 
 def _python(path: Path) -> Model:
@@ -329,10 +334,10 @@ def summary(path: str) -> str:
     cannot be read. Nothing of the file is run."""
     try:
         with tokenize.open(path) as stream:
-            told = _MEANINGS[Path(path).suffix](stream.read())
+            meaning = _MEANINGS[Path(path).suffix](stream.read())
     except (OSError, ValueError, SyntaxError, RecursionError):  # `load` tells what is wrong with it
         return ""
-    return " ".join(told.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
+    return " ".join(meaning.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".")
 
 
 def _docstring(text: str) -> str:
@@ -351,8 +356,8 @@ _MEANINGS = {PYTHON: _docstring, **{suffix: _meaning(reader) for suffix, reader 
 
 
 def _guarded(path: str, function: Callable[[], Any]) -> Any:
-    """What `function`, code of the model file, returns; whatever it raises becomes a sentence with file and
-    line."""
+    """Runs `function`, code of the model file, and returns its value. Whatever it raises becomes a sentence with file
+    and line."""
     try:
         with redirect_stdout(sys.stderr):
             return function()
@@ -364,15 +369,16 @@ def _guarded(path: str, function: Callable[[], Any]) -> Any:
         raise
     except BaseException as error:
         frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
-        told = _told(error) if isinstance(error, Exception) else ends_python(error)
-        raise ModelFails(path, frames[-1] or 1 if frames else 1, told) from error
+        reason = _sentence(error) if isinstance(error, Exception) else ends_python(error)
+        raise ModelFails(path, frames[-1] or 1 if frames else 1, reason) from error
 
 
-def _told(error: Exception) -> str:
+def _sentence(error: Exception) -> str:
+    """What an error says, after its type where it is none of hgogen's."""
     return str(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {error}"
 
 
 def ends_python(error: BaseException) -> str:
     """What a model does that raises what is no `Exception`, and the fix."""
-    kind, said = type(error).__name__, f" ({error})" if str(error) else ""
-    return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"
+    kind, text = type(error).__name__, f" ({error})" if str(error) else ""
+    return f"raises {kind}{text}, which ends Python; leave it out, or raise an error that says what is wrong"

@@ -41,7 +41,7 @@ class Observer:
     name: str
     parts: tuple[Part, ...]
     gains: tuple[Field, ...]
-    z: Any
+    z: Any  # a Graph, which mypy would take for a Sparsity in ca.vertcat
     dynamics: Dynamics
     checks: tuple[Check, ...]
     accepted: tuple[str, ...]
@@ -54,7 +54,7 @@ class Observer:
     made: "partial[Observer] | None" = None
 
     def started(self, initial: Callable[[Form], Mapping[str, float]]) -> "Observer":
-        """The same observer, or one around the same member, that starts at what `initial` gives for its form.
+        """The observer, or one around the same member, made again to start at what `initial` gives for its form.
 
         Raises: `BadGain` for a start that its form does not take, or where it was not made by `hg.observers`.
         """
@@ -65,7 +65,7 @@ class Observer:
         return make(base, **others, initial=initial(base))
 
     def on(self, form: Callable[[System], Form]) -> "Observer":
-        """The same observer, or one around the same member, on another form of its plant.
+        """The observer, or one around the same member, made again on another form of its plant.
 
         Raises: as the observer does of that form; `BadGain` where it was not made by `hg.observers`.
         """
@@ -77,11 +77,14 @@ class Observer:
 
     @property
     def _making(self) -> "tuple[Callable[..., Observer], Any, dict[str, Any]]":
-        """What makes it, of which form or member, with which other arguments. Raises: `BadGain`."""
+        """The case that made the observer, the form or member that it was made on, and its other arguments.
+
+        Raises: `BadGain`.
+        """
         if self.made is None:
             raise BadGain(self.name, "was not made by hg.observers, so that nobody knows how to make it again")
-        given = signature(self.made.func).bind(*self.made.args, **self.made.keywords).arguments
-        (_, base), *gains = given.items()
+        arguments = signature(self.made.func).bind(*self.made.args, **self.made.keywords).arguments
+        (_, base), *gains = arguments.items()
         return remembered(self.made.func), base, dict(gains)
 
     def __repr__(self) -> str:
@@ -148,16 +151,16 @@ def linearised(_: str, form: Form) -> None:
     Dynamics(form).linearised()
 
 
-def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, told: Collection[Check | None]) -> str:
+def _never(name: str, form: Form, takes: Callable[[str, Form], Any] | None, reported: Collection[Check | None]) -> str:
     """Why the observer does not take the form, whatever is accepted, in a sentence without the reason of a check that
-    is `told`; "" where it would."""
+    is `reported` already; "" where it would."""
     try:
         if takes is not None:
             takes(name, form)
     except Singular as error:
         return f"To accept it does not help: {error}."
     except BadGain as error:
-        return f"To accept it does not help: {replace(error, because=None) if error.because in told else error}."
+        return f"To accept it does not help: {replace(error, because=None) if error.because in reported else error}."
     return ""
 
 
@@ -195,20 +198,21 @@ def state_field(form: Form, initial: Values | None, peak: float) -> Field:
 
 
 def _initial(form: Form, initial: Values | None) -> tuple[dict[Signal, float], dict[Signal, float]]:
-    """The states of the form's system, from those of the plant as first declared, and its inputs."""
+    """The initial values of the states of the form's system, from those of the plant as first declared, and of its
+    inputs. Raises: `BadNames`, `BadGain`."""
     origin, inputs = form.system.origin, form.system.inputs
     states = form.system.states if origin is None else origin.plant.states
     rest = {s.name: resting(s) for s in (*states, *inputs)}
     if initial is None or isinstance(initial, Mapping):
-        given = in_order("initial", initial or {}, tuple(rest), default=rest)
-        values = [real(f"initial {name}", value) for name, value in zip(rest, given, strict=True)]
+        ordered = in_order("initial", initial or {}, tuple(rest), default=rest)
+        values = [real(f"initial {name}", value) for name, value in zip(rest, ordered, strict=True)]
     else:
         values = [*reals("initial", initial).reshape(-1), *map(resting, inputs)]
     if len(values) != len(rest):
         wanted = f"must have one number for each of {', '.join(names_of(states))}"
         raise BadGain(f"initial of length {len(values) - len(inputs)}", wanted)
-    found = dict(zip((*states, *inputs), map(float, values), strict=True))
-    start, now = ({s: found[s] for s in signals} for signals in (states, inputs))
+    initial_values = dict(zip((*states, *inputs), map(float, values), strict=True))
+    start, now = ({s: initial_values[s] for s in signals} for signals in (states, inputs))
     for signal, value in start.items():
         low, high = signal.interval
         if not (np.isfinite(value) and low <= value <= high):

@@ -7,14 +7,14 @@ under update.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from hgogen.graph import Graph
 from hgogen.program import Bit, Field, Group, Program, sym
 
 
-def on_line(c: float, last: Any, now: Any) -> Any:
+def on_line(c: float, last: Graph, now: Graph) -> Graph:
     """What runs on the line from `last` to `now`, at the fraction c of the step; the ends as they are."""
     return now if c == 1.0 else last if c == 0.0 else last + c * (now - last)
 
@@ -34,25 +34,25 @@ class Clock:
         """The time (s) between two samples of an output: dt, or `every` so many of them."""
         return self.dt * self.every[output] if self.every else self.dt
 
-    def u(self, c: float) -> Any:
+    def u(self, c: float) -> Graph:
         """The input (m) at the fraction c of the step: on the line from the last value to this one, or held."""
         return self.between_samples(c, sym("state", "u", self.inputs), sym("work", "u", self.inputs))
 
-    def between_samples(self, c: float, last: Any, now: Any) -> Any:
+    def between_samples(self, c: float, last: Graph, now: Graph) -> Graph:
         """The input (m) at the fraction c of a step between two samples of it."""
         return now if self.between == "hold" else on_line(c, last, now)
 
     @property
-    def u_now(self) -> Any:
+    def u_now(self) -> Graph:
         """The input (m) that `predict` has just stored, for the sections after it."""
         return sym("state", "u", self.inputs)
 
-    def y(self, c: float) -> Any:
+    def y(self, c: float) -> Graph:
         """The measurement (p) at the fraction c of the step, on the line between two valid samples."""
         return on_line(c, sym("work", "y_last", self.outputs), sym("work", "y", self.outputs))
 
     @property
-    def valid(self) -> Any:
+    def valid(self) -> Graph:
         """1 for each output (p) whose sample can be used, else 0."""
         return sym("work", "valid", self.outputs)
 
@@ -95,15 +95,15 @@ class Ode(Part):
     """
 
     fields: tuple[Field, ...]
-    rest: Callable[[Mapping[str, Any], Any, Any, Any], Mapping[str, Any]]
-    linear: Callable[[Mapping[str, Any], Any, Any], Mapping[str, Any]] | None = None
-    offset: Callable[[Any], Any] | None = None
+    rest: Callable[[Mapping[str, Graph], Graph, Graph, Graph], Mapping[str, Graph]]
+    linear: Callable[[Mapping[str, Graph], Graph, Graph], Mapping[str, Graph]] | None = None
+    offset: Callable[[Graph], Graph] | None = None
     frozen: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     derived: tuple[Field, ...] = ()
     tune: Program = ()
     core: np.ndarray | None = None
 
-    def rhs(self, values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rhs(self, values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         """The whole right-hand side."""
         rest = dict(self.rest(values, u, y, valid))
         if self.linear is None:
@@ -118,4 +118,4 @@ class Jump(Part):
     name, of the differential equation that it solves, if it solves one."""
 
     build: Callable[[Clock], Pieces]
-    flow: Mapping[str, Any] = field(default_factory=dict)
+    flow: Mapping[str, Graph] = field(default_factory=dict)

@@ -18,6 +18,8 @@ from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 
+from hgogen.graph import Graph
+
 INF = float("inf")
 
 
@@ -31,23 +33,23 @@ class Place(NamedTuple):
         return f"{self.struct}.{self.name}"
 
 
-def sym(struct: str, name: str, size: int = 1) -> Any:
+def sym(struct: str, name: str, size: int = 1) -> Graph:
     """The SX column (size) that stands for a place, empty for size 0; the same symbols for the same arguments."""
     return _column(Place(struct, name), size)
 
 
 @cache
-def _column(place: Place, size: int) -> Any:
+def _column(place: Place, size: int) -> Graph:
     return column(ca.SX.sym(":".join((*place, str(index), str(size)))) for index in range(size))
 
 
-def address(symbol: Any) -> tuple[Place, int, int]:
+def address(symbol: Graph) -> tuple[Place, int, int]:
     """(place, index, size) of one scalar symbol that `sym` made, which can carry them in its name only."""
     struct, name, index, size = symbol.name().split(":")
     return Place(struct, name), int(index), int(size)
 
 
-def column(values: Iterable[Any]) -> Any:
+def column(values: Iterable[Graph]) -> Graph:
     """SX column of scalars; an empty one for none."""
     values = list(values)
     return ca.vertcat(*values) if values else ca.SX(0, 1)
@@ -128,8 +130,8 @@ class Block:
     """
 
     title: str
-    writes: Mapping[Place, Any]
-    names: Mapping[str, Any] = field(default_factory=dict)
+    writes: Mapping[Place, Graph]
+    names: Mapping[str, Graph] = field(default_factory=dict)
 
     @cached_property
     def reads(self) -> tuple[tuple[Place, int], ...]:
@@ -227,38 +229,38 @@ def walk(program: Sequence[Statement]) -> Iterator[Statement]:
 
 def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
     """Every (place, size) that a program reads or writes, but for sections that it calls."""
-    found: set[tuple[Place, int]] = set()
+    accessed: set[tuple[Place, int]] = set()
     for statement in walk(program):
         if isinstance(statement, Block):
-            found.update(statement.reads)
-            found.update((place, ca.SX(value).numel()) for place, value in statement.writes.items())
+            accessed.update(statement.reads)
+            accessed.update((place, ca.SX(value).numel()) for place, value in statement.writes.items())
         elif isinstance(statement, Kernel):
-            found.update(statement.arguments)
-            found.update((place, 1) for place in (statement.result,) if place)
+            accessed.update(statement.arguments)
+            accessed.update((place, 1) for place in (statement.result,) if place)
         elif isinstance(statement, Loop):
-            found.update((place, 1) for place in (statement.start, statement.active, statement.index) if place)
+            accessed.update((place, 1) for place in (statement.start, statement.active, statement.index) if place)
         elif isinstance(statement, Copy):
-            found.update((place, 1) for place in (statement.source, statement.target))
+            accessed.update((place, 1) for place in (statement.source, statement.target))
         elif isinstance(statement, When):
-            found.add((statement.flag, 1))
-    return found
+            accessed.add((statement.flag, 1))
+    return accessed
 
 
 def read(program: Sequence[Statement]) -> set[Place]:
     """Every place whose value some statement needs."""
-    found: set[Place] = set()
+    needed: set[Place] = set()
     for statement in walk(program):
         if isinstance(statement, Block):
-            found.update(place for place, _ in statement.reads)
+            needed.update(place for place, _ in statement.reads)
         elif isinstance(statement, Kernel):
-            found.update(place for place, _ in statement.arguments)
+            needed.update(place for place, _ in statement.arguments)
         elif isinstance(statement, Loop):
-            found.update(place for place in (statement.start, statement.active) if place)
+            needed.update(place for place in (statement.start, statement.active) if place)
         elif isinstance(statement, Copy):
-            found.update((statement.source, statement.target))
+            needed.update((statement.source, statement.target))
         elif isinstance(statement, When):
-            found.add(statement.flag)
-    return found
+            needed.add(statement.flag)
+    return needed
 
 
 def dangling(program: Sequence[Statement]) -> set[Place]:
@@ -274,7 +276,7 @@ def pruned(program: Sequence[Statement]) -> Program:
     """The program without work values that nothing reads."""
     needed = read(program)
 
-    def kept(statement: Statement) -> Statement | None:
+    def without_unused(statement: Statement) -> Statement | None:
         if isinstance(statement, Block):
             writes = {p: v for p, v in statement.writes.items() if p.struct != "work" or p in needed}
             if len(writes) == len(statement.writes):
@@ -287,7 +289,7 @@ def pruned(program: Sequence[Statement]) -> Program:
         return statement
 
     def below(statements: Sequence[Statement]) -> Program:
-        return tuple(s for s in map(kept, statements) if s is not None)
+        return tuple(s for s in map(without_unused, statements) if s is not None)
 
     result = below(program)
     return result if read(result) == needed else pruned(result)

@@ -38,11 +38,11 @@ def load(package: str) -> dict[str, Any]:
         module = import_module(f"{package}.{name}")
         if name not in vars(module):
             raise NoCase(module.__name__)
-        cases[name] = _told(module, vars(module)[name])
+        cases[name] = _documented(module, vars(module)[name])
     return cases
 
 
-def _told(module: ModuleType, case: Any) -> Any:
+def _documented(module: ModuleType, case: Any) -> Any:
     """The case; a function has its file's docstring before its own, once, a value has its file's."""
     if isfunction(case) and case.__doc__ and module.__doc__:
         file, own = cleandoc(module.__doc__), cleandoc(case.__doc__)

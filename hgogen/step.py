@@ -49,20 +49,20 @@ class BadStep(BadArgument):
 @dataclass(eq=False)
 class StepTooLong(HgogenError):
     """A step length at which the discretisation is unstable at a point of the declared box: above `limit` it is
-    refused, up to `take` advised, as `found` says."""
+    refused, up to `take` advised; `basis` says on what the advice rests."""
 
     dt: float
     limit: float
     take: float
     rule: str
     why: str
-    found: str
+    basis: str
     unit: str = "s"
 
     def __str__(self) -> str:
         return (
             f"dt = {self.dt:g} is too long for {self.rule}: refused above {_time(self.limit, self.unit)}, {self.why}; "
-            f"{_advice(self.take, self.unit, self.found)}"
+            f"{_advice(self.take, self.unit, self.basis)}"
         )
 
 
@@ -70,8 +70,9 @@ def _time(value: float, unit: str) -> str:
     return rounded_down(value) + f" {unit}" * (unit != "s")
 
 
-def _advice(take: float, unit: str, found: str) -> str:
-    return f"take dt <= {_time(take, unit)} ({found}), or another method"
+def _advice(take: float, unit: str, basis: str) -> str:
+    """The end of a sentence on a step that is too long."""
+    return f"take dt <= {_time(take, unit)} ({basis}), or another method"
 
 
 def rounded_down(value: float) -> str:
@@ -244,12 +245,14 @@ def _bits(step: Step, extra: tuple[Bit, ...]) -> tuple[Bit, ...]:
         for signal in signals:
             for kind in kinds:
                 meaning, action = SIGNAL_BITS[kind]
-                said = meaning.format(signal.name, beyond=beyond.get(signal))
-                bits.append(Bit(f"{kind}_{signal.name}", said, action))
+                text = meaning.format(signal.name, beyond=beyond.get(signal))
+                bits.append(Bit(f"{kind}_{signal.name}", text, action))
     lower = or_lower(step.observer)
     bits += [Bit(name, meaning, action.format(or_lower=lower)) for name, (meaning, action) in STEP_BITS.items()]
     bits += extra
-    kept = tuple(bit for bit in {bit.name: bit for bit in bits}.values() if bit.name in raised)
-    if len(kept) > STATUS:
-        raise BadStep(f"{step.name} with {len(kept)} status bits", f"has more than {STATUS}; drop inputs or outputs")
-    return kept
+    raisable = tuple(bit for bit in {bit.name: bit for bit in bits}.values() if bit.name in raised)
+    if len(raisable) > STATUS:
+        raise BadStep(
+            f"{step.name} with {len(raisable)} status bits", f"has more than {STATUS}; drop inputs or outputs"
+        )
+    return raisable

@@ -24,7 +24,7 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """By what an observer claims of itself: one check of convergence, and one of its gain theta."""
+    """What is known of an observer's convergence, by its own checks: one of convergence, and one of its gain theta."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
         return Convergence.UNKNOWN
@@ -98,8 +98,8 @@ class Row:
 def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
     """The theorem's hypotheses, each with the verdict of its worst check; unknown where no check knows it."""
     known = tuple(checks)
-    found = (_row(hypothesis, known) for hypothesis in theorem.hypotheses)
-    return tuple(row for row in found if row is not None)
+    candidates = (_row(hypothesis, known) for hypothesis in theorem.hypotheses)
+    return tuple(row for row in candidates if row is not None)
 
 
 def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
@@ -109,7 +109,7 @@ def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
         least = worst(telling)  # a hypothesis is as good as the worst of its checks
         alone = len(telling) == 1 or least.verdict is Verdict.PROVED
         which = "" if alone else f"{least.verdict}: {least.id}"
-        verdict, reason = least.verdict, "; ".join(said for said in (which, reason) if said)
+        verdict, reason = least.verdict, "; ".join(part for part in (which, reason) if part)
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:

@@ -22,7 +22,7 @@ import sympy as sp
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine
 from hgogen.form import Form
-from hgogen.graph import CVODES, to_casadi
+from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
 from hgogen.reading.time_unit import plural
 from hgogen.signal import resting
@@ -73,9 +73,9 @@ class Trial:
     estimate: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Every field as its kind. Raises: `BadTrial`."""
-        for key, given in vars(self).copy().items():
-            object.__setattr__(self, key, read_field(self.name, key, given))
+        """Reads every field as its kind. Raises: `BadTrial`."""
+        for key, value in vars(self).copy().items():
+            object.__setattr__(self, key, read_field(self.name, key, value))
 
     def first_estimate(self, form: Form) -> dict[str, float]:
         """The `initial` from which every observer of a form has the same plant's state at time 0: that of `estimate`,
@@ -159,8 +159,8 @@ def simulate(plant: System, trial: Trial, dt: float) -> Truth:
 
 def _sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
     """The plant's inputs (N, m) at `times`."""
-    time, given = ca.SX.sym("t"), _inputs(plant, trial)
-    u = to_casadi([sp.sympify(given[s.name]) for s in plant.inputs], {t: time})
+    time, inputs = ca.SX.sym("t"), _inputs(plant, trial)
+    u = to_casadi([sp.sympify(inputs[s.name]) for s in plant.inputs], {t: time})
     values = ca.Function("inputs", [time], [ca.densify(ca.SX(ca.vertcat(*u)))])(times[None, :])
     return np.array(values).T.reshape(len(times), -1)
 
@@ -176,7 +176,7 @@ def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
     return {name: rate for name, rate in rates.items() if name in {s.name for s in plant.inputs}} | dict(trial.inputs)
 
 
-def _integrate(plant: System, trial: Trial, ode: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
+def _integrate(plant: System, trial: Trial, ode: Mapping[str, Graph], times: np.ndarray) -> np.ndarray:
     """States (N, n) at `times`, from jump to jump; a jump takes effect at its very time."""
     index = {s.name: i for i, s in enumerate(plant.states)}
     now = np.array([trial.start[s.name] for s in plant.states], dtype=float)
@@ -198,7 +198,7 @@ def _integrate(plant: System, trial: Trial, ode: Mapping[str, Any], times: np.nd
     return states
 
 
-def _segment(trial: Trial, ode: Mapping[str, Any], start: np.ndarray, begin: float, stops: list[float]) -> np.ndarray:
+def _segment(trial: Trial, ode: Mapping[str, Graph], start: np.ndarray, begin: float, stops: list[float]) -> np.ndarray:
     options = {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
     try:
         integrator = ca.integrator("truth", "cvodes", ode, begin, stops, options)
@@ -309,11 +309,15 @@ def _outside(plant: System, trial: Trial) -> Iterator[str]:
             yield f"{jump} leaves the range {low}..{high} of {jump.state}; declare a wider one, or jump less far"
 
 
-def _names(trial: Trial, what: str, given: Any, known: set[str], needed: bool = False) -> None:
+def _names(trial: Trial, what: str, names: Any, known: set[str], needed: bool = False) -> None:
+    """Demands that the names are `known`, and that all of these are among them where they are `needed`.
+
+    Raises: `BadTrial`.
+    """
     listed = ", ".join(sorted(known)) or "none"
-    for name in given:
+    for name in names:
         if name not in known:
             raise BadTrial(trial.name, f"{what} names {name!r}, which the plant does not have; it has {listed}")
     for name in sorted(known):
-        if needed and name not in given:
+        if needed and name not in names:
             raise BadTrial(trial.name, f"{what} says nothing of {name!r}; give it a value")

@@ -19,7 +19,7 @@ from hgogen.form import Form
 from hgogen.reading.door import asks_a_plant
 from hgogen.system import System
 
-DEAR = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
+NOT_ASKED = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Case:
     options: tuple[Mapping[str, Any], ...] = ({},)
     least: int = 1
     most: int = 0
-    dear: bool = False
+    costly: bool = False
     candidate: bool = True
 
     def refusal(self, outputs: int) -> str:
@@ -46,9 +46,9 @@ CASES: Mapping[str, Case] = MappingProxyType(
         "triangular": Case(({}, {"measured": True}), most=1),
         "uniform": Case(most=1),
         "block_triangular": Case(({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2),
-        "phase": Case(most=1, dear=True),
+        "phase": Case(most=1, costly=True),
         "state_affine": Case(candidate=False),
-        "original": Case(dear=True),  # its Lipschitz constant is dear, and no theorem covers it
+        "original": Case(costly=True),  # its Lipschitz constant takes seconds, and no theorem covers it
     }
 )
 
@@ -123,8 +123,9 @@ class Survey:
     def best(self) -> Form:
         """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
         else its own coordinates."""
-        asked = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
-        return next((row.form for row in (*self.candidates, *asked) if row.form), None) or forms.original(self.plant)
+        answering = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        rows = (*self.candidates, *answering)
+        return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
 
     def as_dict(self) -> list[dict[str, Any]]:
         """For JSON."""
@@ -145,8 +146,8 @@ def survey(plant: System, *, deep: bool = False) -> Survey:
 
 def _rows(name: str, case: Case, plant: System, deep: bool) -> Iterator[Row]:
     refusal = case.refusal(len(plant.outputs))
-    if refusal or (case.dear and not deep):
-        yield Row(name, None, (), refusal or DEAR)
+    if refusal or (case.costly and not deep):
+        yield Row(name, None, (), refusal or NOT_ASKED)
     else:
         for options in case.options:
             yield _row(name, options, plant)
@@ -162,18 +163,18 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
         form: Form = getattr(forms, name)(plant, **options)
     except HgogenError as refusal:  # the plant is not one that the form takes
         return Row(name, None, (), str(refusal), options=options)
-    found = worst(form.checks)
+    weakest = worst(form.checks)
     order = _order(form) if form.structured else ()
-    if found.verdict is Verdict.PROVED:
-        return Row(name, found.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
-    return Row(name, found.verdict, order, _short(found), found.witness, found.advice, form, options)
+    if weakest.verdict is Verdict.PROVED:
+        return Row(name, weakest.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
+    return Row(name, weakest.verdict, order, _short(weakest), weakest.witness, weakest.advice, form, options)
 
 
 def _short(check: Check) -> str:
     at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
-    said = f"{check.reason}{', at ' + at if at else ''}"
+    sentence = f"{check.reason}{', at ' + at if at else ''}"
     name = check.id.short
-    return said if check.id.fact == "structure" or said.startswith(name) else f"{name}: {said}"
+    return sentence if check.id.fact == "structure" or sentence.startswith(name) else f"{name}: {sentence}"
 
 
 def _order(form: Form) -> tuple[str, ...]:
@@ -183,9 +184,10 @@ def _order(form: Form) -> tuple[str, ...]:
 
 
 def _gauthier_bornard(plant: System) -> Row:
-    found = of_plant(plant)
-    if not found.applies:
-        return Row("Gauthier-Bornard", None, (), f"does not apply: {found.reason}")
-    told = {Verdict.GENERIC: "uniformly observable: ", Verdict.REFUTED: "some input hides a state: "}
-    said = told.get(found.verdict, "")
-    return Row("Gauthier-Bornard", found.verdict, (), f"{RANGES_APART}, {said}{found.reason}")
+    """The row of the test of Gauthier and Bornard."""
+    answer = of_plant(plant)
+    if not answer.applies:
+        return Row("Gauthier-Bornard", None, (), f"does not apply: {answer.reason}")
+    prefixes = {Verdict.GENERIC: "uniformly observable: ", Verdict.REFUTED: "some input hides a state: "}
+    prefix = prefixes.get(answer.verdict, "")
+    return Row("Gauthier-Bornard", answer.verdict, (), f"{RANGES_APART}, {prefix}{answer.reason}")

@@ -3,6 +3,7 @@
 import ast
 import re
 import subprocess
+from collections.abc import Iterator
 from dataclasses import is_dataclass
 from functools import cache
 from importlib import import_module
@@ -249,6 +250,78 @@ def takes_apart(name: str) -> bool:
     return "re" in modules or any(
         method.attr in APART and ast.unparse(method.value) not in ("np", "self") for method in methods
     )
+
+
+# --- names --------------------------------------------------------------------------------------------------
+
+SAYS_NOTHING = {"found", "told", "kept", "given", "near", "apart", "dear"}
+OLD_NAMES = ("emit", "targets")  # the folders whose names are still to do
+
+
+def names(module: ast.AST) -> Iterator[tuple[int, str]]:
+    """The line and name of each variable, argument, and private or inner function or class; a public function, class
+    or field is a name that users read."""
+    fields = {
+        target
+        for node in ast.walk(module)
+        if isinstance(node, ast.ClassDef)
+        for line in node.body
+        for target in (line.targets if isinstance(line, ast.Assign) else [getattr(line, "target", None)])
+    }
+    for node in ast.walk(module):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node not in fields:
+            yield node.lineno, node.id
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and node.name:
+            yield node.lineno, node.name
+        elif isinstance(node, ast.alias) and node.asname:
+            yield node.lineno, node.asname
+        elif isinstance(node, ast.FunctionDef):
+            inner = (each for line in node.body for each in ast.walk(line))
+            yield from ((each.lineno, each.name) for each in inner if isinstance(each, ast.FunctionDef | ast.ClassDef))
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name.startswith("_"):
+            yield node.lineno, node.name
+
+
+def say_nothing(module: ast.AST) -> list[tuple[int, str]]:
+    return sorted({(line, name) for line, name in names(module) if name.strip("_").lower() in SAYS_NOTHING})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "found = 1",
+        "for near, far in pairs: pass",
+        "[kept for kept in rows]",
+        "with opened() as given: pass",
+        "if told := read(): pass",
+        "def of(given): pass",
+        "def of(*, apart=1): pass",
+        "lambda dear: dear",
+        "def _found(): pass",
+        "def whole():\n    def kept(): pass",
+        "class Box:\n    def _near(self): pass",
+        "try: pass\nexcept ValueError as told: pass",
+        "import numpy as near",
+        "match row:\n    case [found, *kept]: pass",
+    ],
+)
+def test_the_search_for_names_sees_every_kind(text: str) -> None:
+    assert say_nothing(ast.parse(text))
+
+
+@pytest.mark.parametrize("text", ["class Row:\n    found: str", "def apart(): pass", "row.found = near(kept)"])
+def test_it_passes_public_names_and_uses(text: str) -> None:
+    assert not say_nothing(ast.parse(text))
+
+
+def test_a_value_is_named_for_what_it_holds() -> None:
+    """A local called found or kept can be anything, and cannot be searched for: a solution, a bound and an index are
+    called so."""
+    done = [name for name in FILES if (*name.split("."), "")[1] not in OLD_NAMES]
+    assert len(done) > 200
+    assert not [f"{name}:{line}: {word}" for name in done for line, word in say_nothing(tree(name))]
 
 
 # --- values and errors --------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import hgogen as hg
 from hgogen import forms
 from hgogen.check import Verdict
 from hgogen.model import load
-from hgogen.which_forms import CASES, DEAR, Survey
+from hgogen.which_forms import CASES, NOT_ASKED, Survey
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 X = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, 5))
@@ -45,7 +45,7 @@ def test_the_pendulum_is_in_every_form_for_one_output() -> None:
         }.items()
     )
     assert found["triangular"].order == ("q", "w")
-    assert found["phase"].why == DEAR
+    assert found["phase"].why == NOT_ASKED
     assert found["block_triangular"].why == "for 2 outputs or more"
     assert found.best.kind == "triangular"
 
@@ -94,11 +94,11 @@ def test_the_proved_form_comes_before_the_one_with_a_refuted_gain() -> None:
 
 
 @pytest.mark.parametrize("name", ["pendulum.py", "lorenz.toml"])
-def test_deep_asks_the_dear_forms_too(name: str) -> None:
+def test_deep_asks_the_costly_forms_too(name: str) -> None:
     found = hg.survey(load(MODELS / name).plant, deep=True)
-    dear = {name for name, case in CASES.items() if case.dear}
-    assert dear == {"phase", "original"}
-    assert {row.name for row in found.answered} >= dear
+    costly = {name for name, case in CASES.items() if case.costly}
+    assert costly == {"phase", "original"}
+    assert {row.name for row in found.answered} >= costly
     assert found["original"].verdict is not PROVED  # no theorem covers it
 
 

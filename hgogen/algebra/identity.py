@@ -81,11 +81,11 @@ def dependence(
     would not be enough: atan(x) + atan(1/x) jumps.
     """
     expression = _settled(expression, box)
-    asked = [s for s in symbols if s in expression.free_symbols]
-    seen = _seen(expression, asked, box) if asked else set()
+    present = [s for s in symbols if s in expression.free_symbols]
+    seen = _seen(expression, present, box) if present else set()
     sure: list[sp.Symbol] = []
     maybe: list[sp.Symbol] = []
-    for s in asked:
+    for s in present:
         answer = False if s in seen else _free(expression, s, box)
         if not answer:
             (sure if answer is False else maybe).append(s)
@@ -100,9 +100,9 @@ def reads(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = N
 
 
 def free_of(expression: sp.Expr, symbols: Iterable[sp.Symbol], box: Box | None = None) -> sp.Expr:
-    """The same function written without the symbols on which it is proved not to depend.
+    """The function written without the symbols on which it is proved not to depend.
 
-    Its value at one value of each: 0 where it is defined there.
+    Each of these symbols is set to one value: to 0 where the function is defined there.
     """
     idle = [s for s in symbols if s in expression.free_symbols and depends(expression, s, box) is False]
     for numbers in _NUMBERS if idle else ():

@@ -29,7 +29,7 @@ class _Shown(sp.Function):  # type: ignore[misc]
         return text if exp is None else rf"\left({text}\right)^{{{exp}}}"
 
     def plain(self) -> sp.Expr:
-        """As SymPy has it."""
+        """The expression in SymPy's own functions."""
         raise NotImplementedError
 
 
@@ -56,7 +56,7 @@ class Norm(_Shown):
         return sp.Add(*terms)
 
     def plain(self) -> sp.Expr:
-        """As SymPy has it."""
+        """The expression in SymPy's own functions."""
         return _size(*self.args)
 
 
@@ -106,8 +106,8 @@ def slope(row: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
 
 
 def bent(row: sp.Expr) -> sp.Expr:
-    """The same function over the reals, its kinks as `Norm`: |e|, max, min, roots of sums of squares, e sign(e), and
-    what is continuous of Piecewise."""
+    """The function over the reals with its kinks written as `Norm`: |e|, max, min, roots of sums of squares, e sign(e),
+    and what is continuous of Piecewise."""
     return over_reals(lambda e, _: _bent(e), row)
 
 
@@ -212,7 +212,7 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
         return e
     rest = _bent(rest)
     conditions = [sp.expand(where.gts - where.lts) for _, where in branches]
-    if not all(_apart(a, b) for a, b in combinations(conditions, 2)):
+    if not all(_disjoint(a, b) for a, b in combinations(conditions, 2)):
         return e
     total = rest
     for (value, _), c in zip(branches, conditions, strict=True):
@@ -226,7 +226,7 @@ def _joined(e: sp.Piecewise) -> sp.Expr:
     return total
 
 
-def _apart(a: sp.Expr, b: sp.Expr) -> bool:
+def _disjoint(a: sp.Expr, b: sp.Expr) -> bool:
     """Whether a positive multiple of b is a number below -a: then they are not positive at once."""
     symbols = sorted(a.free_symbols & b.free_symbols, key=str)
     ratio = -a.coeff(symbols[0]) / b.coeff(symbols[0]) if symbols and b.coeff(symbols[0]) != 0 else sp.S.Zero

@@ -30,7 +30,7 @@ FEW_BITS, MANY_BITS = 256, 8192
 BITS_EACH = 4  # more bits for each unknown
 _CAP = 4096  # terms of a series with balls
 
-_Found = TypeVar("_Found")
+_Answer = TypeVar("_Answer")
 
 
 @dataclass(eq=False)
@@ -74,10 +74,11 @@ class Rank:
 
 @dataclass(frozen=True)
 class Ranks:
-    """`known`: with known parameters; `joint`: states and unknown parameters together; how, in `method`.
+    """The ranks of a plant: `known` with known parameters, `joint` of states and unknown parameters together; `method`
+    says how they were computed.
 
-    `local`: the functions with branches, for which the answer is the least of several points' and holds on an open
-    set only; "" where it holds at almost every point.
+    `local` names the functions with branches, for which the answer is the least of several points' and holds on an
+    open set only; it is "" where the answer holds at almost every point.
     """
 
     known: Rank
@@ -164,12 +165,12 @@ def exact_numbers(plant: Plant) -> bool:
 
 def somewhere(
     plant: Plant,
-    answer: Callable[[Arithmetic, Point], _Found],
+    answer: Callable[[Arithmetic, Point], _Answer],
     *,
     first: int = 0,
     power: int = 1,
     balls: bool = False,
-) -> _Found:
+) -> _Answer:
     """`answer` at the first random point at which the plant is defined, with balls at a precision that decides.
 
     `first`: which of the random points to begin with; `power`: of the prime that numbers are taken modulo; `balls`:
@@ -195,7 +196,7 @@ def modulus(numbers: Arithmetic) -> int:
     return numbers.prime if isinstance(numbers, Modular) else 0
 
 
-def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Point], _Found]) -> _Found:
+def _with_balls(plant: Plant, numbers: Balls, answer: Callable[[Arithmetic, Point], _Answer]) -> _Answer:
     cap, bits = flint.ctx.cap, flint.ctx.prec
     flint.ctx.cap, flint.ctx.prec = _CAP, FEW_BITS + BITS_EACH * plant.wide
     try:

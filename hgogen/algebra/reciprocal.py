@@ -13,7 +13,7 @@ _MEANING = {
 
 
 def without_reciprocals(expression: sp.Expr) -> sp.Expr:
-    """The same function without cot, sec, csc, coth, sech, csch."""
+    """The function written without cot, sec, csc, coth, sech, csch."""
     if not expression.has(*_MEANING):
         return expression
     return expression.replace(lambda node: type(node) in _MEANING, lambda node: _MEANING[type(node)](*node.args))

@@ -67,7 +67,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Tape:
-    """`instructions` in order; `outputs`: where each expression's value stands; `symbols`: what is read, by index."""
+    """The `instructions` in order, which read `symbols` by index; `outputs` says where each expression stands."""
 
     symbols: tuple[sp.Symbol, ...]
     instructions: tuple[Instruction, ...]

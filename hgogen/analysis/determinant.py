@@ -33,8 +33,10 @@ _POINTS, _TRIES = 2, 24
 
 @dataclass(frozen=True)
 class Determinant:
-    """`value`: a quotient of products, equal to the determinant where its roots are real; `factors`: their zero sets
-    together are that of the value, empty where it has none, None where that is not known.
+    """A determinant and its zeros.
+
+    `value` is a quotient of products, equal to the determinant where its roots are real. The zero sets of the `factors`
+    together are that of the value; there are none where it has no zero, and they are None where that is not known.
     """
 
     value: sp.Expr

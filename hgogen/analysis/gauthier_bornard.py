@@ -34,10 +34,11 @@ _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
 
 @dataclass(frozen=True)
 class UniformObservability:
-    """`answer`: True or False where the test applies; None where it does not, or cannot be decided; why, in `reason`.
+    """Whether a plant is uniformly observable: the `answer` is True or False where the test applies, and None where it
+    does not, or where it cannot be decided; `reason` says why.
 
-    `applies`: whether the plant has one output, an input, a flow affine in the inputs, an output free of them.
-    `shown`: whether a False is more than what ranks at random points say.
+    It `applies` where the plant has one output, an input, a flow affine in the inputs, and an output free of them.
+    `shown` tells whether a False is more than what ranks at random points say.
     """
 
     answer: bool | None

@@ -52,8 +52,8 @@ def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative:
     range; `NotInBox`; `BadRange`; `EmptyBox`; `NoTape` for a function without a rule.
     """
     limits("bound", boxes, relative)
-    asked, box, folded = _question("bound", expression, where)
-    extent = bounds.bound(asked, box, boxes=boxes, relative=relative)
+    resolved, box, folded = _resolved("bound", expression, where)
+    extent = bounds.bound(resolved, box, boxes=boxes, relative=relative)
     return replace(extent, defined=False, note="; ".join(filter(None, (folded, extent.note)))) if folded else extent
 
 
@@ -63,20 +63,20 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
     Of a text from which SymPy folded away places of the box without a value it is not proved.
     """
     limits("nonzero", boxes)
-    asked, box, folded = _question("nonzero", expression, where)
-    answer = sign.nonzero(asked, box, boxes=boxes)
+    resolved, box, folded = _resolved("nonzero", expression, where)
+    answer = sign.nonzero(resolved, box, boxes=boxes)
     if folded and answer.verdict is Verdict.PROVED:
         return replace(answer, verdict=Verdict.UNKNOWN, sign=0, margin=0.0, reason=folded, exact=None)
     return answer
 
 
-def _question(what: str, asked: Any, where: System | Box) -> tuple[sp.Expr, Box, str]:
+def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, str]:
     """The expression, the box, and where the text has no value though its expression has one, as a text, or ""."""
     plant = where if isinstance(where, System) else None
     around = _declared(plant) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
     names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
-    fold = read(asked, names) if isinstance(asked, str) else Fold("", scalar(asked, what), ())
+    fold = read(source, names) if isinstance(source, str) else Fold("", scalar(source, what), ())
     expression = fold.reading
     for symbol in sorted(expression.free_symbols - {*around, *equations}, key=str):
         raise NotInBox(str(symbol), tuple(names), symbol.name in names)

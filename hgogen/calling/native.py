@@ -52,11 +52,11 @@ class CompilerFailed(HgogenError):
 
 
 def compiler() -> str | None:
-    """The C compiler: $CC, else cc, gcc or clang, whichever is found first; None where there is none."""
+    """The path of the C compiler: $CC, else the first of cc, gcc and clang that is installed; None where none is."""
     for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        found = shutil.which(name) if name else None
-        if found:
-            return found
+        path = shutil.which(name) if name else None
+        if path:
+            return path
     return None
 
 
@@ -118,7 +118,7 @@ def cache_folder() -> Path:
 
 @cache
 def _own_folder() -> tempfile.TemporaryDirectory[str]:
-    """It is removed when the process ends."""
+    """The folder of this process for its libraries, which is removed when the process ends."""
     return tempfile.TemporaryDirectory(prefix="hgogen-", ignore_cleanup_errors=True)
 
 

@@ -24,7 +24,7 @@ from hgogen.step import Step
 class Kept:
     """The memory of one step in the precision `real`, `places` of it by name, and what can be called on it.
 
-    `given`: u, then y, of a sample, as numbers of that precision; `shown`: the estimate, then the traces.
+    `signals`: u, then y, of a sample, as numbers of that precision; `shown`: the estimate, then the traces.
     """
 
     def __init__(self, step: Step, real: Real) -> None:
@@ -33,8 +33,8 @@ class Kept:
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
         self.state = self.whole[: layout.state_type(step, real).itemsize]
-        shown, given = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.outputs)
-        self.given, self.shown = np.split(self.record.view(DTYPE[real])[-given - shown :], [given])
+        shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.outputs)
+        self.signals, self.shown = np.split(self.record.view(DTYPE[real])[-signals - shown :], [signals])
         for kind, fields in (("plant", step.plant), ("gain", step.gains), ("state", step.state)):
             self._fill(kind, fields)
         for *_, group in lines_of(step.groups):
@@ -46,7 +46,7 @@ class Kept:
         self.state[:] = self._new
 
     def entries(self, engine: Engine) -> Mapping[str, Entry]:
-        """What a reader can be called for; made at the first time.
+        """The functions of a reader by name, which are made at the first time.
 
         Raises: `NoCompiler`, `CompilerFailed`.
         """
@@ -66,12 +66,12 @@ class Kept:
             x, traced = np.zeros((len(y), n), u.dtype), np.zeros((len(y), traces), u.dtype)
             self._record(u, y, x, traced, status)
             return x.astype(float, copy=False), traced.astype(float, copy=False), status
-        found = np.zeros((len(y), n + traces))
+        rows = np.zeros((len(y), n + traces))
         for k, row in enumerate(np.hstack([u, y])):
-            self.given[:] = row
+            self.signals[:] = row
             status[k] = step()
-            found[k] = self.shown
-        return found[:, :n], found[:, n:], status
+            rows[k] = self.shown
+        return rows[:, :n], rows[:, n:], status
 
     def _fill(self, kind: str, fields: tuple[Field, ...]) -> None:
         for field in fields:
@@ -83,7 +83,7 @@ class Kept:
         return native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
 
     def _compiled(self) -> dict[str, Entry]:
-        """A call of one address each, which a thread finishes before another has its turn."""
+        """The C function of each entry, of one address, which a thread finishes before another has its turn."""
         step, library = self._step, self._library
         size = getattr(library, f"{step.name}_kept_size")
         size.restype = ctypes.c_size_t
@@ -92,8 +92,8 @@ class Kept:
         names = ["step", "estimate", "tune"]
         names += [section.name for section in (*step.sections, *step.timed)] if step.apart else []
         kind = ctypes.PYFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
-        found = {name: kind((f"{step.name}_kept_{name}", library)) for name in names}
-        return {name: partial(call, self.record.ctypes.data) for name, call in found.items()}
+        calls = {name: kind((f"{step.name}_kept_{name}", library)) for name in names}
+        return {name: partial(call, self.record.ctypes.data) for name, call in calls.items()}
 
     def _record(self, *arrays: np.ndarray) -> None:
         step = self._step

@@ -156,8 +156,8 @@ def numbers(name: str, value: Any, size: int, order: str = "") -> np.ndarray:
 
 
 def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) -> np.ndarray:
-    """An array (N, number of signals) of what was given for a record, or of a column (N) for each by name; NaN where an
-    entry is masked.
+    """The array (N, number of signals) of a record, which is an array too or has a column (N) for each signal by name;
+    NaN where an entry is masked.
 
     Raises: `BadShape`, `BadNames`.
     """
@@ -168,8 +168,8 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         columns = in_order(name, value, names_of(signals))
         lengths = dict(zip(names_of(signals), map(np.size, columns), strict=True))
         if len(set(lengths.values())) > 1:
-            told = ", ".join(f"{signal} {length}" for signal, length in lengths.items())
-            raise BadShape(f"{name} with columns of different lengths ({told})", "must have one length for all")
+            listing = ", ".join(f"{signal} {length}" for signal, length in lengths.items())
+            raise BadShape(f"{name} with columns of different lengths ({listing})", "must have one length for all")
         value = np.stack(
             [numbers(f"{name} of {s}", c, n) for c, (s, n) in zip(columns, lengths.items(), strict=True)], 1
         )

@@ -42,7 +42,7 @@ from typing import Any
 import sympy as sp
 
 from hgogen.certificates.of_errors import evidence as of_error
-from hgogen.certificates.of_errors import given
+from hgogen.certificates.of_errors import made_elsewhere
 from hgogen.certificates.of_forms import end, text
 from hgogen.certificates.of_forms import evidence as of_form
 from hgogen.certificates.of_observers import evidence as of_observer
@@ -75,13 +75,13 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
     """
     checks = tuple(checks)
     claims = [_claim(form, check) for check in checks]
-    found = _sealed({**_model(form, checks, observer), "claims": claims})
+    content = _sealed({**_model(form, checks, observer), "claims": claims})
     try:
-        rows = recheck(json.dumps(found)).rows
+        rows = recheck(json.dumps(content)).rows
     except Unreadable as error:
         raise NotCertifiable(form.system.name, error.fault) from None
     failed = {row.id: row.sentence for row in rows if row.found == "fails"}
-    return _sealed({**found, "claims": [_demoted(claim, failed) for claim in claims]})
+    return _sealed({**content, "claims": [_demoted(claim, failed) for claim in claims]})
 
 
 def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
@@ -163,12 +163,15 @@ def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
 
 
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
-    """Its name, and the numbers that something was found of; what is claimed of a bank's member is of no bank's."""
+    """The observer's name, and the numbers that a proof of it is about; None where the certificate names no observer.
+
+    What is claimed of a bank's member is no claim about the bank.
+    """
     if not name:
         return None
     own = (proof for check in checks if check.id.maker == name for proof in check.proofs)
-    found = next((proof for proof in own if isinstance(proof, Grounds)), None)
-    numbers = found.numbers if found else {}
+    grounds = next((proof for proof in own if isinstance(proof, Grounds)), None)
+    numbers = grounds.numbers if grounds else {}
     return {"name": name, **{key: _built(form, value) for key, value in numbers.items()}}
 
 
@@ -187,12 +190,13 @@ def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | N
 
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
-    found = of_form(form, check)
-    found = of_observer(form, check) if found is None else found
-    found = of_error(check) if found is None else found
-    if found is None:
+    """The claim of a check with its evidence; of a verdict without evidence that can be verified, the reason."""
+    evidence = of_form(form, check)
+    evidence = of_observer(form, check) if evidence is None else evidence
+    evidence = of_error(check) if evidence is None else evidence
+    if evidence is None:
         open_ = check.verdict not in (Verdict.PROVED, Verdict.REFUTED)
         verdict, prefix = (str(check.verdict), "") if open_ else ("stated", f"{check.verdict}: ")
-        of = ", of an error system that is given and not made of the plant" if given(check) else ""
+        of = ", of an error system that is given and not made of the plant" if made_elsewhere(check) else ""
         return {"id": check.id, "verdict": verdict, "evidence": {"reason": f"{prefix}{check.reason}{of}"}}
-    return {"id": check.id, "verdict": str(check.verdict), "evidence": found}
+    return {"id": check.id, "verdict": str(check.verdict), "evidence": evidence}

@@ -15,39 +15,41 @@ from hgogen.intervals.proof import Proof
 
 
 def evidence(check: Check) -> Evidence | None:
-    """What shows a proved check; None where nothing here does."""
-    found = next((proof for proof in check.proofs if isinstance(proof, Dissipates)), None)
-    if found is None or found.system.origin is None or check.verdict is not Verdict.PROVED:
+    """The evidence of a proved check; None where the check is not proved, or has no evidence of this kind."""
+    dissipation = next((proof for proof in check.proofs if isinstance(proof, Dissipates)), None)
+    if dissipation is None or dissipation.system.origin is None or check.verdict is not Verdict.PROVED:
         return None
-    system = {"system": _system(found, found.system.origin)}
-    if found.floor is not None:
-        return {**system, "floor": str(found.floor)}
-    answer, names = found.answer, _names(found)
+    system = {"system": _system(dissipation, dissipation.system.origin)}
+    if dissipation.floor is not None:
+        return {**system, "floor": str(dissipation.floor)}
+    answer, names = dissipation.answer, _names(dissipation)
     if answer is None or answer.basis is None:
         return None
-    left = {} if found.left is None or answer.share == 1 else {"left": written(found.left, names)}
+    left = {} if dissipation.left is None or answer.share == 1 else {"left": written(dissipation.left, names)}
     return {
         **system,
         "share": str(answer.share),
         "basis": [[str(value) for value in row] for row in answer.basis.tolist()],
-        "slabs": [_slab(proof, -1 if found.left is None else 1) for proof in answer.proofs[1:]],
+        "slabs": [_slab(proof, -1 if dissipation.left is None else 1) for proof in answer.proofs[1:]],
         **left,
     }
 
 
-def _names(found: Dissipates) -> set[str]:
-    return {s.name for s in (*found.system.errors, *found.system.box)}
+def _names(dissipation: Dissipates) -> set[str]:
+    """The names of the errors and of the signals of the error system."""
+    return {s.name for s in (*dissipation.system.errors, *dissipation.system.box)}
 
 
-def given(check: Check) -> bool:
+def made_elsewhere(check: Check) -> bool:
     """Whether a check is about an error system that was given, and not made of the plant."""
     return any(isinstance(proof, Dissipates) and proof.system.origin is None for proof in check.proofs)
 
 
-def _system(found: Dissipates, made: Injection | Equations) -> dict[str, Any]:
-    names = {s.name for s in (*found.system.errors, *found.system.box, *made.names)}
-    own = _equations(found.system, made, names) if isinstance(made, Equations) else _injection(made, names)
-    return {**own, "errors": _ranges(found.within), "V": written(found.V, names), "mu": str(found.mu)}
+def _system(dissipation: Dissipates, made: Injection | Equations) -> dict[str, Any]:
+    """The description of the error system in a claim: how it is made of the plant, the ranges of e, V and mu."""
+    names = {s.name for s in (*dissipation.system.errors, *dissipation.system.box, *made.names)}
+    own = _equations(dissipation.system, made, names) if isinstance(made, Equations) else _injection(made, names)
+    return {**own, "errors": _ranges(dissipation.within), "V": written(dissipation.V, names), "mu": str(dissipation.mu)}
 
 
 def _injection(made: Injection, names: set[str]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ LOOSE = 2.0**-10  # what a Lipschitz bound is wider here than the proof's, so th
 
 
 def evidence(form: Form, check: Check) -> Evidence | None:
-    """What shows a proved or refuted check; None where nothing here does."""
+    """The evidence for a proved or refuted check; None where nothing here shows it."""
     makers = (make for claims, verdict, make in _MAKERS if check.id in claims and check.verdict is verdict)
     return next((make(form, check) for make in makers), None)
 
@@ -92,19 +92,19 @@ def _sides(where: Sides) -> dict[str, list[str | None]]:
 
 def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
     """Each state of the plant as the name of the form's state that it is, and whether its sign is changed."""
-    found = {}
+    names = {}
     for x, image in zip(form.system.states, form.from_form, strict=True):
         if image in form.states or -image in form.states:
-            found[x] = (str(abs(image.as_coeff_Mul()[0]) * image.as_coeff_Mul()[1]), image not in form.states)
-    return found
+            names[x] = (str(abs(image.as_coeff_Mul()[0]) * image.as_coeff_Mul()[1]), image not in form.states)
+    return names
 
 
-def tree(found: Range | Proof, form: Form | None = None) -> str:
-    """The bisection in prefix order, in the form's coordinates; in the plant's without a form."""
+def tree(bisection: Range | Proof, form: Form | None = None) -> str:
+    """The text of a bisection in prefix order, in the form's coordinates, or in the plant's without a form."""
     images = _mirrored(form) if form else {}
-    names = [images.get(s, (s.name, False)) for s in found.variables]
+    names = [images.get(s, (s.name, False)) for s in bisection.variables]
     tokens: list[str] = []
-    left: list[Any] = [found.tree]
+    left: list[Any] = [bisection.tree]
     while left:
         node = left.pop()
         if isinstance(node, str):
@@ -117,10 +117,11 @@ def tree(found: Range | Proof, form: Form | None = None) -> str:
     return " ".join(tokens)
 
 
-def enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Sides | None = None) -> Evidence | None:
-    """low <= expression <= high on the form's box, or on the box `where` of the plant."""
-    low, high = found.low, found.high
-    if isinstance(found, Range) and not found.defined:
+def enclosure(form: Form, expression: sp.Expr, bounds: Range | Proof, where: Sides | None = None) -> Evidence | None:
+    """The evidence of low <= expression <= high on the form's box, or on the box `where` of the plant; None where the
+    bounds are not finite."""
+    low, high = bounds.low, bounds.high
+    if isinstance(bounds, Range) and not bounds.defined:
         return None
     if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
         return None
@@ -130,7 +131,7 @@ def enclosure(form: Form, expression: sp.Expr, found: Range | Proof, where: Side
         "box": _sides(_box(form, expression.free_symbols) if where is None else where),
         "low": str(outward(low, -1) if number is None else number),
         "high": str(outward(high, 1) if number is None else number),
-        "tree": tree(found, form if where is None else None),
+        "tree": tree(bounds, form if where is None else None),
     }
 
 
@@ -152,10 +153,10 @@ def _no_gain(form: Form, check: Check) -> Evidence | None:
     """A point where a_i is zero, negative or undefined, exactly."""
     a = _coefficient(form, check.id.at)
     where = _box(form, a.free_symbols)
-    found = nonzero(a, where)
-    least = found.range.least
-    if found.cause in (Cause.ZERO, Cause.UNDEFINED, Cause.PART):  # else it is next to the zero only
-        point = found.witness
+    sign = nonzero(a, where)
+    least = sign.range.least
+    if sign.cause in (Cause.ZERO, Cause.UNDEFINED, Cause.PART):  # else it is next to the zero only
+        point = sign.witness
     elif least is not None and least.value < 0:
         point = least.point
     else:
@@ -175,8 +176,8 @@ def _slope(form: Form, check: Check) -> Evidence | None:
     """dh/dz_1 or dF_(i-1)/dz_i away from zero, on the box of states, inputs and parameters."""
     slope = _rate_slope(form, *check.id.at)
     where = _box(form, slope.free_symbols)
-    found = bound(slope, where)
-    return enclosure(form, slope, found if found.low > 0 or found.high < 0 else nonzero(slope, where).range)
+    bounds = bound(slope, where)
+    return enclosure(form, slope, bounds if bounds.low > 0 or bounds.high < 0 else nonzero(slope, where).range)
 
 
 def _rate_slope(form: Form, index: int) -> sp.Expr:
@@ -188,19 +189,19 @@ def _no_slope(form: Form, check: Check) -> Evidence | None:
     """A point where the slope is zero, or two where it has opposite signs."""
     slope = _rate_slope(form, *check.id.at)
     where = _box(form, slope.free_symbols)
-    found = nonzero(slope, where)
-    least, most = found.range.least, found.range.most
+    sign = nonzero(slope, where)
+    least, most = sign.range.least, sign.range.most
     points: dict[str, Mapping[Any, Any]] = {}
     if least is not None and most is not None and least.value < 0 < most.value:
         points = {"witness": least.point, "other": most.point}
-    elif found.cause is Cause.ZERO:
-        points = {"witness": found.witness}
-    told = {key: {s.name: str(point[s]) for s in where if s in point} for key, point in points.items()}
-    return {"expression": text(form, slope), **told} if told else None
+    elif sign.cause is Cause.ZERO:
+        points = {"witness": sign.witness}
+    witnesses = {key: {s.name: str(point[s]) for s in where if s in point} for key, point in points.items()}
+    return {"expression": text(form, slope), **witnesses} if witnesses else None
 
 
 def _lipschitz(form: Form, check: Check) -> Evidence | None:
-    """Of the rows whose slope was proved, in the form's coordinates, whatever they are of the form."""
+    """The evidence for the rows whose slope was proved, in the form's coordinates, whatever part of it they are."""
     back = dict(zip(form.system.states, form.from_form, strict=True))
     proofs = (steep(form, (row.xreplace(back) for row in proof.expressions), proof, LOOSE) for proof in check.proofs)
     return next(proofs, None)

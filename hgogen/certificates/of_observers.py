@@ -1,4 +1,4 @@
-"""The evidence of a claim about an observer: what `hgogen recheck` needs to verify it, by what was found of it."""
+"""The evidence of a claim about an observer: what `hgogen recheck` needs to verify it, by the kind of its proof."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -7,7 +7,7 @@ from fractions import Fraction
 from hgogen.certificates.of_forms import LOOSE, Evidence, enclosure, steep, text, written
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
-from hgogen.guarantees.adaptive_gain import Adapting, Attenuating, Candidate, gain, share_given
+from hgogen.guarantees.adaptive_gain import Adapting, Attenuating, Candidate, assumed_share, gain
 from hgogen.guarantees.certified import Steep, ThetaBound
 from hgogen.guarantees.certified_core import CoreBound
 from hgogen.guarantees.dwell import Held
@@ -19,7 +19,7 @@ from hgogen.structure.polytope import chains
 
 
 def evidence(form: Form, check: Check) -> Evidence | None:
-    """What shows a proved check; None where nothing here does."""
+    """The evidence of a proved check; None where the check is not proved, or has no evidence of this kind."""
     if check.verdict is not Verdict.PROVED:
         return None
     for proof in check.proofs:
@@ -29,80 +29,85 @@ def evidence(form: Form, check: Check) -> Evidence | None:
     return None
 
 
-def _constant_gain(form: Form, found: ThetaBound) -> Evidence | None:
-    """P for A - K C in scaled coordinates, and the bound of db/dz in them."""
-    slope = steep(form, (*form.b, *found.scale), found.slope)
+def _constant_gain(form: Form, bound: ThetaBound) -> Evidence | None:
+    """The matrix P for A - K C in scaled coordinates, and the bound of db/dz in them."""
+    slope = steep(form, (*form.b, *bound.scale), bound.slope)
     if slope is None:
         return None
-    core: Evidence = {"core": numbers(found.lyapunov.vertices[0])}
-    if len(found.lyapunov.vertices) > 1:
+    core: Evidence = {"core": numbers(bound.lyapunov.vertices[0])}
+    if len(bound.lyapunov.vertices) > 1:
         gains = (a for chain in chains(form) for a in chain)
-        core = {"ranges": [enclosure(form, a, known) for a, known in zip(gains, found.ranges, strict=True)]}
-    scale = [text(form, s) for s in found.scale]
-    return {"scale": scale, **core, "P": numbers(found.lyapunov.P), "peak": str(found.lyapunov.peak), **slope}
+        core = {"ranges": [enclosure(form, a, known) for a, known in zip(gains, bound.ranges, strict=True)]}
+    scale = [text(form, s) for s in bound.scale]
+    return {"scale": scale, **core, "P": numbers(bound.lyapunov.P), "peak": str(bound.lyapunov.peak), **slope}
 
 
-def _core(form: Form, found: CoreBound) -> Evidence | None:
-    """P for the core in scaled coordinates of integrators, |P G|, and the bound of dc/dw in them."""
-    slope = _sloped(form, found.steep)
-    return slope and {"P": numbers(found.lyapunov.P), "push": str(found.push), **slope}
+def _core(form: Form, bound: CoreBound) -> Evidence | None:
+    """The matrix P for the core in scaled coordinates of integrators, |P G|, and the bound of dc/dw in them."""
+    slope = _sloped(form, bound.steep)
+    return slope and {"P": numbers(bound.lyapunov.P), "push": str(bound.push), **slope}
 
 
-def _decay(form: Form, found: Decay) -> Evidence:
-    """P and the multipliers of the form, in scaled coordinates of integrators."""
-    return {"units": _powers(found), "P": numbers(found.P), "mu": str(found.mu), "tau": str(found.tau)}
+def _decay(form: Form, decay: Decay) -> Evidence:
+    """The matrix P and the multipliers of the quadratic form, in scaled coordinates of integrators."""
+    return {"units": _powers(decay), "P": numbers(decay.P), "mu": str(decay.mu), "tau": str(decay.tau)}
 
 
-def _sector(form: Form, found: SectorBound) -> Evidence | None:
-    """The same with its margin, and the bound of dc/dw."""
-    slope, decay = _sloped(form, found.steep), found.decay
+def _sector(form: Form, bound: SectorBound) -> Evidence | None:
+    """The evidence of the decay with its margin, and the bound of dc/dw."""
+    slope, decay = _sloped(form, bound.steep), bound.decay
     return slope and {**_decay(form, decay), "peak": str(decay.peak), "margin": str(decay.margin), **slope}
 
 
-def _held(form: Form, found: Held) -> Evidence:
-    """A lower bound of P of the claim of convergence."""
-    return {"least": str(found.least)}
+def _held(form: Form, held: Held) -> Evidence:
+    """The lower bound of the P in the claim of convergence."""
+    return {"least": str(held.least)}
 
 
-def _weighted(form: Form, found: Weighted) -> Evidence:
-    """P and b of D."""
-    peak = {} if found.peak is None else {"peak": str(found.peak)}
-    return {"P": numbers(found.P), "b": str(found.b), **peak}
+def _weighted(form: Form, weighted: Weighted) -> Evidence:
+    """The matrix P and the b of D."""
+    peak = {} if weighted.peak is None else {"peak": str(weighted.peak)}
+    return {"P": numbers(weighted.P), "b": str(weighted.b), **peak}
 
 
-def _sloped(form: Form, found: Steep, wider: float = 1e-9) -> Evidence | None:
-    """A bound of dc/dw in scaled coordinates of integrators."""
-    slope = steep(form, (*form.b, *found.scale), found.proof, wider)
-    return slope and {"units": list(map(str, found.units)), "scale": [text(form, s) for s in found.scale], **slope}
+def _sloped(form: Form, lipschitz: Steep, wider: float = 1e-9) -> Evidence | None:
+    """The bound of dc/dw in scaled coordinates of integrators."""
+    slope = steep(form, (*form.b, *lipschitz.scale), lipschitz.proof, wider)
+    return slope and {
+        "units": list(map(str, lipschitz.units)),
+        "scale": [text(form, s) for s in lipschitz.scale],
+        **slope,
+    }
 
 
-def _steep(form: Form, found: Steep | None) -> Evidence | None:
-    """The same where it has room, since no threshold is printed of it."""
-    return None if found is None else _sloped(form, found, LOOSE)
+def _steep(form: Form, lipschitz: Steep | None) -> Evidence | None:
+    """The bound of dc/dw with room to spare, since no threshold is printed of it."""
+    return None if lipschitz is None else _sloped(form, lipschitz, LOOSE)
 
 
-def _candidate(form: Form, found: Candidate) -> Evidence:
-    return {"P": numbers(found.P)}
+def _candidate(form: Form, candidate: Candidate) -> Evidence:
+    """The matrix P of the candidate."""
+    return {"P": numbers(candidate.P)}
 
 
 def _adapting(form: Form, proof: Adapting) -> Evidence | None:
-    """P, lambda_max(P), k and lambda."""
-    slope, found = _steep(form, proof.given.steep), proof.found
-    return slope and {"P": numbers(found.P), "peak": str(found.peak), "decay": str(found.decay), **slope}
+    """The matrix P, lambda_max(P), lambda, and the bound k of dc/dw."""
+    slope, candidate = _steep(form, proof.assumptions.steep), proof.candidate
+    return slope and {"P": numbers(candidate.P), "peak": str(candidate.peak), "decay": str(candidate.decay), **slope}
 
 
 def _attenuating(form: Form, proof: Attenuating) -> Evidence | None:
-    """The same with the disturbance, for the k as written: s of (87), and mu."""
-    slope, found, disturbed = _steep(form, proof.given.steep), proof.found, proof.given.disturbance
+    """The evidence of `_adapting` with the disturbance, and s of (87) and mu for the k that is written."""
+    slope, candidate, disturbed = _steep(form, proof.assumptions.steep), proof.candidate, proof.assumptions.disturbance
     if slope is None or disturbed is None:
         return None
-    given = replace(proof.given, slope=Fraction(slope["bound"]))
-    share, mu = share_given(found, given), gain(found, given)
+    assumptions = replace(proof.assumptions, slope=Fraction(slope["bound"]))
+    share, mu = assumed_share(candidate, assumptions), gain(candidate, assumptions)
     if share is None or mu is None:
         return None
     return {
-        "P": numbers(found.P),
-        "peak": str(found.peak),
+        "P": numbers(candidate.P),
+        "peak": str(candidate.peak),
         "G_1": numbers(disturbed.plant),
         "G_2": list(map(str, disturbed.measurement)),
         "delta_1": str(disturbed.deltas[0]),
@@ -112,24 +117,25 @@ def _attenuating(form: Form, proof: Attenuating) -> Evidence | None:
     }
 
 
-def _persistent(form: Form, found: Persistent) -> Evidence:
-    """The inputs in time, and when they show every state."""
-    period = {} if found.period is None else {"period": written(found.period, set())}
-    inputs = {name: written(e, {"t"}) for name, e in found.inputs.items()}
-    return {"inputs": inputs, "at": written(found.at, set()), **period}
+def _persistent(form: Form, persistent: Persistent) -> Evidence:
+    """The inputs as functions of time, and a time at which they show every state."""
+    period = {} if persistent.period is None else {"period": written(persistent.period, set())}
+    inputs = {name: written(e, {"t"}) for name, e in persistent.inputs.items()}
+    return {"inputs": inputs, "at": written(persistent.at, set()), **period}
 
 
-def _powers(found: Decay) -> list[str]:
-    return [str(found.growth**i) for i in range(len(found.P))]
+def _powers(decay: Decay) -> list[str]:
+    """The units of the scaled coordinates, the powers of their growth."""
+    return [str(decay.growth**i) for i in range(len(decay.P))]
 
 
 def numbers(matrix: Iterable[Iterable[Fraction]]) -> list[list[str]]:
-    """A matrix as texts."""
+    """The matrix with its entries as texts."""
     return [[str(value) for value in row] for row in matrix]
 
 
-def _nothing(form: Form, found: None) -> Evidence:
-    """For claims that follow from the observer's numbers and another claim."""
+def _nothing(form: Form, absent: None) -> Evidence:
+    """No evidence: the claim follows from the observer's numbers and another claim."""
     return {}
 
 

@@ -27,10 +27,10 @@ PUSH = 1e-9  # of the output, an error that opens a dead zone
 
 @dataclass(frozen=True, eq=False)
 class Frozen:
-    """M (k, N, N) at `points` (k, n + m) of the form's state and the input; `core` (N, N), the linear core, 0 for none;
-    `blind` (k, N, N): M without samples, the model's own.
+    """The matrices M (k, N, N) of the error at `points` (k, n + m) of the form's state and the input.
 
-    `names`: of the coordinates of a point.
+    `core` (N, N) is the linear core, 0 where there is none; `blind` (k, N, N) is M without samples, the model's own;
+    `names` are those of the coordinates of a point.
     """
 
     M: Array

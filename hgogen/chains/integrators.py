@@ -223,5 +223,5 @@ def no_chain(observer: str, form: Form) -> BadGain:
         return BadGain(
             observer, f"takes a triangular form, this one is {form.kind}; use the form triangular or riccati"
         )
-    said = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
-    return BadGain(observer, said, because=form.about("structure")[0], fix="use riccati")
+    reason = f"takes a form in chains, and {form.system.name} is not shown to be in {form.kind} form"
+    return BadGain(observer, reason, because=form.about("structure")[0], fix="use riccati")

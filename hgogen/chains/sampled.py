@@ -134,7 +134,7 @@ def _chosen(flags: list[Place], known: Pattern, updates: Mapping[Pattern, _Updat
 def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     line = core(part, clock.outputs, tuple(map(float, seen)))
     assert line is not None
-    rest, said, label = _rest(part, clock, seen), _said(seen), _label(seen)
+    rest, suffix, label = _rest(part, clock, seen), _suffix(seen), _label(seen)
     start = rest(line.x, 0.0)
     bent = [i for i in range(start.numel()) if not start[i].is_zero()]  # the rows that have a rest
     whole = method.matrices(line, clock.dt)
@@ -149,12 +149,12 @@ def _update(method: Sampled, part: Ode, clock: Clock, seen: Pattern) -> _Update:
     stored = {Place("derived", f"{name}{label}"): ca.vertcat(*matrix.nonzeros()) for name, matrix in nonempty.items()}
     return _Update(
         derived=tuple(
-            Field(f"{name}{label}", (0.0,) * matrix.nnz(), meaning=f"{MEANINGS[name]}{said}, by columns")
+            Field(f"{name}{label}", (0.0,) * matrix.nnz(), meaning=f"{MEANINGS[name]}{suffix}, by columns")
             for name, matrix in nonempty.items()
         ),
-        tune=(*whole.program, Block(f"the core over a step{said}", stored)),
+        tune=(*whole.program, Block(f"the core over a step{suffix}", stored)),
         block=Block(
-            f"{', '.join(field.name for field in part.fields)}: one step by {method.name}{said}",
+            f"{', '.join(field.name for field in part.fields)}: one step by {method.name}{suffix}",
             {Place("state", name): piece for name, piece in _split(part, after).items()},
             {f"guess_{name}": piece for name, piece in _split(part, guess).items()},
         ),
@@ -192,7 +192,7 @@ def _label(seen: Pattern) -> str:
     return "" if all(seen) else "_blind" if not any(seen) else "_" + "".join("01"[there] for there in seen)
 
 
-def _said(seen: Pattern) -> str:
+def _suffix(seen: Pattern) -> str:
     if all(seen):
         return ""
     there = ", ".join(str(j) for j, valid in enumerate(seen, 1) if valid)

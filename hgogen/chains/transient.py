@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from hgogen.chains.frozen import Frozen, frozen
-from hgogen.discretisation.growth import FOUND, GROWTH, WIDER, continuous, growth, longest
+from hgogen.discretisation.growth import BY_TRIAL, GROWTH, WIDER, continuous, growth, longest
 from hgogen.discretisation.kernels import balance
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.stability import AXIS, Limit, pace
@@ -70,7 +70,7 @@ def lengths(part: Ode, observer: Observer, dt: float, way: Way, core: Limit, rul
     may_exceed = dt > SHARE * _shortest(errors.M, tightest.dt)
     take = _advised(part, observer, way, tightest.dt) if may_exceed else math.inf
     take = min(take, SHARE * pace(errors.blind)) if way.exact else take
-    return Lengths(refused=tightest.dt, take=take, why=tightest.why, basis=FOUND, rule=rule)
+    return Lengths(refused=tightest.dt, take=take, why=tightest.why, basis=BY_TRIAL, rule=rule)
 
 
 @lru_cache(maxsize=16)

@@ -244,7 +244,7 @@ def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
         names = ", ".join(s.name for s in hidden)
         shown = " or ".join(s.name for s in seen.known.repairs)
         measure = f"measure {shown} as well" if shown else "measure more"
-        yield f"No observer tells {names} from these outputs: {measure}{_apart(survey.plant, hidden)}."
+        yield f"No observer tells {names} from these outputs: {measure}{_on_its_own(survey.plant, hidden)}."
         return
     if any(row.verdict is Verdict.PROVED for row in survey.candidates):
         return
@@ -257,7 +257,7 @@ def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
         yield f"Other states may be in a form where these are not: {how}."
 
 
-def _apart(plant: System, hidden: Iterable[Signal]) -> str:
+def _on_its_own(plant: System, hidden: Iterable[Signal]) -> str:
     """Whether the others are a plant of their own."""
     hidden = set(hidden)
     rows = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]

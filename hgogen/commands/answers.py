@@ -43,7 +43,7 @@ FIELDS = (
 )
 
 _MANY = 30  # states, from where on what is dear may take seconds
-_DEAR = ("observability", "singular set")
+_SLOW = ("observability", "singular set")
 Answer = tuple[str, Any]
 
 
@@ -64,7 +64,7 @@ def answers(entry: Entry) -> Iterator[Answer]:
 def _ordered(entry: Entry) -> list[tuple[str, Callable[["_Forms"], Iterator[Answer]]]]:
     """The questions; of many states, those that may take all the time there is come last."""
     many = len(entry.states) > _MANY
-    return sorted(_QUESTIONS.items(), key=lambda question: many and question[0] in _DEAR)
+    return sorted(_QUESTIONS.items(), key=lambda question: many and question[0] in _SLOW)
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
     if not forms.single:
         return
     refuted = [forms.chains.answer(shape)[0] is False for shape in (Shape.CONSTANT, Shape.MEASURED)]
-    regular = _kept(forms.gains, forms) if forms.measured and _pure(forms.chains, forms) else None
+    regular = _regular(forms.gains, forms) if forms.measured and _pure(forms.chains, forms) else None
     constant = regular if forms.measured is Shape.CONSTANT else None
     yield "triangular", False if refuted[0] else constant
     yield "triangular_uy", False if refuted[1] else regular
@@ -149,10 +149,10 @@ def _pure(chains: Chains, forms: _Forms) -> bool:
     """Whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
-    return plain and _kept([head.gain for head in heads], forms) is True
+    return plain and _regular([head.gain for head in heads], forms) is True
 
 
-def _kept(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
+def _regular(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
     """Whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
     return _signed(slopes, forms) if forms.entry.boxed else True
 
@@ -237,7 +237,7 @@ def _several(forms: _Forms) -> Iterator[Answer]:
         answer, _ = chains.answer(Shape.CONSTANT)
         if answer:  # whether a gain may vanish is not said: None where one does
             gains = [link.gain for links in chains.links for link in links[1:]]
-            answer = True if _pure(chains, forms) and _kept(gains, forms) else None
+            answer = True if _pure(chains, forms) and _regular(gains, forms) else None
         yield field, answer
     answer, _ = forms.chains.answer(Shape.UNIFORM)
     yield "mimo_uof", forms.bent if answer else answer

@@ -97,7 +97,7 @@ def compare_(
         "model": loaded.path,
         "dt": dt,
         "engine": engine,
-        "trials": [_told(loaded.plant, one, len(counts[one.name]), each) for one, each in tried],
+        "trials": [_row(loaded.plant, one, len(counts[one.name]), each) for one, each in tried],
         "files": [str(path) for path in paths],
     }
     show(as_json, report, *shown, tables.files(paths))
@@ -122,7 +122,7 @@ def _left(plant: System, each: list[Measured]) -> tuple[Left, ...]:
     return left(plant, each[0].first)
 
 
-def _told(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
+def _row(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
     row = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
     row |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
     row |= {"left": [one.as_dict() for one in _left(plant, each)]}

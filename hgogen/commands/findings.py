@@ -30,14 +30,14 @@ def observed(seen: Observability, least: Sight | None = None) -> RenderableType:
     table = Table(show_header=False, **_PLAIN)
     for check, answer, what in zip(seen.checks, (seen.known, seen.joint), whose, strict=False):
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
-        table.add_row(verdict, Text(_told(answer, what, check.verdict)) if answer else "")
+        table.add_row(verdict, Text(_answered(answer, what, check.verdict)) if answer else "")
     if least is not None:
         table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
     local = [Text(f"on an open set of states only, because of {seen.local}")] if seen.local else []
     return Group(Text(title, style="bold"), table, *local, "")
 
 
-def _told(answer: Answer, what: str, verdict: Verdict) -> str:
+def _answered(answer: Answer, what: str, verdict: Verdict) -> str:
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:

@@ -7,7 +7,7 @@ import numpy as np
 
 Array = np.ndarray
 GROWTH = 1.5  # of the growth in continuous time: more is much
-FOUND = "found by trying errors at points of the declared box with the gains as declared, no proof"
+BY_TRIAL = "found by trying errors at points of the declared box with the gains as declared, no proof"
 WIDER, NARROWINGS = 1.2, 4  # of a search: the ratio of its steps, and the halvings of the logarithm of the last one
 POWERS, BASES, DOUBLINGS = 48, (24, 29, 34, 41), 12  # the k tried: to 48, and these times powers of two
 

@@ -76,9 +76,9 @@ def _on_columns(name: str, n: int, sizes: tuple[int, ...]) -> Any:
 
 def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Any:
     """A factor of 1 where a variance does not exceed its cap changes no bit."""
-    found = [_value(v) for v in variances(columns, d)]
-    over = [v > _value(c) for v, c in zip(found, caps, strict=True)]
-    chosen = zip(over, caps, found, strict=True)
+    values = [_value(v) for v in variances(columns, d)]
+    over = [v > _value(c) for v, c in zip(values, caps, strict=True)]
+    chosen = zip(over, caps, values, strict=True)
     scale = np.array([_Scalar(ca.if_else(o, _value(c) / v, 1.0)) for o, c, v in chosen], dtype=object)
     for k in range(len(d)):
         columns[k, k + 1 :] = columns[k, k + 1 :] * scale[k + 1 :] / scale[k]
@@ -175,8 +175,8 @@ def _exponential(x: Any, *_: Any) -> tuple[Any, ...]:
     X, series = ca.reshape(halved[2:], n, n), ca.SX.sym("X", n, n)
     graph = ca.Function("series", [series], list(_series(series)))
     squared = _squared(n)(ca.vertcat(halved[1], *map(ca.vec, graph(X))))
-    found = (ca.reshape(squared[1 + k * n * n : 1 + (k + 1) * n * n], n, n) for k in range(3))
-    return x, *map(_flat, found)
+    results = (ca.reshape(squared[1 + k * n * n : 1 + (k + 1) * n * n], n, n) for k in range(3))
+    return x, *map(_flat, results)
 
 
 def _larger(a: Any, b: Any) -> Any:

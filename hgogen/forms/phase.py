@@ -51,8 +51,8 @@ class NoPhase(BadArgument):
 
 @dataclass(frozen=True)
 class _Map:
-    """Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`; `before`: the user's plant;
-    `shown`: the determinant as it is read."""
+    """The map Phi (n), phi, dPhi/dx and its determinant, of the states and inputs of `plant`. `before` is the user's
+    plant, `shown` the determinant as it is read."""
 
     plant: System
     before: System

@@ -61,7 +61,7 @@ _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what round
 
 @dataclass(frozen=True)
 class Candidate:
-    """K (n), P (n, n) symmetric, sigma >= 0: what may satisfy (54)."""
+    """A gain K (n), a symmetric P (n, n) and sigma >= 0 that may satisfy (54)."""
 
     K: tuple[Fraction, ...]
     P: Matrix
@@ -121,8 +121,8 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Given:
-    """What an observer gives: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, found as
-    `steep`; None where no k is known, for the `reason`."""
+    """What an observer guarantees: gamma in [`low`, `high`], and k >= |T^-1 dc/dw T| from gamma = `low` on, the
+    `slope`, as shown by `steep`; None where no k is known, for the `reason`."""
 
     low: Fraction
     high: Fraction
@@ -134,15 +134,15 @@ class Given:
 
 @dataclass(frozen=True)
 class Adapting:
-    """What shows a claim of the observer: `found` with all that is `given`."""
+    """The proof of a claim about the observer: the `candidate`, under the `assumptions`."""
 
-    found: Candidate
-    given: Given
+    candidate: Candidate
+    assumptions: Given
 
 
 @dataclass(frozen=True)
 class Attenuating(Adapting):
-    """The same of the L2 gain."""
+    """The proof of a claim about the L2 gain, under the same assumptions."""
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
@@ -167,11 +167,11 @@ def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
     return Candidate(tuple(map(Fraction, gain.tolist())), even, Fraction(float(shrink)))
 
 
-def disturbance(given: Any, n: int) -> Disturbance:
+def disturbance(pair: Any, n: int) -> Disturbance:
     """(G_1, G_2) as rationals. Raises: `BadGain` for shapes other than (n, m) and (m)."""
-    if not isinstance(given, Sequence) or len(given) != 2:
+    if not isinstance(pair, Sequence) or len(pair) != 2:
         raise BadGain("disturbance", "must be a pair, G_1 of the plant and G_2 of the measurement")
-    G, g = reals("G_1", given[0]), reals("G_2", given[1])
+    G, g = reals("G_1", pair[0]), reals("G_2", pair[1])
     if G.ndim != 2 or G.shape[0] != n or not G.shape[1] or g.shape != (G.shape[1],):
         reason = f"must be ({n}, m) and (m,), a column for each disturbance"
         raise BadGain(f"G_1 of shape {G.shape} and G_2 of shape {g.shape}", reason)
@@ -186,15 +186,15 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
     units = tuple(Fraction(gamma) ** -(i + 1) for i in range(chain.n))
     (a,) = chains(chain.form)
     scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
-    found = slope(chain.form, scale)
-    return found if isinstance(found, Nothing) else Steep(units, scale, found)
+    bound = slope(chain.form, scale)
+    return bound if isinstance(bound, Nothing) else Steep(units, scale, bound)
 
 
-def attenuation(found: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
+def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:
     """The block matrix of (87), FLINT's, times -1."""
-    n, P = found.n, exact(found.P)
-    M = found.rate - unit(n) * number(decay)
-    Y = P * fmpq_mat([[number(value)] for value in found.K])
+    n, P = candidate.n, exact(candidate.P)
+    M = candidate.rate - unit(n) * number(decay)
+    Y = P * fmpq_mat([[number(value)] for value in candidate.K])
     size = 2 * n + 1
     block = [[fmpq(0)] * size for _ in range(size)]
     for i in range(n):
@@ -207,16 +207,16 @@ def attenuation(found: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: F
     return fmpq_mat(block)
 
 
-def facts(maker: str, found: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
+def facts(maker: str, candidate: Candidate, decay: Fraction | None = None) -> tuple[Check, Check, Check]:
     """`MAKER.definite`, `MAKER.shrink`, `MAKER.decay`: what is asked of K, P and sigma alone."""
     more = "" if decay is None else f" + {float(decay):g} I"
-    rate = found.rate if decay is None else found.rate - unit(found.n) * number(decay)
+    rate = candidate.rate if decay is None else candidate.rate - unit(candidate.n) * number(decay)
     return (
-        judged(ClaimId(maker, "definite"), "P > 0", exact(found.P)),
-        judged(ClaimId(maker, "shrink"), "D P + P D >= 0, D = diag(1, .., n)", found.shrink, strict=False),
+        judged(ClaimId(maker, "definite"), "P > 0", exact(candidate.P)),
+        judged(ClaimId(maker, "shrink"), "D P + P D >= 0, D = diag(1, .., n)", candidate.shrink, strict=False),
         judged(
             ClaimId(maker, "decay"),
-            f"(A - K C)'P + P (A - K C) + {float(found.sigma):g} (D P + P D){more} < 0",
+            f"(A - K C)'P + P (A - K C) + {float(candidate.sigma):g} (D P + P D){more} < 0",
             rate,
             sign=-1,
         ),
@@ -242,73 +242,80 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
     )
 
 
-def checks(maker: str, found: Candidate, given: Given) -> tuple[Check, ...]:
-    """`facts`; `MAKER.convergence`, that gamma_inf is above the bound (62); with a disturbance
-    `MAKER.attenuation`, a bound of the L2 gain."""
-    known = facts(maker, found)
+def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check, ...]:
+    """The checks of `facts`, and `MAKER.convergence`, that gamma_inf is above the bound (62); with a disturbance also
+    `MAKER.attenuation`, that the L2 gain has a bound."""
+    known = facts(maker, candidate)
     sound = all(check.verdict is Verdict.PROVED for check in known)
     lost = "" if sound else "P proves nothing"
-    lost = lost or ("" if given.slope is not None else given.reason)
-    whole: list[tuple[Check, Candidate | Adapting]] = [(check, found) for check in known]
-    whole += [(_above(maker, found, given, lost), Adapting(found, given))]
-    whole += [(_gain(maker, found, given, lost), Attenuating(found, given))] if given.disturbance else []
-    numbers = {"gamma": (given.low, given.high), "sigma": found.sigma, "gains": found.K}
+    lost = lost or ("" if assumptions.slope is not None else assumptions.reason)
+    whole: list[tuple[Check, Candidate | Adapting]] = [(check, candidate) for check in known]
+    whole += [(_above(maker, candidate, assumptions, lost), Adapting(candidate, assumptions))]
+    if assumptions.disturbance:
+        whole += [(_gain(maker, candidate, assumptions, lost), Attenuating(candidate, assumptions))]
+    numbers = {"gamma": (assumptions.low, assumptions.high), "sigma": candidate.sigma, "gains": candidate.K}
     return tuple(replace(check, proofs=(Grounds(numbers, fact),)) for check, fact in whole)
 
 
-def _above(maker: str, found: Candidate, given: Given, lost: str) -> Check:
+def _above(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Check:
     claim = "in continuous time, without noise, the error converges exponentially, whatever the law makes of gamma"
-    if lost or given.slope is None:
+    if lost or assumptions.slope is None:
         return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
-    bound = max(Fraction(1), 2 * given.slope * found.peak / found.decay)
-    numbers = f"k <= {up(given.slope)}, lambda_max(P) <= {up(found.peak)}, lambda >= {down(found.decay)}"
+    bound = max(Fraction(1), 2 * assumptions.slope * candidate.peak / candidate.decay)
+    numbers = f"k <= {up(assumptions.slope)}, lambda_max(P) <= {up(candidate.peak)}, lambda >= {down(candidate.decay)}"
     least = f"{up(bound)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
-    if not given.low > bound:
-        low = f"not shown: gamma_inf = {float(given.low):g} is not above {least}; this is sufficient, not necessary"
+    if not assumptions.low > bound:
+        low = (
+            f"not shown: gamma_inf = {float(assumptions.low):g} is not above {least}; this is sufficient, not necessary"
+        )
         return Check(
             ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials."
         )
-    speed = (given.low * found.decay - 2 * given.slope * found.peak) / (2 * found.peak)
+    speed = (assumptions.low * candidate.decay - 2 * assumptions.slope * candidate.peak) / (2 * candidate.peak)
     rate = f"the error decays at least like exp(-{down(speed, 2)} t) while the estimate keeps to its outer box"
-    above = f"gamma_inf = {float(given.low):g} is above {least}; {rate}"
+    above = f"gamma_inf = {float(assumptions.low):g} is above {least}; {rate}"
     return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, above)
 
 
-def _gain(maker: str, found: Candidate, given: Given, lost: str) -> Check:
+def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Check:
     claim = "the L2 gain from the disturbance to the error has a bound"
     if lost:
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, lost)
-    mu = gain(found, given)
+    mu = gain(candidate, assumptions)
     if mu is None:
-        low = f"not shown: (70) asks for gamma_inf above {up(found.least(given.slope or Fraction(0)))} at least"
+        low = (
+            f"not shown: (70) asks for gamma_inf above {up(candidate.least(assumptions.slope or Fraction(0)))} at least"
+        )
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
     return Check(
         ClaimId(maker, "attenuation"), claim, Verdict.PROVED, f"mu <= {up(mu)}, in the coordinates of integrators"
     )
 
 
-def gain(found: Candidate, given: Given) -> Fraction | None:
+def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:
     """A proved mu for gamma in its range, near the smallest that (87) gives; None where (70) or (87) fails."""
-    share = share_given(found, given)
-    return None if share is None else root(2 * share, bits=52) * given.high**found.n
+    share = assumed_share(candidate, assumptions)
+    return None if share is None else root(2 * share, bits=52) * assumptions.high**candidate.n
 
 
-def share_given(found: Candidate, given: Given) -> Fraction | None:
-    """s of `share_of` with lambda of (70)."""
-    if given.slope is None or given.disturbance is None:
+def assumed_share(candidate: Candidate, assumptions: Given) -> Fraction | None:
+    """The number s of `share_of`, with lambda of (70); None where no slope or no disturbance is known."""
+    if assumptions.slope is None or assumptions.disturbance is None:
         return None
-    return share_of(found, (4 * given.slope * found.peak + 1) / (2 * given.low), given.disturbance)
+    return share_of(
+        candidate, (4 * assumptions.slope * candidate.peak + 1) / (2 * assumptions.low), assumptions.disturbance
+    )
 
 
-def share_of(found: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
+def share_of(candidate: Candidate, decay: Fraction, disturbance: Disturbance) -> Fraction | None:
     """A small s = delta_1 alpha_1 = delta_2 alpha_2 that satisfies (87) with lambda = `decay`, proved; None where none
     is found."""
-    M = found.rate - unit(found.n) * number(decay)
+    M = candidate.rate - unit(candidate.n) * number(decay)
     if not positive(M):
         return None
     first, second = disturbance.deltas
-    P = exact(found.P)
-    load = P * P * number(first) + found.injection * number(second)
+    P = exact(candidate.P)
+    load = P * P * number(first) + candidate.injection * number(second)
     try:
         factor = np.linalg.inv(np.linalg.cholesky(floats(M)))
     except np.linalg.LinAlgError:  # positive definite, but not to a float

@@ -50,9 +50,11 @@ _TRIALS = 400
 
 @dataclass(frozen=True)
 class ThetaBound:
-    """Every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges; `scale` (n): S, of parameters; `slope`:
-    how `lipschitz` >= |S db/dz S^-1| was found; `gains` (n): K, of parameters; `ranges`: of the a_i, chain after
-    chain, where the vertices are at their ends."""
+    """A proof that every theta > `theta` = max(1, 2 `lyapunov.peak` `lipschitz`) converges.
+
+    `scale` (n) is S and `gains` (n) is K, both of parameters; `slope` proves that `lipschitz` >= |S db/dz S^-1|.
+    `ranges` are those of the a_i, chain after chain, where the vertices are at their ends.
+    """
 
     theta: Fraction
     lyapunov: Lyapunov
@@ -98,7 +100,7 @@ class _Core:
     gains: tuple[sp.Expr, ...]
 
     def scaled(self, d: Sequence[Fraction]) -> "_Core":
-        """In the coordinates diag(d) scale z."""
+        """The core in the coordinates diag(d) scale z."""
         n = range(len(d))
         vertices = tuple(tuple(tuple(d[i] * N[i][j] / d[j] for j in n) for i in n) for N in self.vertices)
         rationals = (sp.Rational(value) for value in d)
@@ -133,8 +135,8 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
     scale = tuple(sp.Mul(*chain[1 : j + 1]) for chain in each for j in range(len(chain)))
     core = _Core(scale, (_companions(exactly, form.blocks),), gains)
     slopes = _slopes(form)
-    given = [Fraction(f"{float(1 / s.subs(form.system.nominal)):.6g}") for s in core.scale]
-    plain = _certified(form, slopes, core.scaled(given))
+    rounded = [Fraction(f"{float(1 / s.subs(form.system.nominal)):.6g}") for s in core.scale]
+    plain = _certified(form, slopes, core.scaled(rounded))
     if isinstance(plain, Nothing):
         return plain
     better = _certified(form, slopes, core.scaled(_search(form, slopes, core)))
@@ -150,23 +152,23 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
     if reason:
         return Nothing(reason)
     gain = _exactly("of_gains, K=", K, form)
-    found = _corners(form)
-    if isinstance(found, str):
-        return Nothing(found)
-    vertices = tuple(_closed(each, gain) for each in product(*found))
+    ends_by_chain = _corners(form)
+    if isinstance(ends_by_chain, str):
+        return Nothing(ends_by_chain)
+    vertices = tuple(_closed(each, gain) for each in product(*ends_by_chain))
     gains = tuple(map(sp.Rational, gain))
     bound = _certified(form, _slopes(form), _Core((sp.S.One,) * form.n, vertices, gains))
     return replace(bound, ranges=_extents(form)) if isinstance(bound, ThetaBound) else bound
 
 
-def _exactly(what: str, given: Iterable[float], form: Form) -> list[Fraction]:
+def _exactly(what: str, values: Iterable[float], form: Form) -> list[Fraction]:
     try:
-        found = [Fraction(value) for value in given]
+        fractions = [Fraction(value) for value in values]
     except (TypeError, ValueError, OverflowError):
-        found = []
-    if len(found) != form.n:
-        raise Misfit(what, given, f"{form.n} finite numbers, one for each state")
-    return found
+        fractions = []
+    if len(fractions) != form.n:
+        raise Misfit(what, values, f"{form.n} finite numbers, one for each state")
+    return fractions
 
 
 @dataclass(frozen=True)
@@ -197,25 +199,25 @@ class Bound(Protocol):
         ...
 
 
-def checks(maker: str, theta: float, found: Bound | Nothing, name: str = "theta") -> tuple[Check, Check]:
+def checks(maker: str, theta: float, bound: Bound | Nothing, name: str = "theta") -> tuple[Check, Check]:
     """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta, the gain of that `name`, is above it."""
     exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
     above = f"theta = {theta:g} is above that bound"
-    if isinstance(found, Nothing):
+    if isinstance(bound, Nothing):
         return (
-            Check(ClaimId(maker, "convergence"), exists, Verdict.UNKNOWN, found.reason, fix="Validate by trials."),
+            Check(ClaimId(maker, "convergence"), exists, Verdict.UNKNOWN, bound.reason, fix="Validate by trials."),
             Check(ClaimId(maker, "theta"), above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
         )
-    proof = f"above {found}; exact arithmetic and outward-rounded intervals"
-    grounds = Grounds({name: theta, **found.numbers}, found)
+    proof = f"above {bound}; exact arithmetic and outward-rounded intervals"
+    grounds = Grounds({name: theta, **bound.numbers}, bound)
     convergence = Check(ClaimId(maker, "convergence"), exists, Verdict.PROVED, proof, proofs=(grounds,))
-    if Fraction(theta) > found.theta:
-        rate = f"above {up(found.theta)}; the error decays at least like exp(-{down(found.rate(theta), 2)} t)"
+    if Fraction(theta) > bound.theta:
+        rate = f"above {up(bound.theta)}; the error decays at least like exp(-{down(bound.rate(theta), 2)} t)"
         rate += " while the estimate keeps to its outer box"
         return convergence, Check(
             ClaimId(maker, "theta"), above, Verdict.PROVED, rate, proofs=(replace(grounds, fact=None),)
         )
-    low = f"not shown: {theta:g} is below the certified {up(found.theta)}; the bound is sufficient, not necessary"
+    low = f"not shown: {theta:g} is below the certified {up(bound.theta)}; the bound is sufficient, not necessary"
     return convergence, Check(
         ClaimId(maker, "theta"), above, Verdict.UNKNOWN, low, fix=f"Raise {name}, or validate by trials."
     )
@@ -224,8 +226,8 @@ def checks(maker: str, theta: float, found: Bound | Nothing, name: str = "theta"
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
     or why there is no bound, or no such form."""
-    found = obstacle(form) or _steepness(form, _slopes(form), scale)
-    return Nothing(found) if isinstance(found, str) else found
+    steepness = obstacle(form) or _steepness(form, _slopes(form), scale)
+    return Nothing(steepness) if isinstance(steepness, str) else steepness
 
 
 def obstacle(form: Form) -> str:
@@ -256,12 +258,12 @@ def obstacle(form: Form) -> str:
 
 
 def _positive(a: sp.Expr, form: Form) -> bool:
-    found = span(a, form)
-    return bool(found and found.defined and found.low > 0)
+    enclosure = span(a, form)
+    return bool(enclosure and enclosure.defined and enclosure.low > 0)
 
 
 def _slopes(form: Form) -> sp.Matrix:
-    """db/dz, constants at their values."""
+    """The Jacobian db/dz, with constants at their values."""
     b = sp.Matrix([exact(sp.sympify(row).xreplace(fixed(form))) for row in form.b])
     return b.jacobian(sp.Matrix(form.states))
 
@@ -275,13 +277,13 @@ def _companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
 
 def _corners(form: Form) -> list[list[Corner]] | str:
     """The corners of each chain; or why there are none."""
-    found = []
+    by_chain = []
     for chain in chains(form):
         each = corners(chain, form)
         if isinstance(each, str):
             return each
-        found.append(each)
-    return found
+        by_chain.append(each)
+    return by_chain
 
 
 def _extents(form: Form) -> tuple[Range, ...]:
@@ -306,21 +308,23 @@ def _certified(form: Form, slopes: sp.Matrix, core: _Core) -> ThetaBound | Nothi
     steep = _steepness(form, slopes, core.scale)
     if isinstance(steep, str):
         return Nothing(steep)
-    found = common(core.vertices)
-    if found is None:
+    lyapunov = common(core.vertices)
+    if lyapunov is None:
         return Nothing("no P with (A - K C)'P + P (A - K C) <= -I was found for the range of the a_i")
     assert steep.high is not None
-    return ThetaBound(max(Fraction(1), 2 * found.peak * steep.high), found, steep.high, core.scale, steep, core.gains)
+    return ThetaBound(
+        max(Fraction(1), 2 * lyapunov.peak * steep.high), lyapunov, steep.high, core.scale, steep, core.gains
+    )
 
 
 def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof | str:
     """L_b in the coordinates scale z, from above: sup of the Frobenius norm of S J S^-1 on the box; or why there is
     none."""
     square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(form.n)))
-    found = span(square, form, _BOXES)
-    if not (found and found.defined and found.finite):
+    enclosure = span(square, form, _BOXES)
+    if not (enclosure and enclosure.defined and enclosure.finite):
         return "no bound L_b on the slope of b was found on the box"
-    return Proof(form.b, None, root(Fraction(max(found.high, 0.0))), found.variables, found.tree)
+    return Proof(form.b, None, root(Fraction(max(enclosure.high, 0.0))), enclosure.variables, enclosure.tree)
 
 
 def _search(form: Form, slopes: sp.Matrix, core: _Core) -> tuple[Fraction, ...]:
@@ -356,11 +360,13 @@ def _moves(d: tuple[Fraction, ...], step: Fraction) -> Iterator[tuple[Fraction, 
                 yield (*d[:k], factor * d[k], *d[k + 1 :])
 
 
-def _samples(slopes: sp.Matrix, scale: Sequence[sp.Expr], given: Sequence[sp.Symbol], form: Form) -> np.ndarray | None:
+def _samples(
+    slopes: sp.Matrix, scale: Sequence[sp.Expr], symbols: Sequence[sp.Symbol], form: Form
+) -> np.ndarray | None:
     """S J S^-1 at sample points of the box, (k, n, n); None where they are not all finite."""
     n = range(form.n)
     matrix = [scale[i] * slopes[i, j] / scale[j] for i in n for j in n]
-    free = [s for s in given if s not in fixed(form)]
+    free = [s for s in symbols if s not in fixed(form)]
     graph = sp.lambdify(free, matrix, "numpy")
     columns = np.array([[float(point[s]) for s in free] for point in points(free)]).T.reshape(len(free), -1)
     with np.errstate(all="ignore"):

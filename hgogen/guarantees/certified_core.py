@@ -47,8 +47,10 @@ class Layout:
 
 @dataclass(frozen=True)
 class CoreBound:
-    """Every theta > `theta` = max(1, 2 `push` `lipschitz`) converges; `push` >= |P G|; `steep`: how `lipschitz` was
-    found, in units s_i; `numbers`: what the observer is built with."""
+    """A proof that every theta > `theta` = max(1, 2 `push` `lipschitz`) converges, where `push` >= |P G|.
+
+    `steep` proves the bound `lipschitz`, in units s_i; `numbers` are what the observer is built with.
+    """
 
     theta: Fraction
     lyapunov: Lyapunov
@@ -84,11 +86,11 @@ def of_core(
         return Nothing("the bound is for a_i shown to be positive")
     best: CoreBound | Nothing = Nothing("no scale was tried")
     for growth in GROWTHS[: 4 if len(cores) == 1 else 2]:  # each costs a convex program where there are several
-        found = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)), numbers)
-        if isinstance(found, Nothing):
-            return best if isinstance(best, CoreBound) else found
-        if isinstance(best, Nothing) or found.theta < best.theta:
-            best = found
+        bound = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)), numbers)
+        if isinstance(bound, Nothing):
+            return best if isinstance(best, CoreBound) else bound
+        if isinstance(best, Nothing) or bound.theta < best.theta:
+            best = bound
     return best
 
 
@@ -110,14 +112,14 @@ def _scaled(
     fields = range(len(t))
     moved = (tuple(tuple(t[i] * N[i][j] / t[j] for j in fields) for i in fields) for N in cores)
     try:
-        found = common(moved)
+        lyapunov = common(moved)
     except NoSolver as missing:
         return Nothing(str(missing))
-    if found is None:
+    if lyapunov is None:
         return Nothing("no P with N'P + P N <= -I was found for the core")
-    push = _push(found.P, layout)
+    push = _push(lyapunov.P, layout)
     theta = max(Fraction(1), 2 * push * steep.high)
-    return CoreBound(theta, found, push, steep.high, Steep(units, scale, steep), numbers)
+    return CoreBound(theta, lyapunov, push, steep.high, Steep(units, scale, steep), numbers)
 
 
 def _push(P: Matrix, layout: Layout) -> Fraction:

@@ -33,8 +33,11 @@ from hgogen.structure.polytope import Corner, chains, corners
 
 @dataclass(frozen=True, eq=False)
 class ConstantGain:
-    """`K` (n) of parameters; `sizes` of the chains; `driven`: whether A or C depends on an input, then `vertices`
-    (k, n, n) are A - K C at ends of the ranges; `bound`: what is proved of theta."""
+    """The gain `K` (n), of parameters, for chains of the `sizes`.
+
+    `driven` says whether A or C depends on an input: then `vertices` (k, n, n) are A - K C at the ends of the ranges.
+    `bound` is what is proved of theta.
+    """
 
     K: tuple[sp.Expr, ...]
     sizes: tuple[int, ...]
@@ -61,13 +64,13 @@ class ConstantGain:
         constants = {s: v for s, v in form.system.nominal.items() if not s.bounded}
         parameters = {s: sym("plant", s.name) for s in form.system.parameters if s.bounded}
         values: list[Any] = to_casadi([k.subs(constants) for k in self.K], parameters)
-        found: list[Any] = []
+        powered: list[Any] = []
         for size in self.sizes:
             power = ca.SX(1)
             for _ in range(size):
                 power = power * sym("gain", "theta")
-                found.append(power * values[len(found)])
-        return ca.vertcat(*found)
+                powered.append(power * values[len(powered)])
+        return ca.vertcat(*powered)
 
     def onto(self, e: Any) -> Any:
         """The place derived.K (n) times the error (p) of each chain's output."""
@@ -84,7 +87,7 @@ def constant_gain(observer: str, form: Form, poles: Any, gains: Any) -> Constant
     if (poles is None) == (gains is None):
         raise BadGain(observer, "takes either the poles of A - K C or the gains K; give one of the two")
     each = _chains(observer, form)
-    return _placed(form, each, poles) if gains is None else _given(form, each, gains)
+    return _placed(form, each, poles) if gains is None else _from_gains(form, each, gains)
 
 
 def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> ConstantGain:
@@ -96,31 +99,33 @@ def _placed(form: Form, each: tuple[tuple[sp.Expr, ...], ...], poles: Any) -> Co
                 )
             demand_divisor(name, a, form)
     sizes = tuple(map(len, each))
-    p = [x for given, n in zip(_split("poles", poles, sizes), sizes, strict=True) for x in _polynomial(given, n)]
+    per_chain = zip(_split("poles", poles, sizes), sizes, strict=True)
+    p = [x for chain_poles, n in per_chain for x in _polynomial(chain_poles, n)]
     products = [sp.prod(chain[: j + 1]) for chain in each for j in range(len(chain))]
     K = tuple(sp.Float(x) / a for x, a in zip(p, products, strict=True))
     return ConstantGain(K, sizes, False, np.empty((0, form.n, form.n)), of_poles(form, p))
 
 
 def _polynomial(poles: Any, n: int) -> np.ndarray:
-    """Their coefficients as doubles, which decay as well: proved, since poles at the edge may not survive rounding."""
+    """The coefficients of the polynomial of the poles, as doubles. It is proved that these decay as well, since poles
+    at the edge may not survive rounding."""
     p = coefficients(poles, n)
     demand_hurwitz("poles, rounded to doubles", companion(p), "take them further to the left")
     return p
 
 
-def _given(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -> ConstantGain:
+def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -> ConstantGain:
     if isinstance(gains, Nothing):
         raise BadGain("gains", f"were not found: {gains.reason}")
     sizes, K, ends = tuple(map(len, each)), [], []
-    for given, chain in zip(_split("gains", gains, sizes), each, strict=True):
-        k = reals("gains", given)
+    for chain_gains, chain in zip(_split("gains", gains, sizes), each, strict=True):
+        k = reals("gains", chain_gains)
         if k.shape != (len(chain),) or not np.isfinite(k).all():
             raise BadGain(f"gains = {gains!r}", f"must be {' and '.join(map(str, sizes))} finite numbers")
-        found = corners(chain, form)
-        if isinstance(found, str):
-            raise BadGain(f"gains = {gains!r}", f"cannot be judged: {found}; declare ranges, or use riccati")
-        closed = [_closed(corner, k) for corner in found]
+        vertices = corners(chain, form)
+        if isinstance(vertices, str):
+            raise BadGain(f"gains = {gains!r}", f"cannot be judged: {vertices}; declare ranges, or use riccati")
+        closed = [_closed(corner, k) for corner in vertices]
         fix = "take others for the ranges of the a_i, such as hg.design.constant_gain(form)"
         for matrix in closed:
             demand_hurwitz("gains", matrix, fix)
@@ -146,20 +151,20 @@ def _closed(corner: Corner, k: np.ndarray) -> np.ndarray:
 def _stacked(ends: list[np.ndarray]) -> np.ndarray:
     """Each chain's matrices (k_i, n_i, n_i) along the diagonal; all eigenvalues are there, not all combinations."""
     n, most = sum(each.shape[1] for each in ends), max(map(len, ends))
-    found = np.zeros((most, n, n))
+    stacked = np.zeros((most, n, n))
     for each, (head, end) in zip(ends, pairwise(np.cumsum([0, *(each.shape[1] for each in ends)])), strict=True):
-        found[:, head:end, head:end] = each[np.arange(most) % len(each)]
-    return found
+        stacked[:, head:end, head:end] = each[np.arange(most) % len(each)]
+    return stacked
 
 
-def _split(what: str, given: Any, sizes: tuple[int, ...]) -> Sequence[Any]:
-    """What is given for each chain."""
+def _split(what: str, values: Any, sizes: tuple[int, ...]) -> Sequence[Any]:
+    """The values for each chain. Raises: `BadGain` where they are not one sequence for each output."""
     if len(sizes) == 1:
-        return (given,)
-    count = len(given) if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else 0
-    if count != len(sizes) or any(np.ndim(each) != 1 for each in given):
-        raise BadGain(f"{what} = {given!r}", f"must be {len(sizes)} sequences, one for each output")
-    return tuple(given)
+        return (values,)
+    count = len(values) if isinstance(values, Sequence | np.ndarray) and not isinstance(values, str) else 0
+    if count != len(sizes) or any(np.ndim(each) != 1 for each in values):
+        raise BadGain(f"{what} = {values!r}", f"must be {len(sizes)} sequences, one for each output")
+    return tuple(values)
 
 
 def _chains(observer: str, form: Form) -> tuple[tuple[sp.Expr, ...], ...]:

@@ -30,7 +30,7 @@ from hgogen.form import Form
 from hgogen.guarantees.adaptive_gain import Disturbance, attenuation, candidate, facts, judged, share_of, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.certified import Nothing, obstacle
-from hgogen.guarantees.gain_programs import Found, Task, best
+from hgogen.guarantees.gain_programs import Optimum, Task, best
 from hgogen.guarantees.lmi import gains, solver
 from hgogen.intervals.digits import down, up
 from hgogen.reading.door import Misfit
@@ -76,10 +76,10 @@ class Infeasible(HgogenError):
     enough: dict[str, str]
 
     def __str__(self) -> str:
-        asked = ", ".join(f"{name} = {value:g}" for name, value in self.bounds.items())
+        limits = ", ".join(f"{name} = {value:g}" for name, value in self.bounds.items())
         ways = ", or ".join(f"{name} = {value}" for name, value in self.enough.items())
         fix = f"with the others kept, {ways} would do" if ways else "relax several of them, none alone is in the way"
-        return f"no K and P were found for a chain of {self.n} integrators with {asked}: {fix}"
+        return f"no K and P were found for a chain of {self.n} integrators with {limits}: {fix}"
 
 
 def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | Nothing:
@@ -92,10 +92,10 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
         raise Misfit("constant_gain", form, _FORM)
     most = positive("largest", largest)
     reason = obstacle(form) or ("a gain is designed for one output" if len(form.output) > 1 else "")
-    found = reason or corners(chains(form)[0], form)
-    if isinstance(found, str):
-        return Nothing(found)
-    K = gains(found, most)
+    vertices = reason or corners(chains(form)[0], form)
+    if isinstance(vertices, str):
+        return Nothing(vertices)
+    K = gains(vertices, most)
     return Nothing(f"no gain up to {most:g} was found") if K is None else tuple(map(float, K))
 
 
@@ -116,13 +116,13 @@ def verified(
 
     Raises: `BadGain`.
     """
-    found = candidate(K, P, sigma)
-    checks = list(facts("adaptive_gain", found, None if decay is None else Fraction(decay)))
+    known = candidate(K, P, sigma)
+    checks = list(facts("adaptive_gain", known, None if decay is None else Fraction(decay)))
     if alphas is not None:
         first, second = map(Fraction, alphas)
         if min(first, second) <= 0:
             raise BadGain(f"alphas = {alphas}", "must be positive")
-        block = attenuation(found, Fraction(0 if decay is None else decay), first, second)
+        block = attenuation(known, Fraction(0 if decay is None else decay), first, second)
         level = "a lambda > 0" if decay is None else f"lambda = {decay:g}"
         claim = f"(87) with {level}, alpha_1 = {alphas[0]:g}, alpha_2 = {alphas[1]:g}"
         checks.append(judged(ClaimId("adaptive_gain", "attenuation"), claim, block, sign=-1))
@@ -153,20 +153,20 @@ def adaptive_gain(
     for a form that is no chain of integrators, or whose slope has no bound that is shown.
     """
     count = _count(n, slope)
-    given = None if disturbance is None else as_disturbance(disturbance, count)
-    if given is None and mu != math.inf:
+    disturbed = None if disturbance is None else as_disturbance(disturbance, count)
+    if disturbed is None and mu != math.inf:
         raise BadGain(f"mu = {mu!r}", "bounds the gain from a disturbance; give the disturbance")
     bounds = {"sigma": positive("sigma", sigma)}
     bounds |= {name: _limit(name, x) for name, x in (("largest", largest), ("gamma", gamma), ("mu", mu))}
-    deltas = None if given is None else (float(given.deltas[0]), float(given.deltas[1]))
+    deltas = None if disturbed is None else (float(disturbed.deltas[0]), float(disturbed.deltas[1]))
     steep = 0.0 if slope is None else float(slope)
     task = Task(count, steep, bounds, deltas, None if K is None else _column(K, count), _MARGINS[0])
     cp = solver("the design of an adaptive gain")
-    task = _where_needed(cp, n, task, given) if isinstance(n, Form) else task
-    design = _designed(cp, task, given)
+    task = _where_needed(cp, n, task, disturbed) if isinstance(n, Form) else task
+    design = _designed(cp, task, disturbed)
     if design is None:
-        kept = {name: value for name, value in bounds.items() if value < math.inf}
-        raise Infeasible(count, kept, _enough(cp, task, given, kept))
+        finite = {name: value for name, value in bounds.items() if value < math.inf}
+        raise Infeasible(count, finite, _enough(cp, task, disturbed, finite))
     return design
 
 
@@ -191,7 +191,7 @@ def _count(n: Any, slope: Any) -> int:
     return n
 
 
-def _where_needed(cp: Any, form: Form, task: Task, given: Disturbance | None) -> Task:
+def _where_needed(cp: Any, form: Form, task: Task, disturbance: Disturbance | None) -> Task:
     """The task with the form's slope from the gamma on that gives the best design, all but mu's bound kept.
 
     k(gamma) falls as gamma grows: where the bound of a design is above the gamma of its slope, a larger gamma serves,
@@ -200,8 +200,8 @@ def _where_needed(cp: Any, form: Form, task: Task, given: Disturbance | None) ->
     free = task.bounded("mu", math.inf)
 
     def at(gamma: float) -> tuple[Task, Design | None]:
-        asked = replace(free, slope=slope(form, gamma), least=gamma)
-        return asked, _designed(cp, asked, given)
+        variant = replace(free, slope=slope(form, gamma), least=gamma)
+        return variant, _designed(cp, variant, disturbance)
 
     starts = _STARTS if math.isinf(task.bounds["gamma"]) else (max(1.0, task.bounds["gamma"]),)
     tried = map(at, starts)
@@ -211,28 +211,28 @@ def _where_needed(cp: Any, form: Form, task: Task, given: Disturbance | None) ->
     low, high = 1.0, float(design.gamma)
     for _ in range(_SLOPES):
         middle = _short(math.sqrt(low * high), 4)
-        asked, found = at(middle)
-        if found is None:
+        variant, tried_design = at(middle)
+        if tried_design is None:
             low = middle
             continue
-        if _worth(found) < _worth(design):
-            chosen, design = asked, found
-        low, high = (low, middle) if found.gamma <= middle else (middle, min(high, float(found.gamma)))
+        if _worth(tried_design) < _worth(design):
+            chosen, design = variant, tried_design
+        low, high = (low, middle) if tried_design.gamma <= middle else (middle, min(high, float(tried_design.gamma)))
     return replace(chosen, bounds=task.bounds)
 
 
 def _worth(design: Design) -> Fraction:
-    """What is to be small."""
+    """The bound that the best design has smallest: that of mu, or without a disturbance that of gamma."""
     return design.gamma if design.mu is None else design.mu
 
 
-def _designed(cp: Any, task: Task, given: Disturbance | None) -> Design | None:
+def _designed(cp: Any, task: Task, disturbance: Disturbance | None) -> Design | None:
     """The best design within the bounds that is proved, in few digits if they are enough; None where there is none."""
     for margin in _MARGINS:
-        found = best(cp, replace(task, margin=margin))
-        if found is None:
+        optimum = best(cp, replace(task, margin=margin))
+        if optimum is None:
             return None
-        rounded = (_rounded(task, found, given, digits) for digits in _DIGITS)
+        rounded = (_rounded(task, optimum, disturbance, digits) for digits in _DIGITS)
         design = next((one for one in rounded if one is not None), None)
         if design is not None:
             return design
@@ -249,11 +249,11 @@ def slope(form: Form, gamma: float = 1.0) -> float:
         raise Misfit("slope", form, _FORM)
     if not 1 <= real("gamma", gamma) < math.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be a finite number, at least 1")
-    found = steepness(integrators("adaptive_lmi", form), gamma)
-    if isinstance(found, Nothing) or found.proof.high is None:
-        raise BadGain(f"the slope of {form.system.name}", f"has no bound: {found}")
-    near = float(found.proof.high)
-    return near if near >= found.proof.high else math.nextafter(near, math.inf)
+    steep = steepness(integrators("adaptive_lmi", form), gamma)
+    if isinstance(steep, Nothing) or steep.proof.high is None:
+        raise BadGain(f"the slope of {form.system.name}", f"has no bound: {steep}")
+    rounded = float(steep.proof.high)
+    return rounded if rounded >= steep.proof.high else math.nextafter(rounded, math.inf)
 
 
 def _limit(name: str, value: Any) -> float:
@@ -268,11 +268,11 @@ def _column(K: Any, n: int) -> np.ndarray:
     return values[:, None]
 
 
-def _rounded(task: Task, found: Found, given: Disturbance | None, digits: tuple[int, int]) -> Design | None:
+def _rounded(task: Task, optimum: Optimum, disturbance: Disturbance | None, digits: tuple[int, int]) -> Design | None:
     """K and P in so many digits with what is proved of them; None where rounding lost it, or one of the bounds."""
-    P = [[_short(value, digits[1]) for value in row] for row in found.P.tolist()]
+    P = [[_short(value, digits[1]) for value in row] for row in optimum.P.tolist()]
     if task.K is None:
-        K = [_short(k, digits[0]) for k in np.linalg.solve(found.P, found.Y).ravel().tolist()]
+        K = [_short(k, digits[0]) for k in np.linalg.solve(optimum.P, optimum.Y).ravel().tolist()]
     else:
         K = task.K.ravel().tolist()
     known = candidate(K, P, task.bounds["sigma"])
@@ -280,11 +280,11 @@ def _rounded(task: Task, found: Found, given: Disturbance | None, digits: tuple[
     if any(check.verdict is not Verdict.PROVED for check in proved):
         return None
     slope, least, mu = Fraction(task.slope), Fraction(task.least), None
-    if given is None:
+    if disturbance is None:
         gamma = max(known.least(slope), least)
     else:
-        gamma = max(Fraction(found.gamma), least)
-        share = share_of(known, (4 * slope * known.peak + 1) / (2 * gamma), given)
+        gamma = max(Fraction(optimum.gamma), least)
+        share = share_of(known, (4 * slope * known.peak + 1) / (2 * gamma), disturbance)
         if share is None:
             return None
         mu = root(2 * share, bits=52) * gamma**task.n
@@ -297,24 +297,24 @@ def _short(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _enough(cp: Any, task: Task, given: Disturbance | None, kept: Iterable[str]) -> dict[str, str]:
-    """For each bound that alone is in the way, a value that would do."""
-    found = {}
-    for name in kept:
+def _enough(cp: Any, task: Task, disturbance: Disturbance | None, names: Iterable[str]) -> dict[str, str]:
+    """The value that would do of each bound that alone is in the way, by its name."""
+    enough = {}
+    for name in names:
 
         def at(value: float, name: str = name) -> Design | None:
-            return _designed(cp, task.bounded(name, value), given)
+            return _designed(cp, task.bounded(name, value), disturbance)
 
         loosest = at(0.0 if name == "sigma" else math.inf)
         if loosest is None:
             continue
-        if name == "mu" or (name == "gamma" and given is None):
-            found[name] = up(getattr(loosest, name))
+        if name == "mu" or (name == "gamma" and disturbance is None):
+            enough[name] = up(getattr(loosest, name))
             continue
         value = _edge(at, task.bounds[name], 0.1 if name == "sigma" else 10.0)
         if value is not None:
-            found[name] = (down if name == "sigma" else up)(value)
-    return found
+            enough[name] = (down if name == "sigma" else up)(value)
+    return enough
 
 
 def _edge(at: Callable[[float], Design | None], refused: float, factor: float) -> float | None:

@@ -115,17 +115,17 @@ def dissipation(system: ErrorSystem, V: Any, *, mu: Any, within: Any, boxes: int
         negative(_inequality(system, level, mu, around), boxes, _cancelled(system) or obstacle),
     )
     floor = _floor(level, around, boxes)
-    asked = Dissipates(system, level, mu, around)
+    subject = Dissipates(system, level, mu, around)
     checks = (
-        _check("positive", "V(0) = 0 and V(e) > 0 for every other e of the box (21)", answers[0], "-V", asked),
+        _check("positive", "V(0) = 0 and V(e) > 0 for every other e of the box (21)", answers[0], "-V", subject),
         _check(
             "inequality",
             f"dV/de F + |dV/de G|^2/(2 mu^2) + |e|^2/2 < 0 for every e of the box but 0, mu = {mu} (38)",
             answers[1],
             "the left side",
-            replace(asked, left=_inequality(system, level, mu, around).value),
+            replace(subject, left=_inequality(system, level, mu, around).value),
         ),
-        _level(floor, asked),
+        _level(floor, subject),
     )
     witness = next((answer.point for answer in answers[::-1] if answer.point), {})
     return Dissipation(system, level, mu, around, checks, floor, witness)
@@ -135,21 +135,21 @@ def _function(system: ErrorSystem, V: Any) -> sp.Expr:
     """V as an expression of the errors."""
     n, V = len(system.errors), quadratic("V", V, names_of(system.errors), aliases=system.aliases)
     try:
-        given = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
+        level = sp.sympify(V, strict=True) if isinstance(V, sp.Basic | int | float) else sp.Matrix(V)
     except (sp.SympifyError, ValueError, TypeError):
         raise BadErrorSystem(f"V = {V!r}", "is neither an expression of the errors nor a matrix") from None
-    if isinstance(given, sp.MatrixBase):
-        if given.shape != (n, n):
-            raise BadErrorSystem(f"V of shape {given.shape}", f"must be a symmetric {n} x {n} matrix, for V = e'V e")
-        P, e = given.applyfunc(exact), sp.Matrix(system.errors)
+    if isinstance(level, sp.MatrixBase):
+        if level.shape != (n, n):
+            raise BadErrorSystem(f"V of shape {level.shape}", f"must be a symmetric {n} x {n} matrix, for V = e'V e")
+        P, e = level.applyfunc(exact), sp.Matrix(system.errors)
         if not _even(P):
             raise BadErrorSystem("V", unsymmetric("V"))
-        given = (e.T * P * e)[0, 0]
-    strange = given.free_symbols - {*system.errors}
+        level = (e.T * P * e)[0, 0]
+    strange = level.free_symbols - {*system.errors}
     if strange:
         names = ", ".join(e.name for e in system.errors)
         raise BadErrorSystem("V", f"uses {min(map(str, strange))}; it is a function of the errors {names} alone")
-    return sp.expand(exact(given))
+    return sp.expand(exact(level))
 
 
 def _even(P: sp.Matrix) -> bool:
@@ -243,23 +243,23 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
     return Fraction(down(Fraction(least), 9))
 
 
-def _level(floor: Fraction | None, asked: Dissipates) -> Check:
+def _level(floor: Fraction | None, subject: Dissipates) -> Check:
     claim = "a set {V <= c} lies in the box and touches none of its faces"
     if floor is None:
         return Check(
             ClaimId("dissipation", "level"), claim, Verdict.UNKNOWN, "V is not shown to be positive on the faces"
         )
-    proofs = (replace(asked, floor=floor),)
+    proofs = (replace(subject, floor=floor),)
     return Check(
         ClaimId("dissipation", "level"), claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}", proofs=proofs
     )
 
 
-def _check(what: str, claim: str, answer: Answer, side: str, asked: Dissipates) -> Check:
+def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates) -> Check:
     """`side`: the name of what must be negative."""
     reason = answer.reason if answer.value is None else f"{side} is {answer.value:.3g} there"
     witness = {s.name: float(number) for s, number in answer.point.items()}
-    proofs = (replace(asked, answer=answer),)
+    proofs = (replace(subject, answer=answer),)
     return Check(ClaimId("dissipation", what), claim, answer.verdict, reason, witness, proofs=proofs)
 
 

@@ -31,28 +31,28 @@ class Held:
     least: Fraction
 
 
-def switching(maker: str, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> tuple[Check, ...]:
+def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> tuple[Check, ...]:
     """`MAKER.convergence`, that there is a bound on a gain, `MAKER.theta`, that `low` is above it, and `MAKER.hold`,
     that the time `hold` is long enough."""
-    convergence, above = checks(maker, low, found, "theta_low")
+    convergence, above = checks(maker, low, bound, "theta_low")
     above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
-    held = _held(ClaimId(maker, "hold"), theta, low, hold, found)
-    if isinstance(found, Nothing):
+    held = _held(ClaimId(maker, "hold"), theta, low, hold, bound)
+    if isinstance(bound, Nothing):
         return convergence, above, held
-    numbers = {"theta": theta, "theta_low": low, "hold": hold, **found.numbers}
-    facts = ((convergence, found), (above, None), (held, *held.proofs))
+    numbers = {"theta": theta, "theta_low": low, "hold": hold, **bound.numbers}
+    facts = ((convergence, bound), (above, None), (held, *held.proofs))
     return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in each)) for check, *each in facts)
 
 
-def _held(id: ClaimId, theta: float, low: float, hold: float, found: ThetaBound | Nothing) -> Check:
+def _held(id: ClaimId, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> Check:
     claim = f"hold = {hold:g} is long enough: switching keeps the error's decay"
     unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Validate by trials.")
-    if isinstance(found, Nothing) or not Fraction(low) > found.theta:
+    if isinstance(bound, Nothing) or not Fraction(low) > bound.theta:
         return replace(unknown, reason="theta_low is not above a proved bound")
-    P, peak = found.lyapunov.P, found.lyapunov.peak
+    P, peak = bound.lyapunov.P, bound.lyapunov.peak
     least_of_P = smallest(exact(P))[0]
     condition = peak / least_of_P
-    speed = (Fraction(theta) - 2 * peak * found.lipschitz) / peak
+    speed = (Fraction(theta) - 2 * peak * bound.lipschitz) / peak
     growth = condition**2 * (Fraction(theta) / Fraction(low)) ** (2 * (len(P) - 1))
     least = arb(number(growth)).log() / arb(number(speed))
     if arb(number(Fraction(hold))) > least:

@@ -46,8 +46,9 @@ class Injection:
 
 @dataclass(frozen=True)
 class Equations:
-    """How a plant and an observer make an error system: `observer` g (n), of states, which stand for the estimate, of
-    outputs and known inputs; the inputs `unknown` to it; pairs `along` of a state and what it is."""
+    """The equations by which a plant and an observer make an error system: `observer` g (n), of states, which
+    stand for the estimate, of outputs and known inputs; the inputs `unknown` to it; and pairs `along` of a state and
+    its value."""
 
     observer: tuple[sp.Expr, ...]
     outputs: tuple[Signal, ...]
@@ -156,15 +157,15 @@ def error_system(plant: System, gain: Any, G1: Any = None, G2: Any = None) -> Er
     )
 
 
-def _matrix(name: str, given: Any, shape: tuple[int, int | None], plant: System) -> sp.Matrix:
+def _matrix(name: str, entries: Any, shape: tuple[int, int | None], plant: System) -> sp.Matrix:
     rows, columns = shape
     try:
-        if columns == 1 and isinstance(given, Sequence) and not any(isinstance(row, Sequence) for row in given):
-            given = [[row] for row in given]
-        matrix = sp.Matrix(given).applyfunc(lambda value: exact(sp.sympify(value)))
+        if columns == 1 and isinstance(entries, Sequence) and not any(isinstance(row, Sequence) for row in entries):
+            entries = [[row] for row in entries]
+        matrix = sp.Matrix(entries).applyfunc(lambda value: exact(sp.sympify(value)))
     except (ValueError, TypeError, sp.SympifyError):
         reason = f"is no matrix; give {rows} rows of numbers or expressions"
-        raise BadErrorSystem(f"{name} = {given!r}", reason) from None
+        raise BadErrorSystem(f"{name} = {entries!r}", reason) from None
     if matrix.rows != rows or (columns is not None and matrix.cols != columns):
         wanted = f"{rows} x {'k' if columns is None else columns}"
         raise BadErrorSystem(f"{name} of shape {matrix.shape}", f"must be {wanted}")

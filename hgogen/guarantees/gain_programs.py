@@ -43,12 +43,12 @@ class Task:
     least: float = 1.0
 
     def bounded(self, name: str, value: float) -> "Task":
-        """With another bound of that name."""
+        """The task with another bound of that name."""
         return replace(self, bounds={**self.bounds, name: value})
 
 
 @dataclass(frozen=True)
-class Found:
+class Optimum:
     """P (n, n) and Y = P K (n, 1) as the solver leaves them; `gamma` and `mu` (inf without a disturbance)."""
 
     P: np.ndarray
@@ -57,17 +57,17 @@ class Found:
     mu: float
 
 
-def best(cp: Any, task: Task) -> Found | None:
+def best(cp: Any, task: Task) -> Optimum | None:
     """The smallest gamma, or mu where there is a disturbance, within the bounds; None where the solver finds none.
 
     `cp`: `lmi.solver`.
     """
-    found = _fractional(cp, task)
-    if found is None or found.gamma > task.bounds["gamma"]:
+    optimum = _fractional(cp, task)
+    if optimum is None or optimum.gamma > task.bounds["gamma"]:
         return None
     if task.deltas is None:
-        return found
-    low = max(task.least, found.gamma * (1 + 1e-6))
+        return optimum
+    low = max(task.least, optimum.gamma * (1 + 1e-6))
     high = min(task.bounds["gamma"], _REACH * low)
     if low > high:
         return None
@@ -80,7 +80,7 @@ def best(cp: Any, task: Task) -> Found | None:
     return min(each, key=lambda one: one.mu, default=None)
 
 
-def _fractional(cp: Any, task: Task) -> Found | None:
+def _fractional(cp: Any, task: Task) -> Optimum | None:
     """(88) by one program in P/t, Y/t, with lambda/t = 1/2."""
     t, peak = cp.Variable(nonneg=True), cp.Variable()
     P, Y = _unknown(cp, task)
@@ -89,10 +89,10 @@ def _fractional(cp: Any, task: Task) -> Found | None:
     value = solved(cp, problem, P)
     if value is None or not t.value > 0:
         return None
-    return Found(value / t.value, np.asarray(Y.value) / t.value, max(1.0, float(problem.value)), math.inf)
+    return Optimum(value / t.value, np.asarray(Y.value) / t.value, max(1.0, float(problem.value)), math.inf)
 
 
-def _attenuation(cp: Any, task: Task) -> Callable[[float], Found | None]:
+def _attenuation(cp: Any, task: Task) -> Callable[[float], Optimum | None]:
     """(89) at a gamma: the smallest s, and what it gives."""
     assert task.deltas is not None
     n, (first, second) = task.n, map(math.sqrt, task.deltas)
@@ -103,12 +103,12 @@ def _attenuation(cp: Any, task: Task) -> Callable[[float], Found | None]:
     limits = [*_limits(cp, task, P, Y, peak, decay, 1.0), 4 * task.slope * peak + 1 <= 2 * level * decay]
     problem = cp.Problem(cp.Minimize(s[0, 0]), [*limits, cp.bmat(rows) >> 0])
 
-    def at(gamma: float) -> Found | None:
+    def at(gamma: float) -> Optimum | None:
         level.value = gamma
         value = solved(cp, problem, P)
         if value is None or not s.value[0, 0] > 0:
             return None
-        return Found(value, np.asarray(Y.value), gamma, math.sqrt(2 * float(s.value[0, 0])) * gamma**n)
+        return Optimum(value, np.asarray(Y.value), gamma, math.sqrt(2 * float(s.value[0, 0])) * gamma**n)
 
     return at
 

@@ -74,10 +74,10 @@ def lyapunov(N: Matrix) -> Lyapunov | None:
             rows[row][places[min(k, j), max(k, j)]] += number(N[k][i])
             rows[row][places[min(i, k), max(i, k)]] += number(N[k][j])
     try:
-        found = fmpq_mat(rows).solve(fmpq_mat([[fmpq(-(i == j))] for i, j in places]))
+        solution = fmpq_mat(rows).solve(fmpq_mat([[fmpq(-(i == j))] for i, j in places]))
     except ZeroDivisionError:  # two eigenvalues add up to zero
         return None
-    entries = [[found[places[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
+    entries = [[solution[places[min(i, j), max(i, j)], 0] for j in range(n)] for i in range(n)]
     return _rounded([[fraction(value) for value in row] for row in entries], (N,))
 
 

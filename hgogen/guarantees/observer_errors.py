@@ -46,11 +46,11 @@ def observer_errors(
     if strange := [name for name in names if name not in inputs]:
         raise BadNames("unknown", f"names {strange[0]!r}, which is none of the inputs {', '.join(inputs) or '(none)'}")
     w = tuple(u for u in plant.inputs if u.name in names)
-    told = _along(plant, along or {})
+    constraints = _along(plant, along or {})
     known = {*plant.states, *plant.outputs, *plant.parameters, *plant.inputs} - {*w}
     if strange := sorted(map(str, sp.Tuple(*rows).free_symbols - known)):
         raise BadErrorSystem("observer", f"uses {strange[0]}, which is no state, output, known input or parameter")
-    made = Equations(tuple(rows), tuple(plant.outputs), w, told)
+    made = Equations(tuple(rows), tuple(plant.outputs), w, constraints)
     return _made(plant, made)
 
 
@@ -101,19 +101,19 @@ def _dummy(s: Signal) -> sp.Dummy:
 
 def _along(plant: System, along: Mapping[Any, Any]) -> tuple[tuple[Signal, sp.Expr], ...]:
     states = {x.name: x for x in plant.states}
-    given = {str(getattr(key, "name", key)): _expression("along", value) for key, value in along.items()}
-    if strange := [name for name in given if name not in states]:
+    constraints = {str(getattr(key, "name", key)): _expression("along", value) for key, value in along.items()}
+    if strange := [name for name in constraints if name not in states]:
         raise BadNames("along", f"names {strange[0]!r}, which is none of the states {', '.join(states)}")
-    free = {*plant.states, *plant.parameters} - {states[name] for name in given}
-    for name, value in given.items():
+    free = {*plant.states, *plant.parameters} - {states[name] for name in constraints}
+    for name, value in constraints.items():
         if strange := sorted(map(str, value.free_symbols - free)):
             raise BadErrorSystem(f"along {name}", f"uses {strange[0]}, which is no other state or parameter")
-    return tuple((states[name], value) for name, value in given.items())
+    return tuple((states[name], value) for name, value in constraints.items())
 
 
 def _expression(what: str, value: Any) -> sp.Expr:
     try:
-        found = exact(sp.sympify(value, strict=True))
+        expression = exact(sp.sympify(value, strict=True))
     except (sp.SympifyError, TypeError, AttributeError):
         raise BadErrorSystem(f"{what}: {value!r}", "is no expression") from None
-    return found
+    return expression

@@ -160,8 +160,11 @@ class Decay:
 
 @dataclass(frozen=True)
 class SectorBound:
-    """Every theta > `theta` converges; `lipschitz` >= |S dc/dw S^-1| on the box, found as `steep` in the coordinates of
-    `decay`; `numbers`: what the observer is built with."""
+    """A proof that every theta > `theta` converges.
+
+    `steep` proves that `lipschitz` >= |S dc/dw S^-1| on the box, in the coordinates of `decay`; `numbers` are what the
+    observer is built with.
+    """
 
     theta: Fraction
     decay: Decay
@@ -186,26 +189,26 @@ class SectorBound:
 def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
     """Proofs that the core of the gains K (n), A - K C Hurwitz, decays, one for each g that gives one."""
     growths = GROWTHS[: 0 if len(K) > STATES else 1 if len(K) > FEW else None]
-    found = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
-    return tuple(one for one in found if one is not None)
+    proofs = (_decay(adaptation, np.array([Fraction(float(k)) for k in K]), growth) for growth in growths)
+    return tuple(one for one in proofs if one is not None)
 
 
-def core_check(maker: str, adaptation: Adaptation, found: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
+def core_check(maker: str, adaptation: Adaptation, proofs: Iterable[Decay], numbers: Mapping[str, Any]) -> Check:
     """`MAKER.core`, that there is such a proof, of an observer that is built with the `numbers`."""
     id = ClaimId(maker, "core")
     claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
-    for one in found:
+    for one in proofs:
         reason = f"by a quadratic form with mu = {float(one.mu):g}, tau = {float(one.tau):g}, in rational arithmetic"
         return Check(id, claim, Verdict.PROVED, reason, proofs=(Grounds(numbers, one),))
     reason = "no quadratic proof was found for these lambda and r"
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=adaptation.shape.fix)
 
 
-def theta_bound(chain: Integrators, found: Iterable[Decay], numbers: Mapping[str, Any]) -> SectorBound | Nothing:
+def theta_bound(chain: Integrators, proofs: Iterable[Decay], numbers: Mapping[str, Any]) -> SectorBound | Nothing:
     """The smallest bound on theta that the proofs give with c, of an observer that is built with the `numbers`."""
     best: SectorBound | Nothing = Nothing("the linear core is not shown to decay")
     (a,) = chains(chain.form)
-    for one in found:
+    for one in proofs:
         units = tuple(one.growth**i for i in range(chain.n))
         scale = tuple(sp.Rational(s) * sp.Mul(*a[: i + 1]) for i, s in enumerate(units))
         steep = slope(chain.form, scale)
@@ -220,14 +223,14 @@ def theta_bound(chain: Integrators, found: Iterable[Decay], numbers: Mapping[str
 def _decay(adaptation: Adaptation, K: Any, growth: Fraction) -> Decay | None:
     scale = np.array([growth**i for i in range(len(K))])
     N, gain = companion(K) * np.outer(scale, 1 / scale), K * scale
-    found = lyapunov(tuple(map(tuple, N)))
-    if found is None:
+    solution = lyapunov(tuple(map(tuple, N)))
+    if solution is None:
         return None
-    P = np.array(found.P)
+    P = np.array(solution.P)
     N_, K_, P_ = (array.astype(float) for array in (N, gain, P))
     forms = np.array([adaptation.form(N_, K_, P_, mu, tau) for mu, tau in _PAIRS])
     margins = -np.linalg.eigvalsh(forms)[:, -1]
     added = adaptation.shape.share * np.array([mu for mu, _ in _PAIRS])
-    mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / (float(found.peak) + added)))])
+    mu, tau = map(Fraction, _PAIRS[int(np.argmax(margins / (float(solution.peak) + added)))])
     margin = smallest(exact(-adaptation.form(N, gain, P, mu, tau)))[0]
-    return Decay(adaptation, growth, found.P, found.peak, margin, mu, tau) if margin > 0 else None
+    return Decay(adaptation, growth, solution.P, solution.peak, margin, mu, tau) if margin > 0 else None

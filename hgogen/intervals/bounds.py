@@ -62,14 +62,14 @@ class Range:
         return math.isfinite(self.low) and math.isfinite(self.high)
 
     def __str__(self) -> str:
-        said = [f"from {down(self.low, 9)} to {up(self.high, 9)}, by {counted(self.boxes)}"]
+        parts = [f"from {down(self.low, 9)} to {up(self.high, 9)}, by {counted(self.boxes)}"]
         ends = (("least", "at most", up, self.least), ("most", "at least", down, self.most))
-        said += [
+        parts += [
             f"the {end} is {side} {rounded(one.value, 9)}{place(one.point)}"
             for end, side, rounded, one in ends
             if one is not None
         ]
-        return "; ".join([*said, *filter(None, [self.note])])
+        return "; ".join([*parts, *filter(None, [self.note])])
 
     def as_dict(self) -> dict[str, Any]:
         """The range as plain data for JSON, which has no infinity: an unbounded end is None."""
@@ -162,5 +162,5 @@ def _text(point: Mapping[sp.Symbol, Fraction]) -> str:
 
 
 def place(point: Mapping[sp.Symbol, Fraction]) -> str:
-    """Where, in few digits."""
+    """The place as the end of a sentence, in few digits."""
     return ", at " + ", ".join(f"{s} = {float(value):g}" for s, value in point.items()) if point else ""

@@ -143,7 +143,7 @@ def hull(a: Pair, b: Pair) -> Pair:
 
 
 def meet(a: Pair, b: Pair) -> Pair:
-    """What both hold; of two enclosures of one thing."""
+    """The intersection of two enclosures of one thing."""
     return np.maximum(a[0], b[0]), np.minimum(a[1], b[1])
 
 

@@ -36,7 +36,7 @@ class Grounds:
 
 
 def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:
-    """Bounds a little outside; one of the sign that it had, if it had one; None for an infinite one."""
+    """Bounds a little outside of these. Each keeps its sign, if it has one, and is None where it is infinite."""
     return _moved(low, -1), _moved(high, 1)
 
 

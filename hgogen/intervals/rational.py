@@ -123,7 +123,7 @@ def _sum(a: Interval, b: Interval) -> Interval:
 
 
 def fractions(a: Interval) -> Interval:
-    """The same ends, finite ones as fractions."""
+    """The ends of an interval, the finite ones as fractions."""
     low, high = (end if end in (-math.inf, math.inf) else Fraction(end) for end in a)
     return low, high
 

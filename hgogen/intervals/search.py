@@ -47,12 +47,12 @@ class Leaves:
     cut: NDArray[np.int64]
 
     def only(self, rows: NDArray[np.int64] | Flags) -> "Leaves":
-        """Some of them."""
+        """The leaves of the given rows alone."""
         last = {name: getattr(self, name)[..., rows] for name in self.__dataclass_fields__}
         return Leaves(**last)
 
     def with_more(self, other: "Leaves") -> "Leaves":
-        """These and the others."""
+        """The leaves of both."""
         names = self.__dataclass_fields__
         return Leaves(**{n: np.concatenate((getattr(self, n), getattr(other, n)), axis=-1) for n in names})
 

@@ -72,16 +72,16 @@ class Answer:
     basis: sp.Matrix | None = None
 
 
-def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
+def negative(claim: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
     """Whether S < 0, by the method of the module, with `boxes` for each question of a sign. With an `obstacle`, the
     reason why N says nothing of S, the answer is refuted or unknown."""
-    program = _Program.of(asked)
+    program = _Program.of(claim)
     violation = next(program.violations(_samples(program)), None)
     if violation:
         return _refuted(violation)
     if obstacle:
         return Answer(Verdict.UNKNOWN, obstacle)
-    share, definite = _largest(asked, boxes)
+    share, definite = _largest(claim, boxes)
     if definite is None:
         violation = next(program.violations(_along(program)), None)
         if violation:
@@ -91,7 +91,7 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
     if share == 1:
         whole = "its second order is definite on the whole box of errors"
         return Answer(Verdict.PROVED, whole, proofs=(definite.proof,), basis=definite.basis)
-    left = tuple(nonzero(asked.value, slab, boxes=boxes, refute=False) for slab in _slabs(asked, share))
+    left = tuple(nonzero(claim.value, slab, boxes=boxes, refute=False) for slab in _slabs(claim, share))
     for sign in left:
         violation = next(program.violations(_of(sign)), None)
         if violation:
@@ -99,7 +99,7 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
         total = sum(sign.range.boxes for sign in left)
         reason = f"its second order is definite on {share} of the box of errors, {total} boxes cover the rest"
-        slabs = tuple(_proof(asked.value, sign) for sign in left)
+        slabs = tuple(_proof(claim.value, sign) for sign in left)
         return Answer(Verdict.PROVED, reason, proofs=(definite.proof, *slabs), share=share, basis=definite.basis)
     reason = f"its second order is definite on {share} of the box of errors; the rest is not decided"
     return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for each of {len(left)} slabs")
@@ -112,23 +112,23 @@ def negative(asked: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
 class _Program:
     """S as a tape and as a numpy function."""
 
-    asked: SecondOrder
+    claim: SecondOrder
     symbols: tuple[sp.Symbol, ...]
     exactly: Tape
     floats: Any
 
     @classmethod
-    def of(cls, asked: SecondOrder) -> "_Program":
-        others = sorted(asked.value.free_symbols - {*asked.errors}, key=str)
-        symbols = (*asked.errors, *others)
-        return cls(asked, symbols, tape([asked.value], symbols), sp.lambdify(symbols, asked.value, "numpy"))
+    def of(cls, claim: SecondOrder) -> "_Program":
+        others = sorted(claim.value.free_symbols - {*claim.errors}, key=str)
+        symbols = (*claim.errors, *others)
+        return cls(claim, symbols, tape([claim.value], symbols), sp.lambdify(symbols, claim.value, "numpy"))
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
         """The points where S >= 0 is proved and e is not 0, with the value there."""
-        everything = {**self.asked.box, **self.asked.around}
+        everything = {**self.claim.box, **self.claim.around}
         sides = Sides(self.symbols, tuple(everything[s] for s in self.symbols))
         for point in points:
-            if not any(point[e] for e in self.asked.errors) or not sides.contains(point):
+            if not any(point[e] for e in self.claim.errors) or not sides.contains(point):
                 continue
             (ball,) = values(self.exactly, [point[s] for s in self.symbols], _BITS)
             if ball >= 0:
@@ -138,7 +138,7 @@ class _Program:
         """The ratios S/|e|^2 at points (number of symbols, k), -inf where one is not finite."""
         with np.errstate(all="ignore"):
             value = np.broadcast_to(np.asarray(self.floats(*x), dtype=float), x.shape[1:])
-            ratios = value / (x[: len(self.asked.errors)] ** 2).sum(axis=0)
+            ratios = value / (x[: len(self.claim.errors)] ** 2).sum(axis=0)
         return np.where(np.isfinite(ratios), ratios, -np.inf)
 
 
@@ -150,7 +150,7 @@ def _refuted(violation: tuple[Point, float]) -> Answer:
 def _samples(program: _Program) -> Iterator[Point]:
     """The points with the largest ratios of a fixed set of random ones, each moved uphill; e has scales down to a
     thousandth of its box."""
-    n, rng = len(program.asked.errors), np.random.default_rng(1)
+    n, rng = len(program.claim.errors), np.random.default_rng(1)
     low, high = _floats(program)
     size = len(program.symbols)
     whole = rng.integers(0, _GRID + 1, size=(size, _SAMPLES))
@@ -182,7 +182,7 @@ def _floats(program: _Program) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sampled(program: _Program, symbol: sp.Symbol) -> tuple[Fraction, Fraction]:
-    return _cut({**program.asked.box, **program.asked.around}[symbol])
+    return _cut({**program.claim.box, **program.claim.around}[symbol])
 
 
 def _cut(ends: tuple[Any, Any]) -> tuple[Fraction, Fraction]:
@@ -198,22 +198,22 @@ def _exactly(program: _Program, grid: np.ndarray, scale: Fraction) -> Point:
     for symbol, k in zip(program.symbols, grid, strict=True):
         low, high = _sampled(program, symbol)
         value = low + (high - low) * int(k) / _GRID
-        point[symbol] = value * scale if symbol in program.asked.errors else value
+        point[symbol] = value * scale if symbol in program.claim.errors else value
     return point
 
 
 def _along(program: _Program) -> Iterator[Point]:
     """Short steps e from points x where N of zero copies is not positive definite, along its worst direction."""
-    asked, n = program.asked, len(program.asked.errors)
-    matrix, box = _restricted(asked, Fraction(0))
+    claim, n = program.claim, len(program.claim.errors)
+    matrix, box = _restricted(claim, Fraction(0))
     eigenvalues = _Eigenvalues.of(matrix, box)
-    reach = min(min(-Fraction(a), Fraction(b)) for a, b in asked.around.values())
+    reach = min(min(-Fraction(a), Fraction(b)) for a, b in claim.around.values())
     for worst in eigenvalues.worst():
-        x = {s: worst[s] if s in worst else _cut(asked.box[s])[0] for s in program.symbols[n:]}
+        x = {s: worst[s] if s in worst else _cut(claim.box[s])[0] for s in program.symbols[n:]}
         direction = np.linalg.eigh(eigenvalues.matrix(worst))[1][:, 0]
         e = [Fraction(round(float(d) * _GRID), _GRID) for d in direction]
         for k, sign in product(range(0, 40, 3), (1, -1)):
-            yield x | {s: sign * d * reach / 2**k for s, d in zip(asked.errors, e, strict=True)}
+            yield x | {s: sign * d * reach / 2**k for s, d in zip(claim.errors, e, strict=True)}
 
 
 def _of(sign: Sign) -> Iterator[Point]:
@@ -233,35 +233,35 @@ class _Definite:
     basis: sp.Matrix
 
 
-def _largest(asked: SecondOrder, boxes: int) -> tuple[Fraction, _Definite | None]:
+def _largest(claim: SecondOrder, boxes: int) -> tuple[Fraction, _Definite | None]:
     """The largest tried share of the box of e on which N is proved positive definite, halved as often as it takes, and
     the proof; the proof is None where N is not shown to be definite on any of them, or not even at e = 0."""
     share, definite = Fraction(1), None
-    if _definite(*_restricted(asked, Fraction(0)), boxes) is None:
+    if _definite(*_restricted(claim, Fraction(0)), boxes) is None:
         return share, None
     for share in (Fraction(1, 2**k) for k in range(_SMALLEST + 1)):
-        definite = _definite(*_restricted(asked, share), boxes)
+        definite = _definite(*_restricted(claim, share), boxes)
         if definite is not None:
             break
     return share, definite
 
 
-def _restricted(asked: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
+def _restricted(claim: SecondOrder, share: Fraction) -> tuple[sp.Matrix, Box]:
     """N and its box, with every copy in a `share` of the box of e; where N reads x and a copy by their difference
     alone, the difference is one symbol."""
-    box, matrix = dict(asked.box), asked.matrix
+    box, matrix = dict(claim.box), claim.matrix
     if not share:
-        matrix = matrix.xreplace({c: sp.S.Zero for copy in asked.copies for c in copy})
+        matrix = matrix.xreplace({c: sp.S.Zero for copy in claim.copies for c in copy})
         return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
-    for copy in asked.copies:
-        for e, c in zip(asked.errors, copy, strict=True):
-            low, high = (Fraction(end) * share for end in asked.around[e])
+    for copy in claim.copies:
+        for e, c in zip(claim.errors, copy, strict=True):
+            low, high = (Fraction(end) * share for end in claim.around[e])
             box[c] = low, high
-        for x, c in zip(asked.states, copy, strict=bool(asked.states)):
+        for x, c in zip(claim.states, copy, strict=bool(claim.states)):
             behind = sp.Dummy(f"{x.name}_behind", real=True)
             joined = matrix.xreplace({x: behind + c})
             if c in matrix.free_symbols and not {x, c} & joined.free_symbols:
-                matrix, (first, last) = joined, asked.box[x]
+                matrix, (first, last) = joined, claim.box[x]
                 box[behind] = first - box[c][1], last - box[c][0]
     return matrix, {s: box[s] for s in sorted(matrix.free_symbols, key=str)}
 
@@ -371,13 +371,13 @@ def _spectrum(matrices: np.ndarray) -> np.ndarray:
     return np.where(good[:, None], values, -np.inf)
 
 
-def _slabs(asked: SecondOrder, share: Fraction) -> Iterator[Box]:
+def _slabs(claim: SecondOrder, share: Fraction) -> Iterator[Box]:
     """Boxes that cover what `share` of the box of e leaves."""
-    inner: dict[sp.Symbol, tuple[Any, Any]] = dict(asked.around)
-    for e in asked.errors:
-        low, high = (Fraction(end) for end in asked.around[e])
-        yield {**asked.box, **inner, e: (low, low * share)}
-        yield {**asked.box, **inner, e: (high * share, high)}
+    inner: dict[sp.Symbol, tuple[Any, Any]] = dict(claim.around)
+    for e in claim.errors:
+        low, high = (Fraction(end) for end in claim.around[e])
+        yield {**claim.box, **inner, e: (low, low * share)}
+        yield {**claim.box, **inner, e: (high * share, high)}
         inner[e] = low * share, high * share
 
 

@@ -32,7 +32,7 @@ _WORK = 400_000  # boxes times rows times symbols squared, so that large systems
 _RELATIVE = 0.02
 _STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
 _OPERATIONS = 150  # of a slope whose limit is asked for
-_NEAR = (10, 30, 60)  # binary digits of the distances at which the growth is seen
+_DISTANCES = (10, 30, 60)  # binary digits of the distances at which the growth is seen
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
         along = along and _settled(along, t)
         if not along or not along.has(t) or along.has(sp.Heaviside):
             continue
-        sizes = [_size(along, {t: sp.Rational(1, 2**digits)}) for digits in _NEAR]
+        sizes = [_size(along, {t: sp.Rational(1, 2**digits)}) for digits in _DISTANCES]
         if None in sizes or not sizes[0] < sizes[1] < sizes[2]:  # type: ignore[operator]
             continue
         try:

@@ -38,8 +38,8 @@ class Field:
 
 @dataclass(frozen=True)
 class Steep:
-    """high >= |J| on the whole box, low <= |J| at the point `at`; `smooth`: the field is proved defined;
-    `worst`: the middle of the box that decides high."""
+    """Bounds of a slope: high >= |J| on the whole box, and low <= |J| at the point `at`. `smooth` tells whether the
+    field is proved defined; `worst` is the middle of the box that decides high."""
 
     low: float
     high: float

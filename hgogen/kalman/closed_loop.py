@@ -42,9 +42,11 @@ SAMPLES = 16  # of an input with a declared period, in one: on the line between 
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """F, N = C'R^-1 C, Q, rho S_0 (k, n, n) in coordinates in which the steady P of h -> 0 is 1, and rho; `starts`
-    (s, k, n, n): values from which P starts; `back` L (k, n, n): L P L' is the covariance, and `cap` (n) its cap, which
-    may be inf; `most` (k): by how much more than in continuous time an error may grow."""
+    """F, N = C'R^-1 C, Q and rho S_0 (k, n, n), in coordinates in which the steady P of h -> 0 is 1, and rho.
+
+    P starts from the values `starts` (s, k, n, n). With L = `back` (k, n, n), L P L' is the covariance, whose cap is
+    `cap` (n), which may be inf. An error may grow by `most` (k) more than in continuous time.
+    """
 
     F: Array
     N: Array

@@ -18,13 +18,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.discretisation.growth import FOUND
+from hgogen.discretisation.growth import BY_TRIAL
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, Stages, advance
 from hgogen.graph import Graph
 from hgogen.kalman.closed_loop import advised
 from hgogen.kalman.covariance import factor, measurement_update, pack_unit_lower, time_update, unit_lower
-from hgogen.kalman.prior import near
+from hgogen.kalman.prior import prior_status
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Group, Kernel, Loop, Place, Program, When, column, scalar, sym
@@ -114,7 +114,7 @@ def factored_lengths(part: Riccati, dt: float) -> Lengths:
     """The step lengths of the closed loop, which are those of every factored covariance."""
     refused, take = advised(part, dt)
     why = "beyond it no error settles, wherever in the declared box it was tried"
-    return Lengths(refused=refused, take=take, why=why, basis=FOUND)
+    return Lengths(refused=refused, take=take, why=why, basis=BY_TRIAL)
 
 
 def _forgotten(part: Riccati, clock: Clock) -> dict[str, Any]:
@@ -227,7 +227,7 @@ def _renewed(part: Riccati, clock: Clock) -> Program:
     for i, row in enumerate(Moved(part, clock).priors(), 1):
         L, d, _ = measurement_update(*_symbols(part), row, ca.SX(1))
         blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(L, d)))
-    return (*blocks, near(part, _variances(part)))
+    return (*blocks, prior_status(part, _variances(part)))
 
 
 def _variances(part: Riccati) -> list[Graph]:

@@ -21,17 +21,18 @@ from hgogen.program import Block, Place, column, sym
 SHARE = 0.5
 
 
-def near(part: Riccati, variance: list[Graph]) -> Block:
-    """The status where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than `SHARE`."""
+def prior_status(part: Riccati, variance: list[Graph]) -> Block:
+    """The block that sets the status where the P_ii (`variance`), as shares of those of S_0^-1, add up to more than
+    `SHARE`."""
     return _limit_status(ca.dot(column(variance), ca.SX(ca.DM(1 / part.cap))) > SHARE)
 
 
-def near_view(part: Riccati, view: Literal["information", "covariance"]) -> Block:
-    """The same for a method whose state is the symmetric matrix S or P itself."""
+def prior_status_of_view(part: Riccati, view: Literal["information", "covariance"]) -> Block:
+    """The block of `prior_status` for a method whose state is the symmetric matrix S or P itself."""
     n = part.dynamics.n
     matrix = unpack(sym("state", "S" if view == "information" else "P", n * (n + 1) // 2), n)
     if view == "covariance":
-        return near(part, [matrix[i, i] for i in range(n)])
+        return prior_status(part, [matrix[i, i] for i in range(n)])
     _, left = pivots(matrix - ca.SX(ca.DM(np.diag(1 / (SHARE * part.cap)))))
     return _limit_status(ca.logic_not(reduce(ca.logic_and, (d > 0 for d in left))))
 

@@ -37,7 +37,7 @@ class HighGain(Protocol):
 
     @property
     def late(self) -> float:
-        """Its value while a large error lasts."""
+        """The value of theta while a large error lasts."""
         ...
 
     @property

@@ -18,7 +18,7 @@ import numpy as np
 from hgogen.graph import Graph
 from hgogen.kalman.covariance import factor
 from hgogen.kalman.factored import Moved, capped, common, entries, largest, smallest
-from hgogen.kalman.prior import near
+from hgogen.kalman.prior import prior_status
 from hgogen.kalman.riccati_part import Riccati
 from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, column, sym
@@ -128,7 +128,7 @@ def _renewed(part: Riccati, clock: Clock) -> Program:
     for i, row in enumerate(Moved(part, clock).priors(), 1):
         S, _ = carlson(_symbols(part), row, ca.SX(1))
         blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(S)))
-    return (*blocks, near(part, _variances(part)))
+    return (*blocks, prior_status(part, _variances(part)))
 
 
 def _variances(part: Riccati) -> list[Graph]:

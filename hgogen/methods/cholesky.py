@@ -39,7 +39,7 @@ class Cholesky:
         return Lengths()
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """Those of the closed loop."""
+        """The step lengths that the closed loop of the filter admits."""
         return factored_lengths(part, dt)
 
 

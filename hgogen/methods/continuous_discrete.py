@@ -31,7 +31,7 @@ class ContinuousDiscrete:
     name: str = "continuous-discrete, L D L'"
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
-        """By classical Runge-Kutta."""
+        """The step of an ordinary differential equation by classical Runge-Kutta."""
         return Explicit(RK4, "information").ode(part, clock)
 
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
@@ -39,11 +39,11 @@ class ContinuousDiscrete:
         return (unrolled if part.dynamics.n <= UNROLLED else looped)(part, clock)
 
     def ode_lengths(self, part: Ode, observer: Observer, dt: float) -> Lengths:
-        """Those of classical Runge-Kutta."""
+        """The step lengths that classical Runge-Kutta admits."""
         return Explicit(RK4, "information").ode_lengths(part, observer, dt)
 
     def riccati_lengths(self, part: Riccati, dt: float) -> Lengths:
-        """Those of the closed loop."""
+        """The step lengths that the closed loop of the filter admits."""
         return factored_lengths(part, dt)
 
 

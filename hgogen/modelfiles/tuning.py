@@ -47,7 +47,7 @@ from hgogen.system import System
 _OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
-_KEPT = 16  # forms
+_FORMS = 16  # are remembered
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
 
@@ -208,6 +208,6 @@ def _formed(make: Callable[..., Any], plant: System, options: Mapping[str, Any])
     return _once(make, plant, pairs)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_FORMS)
 def _once(make: Callable[..., Any], plant: System, options: tuple[tuple[str, Any], ...]) -> Any:
     return make(plant, **dict(options))

@@ -7,11 +7,11 @@ import casadi as ca
 import sympy as sp
 
 from hgogen.errors import BadArgument
-from hgogen.graph import to_sympy
+from hgogen.graph import Graph, to_sympy
 from hgogen.signal import Signal
 from hgogen.system import System
 
-Pairs = Iterable[tuple[Any, Any]]
+Pairs = Iterable[tuple[Graph, Signal | Iterable[Signal]]]
 
 
 class BadGraph(BadArgument):
@@ -25,8 +25,8 @@ def from_casadi(
     *,
     states: Pairs,
     outputs: Iterable[Signal],
-    flow: Any,
-    output: Any,
+    flow: Graph | Iterable[Graph],
+    output: Graph | Iterable[Graph],
     inputs: Pairs = (),
     parameters: Pairs = (),
     time: str = "s",
@@ -46,7 +46,7 @@ def from_casadi(
     declared = {kind: [_pair(name, kind, pair) for pair in pairs] for kind, pairs in groups.items()}
     symbols = [symbol for pairs in declared.values() for symbol, _ in pairs]
     signals = [entries for pairs in declared.values() for _, entries in pairs]
-    graphs = [_graph(name, what, given) for what, given in (("flow", flow), ("output", output))]
+    graphs = [_graph(name, what, rows) for what, rows in (("flow", flow), ("output", output))]
     known = {entry.name() for symbol in symbols for entry in ca.symvar(symbol)}
     for what, graph in zip(("flow", "output"), graphs, strict=True):
         for free in ca.symvar(graph):
@@ -59,20 +59,25 @@ def from_casadi(
     except (RuntimeError, NotImplementedError) as error:
         last = str(error).strip().splitlines()[-1]
         raise BadGraph(name, f"does not become one SX function ({last}); declare it in SX, each symbol once") from None
-    found = to_sympy(function, signals)
-    steps = sorted(str(node) for row in (*found[0], *found[1]) for node in row.atoms(sp.floor, sp.ceiling, sp.Mod))
+    expressions = to_sympy(function, signals)
+    steps = sorted(
+        str(node) for row in (*expressions[0], *expressions[1]) for node in row.atoms(sp.floor, sp.ceiling, sp.Mod)
+    )
     if steps:
         raise BadGraph(name, f"uses {steps[0]}, which has no slope; hold a rounded value as an input or a parameter")
-    told: dict[str, Any] = {kind: [s for _, entries in pairs for s in entries] for kind, pairs in declared.items()}
-    return System(name, **told, outputs=outputs, flow=found[0], output=found[1], time=time)
+    by_kind: dict[str, Any] = {kind: [s for _, entries in pairs for s in entries] for kind, pairs in declared.items()}
+    return System(name, **by_kind, outputs=outputs, flow=expressions[0], output=expressions[1], time=time)
 
 
-def _pair(system: str, kind: str, pair: Any) -> tuple[Any, tuple[Signal, ...]]:
+def _pair(system: str, kind: str, pair: Any) -> tuple[Graph, tuple[Signal, ...]]:
+    """A declared pair as its symbol and the Signal of each of its entries. Raises: `BadGraph`."""
     fix = f"{kind} is a list of pairs (symbol, Signal)"
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise BadGraph(system, f"{kind} holds {str(pair)[:60]}, no pair; {fix}")
-    symbol, given = pair
-    entries = (given,) if isinstance(given, Signal) else tuple(given) if isinstance(given, tuple | list) else ()
+    symbol, declared = pair
+    entries = (
+        (declared,) if isinstance(declared, Signal) else tuple(declared) if isinstance(declared, tuple | list) else ()
+    )
     if not isinstance(symbol, ca.SX | ca.MX) or not symbol.is_valid_input():
         raise BadGraph(system, f"{kind} holds {str(symbol)[:60]}, no CasADi symbol; {fix}")
     if len(entries) != symbol.numel() or not all(isinstance(entry, Signal) for entry in entries):
@@ -80,13 +85,14 @@ def _pair(system: str, kind: str, pair: Any) -> tuple[Any, tuple[Signal, ...]]:
     return symbol, entries
 
 
-def _graph(system: str, what: str, given: Any) -> Any:
+def _graph(system: str, what: str, rows: Graph | Iterable[Graph]) -> Graph:
+    """A graph, or a list of scalar graphs, as one dense column. Raises: `BadGraph`."""
     try:
-        graph = ca.vertcat(*given) if isinstance(given, tuple | list) else given
+        graph = ca.vertcat(*rows) if isinstance(rows, tuple | list) else rows
     except NotImplementedError:
         graph = None
     if not isinstance(graph, ca.SX | ca.MX):
-        raise BadGraph(system, f"{what} is of type {type(given).__name__}; give a CasADi graph, or a list of them")
+        raise BadGraph(system, f"{what} is of type {type(rows).__name__}; give a CasADi graph, or a list of them")
     if graph.shape[1] != 1:
         raise BadGraph(system, f"{what} has the shape {graph.shape}; make it a column")
     return ca.densify(graph)

@@ -16,40 +16,40 @@ Asked = TypeVar("Asked", bound=Callable[..., Any])
 
 @dataclass(eq=False)
 class Misfit(HgogenError):
-    """What is given where something else belongs; `wanted` says what to give."""
+    """A `value` where something else belongs; `wanted` says what to give in its place."""
 
     what: str
-    given: Any
+    value: Any
     wanted: str
 
     def __str__(self) -> str:
-        return f"{self.what} was given {shown(self.given)}, of type {type(self.given).__name__}; give {self.wanted}"
+        return f"{self.what} was given {shown(self.value)}, of type {type(self.value).__name__}; give {self.wanted}"
 
 
 def asks_a_plant(question: Asked) -> Asked:
-    """The same function of a `System`, which is its first argument; it raises `Misfit` for anything else."""
+    """The function, whose first argument must be a `System`: for anything else it raises `Misfit`."""
 
     @wraps(question)
-    def asked(plant: System, *args: Any, **options: Any) -> Any:
+    def guarded(plant: System, *args: Any, **options: Any) -> Any:
         if not isinstance(plant, System):
             raise Misfit(question.__name__, plant, "a plant, an hg.System; hgogen.model.load reads one from a file")
         return question(plant, *args, **options)
 
-    return cast(Asked, asked)
+    return cast(Asked, guarded)
 
 
-def scalar(given: Any, what: str) -> sp.Expr:
+def scalar(value: Any, what: str) -> sp.Expr:
     """The SymPy expression of a number or of an expression.
 
     Raises: `Misfit`.
     """
     try:
-        found = sp.sympify(given, strict=True)
+        expression = sp.sympify(value, strict=True)
     except (sp.SympifyError, TypeError):
-        found = None
-    if not isinstance(found, sp.Expr) or found.is_Matrix:
-        raise Misfit(what, given, "one expression, SymPy or text such as 'x1**2 - 1'")
-    return found
+        expression = None
+    if not isinstance(expression, sp.Expr) or expression.is_Matrix:
+        raise Misfit(what, value, "one expression, SymPy or text such as 'x1**2 - 1'")
+    return expression
 
 
 def limits(what: str, boxes: int, relative: float = 0.0) -> None:

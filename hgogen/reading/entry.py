@@ -163,11 +163,11 @@ def _boxes(
 ) -> tuple[Box, Box | None]:
     outer, inner, empty = {}, {}, False
     for key, groups in _BOXES.items():
-        given = model.get(key) or {}
-        if not isinstance(given, Mapping):
-            raise BadEntry(name, f'{key} is {_shown(given)}; write an object of ranges, such as {{"x": [0, 1]}}')
+        ranges = model.get(key) or {}
+        if not isinstance(ranges, Mapping):
+            raise BadEntry(name, f'{key} is {_shown(ranges)}; write an object of ranges, such as {{"x": [0, 1]}}')
         allowed = [s for group in groups for s in lists[group]]
-        for symbol, ends in given.items():
+        for symbol, ends in ranges.items():
             if symbol not in allowed:
                 raise BadEntry(name, f"{key} names {symbol!r}, which is none of its {' and '.join(groups)}")
             pair = _list(name, f"{key} of {symbol}", ends)

@@ -196,8 +196,8 @@ class _Parser:
             return sp.true if name == "True" else sp.false
         if name in FUNCTIONS:
             raise self.bad(token, f"the function {name} needs its argument; write {name}(...)")
-        near = get_close_matches(name[:60], [*self.symbols, *_CONSTANTS], n=1, cutoff=0.5)
-        fix = f"did you mean {near[0]}?" if near else "declare it"
+        close = get_close_matches(name[:60], [*self.symbols, *_CONSTANTS], n=1, cutoff=0.5)
+        fix = f"did you mean {close[0]}?" if close else "declare it"
         raise self.bad(token, f"the name {name[:60]!r} is not declared; {fix}")
 
     def call(self, token: Token) -> sp.Expr:

@@ -64,10 +64,10 @@ def of_power(base: sp.Expr, exponent: sp.Expr) -> Iterator[Demand]:
 
 
 def lost(written: Iterable[Demand], reading: sp.Expr) -> tuple[Demand, ...]:
-    """Those that the reading does not make, each once."""
+    """The demands of the `written` expression that its `reading` does not make, each once."""
     written = dict.fromkeys(written)
-    kept = set(_all(reading)) if written else set()
-    return tuple(demand for demand in written if demand not in kept)
+    demanded = set(_all(reading)) if written else set()
+    return tuple(demand for demand in written if demand not in demanded)
 
 
 def _all(expression: sp.Expr) -> Iterator[Demand]:
@@ -79,7 +79,7 @@ def _all(expression: sp.Expr) -> Iterator[Demand]:
 
 
 def _plain(demand: Demand) -> Iterator[Demand]:
-    """The same demand of factors that may fail it, without their positive numbers; a divisor demands for itself."""
+    """The demand as one of each factor that may fail it, without positive numbers; a divisor makes its own demands."""
     if not demand.of.free_symbols:  # the parser has judged the numbers
         return
     yield from (_signs if demand.relation == "<" else _zeros)(demand.of)

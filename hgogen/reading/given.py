@@ -53,13 +53,13 @@ def positive(name: str, value: Any) -> float:
     return number
 
 
-def unmasked(given: Any) -> Any:
-    """What was given, with NaN for each entry that is masked, in arrays inside of sequences as well.
+def unmasked(value: Any) -> Any:
+    """The value with NaN for each entry that is masked, in arrays inside of sequences as well.
 
     Raises: `TypeError`, `ValueError` where an array with a mask holds no numbers.
     """
-    if isinstance(given, np.ma.MaskedArray):
-        return np.ma.filled(given.astype(float), np.nan)
-    if isinstance(given, list | tuple) and any(isinstance(each, list | tuple | np.ma.MaskedArray) for each in given):
-        return [unmasked(each) for each in given]
-    return given
+    if isinstance(value, np.ma.MaskedArray):
+        return np.ma.filled(value.astype(float), np.nan)
+    if isinstance(value, list | tuple) and any(isinstance(each, list | tuple | np.ma.MaskedArray) for each in value):
+        return [unmasked(each) for each in value]
+    return value

@@ -118,27 +118,28 @@ def table(path: str | Path) -> Table:
 
 
 def _aligned(path: str, header: list[str], rows: list[list[str]], delimiter: str, notes: list[str]) -> Table:
+    """The table of the rows that fit the header, short ones filled up with empty cells. Raises: `BadRecord`."""
     if not rows:
         raise BadRecord(path, "has a header but no rows")
     width = len(header)
-    kept, malformed, short = [], 0, 0
+    aligned, malformed, short = [], 0, 0
     for row in rows:
         if any(row[width:]):
             malformed += 1
             continue
         short += len(row) < width - (header[-1] == "")
-        kept.append(tuple(row[:width] + [""] * (width - len(row))))
-    if not kept:
+        aligned.append(tuple(row[:width] + [""] * (width - len(row))))
+    if not aligned:
         raise BadRecord(
             path, f"has no row that fits its header of {width} columns; is the delimiter {delimiter!r} right?"
         )
     if short:
         notes.append(f"{short} rows have fewer cells than the header: the rest of them is empty")
-    cells = [cell for row in kept for cell in row]
+    cells = [cell for row in aligned for cell in row]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell) for cell in cells)
     if comma:
         notes.append("decimal commas: read as decimal points")
-    return Table(path, tuple(header), tuple(kept), malformed, comma, tuple(notes))
+    return Table(path, tuple(header), tuple(aligned), malformed, comma, tuple(notes))
 
 
 def _text(path: Path) -> tuple[str, list[str]]:

@@ -68,15 +68,17 @@ class Report:
     def sentences(self) -> tuple[str, ...]:
         """What was found and what was done with it, a sentence each; only what there is."""
         period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
-        said = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
+        lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
         for name, column in self.columns.items():
             for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
                 if count:
-                    said.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
+                    lines.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
             if self.covered[name]:
-                said.append(f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}")
+                lines.append(
+                    f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}"
+                )
             if self.absent[name]:
-                said.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
+                lines.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
         counted = (
             (self.malformed, "rows with more cells than the header: {}, left out"),
             (self.untimed, "rows without a usable time: {}, left out"),
@@ -89,10 +91,10 @@ class Report:
             (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} {self.unit}"),
             (self.filled, "grid points without a row: {}, given as missing samples"),
         )
-        said += [text.format(count) for count, text in counted if count]
+        lines += [text.format(count) for count, text in counted if count]
         if self.shift > 1e-6 * self.dt:
-            said.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
-        return (*said, *self.notes)
+            lines.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
+        return (*lines, *self.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,7 @@ class Record:
     report: Report
 
     def __post_init__(self) -> None:
-        """Without a mask, which a selection of columns would lose."""
+        """Replaces a mask, which a selection of columns would lose, by NaN."""
         object.__setattr__(self, "values", unmasked(self.values))
 
     def of(self, signals: Sequence[Signal]) -> np.ndarray:
@@ -114,9 +116,11 @@ class Record:
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
 
-def mapping(path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> dict[str, str]:
-    """Signal name to column name from texts "SIGNAL=COLUMN"; a signal that none names has a column of its
-    own name.
+def mapping(
+    path: str, assignments: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
+) -> dict[str, str]:
+    """The column name of each signal, from texts "SIGNAL=COLUMN"; a signal that none names has a column of its own
+    name.
 
     Plain "u" and "y" name the only input and the only output.
 
@@ -126,7 +130,7 @@ def mapping(path: str, given: Iterable[str], inputs: Sequence[Signal], outputs: 
     short = {"u": inputs, "y": outputs}
     columns = {name: name for name in names}
     seen: dict[str, str] = {}
-    for text in given:
+    for text in assignments:
         key, equals, column = text.partition("=")
         key = key.strip()
         if key not in names and len(short.get(key, ())) == 1:
@@ -167,14 +171,14 @@ def read(
         if name == column and name not in log.header:
             listed = ", ".join(filter(None, log.header))
             raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
-    found = {name: log.column(column) for name, column in columns.items()}
+    series = {name: log.column(column) for name, column in columns.items()}
     if time is not None:
         times = _stamps(log, log.column(time), unit)
     else:
         times = np.arange(len(log.rows)) * (period or dt)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
-    record = _gridded(log, found, times, dt, unit)
-    for name, one in found.items():
+    record = _gridded(log, series, times, dt, unit)
+    for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
             example = f", but cells such as {one.example!r}" if one.example else ""
             raise BadRecord(
@@ -252,7 +256,8 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
 
 
-def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: float, unit: str) -> Record:
+def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, dt: float, unit: str) -> Record:
+    """The columns of the signals at the points of the grid of `dt`, each the value of the row nearest in time."""
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
@@ -272,15 +277,15 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
         raise BadRecord(
             log.path, f"its rows with a time, {len(timed)}, make 1 sample of {dt:g} {unit}; give a record of at least 2"
         )
-    values = np.full((samples, len(found)), np.nan)
+    values = np.full((samples, len(series)), np.nan)
     nearest = np.lexsort((away, point))
-    for c, column in enumerate(found.values()):
+    for c, column in enumerate(series.values()):
         numbers = column.values[ordered][nearest]
         there = np.flatnonzero(np.isfinite(numbers))
         points, first = np.unique(point[nearest][there], return_index=True)
         values[points, c] = numbers[there[first]]
-    cells = {name: column.of(timed) for name, column in found.items()}
-    absent = {name: int(np.isnan(values[:, c]).sum()) for c, name in enumerate(found)}
+    cells = {name: column.of(timed) for name, column in series.items()}
+    absent = {name: int(np.isnan(values[:, c]).sum()) for c, name in enumerate(series)}
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
     duplicates = int(np.count_nonzero(np.diff(times) == 0))
     report = Report(
@@ -289,10 +294,10 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
         samples=samples,
         dt=dt,
         period=period,
-        columns={name: column.name for name, column in found.items()},
+        columns={name: column.name for name, column in series.items()},
         missing={name: column.empty for name, column in cells.items()},
         not_numbers={name: column.not_numbers for name, column in cells.items()},
-        covered={name: lost[name] + samples - used - absent[name] for name in found},
+        covered={name: lost[name] + samples - used - absent[name] for name in series},
         absent=absent,
         malformed=log.malformed,
         untimed=len(stamps) - len(timed),
@@ -306,4 +311,4 @@ def _gridded(log: Table, found: Mapping[str, Column], stamps: np.ndarray, dt: fl
         unit=unit,
         notes=(*log.notes, *_pace(period, dt, unit)),
     )
-    return Record(times[0] + np.arange(samples) * dt, tuple(found), values, report)
+    return Record(times[0] + np.arange(samples) * dt, tuple(series), values, report)

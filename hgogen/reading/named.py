@@ -33,60 +33,61 @@ class BadNames(BadArgument):
 
 def in_order(
     what: str,
-    given: Any,
+    values: Any,
     names: Iterable[str],
     *,
     default: Mapping[str, Any] = NOTHING,
     aliases: Mapping[str, str] = NOTHING,
     elsewhere: Mapping[str, str] = NOTHING,
 ) -> Any:
-    """The values of a mapping as a list in the order of `names`; what is no mapping as it is.
+    """The values of a mapping as a list in the order of `names`; anything but a mapping is returned as it is.
 
     `names`: a mapping to what a sentence calls them, where that is more than the name; `default`: the values of names
     that may be left out; `aliases`: other names for these; `elsewhere`: of names that are none of these, why.
 
     Raises: `BadNames`.
     """
-    if not isinstance(given, Mapping):
-        return given
+    if not isinstance(values, Mapping):
+        return values
     shown = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
-    told: dict[str, Any] = {}
-    for key, value in given.items():
+    named: dict[str, Any] = {}
+    for key, value in values.items():
         name = key.name if isinstance(key, sp.Symbol) else key
         own = name if name in shown else aliases.get(name, name)
         if own not in shown:
             raise BadNames(what, f"names {_short(repr(name))}, {elsewhere.get(name) or _unknown(name, shown)}")
-        if own in told:
+        if own in named:
             raise BadNames(what, f"names {own} twice; give it once")
-        told[own] = value
-    found = {**default, **told}
-    missing = [text for name, text in shown.items() if name not in found]
+        named[own] = value
+    complete = {**default, **named}
+    missing = [text for name, text in shown.items() if name not in complete]
     if missing:
         needed = ", ".join(name for name in shown if name not in default)
         raise BadNames(what, f"has no value for {', '.join(missing)}; give one for each of {needed}")
-    return [found[name] for name in shown]
+    return [complete[name] for name in shown]
 
 
 def _unknown(name: Any, shown: Mapping[str, str]) -> str:
-    given = str(name)[:60]
-    near = [each for each in shown if each.lower() == given.lower()] or get_close_matches(given, shown, n=1)
-    fix = f"did you mean {near[0]}?" if near else f"they are {', '.join(shown.values())}"
+    """The end of a sentence on a name that is none of those `shown`: the one that was meant, or all of them."""
+    spelled = str(name)[:60]
+    close = [each for each in shown if each.lower() == spelled.lower()] or get_close_matches(spelled, shown, n=1)
+    fix = f"did you mean {close[0]}?" if close else f"they are {', '.join(shown.values())}"
     return f"which is none of the names; {fix}"
 
 
-def quadratic(what: str, given: Any, names: Iterable[str], **others: Mapping[str, str]) -> Any:
-    """A diagonal (n), or a symmetric matrix (n, n) of rows by name, as lists in the order of `names`; what is no
-    mapping as it is. `others` are those of `in_order`.
+def quadratic(what: str, values: Any, names: Iterable[str], **others: Mapping[str, str]) -> Any:
+    """A diagonal (n), or a symmetric matrix (n, n) of rows by name, as lists in the order of `names`; anything but a
+    mapping is returned as it is. `others` are those of `in_order`.
 
     An entry off the diagonal that stands in one of its two rows is the other's, too; in neither, it is 0.
 
     Raises: `BadNames`.
     """
-    found = in_order(what, given, names, **others)
-    if found is given or not any(isinstance(row, Mapping) for row in found):
-        return found
+    entries = in_order(what, values, names, **others)
+    if entries is values or not any(isinstance(row, Mapping) for row in entries):
+        return entries
     matrix = []
-    for name, row in zip(names, found, strict=True):
+    for name, row in zip(names, entries, strict=True):
         if not isinstance(row, Mapping):
             reason = f"is no row by name, as others are; give {{{name} = {_short(str(row))}}}"
             raise BadNames(f"{what} of {name}", reason)
@@ -97,29 +98,29 @@ def quadratic(what: str, given: Any, names: Iterable[str], **others: Mapping[str
     return [[0.0 if entry is _BLANK else entry for entry in row] for row in both]
 
 
-def of_coordinates(what: str, given: Any, form: Form) -> Any:
+def of_coordinates(what: str, values: Any, form: Form) -> Any:
     """A diagonal (n), or a symmetric matrix (n, n), of the form's coordinates by their names, `Form.names`: where z_i
-    is minus a state, what is given is of the state.
+    is minus a state, the values are of the state.
 
     Raises: `BadNames`, for the name of a state that is no coordinate with what to name in its place.
     """
-    if not isinstance(given, Mapping):  # whose names need no definition: those of a phase form are long
-        return given
+    if not isinstance(values, Mapping):  # whose names need no definition: those of a phase form are long
+        return values
     names = _coordinates(form)
-    found = quadratic(what, given, names, elsewhere=_no_coordinates(form, names))
-    if not any(isinstance(row, Mapping) for row in given.values()):
-        return found
-    mirrored = zip(form.signs, found, strict=True)
+    entries = quadratic(what, values, names, elsewhere=_no_coordinates(form, names))
+    if not any(isinstance(row, Mapping) for row in values.values()):
+        return entries
+    mirrored = zip(form.signs, entries, strict=True)
     return [[_minus(a) if s != t else a for t, a in zip(form.signs, row, strict=True)] for s, row in mirrored]
 
 
-def of_outputs(what: str, given: Any, form: Form) -> Any:
+def of_outputs(what: str, values: Any, form: Form) -> Any:
     """A value for each output of the plant. Raises: `BadNames`."""
-    return in_order(what, given, names_of(form.system.outputs))
+    return in_order(what, values, names_of(form.system.outputs))
 
 
 def names_of(signals: Iterable[sp.Symbol]) -> tuple[str, ...]:
-    """Their names."""
+    """The names of the signals."""
     return tuple(signal.name for signal in signals)
 
 
@@ -132,10 +133,10 @@ def by_name(field: Field) -> dict[str, float] | list[float] | float:
 
 
 def written(field: Field) -> str:
-    """The same as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
-    found = by_name(field)
-    if isinstance(found, dict) and len(found) > 1:
-        return f"{field.name} = {_braces({name: same(value) for name, value in found.items()})}"
+    """A field's values as text: Q = {x1: 0.1, x2: 0.01}, theta = 5."""
+    values = by_name(field)
+    if isinstance(values, dict) and len(values) > 1:
+        return f"{field.name} = {_braces({name: same(value) for name, value in values.items()})}"
     return f"{field.name} = {', '.join(map(same, field.initial))}"
 
 
@@ -145,8 +146,8 @@ def whole(name: str, matrix: np.ndarray, form: Form) -> tuple[str, ...]:
         return ()
     rows = (matrix * np.outer(form.signs, form.signs) + 0.0).tolist()
     lines = [_braces(dict(zip(form.names, map(same, row), strict=True))) for row in rows]
-    told = _braces(dict(zip(form.names, lines, strict=True)))
-    return (f"{name} = {told}; the gain {name} is D of its factors",)
+    text = _braces(dict(zip(form.names, lines, strict=True)))
+    return (f"{name} = {text}; the gain {name} is D of its factors",)
 
 
 def _braces(values: Mapping[str, str]) -> str:
@@ -164,14 +165,14 @@ def _coordinates(form: Form) -> dict[str, str]:
 
 
 def _no_coordinates(form: Form, names: Mapping[str, str]) -> dict[str, str]:
-    """Of states of the plant, as first declared and recast, and of z_i, that name no coordinate: what to name."""
+    """What to name in place of each state of the plant, as first declared or recast, or z_i that is no coordinate."""
     origin, entry = form.system.origin, dict(zip(names, form.entry, strict=True))
-    told = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
+    advice = {z.name: f"which is {name} here; name {name}" for z, name in zip(form.states, names, strict=True)}
     for state in (*form.system.states, *(origin.plant.states if origin else ())):
         reading = [text for name, text in names.items() if text != name and state in entry[name].free_symbols]
         inside = ", ".join(reading or names.values())
-        told[state.name] = f"which is no coordinate of this form ({form.kind}); in its place give {inside}"
-    return {name: sentence for name, sentence in told.items() if name not in names}
+        advice[state.name] = f"which is no coordinate of this form ({form.kind}); in its place give {inside}"
+    return {name: sentence for name, sentence in advice.items() if name not in names}
 
 
 def _short(text: str) -> str:

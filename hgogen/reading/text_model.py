@@ -81,8 +81,11 @@ class NoText(BadArgument):
 
 @dataclass(frozen=True)
 class PlainModel:
-    """What a plain-text model holds; `known`, `observer`, `tuning`, `trial` and `dissipation` are its tables as they
-    stand, empty if missing; `folds`: the expressions from which SymPy folded something away."""
+    """What a plain-text model holds.
+
+    `known`, `observer`, `tuning`, `trial` and `dissipation` are its tables as they stand, empty if missing; `folds` are
+    the expressions from which SymPy folded something away.
+    """
 
     file: str
     plant: System
@@ -134,7 +137,7 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
     symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
 
     def expressions(kind: str, key: str) -> list[Fold]:
-        """Those under `key` in every table of a kind."""
+        """The expressions under `key` in every table of a kind."""
         entries = groups[kind].items()
         return [
             named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols) for name, entry in entries
@@ -147,8 +150,8 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
         MappingProxyType(table.get(key, {})) for key in ("known", "observer", "tuning", "trial", "dissipation")
     )
     folds = tuple(one for one in (*flow, *output) if one.lost)
-    told = (table.get("meaning", ""), table.get("reference", ""))
-    return PlainModel(file, plant, *told, known, observer, tuning, trial, dissipation, folds)
+    description = (table.get("meaning", ""), table.get("reference", ""))
+    return PlainModel(file, plant, *description, known, observer, tuning, trial, dissipation, folds)
 
 
 def _toml(text: str) -> Any:
@@ -224,8 +227,9 @@ def _text(value: str | float) -> str:
 
 
 def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signal:
-    told = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
-    signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **told)
+    """The Signal that a table of the file declares. Raises: `BadModelFile`."""
+    declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
+    signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **declared)
     return signal
 
 

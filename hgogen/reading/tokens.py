@@ -56,13 +56,13 @@ class Token(NamedTuple):
 
 
 def tokens(text: str) -> Iterator[Token]:
-    """The words of a text, the last of kind end.
+    """The tokens of a text, the last of the kind "end".
 
     Raises: `BadExpression` for a character outside the grammar.
     """
-    for found in _TOKEN.finditer(text):
-        kind = str(found.lastgroup)
-        token = Token(kind, found[kind], found.start(kind) + 1)
+    for match in _TOKEN.finditer(text):
+        kind = str(match.lastgroup)
+        token = Token(kind, match[kind], match.start(kind) + 1)
         if kind == "other":
             raise BadExpression(text, token.column, _strange(token.text))
         yield token

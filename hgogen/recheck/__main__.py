@@ -20,13 +20,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("file", metavar="FILE", help="a certificate that hgogen check wrote")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument("--version", action="version", version=f"it reads {FORMAT}s of format version {VERSION}")
-    asked = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        result = recheck(load(asked.file))
+        result = recheck(load(options.file))
     except RecheckError as error:
         print(error, file=sys.stderr)
         return 2
-    print(json.dumps(result.as_dict(), indent=2) if asked.json else _text(result))
+    print(json.dumps(result.as_dict(), indent=2) if options.json else _text(result))
     try:
         result.demand()
     except RecheckError as error:

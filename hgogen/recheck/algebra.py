@@ -101,7 +101,7 @@ class Quotient:
 
     @property
     def number(self) -> Fraction | None:
-        """Its value where it is written as a number."""
+        """The value of the quotient where it is written as a number, else None."""
         if self.bottom or any(self.top.keys() - {()}):
             return None
         return self.top.get((), Fraction(0))
@@ -122,8 +122,10 @@ def _merged(a: Factors, b: Factors, join: Any) -> Factors:
 
 
 def _missing(whole: Factors, part: Factors) -> Factors:
-    have = [(factor, next((p for known, p in part if known == factor), 0)) for factor, _ in whole]
-    return tuple((factor, power - had) for (factor, power), (_, had) in zip(whole, have, strict=True) if power > had)
+    """The factors of the whole that the part does not have, each to the power that is missing."""
+    present = [next((power for known, power in part if known == factor), 0) for factor, _ in whole]
+    pairs = zip(whole, present, strict=True)
+    return tuple((factor, power - own) for (factor, power), own in pairs if power > own)
 
 
 def _expanded(factors: Factors) -> Polynomial:
@@ -201,10 +203,10 @@ class Algebra:
 
     def _known_root(self, x: Quotient, q: int) -> Quotient | None:
         """The q-th root of a positive number times whole q-th powers of letters that are not negative."""
-        found = _as_product(x)
-        if found is None:
+        product = _as_product(x)
+        if product is None:
             return None
-        value, powers = found
+        value, powers = product
         if any(exponent % q or not self._not_negative(letter) for letter, exponent in powers.items()) or value <= 0:
             return None
         parts = ((letter, exponent // q) for letter, exponent in powers.items())
@@ -221,10 +223,10 @@ class Algebra:
 
     def _magnitude(self, x: Quotient) -> Quotient | None:
         """|x| where x is a number times letters that are not negative."""
-        found = _as_product(x)
-        if found is None:
+        product = _as_product(x)
+        if product is None:
             return None
-        value, powers = found
+        value, powers = product
         if any(exponent % 2 and not self._not_negative(letter) for letter, exponent in powers.items()):
             return None
         return -x if value < 0 else x
@@ -277,13 +279,14 @@ class Algebra:
         return result
 
     def _kernel(self, kernel: _Kernel) -> Quotient:
+        """The letter of a function's value, a new one where the function has none yet."""
         if not all(map(self._has_value, kernel.args)):
             raise Undefined("division by zero")
-        found = self._find(kernel)
-        if found is None:
+        letter = self._find(kernel)
+        if letter is None:
             self.letters.append(kernel)
-            found = len(self.letters) - 1
-        return self._at(found)
+            letter = len(self.letters) - 1
+        return self._at(letter)
 
     def _find(self, kernel: _Kernel) -> int | None:
         """The letter of the same function of the same arguments."""
@@ -305,11 +308,12 @@ class Algebra:
         return not any(self._vanishes(factor) for factor, _ in x.bottom)
 
     def _vanishes(self, top: Polynomial) -> bool:
+        """Whether a numerator is shown to be zero by the relations of its letters."""
         while top:
-            found = self._reducible(top)
-            if found is None:
+            relation = self._reducible(top)
+            if relation is None:
                 return False
-            top = self._reduced(top, *found)
+            top = self._reduced(top, *relation)
         return True
 
     def _reducible(self, top: Polynomial) -> tuple[int, int, Quotient] | None:

@@ -32,15 +32,15 @@ class Arithmetic:
 
 
 def evaluate(expression: Expression, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
-    """The value of an expression where its names have the given values.
+    """The value of an expression where its names have these values.
 
     Raises: `Undefined`, and what the arithmetic raises.
     """
-    found: list[Any] = []
+    computed: list[Any] = []
     for op, places, value in expression.instructions:
-        args = [found[place] for place in places]
-        found.append(_apply(op, args, value, values, arithmetic))
-    return found[expression.result]
+        args = [computed[place] for place in places]
+        computed.append(_apply(op, args, value, values, arithmetic))
+    return computed[expression.result]
 
 
 def _apply(op: str, args: list[Any], value: Any, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:

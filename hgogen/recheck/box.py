@@ -38,25 +38,25 @@ class Try:
 
 
 def leaves(tree: str, box: Box) -> list[Box]:
-    """The leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf.
+    """The boxes at the leaves of a bisection, written in prefix order: a name cuts its side, a dot is a leaf.
 
     Raises: `NotShown` for a text that is no bisection of this box.
     """
-    found: list[Box] = []
+    boxes: list[Box] = []
     left = [box]
     for token in tree.split():
         if not left:
             raise NotShown("its bisection goes on after its last leaf")
         here = left.pop()
         if token == ".":
-            found.append(here)
+            boxes.append(here)
         elif token in here and here[token][0] < here[token][1]:
             left += reversed(halves(here, token))
         else:
             raise NotShown(f"its bisection cuts {token!r}, which is no side of the box")
     if left:
         raise NotShown("its bisection leaves a gap")
-    return found
+    return boxes
 
 
 def halves(box: Box, name: str) -> tuple[Box, Box]:

@@ -73,11 +73,11 @@ def integrators(context: Context, evidence: Mapping[str, Any]) -> Scale:
 
 
 def constants(context: Context, texts: Sequence[Any]) -> list[Expression]:
-    """Expressions of parameters alone. Raises: `NotShown`."""
-    found = [expression(text, context.form.box) for text in texts]
-    for text in found:
+    """The texts as expressions, which read parameters alone. Raises: `NotShown`."""
+    expressions = [expression(text, context.form.box) for text in texts]
+    for text in expressions:
         only(text.names, context.file.parameters, f"the constant {text.text}")
-    return found
+    return expressions
 
 
 def invertible(context: Context, scale: Sequence[Expression]) -> int:

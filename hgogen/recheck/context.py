@@ -88,7 +88,7 @@ class Context:
                     raise NotShown(f"{cut(text.text)} of {where} is not shown to be a finite number: {error}") from None
 
     def _flow(self) -> None:
-        """dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output, Z(X(z)) = z."""
+        """Shows that dX/dz (A z + b) = f(X(z), u), h(X(z), u) = output and Z(X(z)) = z. Raises: `NotShown`."""
         algebra, form, plant = self.algebra, self.form, self.plant
         z = self.letters
         for change in (*form.to_form, *form.from_form):
@@ -103,8 +103,8 @@ class Context:
         for name, flow, image in zip(plant.states, plant.flow, images, strict=True):
             speed = image.slopes.get(0, algebra.number(Fraction(0)))
             self._same(value_of(flow, x, algebra), speed, f"{name}' of the form is not the plant's")
-        for given, output in zip(plant.output, form.output, strict=True):
-            self._same(value_of(given, x, algebra), self.value(output), "the form's output is not the plant's")
+        for measured, output in zip(plant.output, form.output, strict=True):
+            self._same(value_of(measured, x, algebra), self.value(output), "the form's output is not the plant's")
         for name, forward in zip(form.states, form.to_form, strict=True):
             self._same(value_of(forward, x, algebra), z[name], f"{name} is not undone by the inverse")
 
@@ -128,10 +128,11 @@ class Context:
         """b, with the terms of A z whose factor reads a state, row by row."""
         return self._rows(lambda entry: not entry.names.isdisjoint(self.form.states))
 
-    def _rows(self, kept: Callable[[Expression], bool]) -> tuple[Expression, ...]:
+    def _rows(self, selects: Callable[[Expression], bool]) -> tuple[Expression, ...]:
+        """b with those terms of A z whose entry of A `selects` takes, row by row."""
         form = self.form
         terms = (
-            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if kept(entry)]
+            [f"({entry.text})*{name}" for entry, name in zip(row, form.states, strict=True) if selects(entry)]
             for row in form.A
         )
         return tuple(
@@ -165,11 +166,11 @@ class Context:
         return tuple(self.z[sum(blocks[:i])] for i in range(len(blocks)))
 
     def slope(self, text: Expression, name: str) -> Quotient:
-        """A partial derivative, in closed form."""
+        """The partial derivative of an expression in a name, in closed form."""
         one, zero = self.algebra.number(Fraction(1)), self.algebra.number(Fraction(0))
         values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in self.letters.items()}
-        found: Quotient = evaluate(text, values, dual(self.algebra.arithmetic)).slopes.get(0, zero)
-        return found
+        derivative: Quotient = evaluate(text, values, dual(self.algebra.arithmetic)).slopes.get(0, zero)
+        return derivative
 
 
 def algebra_of(box: Box) -> Algebra:
@@ -187,8 +188,8 @@ def letters_of(algebra: Algebra, box: Box) -> dict[str, Quotient]:
 
 def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
     """An expression's value in the algebra, its names replaced by `values`."""
-    found: Quotient = evaluate(text, values, algebra.arithmetic)
-    return found
+    quotient: Quotient = evaluate(text, values, algebra.arithmetic)
+    return quotient
 
 
 # --- pieces of rules
@@ -214,11 +215,11 @@ def finite(text: Expression, box: Box) -> int:
 
 
 def declared_box(evidence: Mapping[str, Any], box: Box, names: Iterable[str]) -> Box:
-    """The model's box of these names; the claim's own must be the same."""
+    """The model's box of these names. The claim's own must be the same. Raises: `NotShown`."""
     wanted = narrowed(box, names)
-    given = part(evidence, "box", dict)
-    found = {name: ends(*_pair(pair), name) for name, pair in sorted(given.items())}
-    if found != wanted:
+    pairs = part(evidence, "box", dict)
+    claimed = {name: ends(*_pair(pair), name) for name, pair in sorted(pairs.items())}
+    if claimed != wanted:
         raise NotShown("its box is not the model's ranges of the names it reads")
     return wanted
 
@@ -254,13 +255,13 @@ def cut(text: str) -> str:
 
 
 def short(value: Fraction, way: int = 0) -> str:
-    """A number for a sentence: of 6 digits, and not below it for `way` 1, not above it for `way` -1."""
+    """A number as a sentence prints it: rounded to 6 digits where it is long, up for `way` 1, down for `way` -1."""
     text = str(value)
     if len(text) <= 12:
         return text
     rounding = {1: ROUND_CEILING, 0: ROUND_HALF_EVEN, -1: ROUND_FLOOR}[way]
-    found = Digits(prec=6, rounding=rounding).divide(Decimal(value.numerator), Decimal(value.denominator))
-    return f"{found:f}" if -4 <= found.adjusted() < 6 else f"{found:e}"
+    rounded = Digits(prec=6, rounding=rounding).divide(Decimal(value.numerator), Decimal(value.denominator))
+    return f"{rounded:f}" if -4 <= rounded.adjusted() < 6 else f"{rounded:e}"
 
 
 def on(box: Box) -> str:
@@ -270,9 +271,9 @@ def on(box: Box) -> str:
 
 
 def witness(claim: Claim, box: Box, names: Iterable[str], key: str = "witness") -> dict[str, Fraction]:
-    """The claim's point in the box, names with one value among it. Raises: `NotShown`."""
-    given = part(claim.evidence, key, dict)
-    at = {name: number(value) for name, value in sorted(given.items())}
+    """The claim's point in the box, with a value for each of `names`. Raises: `NotShown`."""
+    coordinates = part(claim.evidence, key, dict)
+    at = {name: number(value) for name, value in sorted(coordinates.items())}
     for name, value in at.items():
         if name not in box or not box[name][0] <= value <= box[name][1]:
             raise NotShown(f"its witness has {name} = {value}, outside the model's range")

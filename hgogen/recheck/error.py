@@ -4,7 +4,7 @@
 
     e' = F(e, x) + G(e, x) w,   F = f(x) - f(x - e) - l(x - e) (h(x) - h(x - e)),   G = G1(x) - l(x - e) G2(x)
 
-A claim tells the gain l, G1, G2 and the ranges of the errors, never F and G; so F vanishes at e = 0, and another plant
+A claim states the gain l, G1, G2 and the ranges of the errors, never F and G; so F vanishes at e = 0, and another plant
 has another F. Nothing is saturated: beyond the ranges of x, f, h and l are as they are written. Source: Alessandri,
 Mathematical Problems in Engineering (2020), (19), (24), (25).
 """
@@ -22,7 +22,7 @@ from .matrix import entries
 from .text import Expression, expression
 
 Rows = tuple[tuple[Expression, ...], ...]
-PARTS = ("gain", "G1", "G2", "errors")  # what a claim tells of the system
+PARTS = ("gain", "G1", "G2", "errors")  # of a claim's description of the system
 _KINKS = ("Abs", "sign", "Min", "Max")
 
 
@@ -70,44 +70,44 @@ class ErrorSystem:
 
     @property
     def sentence(self) -> str:
-        """Whose error it is."""
-        told = [f"{name} = {cut(text_of(rows))}" for name, rows in zip(PARTS, self._rows, strict=False)]
-        return f"e = x - xhat of xhat' = f(xhat, u) + gain (y - h(xhat, u)), {', '.join(told)}"
+        """The words that say which observer has this error."""
+        parts = [f"{name} = {cut(text_of(rows))}" for name, rows in zip(PARTS, self._rows, strict=False)]
+        return f"e = x - xhat of xhat' = f(xhat, u) + gain (y - h(xhat, u)), {', '.join(parts)}"
 
     @property
     def _rows(self) -> tuple[Rows, Rows, Rows]:
         return self.gain, self.disturbed, self.measured
 
     def _behind(self, at: Mapping[str, Any]) -> dict[str, Any]:
-        """The same with x - e in the place of x."""
+        """The values `at`, with x - e in the place of each state x."""
         return {**at, **{x: at[x] - at[e] for x, e in zip(self.plant.states, self.errors, strict=True)}}
 
     def _with_errors(self, names: set[str]) -> set[str]:
         return names | {e for x, e in zip(self.plant.states, self.errors, strict=True) if x in names}
 
 
-def error_system(context: Context, told: Mapping[str, Any]) -> ErrorSystem:
-    """The error system of the file's plant with what a claim tells of it. Raises: `NotShown`."""
+def error_system(context: Context, description: Mapping[str, Any]) -> ErrorSystem:
+    """The error system of the file's plant, by a claim's description of it. Raises: `NotShown`."""
     plant = context.plant
-    around, n, p = around_of(context, told), len(plant.states), len(plant.output)
-    given = entries(told, "G1", n)
-    columns = len(given[0]) if isinstance(given[0], list) else 0
-    found = ErrorSystem(
+    around, n, p = around_of(context, description), len(plant.states), len(plant.output)
+    texts = entries(description, "G1", n)
+    columns = len(texts[0]) if isinstance(texts[0], list) else 0
+    system = ErrorSystem(
         plant=plant,
         errors=tuple(around),
         around=around,
         box={**plant.box, **around},
-        gain=matrix_of(told, "gain", n, p, plant.box),
-        disturbed=matrix_of(told, "G1", n, columns, plant.box),
-        measured=matrix_of(told, "G2", p, columns, plant.box),
+        gain=matrix_of(description, "gain", n, p, plant.box),
+        disturbed=matrix_of(description, "G1", n, columns, plant.box),
+        measured=matrix_of(description, "G2", p, columns, plant.box),
     )
-    smooth((*plant.flow, *plant.output, *flat(found.gain)))
-    return found
+    smooth((*plant.flow, *plant.output, *flat(system.gain)))
+    return system
 
 
-def around_of(context: Context, told: Mapping[str, Any]) -> Box:
-    """The ranges of the errors. Raises: `NotShown`."""
-    plant, around = context.plant, signals(told, "errors")
+def around_of(context: Context, description: Mapping[str, Any]) -> Box:
+    """The ranges of the errors in a claim's description. Raises: `NotShown`."""
+    plant, around = context.plant, signals(description, "errors")
     if tuple(around) != tuple(f"e_{x}" for x in plant.states) or around.keys() & plant.box.keys():
         raise NotShown("its errors are not e_ and the name of each of the plant's states, in their order")
     if not all(-math.inf < low < 0 < high < math.inf for low, high in around.values()):
@@ -122,10 +122,10 @@ def smooth(texts: Iterable[Expression]) -> None:
             raise NotShown(f"{cut(text.text)} has kinks or jumps")
 
 
-def matrix_of(told: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
-    """A matrix of expressions of these names."""
-    given = entries(told, key, rows)
-    return tuple(tuple(expression(cell, names) for cell in entries({key: row}, key, columns)) for row in given)
+def matrix_of(description: Mapping[str, Any], key: str, rows: int, columns: int, names: Box) -> Rows:
+    """A matrix (rows, columns) of expressions that read these names. Raises: `NotShown`."""
+    texts = entries(description, key, rows)
+    return tuple(tuple(expression(cell, names) for cell in entries({key: row}, key, columns)) for row in texts)
 
 
 def _less(value: Any, row: Sequence[Expression], miss: Sequence[Any], at: Mapping[str, Any], a: Arithmetic) -> Any:
@@ -136,15 +136,15 @@ def _less(value: Any, row: Sequence[Expression], miss: Sequence[Any], at: Mappin
 
 
 def flat(rows: Rows) -> list[Expression]:
-    """Its expressions, row by row."""
+    """The expressions of a matrix, row by row."""
     return [cell for row in rows for cell in row]
 
 
 def names_of(texts: Iterable[Expression]) -> set[str]:
-    """The names that they read."""
+    """The names that the expressions read."""
     return {name for text in texts for name in text.names}
 
 
 def text_of(rows: Rows) -> str:
-    """As it is printed."""
+    """A matrix as it is printed."""
     return f"({'; '.join(', '.join(cell.text for cell in row) for row in rows)})"

@@ -82,7 +82,7 @@ def _unshown(context: Context) -> str:
 
 
 def _differences(context: Context) -> Iterator[str]:
-    """Where a side differs from the other, at points of the plant's box."""
+    """A sentence on the first of some points of the plant's box where the sides of an equation differ."""
     try:
         box, speeds = _moving(context)
     except NotShown:
@@ -91,12 +91,12 @@ def _differences(context: Context) -> Iterator[str]:
         at = {name: _inside(*ends, k + i) for i, (name, ends) in enumerate(box.items())}
         values = {name: point(value) for name, value in at.items()}
         try:
-            found = [name for name, x in _residuals(context, values, speeds, intervals) if x.sign]
+            differing = [name for name, x in _residuals(context, values, speeds, intervals) if x.sign]
         except Undefined:
             continue
-        if found:
-            told = ", ".join(f"{name} = {short(value)}" for name, value in at.items())
-            yield f"its equations are not the plant's: {found[0]} differs at {told}"
+        if differing:
+            place = ", ".join(f"{name} = {short(value)}" for name, value in at.items())
+            yield f"its equations are not the plant's: {differing[0]} differs at {place}"
             return
 
 
@@ -123,8 +123,8 @@ def _residuals(
         for entry, other in zip(row, form.states, strict=True):
             rate = rate + evaluate(entry, z, arithmetic) * z[other]
         yield f"{name}'", rate - image.slopes.get(0, none)
-    for k, (given, output) in enumerate(zip(plant.output, form.output, strict=True), 1):
-        yield f"output {k}", evaluate(output, z, arithmetic) - evaluate(given, at, arithmetic)
+    for k, (measured, output) in enumerate(zip(plant.output, form.output, strict=True), 1):
+        yield f"output {k}", evaluate(output, z, arithmetic) - evaluate(measured, at, arithmetic)
     for name, inverse in zip(plant.states, form.from_form, strict=True):
         yield name, evaluate(inverse, z, arithmetic) - at[name]
 

@@ -107,8 +107,11 @@ class Claim:
 
 @dataclass(frozen=True)
 class Certificate:
-    """A certificate as it is read; `model`: the digest of what it is about; `named`: the file says the same;
-    `untouched`: its digest is that of its content."""
+    """A certificate as it is read.
+
+    `model` is the digest of what it is about, and `named` tells whether the file states the same one; `untouched` tells
+    whether the file's digest is that of its content.
+    """
 
     name: str
     plant: Equations
@@ -179,10 +182,11 @@ def _shallow(content: Any) -> None:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    """A JSON object of the pairs. Raises: `ValueError` where a key stands twice."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
         raise ValueError("a key stands twice")
-    return found
+    return content
 
 
 def _no_constant(name: str) -> None:
@@ -295,16 +299,16 @@ def _rows(holder: Mapping[str, Any], key: str, names: Mapping[str, Any], count: 
 
 def signals(holder: Mapping[str, Any], key: str) -> dict[str, tuple[End, End]]:
     """Names with closed ranges, both ends null for an unbounded one; a parameter's fixed value is both ends."""
-    found: dict[str, tuple[End, End]] = {}
+    ranges: dict[str, tuple[End, End]] = {}
     for entry in part(holder, key, list):
         if not isinstance(entry, dict):
             raise NoCertificate(f"an entry of {key!r} is no object")
         _known("a range", entry)
         name = part(entry, "name", str)
-        if not _NAME.match(name) or name in found:
+        if not _NAME.match(name) or name in ranges:
             raise NoCertificate(f"{words(name)} in {key!r} is no name, or stands twice")
-        found[name] = ends(entry.get("low"), entry.get("high"), name)
-    return found
+        ranges[name] = ends(entry.get("low"), entry.get("high"), name)
+    return ranges
 
 
 def ends(low: object, high: object, name: str) -> tuple[End, End]:
@@ -317,13 +321,13 @@ def ends(low: object, high: object, name: str) -> tuple[End, End]:
 
 
 def _claims(content: Mapping[str, Any]) -> tuple[Claim, ...]:
-    found = []
+    claims = []
     for entry in part(content, "claims", list):
         if not isinstance(entry, dict):
             raise NoCertificate("a claim is no object")
         _known("a claim", entry)
-        found.append(_claim(part(entry, "id", str), entry))
-    return tuple(found)
+        claims.append(_claim(part(entry, "id", str), entry))
+    return tuple(claims)
 
 
 def _claim(id: str, entry: Mapping[str, Any]) -> Claim:

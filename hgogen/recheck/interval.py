@@ -181,7 +181,8 @@ def _abs(x: Interval) -> Interval:
 
 
 def _sign(x: Interval) -> Interval:
-    """It rises from -1 over 0 to 1; of what is 0 alone [-1, 1], which the slope of |x| may be."""
+    """The enclosure of sign(x), which rises from -1 over 0 to 1. Where x is 0 alone it is [-1, 1], which the slope of
+    |x| may be."""
     low, high = (libmp.mpf_sign(end) for end in x.ends)
     return between(low, high) if low or high else _UNIT
 

@@ -12,11 +12,11 @@ Matrix = list[list[Fraction]]
 
 
 def entries(holder: Mapping[str, Any], key: str, count: int) -> list[Any]:
-    """A list of `count` entries. Raises: `NotShown`."""
-    found = holder.get(key)
-    if not isinstance(found, list) or len(found) != count:
+    """The list under a key, which must have `count` entries. Raises: `NotShown`."""
+    values = holder.get(key)
+    if not isinstance(values, list) or len(values) != count:
         raise NotShown(f"its {key} has not {count} entries")
-    return found
+    return values
 
 
 def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
@@ -25,13 +25,13 @@ def column(holder: Mapping[str, Any], key: str, count: int) -> list[Fraction]:
 
 
 def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matrix:
-    """Numbers (rows, columns). Raises: `NotShown`."""
-    found = entries(holder, key, rows)
+    """The matrix of numbers under a key, of the size (rows, columns). Raises: `NotShown`."""
+    lists = entries(holder, key, rows)
     if max(rows, columns) > LARGEST:
         raise NotShown(f"its {key} has more than {LARGEST} rows or columns")
-    if any(not isinstance(row, list) or len(row) != columns for row in found):
+    if any(not isinstance(row, list) or len(row) != columns for row in lists):
         raise NotShown(f"its {key} is not {rows} x {columns}")
-    return [[_number(value, key) for value in row] for row in found]
+    return [[_number(value, key) for value in row] for row in lists]
 
 
 def scalar(holder: Mapping[str, Any], key: str) -> Fraction:

@@ -3,7 +3,7 @@
     x' = f(x, u, w),   y = h(x, u, w),   xhat' = g(xhat, y, u),   e = x - xhat
     e' = f(x, u, w) - g(x - e, h(x, u, w), u) = F(e, x, u) + G(e, x, u) w
 
-A claim tells g, of the states (for the estimate), of y_1, y_2, .. and known inputs, the inputs w that g does not know,
+A claim states g, of the states (for the estimate), of y_1, y_2, .. and known inputs, the inputs w that g does not know,
 and F and G; it may hold on a set x_k = a_k(x) alone, which the plant has to keep to: f_k = sum_j da_k/dx_j f_j. These
 are exact identities, wherever both sides have a value; F vanishes at e = 0. Source: Alessandri, Mathematical Problems
 in Engineering (2020), (19), (29), (30).
@@ -25,7 +25,7 @@ from .interval import intervals, point
 from .matrix import entries
 from .text import Expression, expression
 
-PARTS = ("observer", "unknown", "along", "flow", "noise", "errors")  # what a claim tells of the system
+PARTS = ("observer", "unknown", "along", "flow", "noise", "errors")  # of a claim's description of the system
 Values = dict[str, Quotient]
 
 
@@ -70,60 +70,65 @@ class ObservedSystem:
         return f"e = x - xhat of {rows}, which does not know {', '.join(self.unknown)}{on}, wherever it has a value"
 
 
-def observed_system(context: Context, told: Mapping[str, Any]) -> ObservedSystem:
-    """The error system of the file's plant with what a claim tells of it. Raises: `NotShown`."""
-    plant, around, n = context.plant, around_of(context, told), len(context.plant.states)
-    unknown = tuple(entries(told, "unknown", len(part(told, "unknown", list))))
+def observed_system(context: Context, description: Mapping[str, Any]) -> ObservedSystem:
+    """The error system of the file's plant, by a claim's description of it. Raises: `NotShown`."""
+    plant, around, n = context.plant, around_of(context, description), len(context.plant.states)
+    unknown = tuple(entries(description, "unknown", len(part(description, "unknown", list))))
     if (
         not unknown
         or len(set(map(str, unknown))) < len(unknown)
         or not set(map(str, unknown)) <= {*context.file.inputs}
     ):
         raise NotShown("what its observer does not know are not inputs of the plant")
-    given = part(told, "along", dict)
-    if not given.keys() < {*plant.states}:
+    along = part(description, "along", dict)
+    if not along.keys() < {*plant.states}:
         raise NotShown("it holds along what is not a part of the plant's states")
     outputs = [f"y_{k}" for k in range(1, len(plant.output) + 1)]
     if not plant.box.keys().isdisjoint(outputs):
         raise NotShown("the plant has a name of the form y_1, which here is the first output")
     known = {name: ends for name, ends in plant.box.items() if name not in unknown}
-    free = {name: ends for name, ends in known.items() if name not in given}
+    free = {name: ends for name, ends in known.items() if name not in along}
     fixed = {name: free[name] for name in (*plant.states, *context.file.parameters) if name in free}
     read = {**free, **around}
-    found = ObservedSystem(
+    system = ObservedSystem(
         plant=plant,
         errors=tuple(around),
         around=around,
         box={**plant.box, **around},
-        observer=_expressions(told, "observer", n, {**known, **dict.fromkeys(outputs)}),
+        observer=_expressions(description, "observer", n, {**known, **dict.fromkeys(outputs)}),
         unknown=unknown,
-        along={name: expression(value, fixed) for name, value in sorted(given.items())},
-        rates=_expressions(told, "flow", n, read),
-        pushed=matrix_of(told, "noise", n, len(unknown), read),
+        along={name: expression(value, fixed) for name, value in sorted(along.items())},
+        rates=_expressions(description, "flow", n, read),
+        pushed=matrix_of(description, "noise", n, len(unknown), read),
     )
-    smooth(found.rates)
-    _same(found, outputs)
-    return found
+    smooth(system.rates)
+    _same(system, outputs)
+    return system
 
 
-def _expressions(told: Mapping[str, Any], key: str, count: int, names: Mapping[str, Any]) -> tuple[Expression, ...]:
-    return tuple(expression(text, names) for text in entries(told, key, count))
+def _expressions(
+    description: Mapping[str, Any], key: str, count: int, names: Mapping[str, Any]
+) -> tuple[Expression, ...]:
+    return tuple(expression(text, names) for text in entries(description, key, count))
 
 
 def _same(system: ObservedSystem, outputs: list[str]) -> None:
-    """That the plant keeps to the set, that the told system is that of plant and observer, and that F(0) = 0."""
+    """Shows that the plant stays in the set, that the claimed system is that of plant and observer, and that F(0) = 0.
+
+    Raises: `NotShown`.
+    """
     plant, algebra = system.plant, algebra_of(system.box)
     at = letters_of(algebra, system.box)
     at |= {name: value_of(value, at, algebra) for name, value in system.along.items()}
     f = [value_of(row, at, algebra) for row in plant.flow]
-    _kept(system, at, dict(zip(plant.states, f, strict=True)), algebra)
+    _invariant(system, at, dict(zip(plant.states, f, strict=True)), algebra)
     y = {name: value_of(row, at, algebra) for name, row in zip(outputs, plant.output, strict=True)}
     estimate = {x: at[x] - at[e] for x, e in zip(plant.states, system.errors, strict=True)}
     _somewhere(system, outputs)
-    told = zip(system.flow(at, algebra.arithmetic), system.noise(at, algebra.arithmetic), strict=True)
+    claimed = zip(system.flow(at, algebra.arithmetic), system.noise(at, algebra.arithmetic), strict=True)
     zero = {**at, **dict.fromkeys(system.errors, algebra.number(Fraction(0)))}
     still = system.flow(zero, algebra.arithmetic)
-    for name, rate, g, (drift, pushed), rest in zip(plant.states, f, system.observer, told, still, strict=True):
+    for name, rate, g, (drift, pushed), rest in zip(plant.states, f, system.observer, claimed, still, strict=True):
         e = rate - value_of(g, {**at, **estimate, **y}, algebra) - drift
         for cell, w in zip(pushed, system.unknown, strict=True):
             e = e - cell * at[w]
@@ -134,8 +139,8 @@ def _same(system: ObservedSystem, outputs: list[str]) -> None:
 
 
 def _somewhere(system: ObservedSystem, outputs: list[str]) -> None:
-    """Plant, observer and what is told of them have a value at a point inside of the ranges, without an error: about
-    it, the identities say something."""
+    """Shows that plant, observer and claimed system have a value at a point inside of the ranges where e = 0: about it,
+    the identities say something. Raises: `NotShown`."""
     plant = system.plant
     at = {name: point(_inside(*ends)) for name, ends in plant.box.items()}
     at |= {name: evaluate(value, at, intervals) for name, value in system.along.items()}
@@ -162,8 +167,8 @@ def _inside(low: Any, high: Any) -> Fraction:
     return Fraction(low) + (Fraction(high) - Fraction(low)) / 3
 
 
-def _kept(system: ObservedSystem, at: Values, speeds: Values, algebra: Algebra) -> None:
-    """x_k' is that of a_k(x)."""
+def _invariant(system: ObservedSystem, at: Values, speeds: Values, algebra: Algebra) -> None:
+    """Shows that the set x_k = a_k(x) is invariant: x_k' is the derivative of a_k(x). Raises: `NotShown`."""
     moving = {name: Dual(value, {0: speeds[name]} if name in speeds else {}) for name, value in at.items()}
     for name, value in system.along.items():
         slope = evaluate(value, moving, dual(algebra.arithmetic)).slopes.get(0, algebra.number(Fraction(0)))

@@ -51,7 +51,8 @@ def at_kinks(slope: Expression, row: Expression, context: Context) -> Expression
 
 
 def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> None:
-    """That no modulus, sign, minimum or maximum turns at a point: the formula of a slope says nothing there.
+    """Shows that no modulus, sign, minimum or maximum has its kink at a point, where the formula of a slope would say
+    nothing.
 
     Raises: `NotShown`.
     """
@@ -60,19 +61,19 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
         for op, args, _ in text.instructions:
             if op not in ("Abs", "sign", "Min", "Max"):
                 continue
-            found = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
-            apart = [x - y for x, y in combinations(found, 2)] if len(found) > 1 else found
-            if any(x.sign == 0 for x in apart):
+            operands = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
+            differences = [x - y for x, y in combinations(operands, 2)] if len(operands) > 1 else operands
+            if any(x.sign == 0 for x in differences):
                 raise NotShown(f"{cut(text.text)} may have no slope at its witness")
 
 
 def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:
-    """Enclosures of values and slopes: (n, 1 + m)."""
+    """Enclosures (n, 1 + m) of each row's value and its slopes in the m names."""
     places = {name: k for k, name in enumerate(names)}
     one, zero = point(Fraction(1)), point(Fraction(0))
     values = {name: Dual(side, {places[name]: one} if name in places else {}) for name, side in sides(box).items()}
-    found = [evaluate(row, values, _duals) for row in rows]
-    return [[row.value, *(row.slopes.get(k, zero) for k in range(len(names)))] for row in found]
+    duals = [evaluate(row, values, _duals) for row in rows]
+    return [[row.value, *(row.slopes.get(k, zero) for k in range(len(names)))] for row in duals]
 
 
 def steep(
@@ -104,11 +105,11 @@ def steep(
         if middle is None:
             return Try(False)
         away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
-        found = [
+        refined = [
             [intersection(x, mean_value(at.value, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
             for three in zip(J, middle, varying, strict=True)
         ]
-        return Try(within(found, bound), weights([x for row in varying for x in row]))
+        return Try(within(refined, bound), weights([x for row in varying for x in row]))
 
     return attempt
 
@@ -140,13 +141,13 @@ def mean_value(centre: Interval, slopes: Slopes, away: Slopes) -> Interval:
 
 
 def weights(entries: Sequence[Dual]) -> Slopes:
-    """How much the entries vary with each name."""
-    found: dict[int, Interval] = {}
+    """The sum of the sizes of the entries' slopes in each name."""
+    variation: dict[int, Interval] = {}
     for entry in entries:
         for k, slope in entry.slopes.items():
             size = intervals.function("Abs", (slope,))
-            found[k] = found[k] + size if k in found else size
-    return found
+            variation[k] = variation[k] + size if k in variation else size
+    return variation
 
 
 def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:

@@ -16,8 +16,8 @@ CHAINS = ("triangular", "block_triangular")
 
 
 def structure(context: Context, claim: Claim) -> Shown:
-    """A has a superdiagonal within each chain only, of no state (but z_1 where there is one chain); b reads what the
-    alignment lets it; y_i = a_1 z_1 + c of its chain, a_1 and c of no state."""
+    """Shows that A has a superdiagonal within each chain only, which reads no state (but z_1 where there is one chain),
+    that b reads what the alignment lets it, and that y_i = a_1 z_1 + c of its chain, where a_1 and c read no state."""
     form, z = context.form, context.z
     several = form.kind == "block_triangular"
     if len(form.blocks) != len(form.output) or not (several or len(form.blocks) == 1):
@@ -42,11 +42,13 @@ def structure(context: Context, claim: Claim) -> Shown:
     ranges_kept(context)
     reads = {name for entries in form.A for entry in entries for name in entry.names}
     varies = f", gains vary with the measured {z[0]}" if z[0] in reads else ""
-    told = "; ".join(
+    chains = "; ".join(
         " -> ".join((f"y_{k + 1}" if several else "y", *(s for s, (at, _) in zip(z, places, strict=True) if at == k)))
         for k in range(len(form.blocks))
     )
-    return Shown(f"{told}{varies}{f' ({form.alignment})' if several else ''}, and the form's equations are the plant's")
+    return Shown(
+        f"{chains}{varies}{f' ({form.alignment})' if several else ''}, and the form's equations are the plant's"
+    )
 
 
 def _readable(form: FormFile, reader: tuple[int, int], read: tuple[int, int]) -> bool:
@@ -79,12 +81,12 @@ def _in_order(context: Context, places: Sequence[tuple[int, int]]) -> None:
 
 
 def ranges_kept(context: Context) -> int:
-    """The form's states keep to their ranges while the plant's do; where they are other than the plant's states, this
-    may be a claim of its own."""
+    """Shows that the form's states stay in their ranges while the plant's do, and returns the number of boxes. Where a
+    state is none of the plant's, this may be a claim of its own."""
     boxes = 0
-    apart = any(claim.id == "recast.range" for claim in context.file.claims)
+    range_claimed = any(claim.id == "recast.range" for claim in context.file.claims)
     for name, row in zip(context.z, context.form.to_form, strict=True):
-        if apart and row.text.lstrip("-") not in context.plant.states:
+        if range_claimed and row.text.lstrip("-") not in context.plant.states:
             continue
         boxes += covered(narrowed(context.plant.box, row.names), ".", ranged(row, *context.form.box[name]))
     return boxes

@@ -61,7 +61,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Expression:
-    """`instructions` in order; `result`: which of them gives the value; `names`: the symbols that are read."""
+    """The `instructions` in order, `result`, the one that gives the value, and `names`, the symbols that are read."""
 
     text: str
     instructions: tuple[Instruction, ...]
@@ -114,13 +114,14 @@ class _Reader:
         return Unreadable(self.text, reason)
 
     def _tokens(self) -> Iterator[tuple[str, str]]:
+        """Each token of the text with its kind."""
         at, text = 0, self.text.rstrip()
         while at < len(text):
-            found = _TOKEN.match(text, at)
-            if not found:
+            match = _TOKEN.match(text, at)
+            if not match:
                 raise self.fault(f"{text[at : at + 10]!r} is outside the grammar")
-            at = found.end()
-            yield found.group(found.lastindex or 0), ("number", "name", "sign")[(found.lastindex or 1) - 1]
+            at = match.end()
+            yield match.group(match.lastindex or 0), ("number", "name", "sign")[(match.lastindex or 1) - 1]
 
     def next(self) -> str:
         """Step on; the token left behind."""

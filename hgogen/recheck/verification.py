@@ -46,8 +46,8 @@ class NotVerified(RecheckError):
     failed: tuple["Row", ...]
 
     def __str__(self) -> str:
-        told = "; ".join(f"{row.id}: {row.sentence}" for row in self.failed)
-        return f"not verified: {told}. Do not rely on this file; write it again with hgogen check --certificate"
+        failures = "; ".join(f"{row.id}: {row.sentence}" for row in self.failed)
+        return f"not verified: {failures}. Do not rely on this file; write it again with hgogen check --certificate"
 
 
 @dataclass(eq=False)
@@ -62,8 +62,11 @@ class NothingVerified(RecheckError):
 
 @dataclass(frozen=True)
 class Row:
-    """One claim, what was found ("verified", "open" or "stated" where nothing is asserted, "fails"), how, with how many
-    boxes; or a fault of the file or of its form, which has no verdict."""
+    """The outcome of one claim, or a fault of the file or of its form, which has no verdict.
+
+    `found` is "verified", "fails", or, where nothing is asserted, "open" or "stated"; `sentence` says how it was found,
+    with how many `boxes`.
+    """
 
     id: str
     verdict: str
@@ -87,8 +90,11 @@ _COUNTED = {"verified": "verified", "open": "open", STATED: STATED, "fails": "fa
 
 @dataclass(frozen=True)
 class Rechecked:
-    """What was verified of a certificate, claim by claim; `unexamined`: what no verified claim is about; `points`: the
-    names that have one value, which all of it rests on."""
+    """What was verified of a certificate, claim by claim.
+
+    `unexamined` is what no verified claim is about; `points` are the names that have one value, which all of it rests
+    on.
+    """
 
     plant: str
     form: str
@@ -101,20 +107,20 @@ class Rechecked:
     @property
     def failed(self) -> tuple[Row, ...]:
         """The claims that were not verified."""
-        return self._found("fails")
+        return self._rows_with("fails")
 
     @property
     def verified(self) -> tuple[Row, ...]:
         """The claims that were verified."""
-        return self._found("verified")
+        return self._rows_with("verified")
 
-    def _found(self, what: str) -> tuple[Row, ...]:
+    def _rows_with(self, what: str) -> tuple[Row, ...]:
         return tuple(row for row in self.rows if row.found == what)
 
     @property
     def counts(self) -> dict[str, int]:
         """How many claims were verified, are open, are only stated; and what failed."""
-        return {name: len(self._found(what)) for what, name in _COUNTED.items()}
+        return {name: len(self._rows_with(what)) for what, name in _COUNTED.items()}
 
     @property
     def count(self) -> str:
@@ -126,7 +132,7 @@ class Rechecked:
         """What all of it rests on, and what it says nothing of."""
         points = ", ".join(f"{name} = {value}" for name, value in self.points.items())
         fixed = [f"with one value: {points}"] if points else []
-        return [*fixed, *(f"not examined: {said}" for said in self.unexamined)]
+        return [*fixed, *(f"not examined: {subject}" for subject in self.unexamined)]
 
     def demand(self) -> None:
         """Raises: `NotVerified` where a claim fails, `NothingVerified` where none is verified."""
@@ -139,8 +145,8 @@ class Rechecked:
         """For JSON."""
         rows = [row.as_dict() for row in self.rows]
         about = {"plant": self.plant, "form": self.form, "observer": self.observer or None, "model": self.model}
-        found = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}
-        return {**about, **found, "unexamined": list(self.unexamined), "points": dict(self.points)}
+        outcome = {"verified": bool(self.verified and not self.failed), "counts": self.counts, "claims": rows}
+        return {**about, **outcome, "unexamined": list(self.unexamined), "points": dict(self.points)}
 
 
 def read(text: str) -> Certificate:
@@ -161,15 +167,15 @@ def recheck(text: str) -> Rechecked:
     certificate = read(text)
     context = Context(certificate)
     observer = certificate.observer.name if certificate.observer else ""
-    found = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", said) for said in faults(context)))
-    verified = [row.id for row in found if row.found == "verified"]
+    outcomes = (*_changed(certificate), *rows(context), *(Row("form", "", "fails", fault) for fault in faults(context)))
+    verified = [row.id for row in outcomes if row.found == "verified"]
     points = {name: short(Fraction(low)) for name, (low, high) in certificate.plant.box.items() if low == high}
     return Rechecked(
         _plain(certificate.name),
         _plain(certificate.form.kind),
         observer,
         certificate.model,
-        found,
+        outcomes,
         tuple(unexamined(context, verified)),
         points,
     )
@@ -200,28 +206,28 @@ def load(path: str | Path) -> str:
 
 
 def rows(context: Context) -> Iterator[Row]:
-    """One row a claim, and one for each that is missing."""
+    """A row for each claim, and one for each required claim that is missing."""
     certificate = context.file
-    found: dict[str, Row] = {}
+    by_id: dict[str, Row] = {}
     for claim in certificate.claims:
-        if claim.id in found:
-            found[claim.id] = Row(claim.id, _plain(claim.verdict), "fails", "it stands twice")
+        if claim.id in by_id:
+            by_id[claim.id] = Row(claim.id, _plain(claim.verdict), "fails", "it stands twice")
         else:
-            found[claim.id] = _row(context, claim)
-    known = dict(found)
+            by_id[claim.id] = _row(context, claim)
+    known = dict(by_id)
     while loose := [row for row in known.values() if row.found == "verified" and _missing(certificate, row, known)]:
         known |= {row.id: _resting(row, _missing(certificate, row, known)) for row in loose}
     yield from known.values()
     for id in required(certificate):
-        if id not in found:
+        if id not in by_id:
             yield Row(id, "", "fails", "the claim is missing")
 
 
 def _missing(certificate: Certificate, row: Row, known: Mapping[str, Row]) -> list[str]:
     """What a claim rests on and is not verified."""
     claim = certificate.claim(row.id)
-    asked = rests(certificate, claim) if claim else ()
-    return [id for id in asked if id not in known or known[id].found != "verified"]
+    needed = rests(certificate, claim) if claim else ()
+    return [id for id in needed if id not in known or known[id].found != "verified"]
 
 
 def _resting(row: Row, missing: list[str]) -> Row:
@@ -229,13 +235,14 @@ def _resting(row: Row, missing: list[str]) -> Row:
 
 
 def _row(context: Context, claim: Claim) -> Row:
+    """What the verification of a claim gives: it is verified, it asserts nothing to verify, or it fails, and why."""
     verdict = _plain(claim.verdict)
     try:
         if claim.verdict in OPEN:
             _read_only(claim, ("reason",))
             reason = words(part(claim.evidence, "reason", str))
-            found = STATED if claim.verdict == STATED else "open"
-            return Row(claim.id, verdict, found, f"not verified; in the file's words: {reason}")
+            outcome = STATED if claim.verdict == STATED else "open"
+            return Row(claim.id, verdict, outcome, f"not verified; in the file's words: {reason}")
         shown = _shown(context, claim)
     except NotShown as error:
         return Row(claim.id, verdict, "fails", str(error))

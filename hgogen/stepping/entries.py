@@ -40,12 +40,12 @@ class Vector:
 
     @property
     def names(self) -> list[str]:
-        """Their names."""
+        """The names of the elements, in their order."""
         return [entry.name for entry in self.entries]
 
     @property
     def initial(self) -> np.ndarray:
-        """Their first values (n)."""
+        """The first values (n) of the elements."""
         return np.array([entry.initial for entry in self.entries])
 
     def filled(self, values: Mapping[str, Any]) -> np.ndarray:
@@ -54,12 +54,12 @@ class Vector:
 
         Raises: `BadNames` for an unknown name; `BadGain` for what is no real number, or are not as many as there are.
         """
-        found: dict[str, float] = {}
+        elements: dict[str, float] = {}
         for name, value in values.items():
             own = [entry for entry in self.entries if entry.array == name != entry.name]
-            found |= _several(name, value, own) if own else {name: value}
+            elements |= _several(name, value, own) if own else {name: value}
         default = dict(zip(self.names, self.initial, strict=True))
-        ordered = in_order(f"the {self.title}", found, self.names, default=default)
+        ordered = in_order(f"the {self.title}", elements, self.names, default=default)
         return np.array([real(name, value) for name, value in zip(self.names, ordered, strict=True)])
 
     def index(self, name: str) -> int:

@@ -61,7 +61,7 @@ class Graphs:
 
     @cached_property
     def estimates(self) -> Vector:
-        """What is estimated."""
+        """The estimated states, as a vector with names."""
         return of_signals("estimates", self.made.states)
 
     def step(self) -> Any:
@@ -75,8 +75,10 @@ class Graphs:
         after = ca.veccat(*(memory[place] for place in lies))
         raised = (2.0**k * memory[Place("status", bit.name)] for k, bit in enumerate(step.bits))
         status = reduce(lambda a, b: a + b, raised, ca.MX(0))
-        given, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
-        return ca.Function(f"{step.name}_step", [state, self._u, self._y, self._p], [after, x, status], given, shown)
+        arguments, shown = ["state", "u", "y", "p"], ["next", "x", "status"]
+        return ca.Function(
+            f"{step.name}_step", [state, self._u, self._y, self._p], [after, x, status], arguments, shown
+        )
 
     def flow(self) -> Flow:
         """The continuous observer. Raises: `NoEquation`."""
@@ -89,9 +91,9 @@ class Graphs:
         rates = [ca.SX(self._rates.get(field.name, ca.SX.zeros(field.size))) for field in fields]
         moved = {Place("work", "rate"): ca.vertcat(*rates)}
         rate = self._symbolic.after((Block("the rates", moved),), memory)[Place("work", "rate")]
-        given = ["state", "u", "y", "p"]
+        arguments = ["state", "u", "y", "p"]
         return Flow(
-            ca.Function(f"{name}_derivative", [state, self._u, self._y, self._p], [rate], given, ["rate"]),
+            ca.Function(f"{name}_derivative", [state, self._u, self._y, self._p], [rate], arguments, ["rate"]),
             ca.Function(
                 f"{name}_estimate", [state, self._u, self._p], [self._estimated(memory)], ["state", "u", "p"], ["x"]
             ),
@@ -179,11 +181,11 @@ class Graphs:
 
 def _parts(vector: Any, lies: dict[Place, Shape]) -> Memory:
     """A vector cut into places, one after the other."""
-    found, start = Memory(), 0
+    memory, start = Memory(), 0
     for place, shape in lies.items():
-        found[place] = ca.reshape(vector[start : start + prod(shape)], *shape)
+        memory[place] = ca.reshape(vector[start : start + prod(shape)], *shape)
         start += prod(shape)
-    return found
+    return memory
 
 
 def _scalars(struct: str, signals: Iterable[Any], vector: Any) -> Memory:

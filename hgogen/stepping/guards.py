@@ -206,13 +206,13 @@ def measure(observer: Observer, clock: Clock, j: int) -> Block:
 def guard_outputs(observer: Observer, clock: Clock) -> Block:
     """All samples at once for a part that integrates with the measurement: y now, y at the last call, valid."""
     predicted = observer.dynamics.output(observer.z, sym("state", "u", clock.inputs))
-    last, had = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
+    last, last_valid = sym("state", "y", clock.outputs), sym("state", "y_valid", clock.outputs) > 0
     now, before, valid, status = [], [], [], {}
     for j, signal in enumerate(observer.form.system.outputs):
         raw = sym("output", signal.name)
         usable, bits = _judged(signal, readings(observer.form)[j], raw, raw - predicted[j])
         now.append(ca.if_else(usable, raw, predicted[j]))
-        before.append(ca.if_else(ca.logic_and(usable, had[j]), last[j], now[-1]))
+        before.append(ca.if_else(ca.logic_and(usable, last_valid[j]), last[j], now[-1]))
         valid.append(usable)
         status.update(bits)
     return Block(
@@ -226,7 +226,7 @@ def guard_outputs(observer: Observer, clock: Clock) -> Block:
     )
 
 
-def kept(program: Program, state: tuple[Field, ...], others: Program = ()) -> Program:
+def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()) -> Program:
     """Keep what a program wrote to the state in its box; if one of its values is lost, all of the state's restart, and
     by `others` what else there is."""
     written = _written(program)

@@ -17,7 +17,7 @@ from hgogen.kalman.innovation import Innovation, staggered
 from hgogen.observer import Observer, state_field
 from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Block, Copy, Field, Group, Loop, Place, Program, When, scalar, sym
-from hgogen.stepping.guards import kept
+from hgogen.stepping.guards import guard_state
 from hgogen.stepping.members import Moved, fresh, fresh_groups, joined, read_fields, renamed
 from hgogen.structure.dynamics import HUGE
 
@@ -74,7 +74,7 @@ def parallel(part: Parallel, clock: Clock, pieces: Callable[[Part], Pieces]) -> 
     moved = Moved({Place("state", f.name): Place("member", f.name) for f in every.fields}, {})
 
     def loop(program: Program) -> Program:
-        return (Loop("member", part.count, moved.program((*program, *kept(program, every.fields)))),)
+        return (Loop("member", part.count, moved.program((*program, *guard_state(program, every.fields)))),)
 
     updates = zip(alone.update or [()] * clock.outputs, score.update, strict=True)
     return replace(

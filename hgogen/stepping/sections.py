@@ -19,7 +19,7 @@ from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, Section, Statement, When, address, pruned, scalar, sym, walk
 from hgogen.signal import Signal, resting
 from hgogen.stepping import sensors
-from hgogen.stepping.guards import guard_inputs, guard_outputs, kept, measure, outside_bit, unrecovered
+from hgogen.stepping.guards import guard_inputs, guard_outputs, guard_state, measure, outside_bit, unrecovered
 from hgogen.stepping.members import following_groups, fresh, fresh_groups, joined
 from hgogen.stepping.recovery import Recovery, Sampled
 from hgogen.stepping.sensors import adapt_once, once, tick, timed, use
@@ -110,8 +110,8 @@ class Assembly:
 
     @property
     def _notices(self) -> Program:
-        said = () if self.still and not self.rated else (outside_bit(self.observer),)
-        return (*said, *unrecovered(self.observer), *self.observer.notices)
+        outside = () if self.still and not self.rated else (outside_bit(self.observer),)
+        return (*outside, *unrecovered(self.observer), *self.observer.notices)
 
     @cached_property
     def _fresh(self) -> Program:
@@ -122,12 +122,12 @@ class Assembly:
 
     def _guarded(self, program: Program) -> Program:
         """A program, and what keeps the state that it leaves behind in its box, or makes it anew."""
-        return (*program, *kept(program, self.state, self._fresh))
+        return (*program, *guard_state(program, self.state, self._fresh))
 
     @property
     def _predict(self) -> Section:
-        """In the first call copies of the model start from the estimate, where it was written. Where no output
-        corrects, the law of recovery asks here."""
+        """The section that predicts. In the first call, copies of the model start from the estimate, where it was
+        written. Where no output corrects, the law of recovery is evaluated here."""
         observer, clock = self.observer, self.clock
         follow = following_groups("state", self.whole.fields, self.whole.groups, observer.z)
         program: list[Statement] = [guard_inputs(observer)] if clock.inputs else []

@@ -35,11 +35,13 @@ Shape = tuple[int, int]
 
 def shapes(fields: Iterable[Field], groups: Iterable[Group]) -> dict[Place, Shape]:
     """How a state lies in memory; of a group in a group, a column holds all its members, one after the other."""
-    found = {Place("state", field.name): (field.size, 1) for field in fields}
+    shape_by_place = {Place("state", field.name): (field.size, 1) for field in fields}
     for line in lines_of(groups):
         inner = prod(group.count for group in line[1:])
-        found |= {Place(line[-1].name, field.name): (field.size * inner, line[0].count) for field in line[-1].fields}
-    return found
+        shape_by_place |= {
+            Place(line[-1].name, field.name): (field.size * inner, line[0].count) for field in line[-1].fields
+        }
+    return shape_by_place
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +134,18 @@ class _Choice:
         results = [[end[place] for place in self.written] for end in ends]
         used = {symbol.name() for symbol in ca.symvar(ca.veccat(*results[0], *results[1]))}
         self.read = [place for place, symbol in symbols.items() if symbol.name() in used]
-        given = [symbols[place] for place in self.read]
-        self.yes, self.no = (ca.Function("branch", given, values) for values in results)
+        arguments = [symbols[place] for place in self.read]
+        self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
 
     def at(self, flag: Any, memory: Memory) -> Memory:
-        """What is written."""
-        given = [memory[place] for place in self.read]
+        """The places that the taken branch writes, with their values."""
+        arguments = [memory[place] for place in self.read]
         if not self.written:
             return {}
         if flag.is_constant():
-            results = (self.yes if float(flag) else self.no).call(given)
+            results = (self.yes if float(flag) else self.no).call(arguments)
         else:
-            results = ca.Function.if_else("choice", self.yes, self.no).call([flag, *given])
+            results = ca.Function.if_else("choice", self.yes, self.no).call([flag, *arguments])
         return dict(zip(self.written, results, strict=True))
 
 

@@ -31,7 +31,8 @@ ALIGNED = ("top", "end")  # alignments for which a high gain is defined
 
 @dataclass(frozen=True)
 class Scaling:
-    """`states` (n): Delta^-1 = diag(theta^states); `outputs` (p): delta = diag(theta^outputs); `gauge`: g."""
+    """The powers of theta by which a form is scaled: Delta^-1 = diag(theta^states) of its `states` (n), and delta =
+    diag(theta^outputs) of its `outputs` (p); g is the `gauge`."""
 
     states: tuple[int, ...]
     outputs: tuple[int, ...]

@@ -23,8 +23,8 @@ _BOXES = 2000  # a bound away from 0 need not be the best
 
 @dataclass(frozen=True)
 class Sided:
-    """`rows`: Psi, each denominator at its side where that is proved. `finite`: for each row, whether it is proved to
-    be a number on the whole box of z; where not, an observer has to look."""
+    """The `rows` of Psi, with each denominator at its side where that is proved. `finite` tells for each row whether it
+    is proved to be a number on the whole box of z; where it is not, an observer has to look."""
 
     rows: tuple[sp.Expr, ...]
     finite: tuple[bool, ...]

@@ -37,9 +37,9 @@ class Agreement:
     @property
     def agreed(self) -> bool:
         """Whether C and Python say the same."""
-        return self.before <= ROUNDING and all(self._near(*pair) for pair in self.settled)
+        return self.before <= ROUNDING and all(self._agree(*pair) for pair in self.settled)
 
-    def _near(self, first: float | None, second: float | None) -> bool:
+    def _agree(self, first: float | None, second: float | None) -> bool:
         if first is None or second is None:
             return first is second
         return abs(first - second) <= 1.5 * self.dt

@@ -59,10 +59,10 @@ def complaints(each: Iterable[Summary]) -> Iterator[str]:
 
 
 def _threshold(step: CallableStep) -> float | None:
-    """gamma_0, or the centre of a logistic."""
+    """The threshold gamma_0, or the centre of a logistic; None for an observer that has neither."""
     nominal = {gain.name: gain.initial for gain in step.gains}
-    found = nominal.get("gamma_0", nominal.get("centre"))
-    return None if found is None else float(found[0])
+    threshold = nominal.get("gamma_0", nominal.get("centre"))
+    return None if threshold is None else float(threshold[0])
 
 
 def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:

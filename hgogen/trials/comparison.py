@@ -25,8 +25,11 @@ from hgogen.trials.metrics import median, metrics, ranges
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """An observer on a trial; `name`: its tuning; `settled` (s) after each event, None: never; `rms`, `peak`: by state;
-    `clamped`: samples outside the box after the first 5%; `first`: its trajectory of the first seed."""
+    """What an observer does on a trial; `name` is that of its tuning.
+
+    `settled` is the time (s) to settle after each event, None where it never does; `rms` and `peak` are by state;
+    `clamped` counts the samples outside the box after the first 5%; `first` is the trajectory of the first seed.
+    """
 
     name: str
     observer: str
@@ -41,8 +44,8 @@ class Measured:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        told = {key: value for key, value in vars(self).items() if key not in ("states", "first", "cost")}
-        return {**told, "settled": list(self.settled), **asdict(self.cost)}
+        values = {key: value for key, value in vars(self).items() if key not in ("states", "first", "cost")}
+        return {**values, "settled": list(self.settled), **asdict(self.cost)}
 
 
 def measured(
@@ -53,8 +56,8 @@ def measured(
     for trajectory in try_out(step, trial, engine, seeds):
         each.append(trajectory)
         tick()
-    told = [metrics(step, one) for one in each]
-    names, events = [s.name for s in step.states], zip(*(one.responses for one in told), strict=True)
+    per_seed = [metrics(step, one) for one in each]
+    names, events = [s.name for s in step.states], zip(*(one.responses for one in per_seed), strict=True)
     peak = np.max([rises(one) for one in each], axis=0) / ranges(step, each[0])
     return Measured(
         name=name,
@@ -62,9 +65,9 @@ def measured(
         method=step.rule,
         states=step.states,
         settled=tuple(median(response.settled for response in event) for event in events),
-        rms={state: float(np.median([m.rms[state] for m in told])) for state in names},
+        rms={state: float(np.median([m.rms[state] for m in per_seed])) for state in names},
         peak=dict(zip(names, map(float, peak), strict=True)),
-        clamped=sum(m.clamped for m in told),
+        clamped=sum(m.clamped for m in per_seed),
         cost=cost(step),
         first=each[0],
     )

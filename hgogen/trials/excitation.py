@@ -47,18 +47,20 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     return window(tuple(map(str, form.to_form)), Steps(move, W), dt, pieces)
 
 
-def shown(id: str, found: Gramian) -> Check:
-    """What windows along a record say: refuted where one hides a direction; never proved."""
+def shown(id: str, gramian: Gramian) -> Check:
+    """The check that windows along a record decide: it is refuted where one hides a direction, and never proved."""
     name = ClaimId("", id)
-    claim = f"every window of {found.d:g} s of the record shows every state, to {HIDDEN:g} of the one seen best"
-    share = found.smallest / np.maximum(found.largest, np.finfo(float).tiny)
+    claim = f"every window of {gramian.d:g} s of the record shows every state, to {HIDDEN:g} of the one seen best"
+    share = gramian.smallest / np.maximum(gramian.largest, np.finfo(float).tiny)
     k = int(np.argmin(share))
-    least, direction = float(found.smallest[k]), found.direction[k]
-    weak = found.states[int(np.argmax(np.abs(direction)))]
-    told = f"the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
+    least, direction = float(gramian.smallest[k]), gramian.direction[k]
+    weak = gramian.states[int(np.argmax(np.abs(direction)))]
+    reason = f"the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
     if share[k] > HIDDEN:
-        return Check(name, claim, Verdict.UNKNOWN, f"{told}; a record proves nothing of another")
-    return Check(name, claim, Verdict.REFUTED, told, {"t": float(found.start[k])}, "Excite the plant, or wait longer.")
+        return Check(name, claim, Verdict.UNKNOWN, f"{reason}; a record proves nothing of another")
+    return Check(
+        name, claim, Verdict.REFUTED, reason, {"t": float(gramian.start[k])}, "Excite the plant, or wait longer."
+    )
 
 
 def _record(name: str, values: Any, size: int) -> np.ndarray:

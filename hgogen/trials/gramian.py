@@ -102,7 +102,7 @@ def gramian(plant: System, trial: Trial, d: float | Iterable[float]) -> tuple[Gr
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Over each piece of the trajectory: the transition matrix (N, n, n) and its Gramian (N, n, n)."""
+    """The transition matrix (N, n, n) over each piece of the trajectory, and the Gramian (N, n, n) of the piece."""
 
     transition: np.ndarray
     gramian: np.ndarray

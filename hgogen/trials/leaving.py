@@ -29,7 +29,7 @@ class Left:
         return asdict(self)
 
     def sentence(self, unit: str) -> str:
-        """As "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""
+        """A sentence such as "q leaves its range -4..4 at t = 1.2 s, where it is 4.01, and gets as far as 9"."""
         return (
             f"{self.signal} leaves its range {self.low:g}..{self.high:g} at t = {self.time:.6g} {unit}, where it is "
             f"{self.value:.6g}, and gets as far as {self.farthest:.6g}"
@@ -40,22 +40,22 @@ def left(system: System, trajectory: Trajectory) -> tuple[Left, ...]:
     """The states and inputs of the plant as first declared that leave their ranges along the truth."""
     plant, truth = system if system.origin is None else system.origin.plant, trajectory.truth
     signals, values = (*plant.states, *plant.inputs), np.hstack([truth.x, truth.u])
-    found = []
+    leaving = []
     for signal, along in zip(signals, values.T, strict=True):
         low, high = signal.interval
         beyond = np.maximum(low - along, along - high)
         first = int(np.argmax(beyond > _ROUNDING * (high - low)))
         if signal.bounded and beyond[first] > _ROUNDING * (high - low):
-            told = (truth.t[first], along[first], along[np.argmax(beyond)])
-            found.append(Left(signal.name, low, high, *map(float, told)))
-    return tuple(found)
+            numbers = (truth.t[first], along[first], along[np.argmax(beyond)])
+            leaving.append(Left(signal.name, low, high, *map(float, numbers)))
+    return tuple(leaving)
 
 
 def notes(trial: str, each: Iterable[Left], unit: str) -> Iterator[str]:
     """A sentence for a trial in which something leaves its range."""
-    said = "; ".join(one.sentence(unit) for one in each)
-    if said:
+    sentences = "; ".join(one.sentence(unit) for one in each)
+    if sentences:
         yield (
-            f"trial {trial}, the plant itself: {said}. The proofs hold on the ranges alone, at whose edge an observer "
-            "evaluates the model: declare wider ones, or change the trial"
+            f"trial {trial}, the plant itself: {sentences}. The proofs hold on the ranges alone, at whose edge an "
+            "observer evaluates the model: declare wider ones, or change the trial"
         )

@@ -18,7 +18,7 @@ import numpy as np
 
 from hgogen.calling.samples import Run
 from hgogen.discretisation.runge_kutta import RK4, advance
-from hgogen.graph import to_casadi
+from hgogen.graph import Graph, to_casadi
 from hgogen.part import on_line
 from hgogen.program import column, sym
 from hgogen.signal import Signal
@@ -48,8 +48,8 @@ class Prediction:
 
 
 def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> tuple[Prediction, ...]:
-    """Errors of the estimates of a run with inputs u (N, m) on y (N, p), for each number of samples ahead, then open
-    loop."""
+    """The prediction errors on y (N, p) from the estimates of a run with inputs u (N, m): for each number of samples
+    ahead, then in open loop."""
     x, unused = run.x, _raised(step, ("MISSING", "REJECTED"), step.outputs, run.status)
     rejected = np.isfinite(y) & unused
     y = np.where(rejected, np.nan, y)
@@ -57,18 +57,18 @@ def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Itera
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
     z = np.array(enter(x.T))
     last = _held(y)
-    wanted, found = sorted(set(ahead)), []
+    wanted, errors = sorted(set(ahead)), []
     for h in range(1, max(wanted, default=0) + 1):
         now, after = _shifted(u, h - 1), _shifted(u, h)
         z = np.array(move(z, now.T, after.T))
         if h in wanted and h < len(y):
             predicted = _limited(np.array(read(z, after.T)).T, step.outputs)[:-h]
-            found += _errors(step, h, predicted, y[h:], last[:-h])
+            errors += _errors(step, h, predicted, y[h:], last[:-h])
     alone = np.array(move.mapaccum(len(y) - 1)(enter(x[0]), u[:-1].T, u[1:].T)) if len(y) > 1 else z[:, :0]
     free = _limited(np.array(read(alone, u[1:].T)).T, step.outputs)
-    found += _errors(step, None, free, y[1:], None)
+    errors += _errors(step, None, free, y[1:], None)
     lost = dict(zip((s.name for s in step.outputs), rejected.sum(axis=0).tolist(), strict=True))
-    return tuple(replace(one, rejected=lost[one.output]) for one in found)
+    return tuple(replace(one, rejected=lost[one.output]) for one in errors)
 
 
 def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: np.ndarray) -> np.ndarray:
@@ -92,7 +92,7 @@ def _errors(
 
 
 def _rms(error: np.ndarray) -> float:
-    """Its root mean square, found without squares that overflow."""
+    """The root mean square of an error, computed without squares that overflow."""
     most = float(np.abs(error).max(initial=0.0))
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
 
@@ -105,7 +105,7 @@ def _functions(step: Step) -> tuple[Any, Any, Any]:
     z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(step.states))
     u0, u1 = (ca.SX.sym(name, len(step.inputs)) for name in ("u0", "u1"))
 
-    def between(c: float) -> Any:
+    def between(c: float) -> Graph:
         return u1 if step.between == "hold" else on_line(c, u0, u1)
 
     moved = advance(RK4, lambda v, c: {"z": dynamics.flow(v["z"], between(c))}, {"z": z}, step.dt).result["z"]
@@ -118,7 +118,7 @@ def _functions(step: Step) -> tuple[Any, Any, Any]:
     )
 
 
-def _nominal(step: Step, graph: Any) -> Any:
+def _nominal(step: Step, graph: Graph) -> Graph:
     """The graph with tunable parameters at their nominal values."""
     tunable = [(sym("plant", field.name), field.initial[0]) for field in step.plant]
     return ca.substitute([graph], [s for s, _ in tunable], [ca.SX(v) for _, v in tunable])[0] if tunable else graph

@@ -25,7 +25,7 @@ from hgogen.calling.samples import Run, table
 from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4, repeated
 from hgogen.errors import HgogenError
-from hgogen.graph import CVODES
+from hgogen.graph import CVODES, Graph
 from hgogen.kalman.covariance import information_ode
 from hgogen.kalman.predictor import Predictors
 from hgogen.kalman.riccati_part import HighGain, Riccati
@@ -56,17 +56,17 @@ class CannotIntegrate(HgogenError):
         )
 
 
-def reference(given: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
+def reference(source: Observer | Step, u: Any = (), y: Any = (), dt: float = 0.0, *, between: str = "line") -> Run:
     """The continuous observer at the samples of a record, gains and parameters at their nominal values.
 
-    Args: `given`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p),
+    Args: `source`: an observer, or a step, which brings its own dt and between; `u` (N) or (N, m), `y` (N) or (N, p),
     NaN for a missing sample, `dt` (s) apart; `between` as in `hg.sample`. The run's engine is "cvodes".
 
     Raises: `BadStep`, `BadShape`, `BadWindow`; `CannotIntegrate`.
     """
-    observer = given.observer if isinstance(given, Step) else given
-    if isinstance(given, Step):
-        dt, between = given.dt, given.between
+    observer = source.observer if isinstance(source, Step) else source
+    if isinstance(source, Step):
+        dt, between = source.dt, source.between
     fine = replace(observer, parts=tuple(map(_refined, observer.parts)))
     step = plan(fine, Continuous(), dt, between)
     y = table("y", y, step.outputs, None)
@@ -100,7 +100,7 @@ class Continuous:
     def riccati(self, part: Riccati, clock: Clock) -> Pieces:
         """z and S, theta as it is between two samples."""
 
-        def now(graph: Any, time: Any) -> Any:
+        def now(graph: Graph, time: Graph) -> Graph:
             return ca.substitute(graph, part.theta.value, _after(part.theta, time))
 
         return self._moved(information_ode(part), clock, now)
@@ -113,7 +113,7 @@ class Continuous:
         """None: CVODES chooses its steps."""
         return Lengths()
 
-    def _moved(self, part: Ode, clock: Clock, now: Callable[[Any, Any], Any]) -> Pieces:
+    def _moved(self, part: Ode, clock: Clock, now: Callable[[Graph, Graph], Graph]) -> Pieces:
         time, start = sym(*TIME), {field.name: sym("state", field.name, field.size) for field in part.fields}
         share = time / clock.dt
         u = clock.u(0.0) + share * (clock.u(1.0) - clock.u(0.0))
@@ -127,8 +127,8 @@ class Continuous:
         return Pieces(fields=part.fields, derived=part.derived, tune=part.tune, predict=(block,), uses_output=True)
 
 
-def _after(theta: HighGain, time: Any) -> Any:
-    """theta a time after the last sample: a decaying one decays on, any other is held."""
+def _after(theta: HighGain, time: Graph) -> Graph:
+    """The value of theta a time after the last sample: a decaying one decays on, any other is held."""
     if isinstance(theta, Decaying):
         return 1 + (theta.value - 1) * ca.exp(-sym("gain", "rate") * time)
     return theta.value
@@ -155,9 +155,9 @@ def _bound(step: Step, block: Block, arguments: list[np.ndarray]) -> Bound:
     return run, results
 
 
-def _solver(block: Block, moving: Iterable[Place], given: Iterable[Place], dt: float) -> Any:
-    """CVODES from one sample to the next: the places `moving` move, those of `given` are parameters."""
+def _solver(block: Block, moving: Iterable[Place], fixed: Iterable[Place], dt: float) -> Any:
+    """The integrator CVODES from one sample to the next, of the places `moving`; the places `fixed` are parameters."""
     sizes = dict(block.reads)
-    state, parameters = (ca.vertcat(*(sym(*place, sizes[place]) for place in places)) for places in (moving, given))
+    state, parameters = (ca.vertcat(*(sym(*place, sizes[place]) for place in places)) for places in (moving, fixed))
     ode = {"x": state, "p": parameters, "t": sym(*TIME), "ode": ca.vertcat(*block.writes.values())}
     return ca.integrator("flow", "cvodes", ode, 0.0, dt, OPTIONS)

@@ -19,6 +19,7 @@ import numpy as np
 
 from hgogen.chains.core import Core, core, nominal, numbers
 from hgogen.errors import BadArgument, HgogenError
+from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
 from hgogen.program import Place, address, sym
@@ -40,17 +41,20 @@ class NoResponse(BadArgument):
 class BadFrequency(HgogenError):
     """Frequencies that are none."""
 
-    given: str
+    omega: str
 
     def __str__(self) -> str:
-        return f"omega = {self.given} must be positive numbers (rad/s), such as (50, 100, 300)"
+        return f"omega = {self.omega} must be positive numbers (rad/s), such as (50, 100, 300)"
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """H (K, n, p), complex, at the frequencies `omega` (K, rad/s), from the noise of each of the p `outputs` to each of
-    the n `states`; `dt` (s) of the step, None in continuous time; `coordinates`: "plant", or "form" where the plant's
-    states are nonlinear in the form's, which `states` then names; `held`: fields that adapt, at the values taken."""
+    """The complex response H (K, n, p) at the frequencies `omega` (K, rad/s), from the noise of each of the p `outputs`
+    to each of the n `states`.
+
+    `dt` (s) is that of the step, None in continuous time. `coordinates` is "plant", or "form" where the plant's states
+    are nonlinear in the form's, which `states` then names. `held` has the fields that adapt, at the values taken.
+    """
 
     omega: np.ndarray
     H: np.ndarray
@@ -71,7 +75,7 @@ class Response:
         return np.asarray(self.omega > (np.inf if self.dt is None else np.pi / self.dt))
 
 
-def response(given: Observer | Step, omega: Any) -> Response:
+def response(source: Observer | Step, omega: Any) -> Response:
     """The response of an observer in continuous time, or as discretised by a step, at the frequencies `omega` (K,)
     (rad/s), all gains and parameters as declared.
 
@@ -80,11 +84,11 @@ def response(given: Observer | Step, omega: Any) -> Response:
     frequencies = np.atleast_1d(reals("omega", omega))
     if frequencies.ndim > 1 or not frequencies.size or not (np.isfinite(frequencies) & (frequencies > 0)).all():
         raise BadFrequency(repr(omega))
-    step = given if isinstance(given, Step) else None
-    observer = step.observer if step else given
+    step = source if isinstance(source, Step) else None
+    observer = step.observer if step else source
     if not isinstance(observer, Observer):
-        raise Misfit("response", given, "an observer or a step")
-    part, line, values = *_found(observer), nominal(observer)
+        raise Misfit("response", source, "an observer or a step")
+    part, line, values = *_linear_core(observer), nominal(observer)
     E, states, coordinates = _estimate(observer, part, line, values)
     if step:
         M, before, now = _discretised(part, line, step, values)
@@ -102,13 +106,13 @@ def pace(observer: Observer) -> tuple[float, float]:
 
     Raises: `NoResponse`.
     """
-    _, line = _found(observer)
+    _, line = _linear_core(observer)
     sizes = np.abs(np.linalg.eigvals(numbers(line.M, nominal(observer))))
     return float(sizes.min()), float(sizes.max())
 
 
-def _found(observer: Observer) -> tuple[Ode, Core]:
-    """The part that has a linear core, and the core."""
+def _linear_core(observer: Observer) -> tuple[Ode, Core]:
+    """The part that has a linear error core, and that core. Raises: `NoResponse`."""
     odes = [part for part in observer.parts if isinstance(part, Ode)]
     for part in odes:
         line = core(part, len(observer.form.output))
@@ -162,10 +166,10 @@ def _linear(part: Ode) -> Ode:
     fixed = {name: ca.SX(ca.DM(values)) for name, values in part.frozen.items()}
     assert linear is not None
 
-    def lines(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def lines(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         return {name: line for name, line in linear({**values, **fixed}, y, valid).items() if name not in fixed}
 
-    def nothing(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def nothing(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {field.name: ca.SX(field.size, 1) for field in moving}
 
     return Ode(moving, nothing, lines, derived=part.derived, tune=part.tune)

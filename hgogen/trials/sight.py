@@ -57,8 +57,8 @@ class Sight:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         names = ("least", "median", "window", "unit", "trial", "hopeless")
-        told = {name: getattr(self, name) for name in names}
-        return {**told, "where": dict(self.where), "direction": dict(self.direction)}
+        values = {name: getattr(self, name) for name in names}
+        return {**values, "where": dict(self.where), "direction": dict(self.direction)}
 
     def __str__(self) -> str:
         (weak, _), *_ = self.direction.items()
@@ -85,24 +85,24 @@ def sight(plant: System, trial: Trial | None = None) -> Sight:
 
 
 def _along(plant: System, trial: Trial) -> Sight:
-    """Over windows that begin at every hundredth of the trial."""
+    """The Sight along the trial, over windows that begin at every hundredth of it."""
     coarse = simulate(plant, trial, trial.duration / _GRID)
     fastest = np.abs(np.linalg.eigvals(linear(plant, coarse.x, coarse.u).A)).max() * trial.duration / _TURN
     pieces = min(_FINEST, _GRID * max(1, math.ceil(fastest / _GRID)))
     truth = simulate(plant, trial, trial.duration / pieces) if pieces > _GRID else coarse
-    found = linear(plant, truth.x, truth.u)
-    moves = _exponential((found.A[:-1] + found.A[1:]) / 2 * (trial.duration / pieces))
+    linearised = linear(plant, truth.x, truth.u)
+    moves = _exponential((linearised.A[:-1] + linearised.A[1:]) / 2 * (trial.duration / pieces))
     length, step = pieces // _SHARE, pieces // _SHARE**2
     starts = range(0, pieces - length + 1, step)
-    each = [_weakest(moves[k : k + length], found.C[k : k + length + 1]) for k in starts]
+    each = [_weakest(moves[k : k + length], linearised.C[k : k + length + 1]) for k in starts]
     at = [{"t": k * trial.duration / pieces} for k in starts]
     return replace(_least(plant, each, at), window=trial.duration / _SHARE, trial=trial.name)
 
 
 def _at_points(plant: System) -> Sight:
-    """With the linearisation frozen at points of the box."""
-    points, found, rates = on_box(plant)
-    each = [_frozen(A, C, rates.longest or 1.0) for A, C in zip(found.A, found.C, strict=True)]
+    """The Sight of the linearisation frozen at points of the box."""
+    points, linearised, rates = on_box(plant)
+    each = [_frozen(A, C, rates.longest or 1.0) for A, C in zip(linearised.A, linearised.C, strict=True)]
     at = [{s.name: float(v) for s, v in zip((*plant.states, *plant.inputs), point, strict=True)} for point in points]
     return replace(_least(plant, each, at), window=rates.longest or 1.0)
 
@@ -142,7 +142,7 @@ def _least(plant: System, each: list[tuple[float, np.ndarray]], at: list[dict[st
 
 
 def _exponential(matrices: np.ndarray) -> np.ndarray:
-    """Of each of (N, n, n), by its series to order 12 at less than 1/2 in norm, and squaring."""
+    """The exponential of each matrix of (N, n, n), by its series to order 12 at less than 1/2 in norm, and squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(0, math.ceil(math.log2(2 * norm))) if 0 < norm < math.inf else 0
     small = matrices / 2.0**halvings

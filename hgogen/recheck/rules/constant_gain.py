@@ -79,15 +79,15 @@ def _core(context: Context, scale: list[Expression], gains: tuple[Expression, ..
 def _corners(
     context: Context, claim: Claim, scale: list[Expression], gains: tuple[Expression, ...]
 ) -> tuple[list[Matrix], int]:
-    """S (A - K C) S^-1 at the ends of the ranges of the a_i, which the claim tells, and with how many boxes they are
-    shown."""
+    """S (A - K C) S^-1 at the ends of the ranges of the a_i, which the claim states, and the number of boxes that show
+    the ranges."""
     blocks, n = context.form.blocks, len(context.z)
     places = [(k, i) for k, size in enumerate(blocks, 1) for i in range(1, size + 1)]
     ends, boxes = [], 0
-    for place, told in zip(places, entries(claim.evidence, "ranges", n), strict=True):
-        if not isinstance(told, Mapping) or told.keys() != set(RANGE):
+    for place, enclosure in zip(places, entries(claim.evidence, "ranges", n), strict=True):
+        if not isinstance(enclosure, Mapping) or enclosure.keys() != set(RANGE):
             raise NotShown(f"a range of an a_i is no object with {', '.join(RANGE)}")
-        low, high, shown = enclosed(context, replace(claim, evidence=told), *wanted_gain(context, place))
+        low, high, shown = enclosed(context, replace(claim, evidence=enclosure), *wanted_gain(context, place))
         boxes += shown.boxes
         ends.append((low,) if low == high else (low, high))
     S, K = ([_number(context, text) for text in texts] for texts in (scale, gains))

@@ -10,7 +10,7 @@ V = e'H e/2, N and H averages of H(c) and
 over c, d, g in any box around 0 that holds e. They are positive definite on a `share` of the box of errors, by
 bisection; on the slabs that this leaves S and V keep off 0. A set {V <= c} keeps off the faces of the box where V is
 above c on them: of V = e'P e, where P - c/end_i^2 on its place (i, i) has no negative eigenvalue. The system is that
-of the file's plant (`error`, `observed`); a claim tells the observer, V and mu. Source: Alessandri, Mathematical
+of the file's plant (`error`, `observed`); a claim states the observer, V and mu. Source: Alessandri, Mathematical
 Problems in Engineering (2020), theorem 1, (21), (38), (39).
 """
 
@@ -47,8 +47,8 @@ _thirds = dual(_seconds)
 
 
 @dataclass(frozen=True)
-class Told:
-    """The error system with V and mu, as a claim tells them."""
+class ClaimedGain:
+    """The error system with the V and the L2 gain mu that a claim states."""
 
     system: System
     V: Expression
@@ -76,38 +76,40 @@ class Told:
 
 def is_positive(context: Context, claim: Claim) -> Shown:
     """V(0) = 0 and V(e) > 0 for every other e of the box."""
-    told = _told(context, claim)
-    share, T = _share(claim, told)
-    boxes = covered(_copies(told, share, {"c": told.V.names}), ".", _definite(told, T, _hessian))
-    for slab, tree, bound in _slabs(claim, told, share):
+    claimed = _claimed_gain(context, claim)
+    share, T = _share(claim, claimed)
+    boxes = covered(_copies(claimed, share, {"c": claimed.V.names}), ".", _definite(claimed, T, _hessian))
+    for slab, tree, bound in _slabs(claim, claimed, share):
         if bound <= 0:
             raise NotShown("V is not kept above zero on a slab")
-        boxes += covered(narrowed(slab, told.V.names), tree, ranged(told.V, bound, math.inf))
-    return told.shown(f"V = {cut(told.V.text)} > 0 for every e but 0{on(told.around)}", boxes)
+        boxes += covered(narrowed(slab, claimed.V.names), tree, ranged(claimed.V, bound, math.inf))
+    return claimed.shown(f"V = {cut(claimed.V.text)} > 0 for every e but 0{on(claimed.around)}", boxes)
 
 
 def inequality(context: Context, claim: Claim) -> Shown:
     """S(e, x) < 0 for every e of the box but 0, and every x."""
-    told = _told(context, claim)
-    share, T = _share(claim, told)
-    reads = {"c": told.V.names, "d": told.system.read_by_flow, "g": told.system.read_by_noise}
-    boxes = covered(_copies(told, share, reads), ".", _definite(told, T, _second_order))
-    slabs = list(_slabs(claim, told, share))
+    claimed = _claimed_gain(context, claim)
+    share, T = _share(claim, claimed)
+    reads = {"c": claimed.V.names, "d": claimed.system.read_by_flow, "g": claimed.system.read_by_noise}
+    boxes = covered(_copies(claimed, share, reads), ".", _definite(claimed, T, _second_order))
+    slabs = list(_slabs(claim, claimed, share))
     if slabs:
-        left = expression(part(claim.evidence, "left", str), told.box)
-        _left(told, left)
+        left = expression(part(claim.evidence, "left", str), claimed.box)
+        _left(claimed, left)
         for slab, tree, bound in slabs:
             if bound >= 0:
                 raise NotShown("the left side is not kept below zero on a slab")
             boxes += covered(narrowed(slab, left.names), tree, ranged(left, -math.inf, bound))
-    return told.shown(f"inequality (38) holds with V = {cut(told.V.text)}, mu = {short(told.mu)}{on(told.box)}", boxes)
+    return claimed.shown(
+        f"inequality (38) holds with V = {cut(claimed.V.text)}, mu = {short(claimed.mu)}{on(claimed.box)}", boxes
+    )
 
 
 def level(context: Context, claim: Claim) -> Shown:
     """Every set {V <= c} with c below the claim's keeps off the faces of the box."""
-    told, floor = _told(context, claim), above_zero(claim.evidence, "floor")
-    faces = [(i, end) for i, name in enumerate(told.errors) for end in _ends(told, name)]
-    P, boxes = _quadratic(told), 0
+    claimed, floor = _claimed_gain(context, claim), above_zero(claim.evidence, "floor")
+    faces = [(i, end) for i, name in enumerate(claimed.errors) for end in _ends(claimed, name)]
+    P, boxes = _quadratic(claimed), 0
     if P is not None:
         for i, end in faces:
             left = [list(entries_) for entries_ in P]
@@ -115,43 +117,48 @@ def level(context: Context, claim: Claim) -> Shown:
             demand_nonnegative({f"P - {short(floor)}/{short(end)}^2 on its place ({i + 1}, {i + 1})": left})
     else:
         for i, end in faces:
-            face = narrowed({**told.around, told.errors[i]: (end, end)}, told.V.names)
-            boxes += covered(face, ".", ranged(told.V, floor, math.inf))
-    faced = f"every {{V <= c}} of V = {cut(told.V.text)} with c < {short(floor, -1)} keeps off the faces of the box"
-    return told.shown(f"{faced}{on(told.around)}", boxes)
+            face = narrowed({**claimed.around, claimed.errors[i]: (end, end)}, claimed.V.names)
+            boxes += covered(face, ".", ranged(claimed.V, floor, math.inf))
+    faced = f"every {{V <= c}} of V = {cut(claimed.V.text)} with c < {short(floor, -1)} keeps off the faces of the box"
+    return claimed.shown(f"{faced}{on(claimed.around)}", boxes)
 
 
 # --- the claim's system
 
 
-def _told(context: Context, claim: Claim) -> Told:
-    """The system with V and V_e zero at e = 0, all smooth; the claims of one file are about one system."""
-    told = part(claim.evidence, "system", dict)
-    own = next((made for made in _MADE if told.keys() == {*made, *_OF_ALL}), None)
+def _claimed_gain(context: Context, claim: Claim) -> ClaimedGain:
+    """The claim's system, smooth, with V = 0 and V_e = 0 at e = 0, the same as in the file's other claims.
+
+    Raises: `NotShown`.
+    """
+    description = part(claim.evidence, "system", dict)
+    own = next((made for made in _MADE if description.keys() == {*made, *_OF_ALL}), None)
     if own is None:
         raise NotShown("its system has not the parts " + ", or ".join(", ".join((*made, *_OF_ALL)) for made in _MADE))
     for other in context.file.claims:
-        if other.maker == claim.maker and other.evidence.get("system", told) != told:
+        if other.maker == claim.maker and other.evidence.get("system", description) != description:
             raise NotShown(f"it is about another system than {other.id}")
-    system = _MADE[own](context, told)
-    found = Told(system, expression(told["V"], system.around), above_zero(told, "mu"))
-    _vanishing(found)
-    return found
+    system = _MADE[own](context, description)
+    claimed = ClaimedGain(system, expression(description["V"], system.around), above_zero(description, "mu"))
+    _vanishing(claimed)
+    return claimed
 
 
-def _vanishing(told: Told) -> None:
-    """V(0) = 0, V_e(0) = 0 by exact algebra; V without kinks, and finite slopes on the whole box."""
-    algebra = algebra_of(told.around)
+def _vanishing(claimed: ClaimedGain) -> None:
+    """Shows V(0) = 0 and V_e(0) = 0 by exact algebra, and that V has no kinks and finite slopes on the whole box."""
+    algebra = algebra_of(claimed.around)
     zero, one = algebra.number(Fraction(0)), algebra.number(Fraction(1))
-    smooth((told.V,))
-    if not algebra.is_zero(value_of(told.V, dict.fromkeys(told.errors, zero), algebra)):
-        raise NotShown(f"{cut(told.V.text)} is not shown to vanish at e = 0")
-    moving = {name: Dual(zero, {i: one}) for i, name in enumerate(told.errors)}
-    slopes = evaluate(told.V, moving, dual(algebra.arithmetic)).slopes
+    smooth((claimed.V,))
+    if not algebra.is_zero(value_of(claimed.V, dict.fromkeys(claimed.errors, zero), algebra)):
+        raise NotShown(f"{cut(claimed.V.text)} is not shown to vanish at e = 0")
+    moving = {name: Dual(zero, {i: one}) for i, name in enumerate(claimed.errors)}
+    slopes = evaluate(claimed.V, moving, dual(algebra.arithmetic)).slopes
     if not all(algebra.is_zero(slope) for slope in slopes.values()):
         raise NotShown("dV/de is not shown to vanish at e = 0")
-    covered(narrowed(told.box, told.system.read_by_flow | told.system.read_by_noise), ".", _regular(told.system))
-    covered(narrowed(told.around, told.V.names), ".", _smooth(told))
+    covered(
+        narrowed(claimed.box, claimed.system.read_by_flow | claimed.system.read_by_noise), ".", _regular(claimed.system)
+    )
+    covered(narrowed(claimed.around, claimed.V.names), ".", _smooth(claimed))
 
 
 def _regular(system: System) -> Any:
@@ -174,13 +181,13 @@ def _regular(system: System) -> Any:
     return attempt
 
 
-def _smooth(told: Told) -> Any:
+def _smooth(claimed: ClaimedGain) -> Any:
     """The statement that V has finite second derivatives."""
 
     def attempt(box: Box) -> Try:
         try:
             return Try(
-                all(x.value.finite for row in _hessian(told, {f"c.{k}": v for k, v in box.items()}) for x in row)
+                all(x.value.finite for row in _hessian(claimed, {f"c.{k}": v for k, v in box.items()}) for x in row)
             )
         except Undefined:
             return Try(False)
@@ -194,90 +201,91 @@ def _text(tree: Any) -> str:
     return tree
 
 
-def _ends(told: Told, name: str) -> tuple[Fraction, Fraction]:
-    """The finite range of an error."""
-    low, high = told.around[name]
+def _ends(claimed: ClaimedGain, name: str) -> tuple[Fraction, Fraction]:
+    """The two ends of an error's range."""
+    low, high = claimed.around[name]
     return Fraction(low), Fraction(high)
 
 
-def _share(claim: Claim, told: Told) -> tuple[Fraction, Matrix]:
-    share, n = above_zero(claim.evidence, "share"), len(told.errors)
+def _share(claim: Claim, claimed: ClaimedGain) -> tuple[Fraction, Matrix]:
+    """The share of the box on which the matrices are shown to be definite, and the basis T (n, n) to show it in."""
+    share, n = above_zero(claim.evidence, "share"), len(claimed.errors)
     if share > 1:
         raise NotShown("its share is above 1")
     return share, matrix(claim.evidence, "basis", n, n)
 
 
-def _slabs(claim: Claim, told: Told, share: Fraction) -> Iterator[tuple[Box, str, Fraction]]:
+def _slabs(claim: Claim, claimed: ClaimedGain, share: Fraction) -> Iterator[tuple[Box, str, Fraction]]:
     """What the share of the box leaves, slab by slab, each with its bisection and bound."""
-    given = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(told.errors))
-    inner = dict(told.around)
-    for k, name in enumerate(told.errors if given else ()):
-        low, high = _ends(told, name)
+    covers = entries(claim.evidence, "slabs", 0 if share == 1 else 2 * len(claimed.errors))
+    inner = dict(claimed.around)
+    for k, name in enumerate(claimed.errors if covers else ()):
+        low, high = _ends(claimed, name)
         for side, slab in enumerate(((low, low * share), (high * share, high))):
-            found = given[2 * k + side]
-            if not isinstance(found, Mapping) or found.keys() != {"tree", "bound"}:
+            cover = covers[2 * k + side]
+            if not isinstance(cover, Mapping) or cover.keys() != {"tree", "bound"}:
                 raise NotShown("a slab has not a tree and a bound")
-            yield {**told.box, **inner, name: slab}, _text(found["tree"]), scalar(found, "bound")
+            yield {**claimed.box, **inner, name: slab}, _text(cover["tree"]), scalar(cover, "bound")
         inner[name] = (low * share, high * share)
 
 
-def _left(told: Told, left: Expression) -> None:
-    """That a text is S."""
-    algebra = algebra_of(told.box)
-    letters, one = letters_of(algebra, told.box), algebra.number(Fraction(1))
-    moving = {name: Dual(letters[name], {i: one}) for i, name in enumerate(told.errors)}
-    slopes = evaluate(told.V, moving, dual(algebra.arithmetic)).slopes
+def _left(claimed: ClaimedGain, left: Expression) -> None:
+    """Shows that a text is S. Raises: `NotShown`."""
+    algebra = algebra_of(claimed.box)
+    letters, one = letters_of(algebra, claimed.box), algebra.number(Fraction(1))
+    moving = {name: Dual(letters[name], {i: one}) for i, name in enumerate(claimed.errors)}
+    slopes = evaluate(claimed.V, moving, dual(algebra.arithmetic)).slopes
     zero, half = algebra.number(Fraction(0)), algebra.number(Fraction(1, 2))
-    p = [slopes.get(i, zero) for i in range(len(told.errors))]
+    p = [slopes.get(i, zero) for i in range(len(claimed.errors))]
     total: Quotient = zero
-    for slope, rate, name in zip(p, told.system.flow(letters, algebra.arithmetic), told.errors, strict=True):
+    for slope, rate, name in zip(p, claimed.system.flow(letters, algebra.arithmetic), claimed.errors, strict=True):
         total = total + slope * rate + half * letters[name] * letters[name]
-    noise = told.system.noise(letters, algebra.arithmetic)
+    noise = claimed.system.noise(letters, algebra.arithmetic)
     for k in range(len(noise[0])):
         pushed = zero
         for slope, cells in zip(p, noise, strict=True):
             pushed = pushed + slope * cells[k]
-        total = total + algebra.number(1 / (2 * told.mu**2)) * pushed * pushed
+        total = total + algebra.number(1 / (2 * claimed.mu**2)) * pushed * pushed
     if not algebra.is_zero(value_of(left, letters, algebra) - total):
         raise NotShown("its left side is not that of (38)")
 
 
-def _quadratic(told: Told) -> Matrix | None:
-    """P of V = e'P e; None where V is another function."""
-    algebra, n = algebra_of(told.around), range(len(told.errors))
-    letters = letters_of(algebra, told.around)
+def _quadratic(claimed: ClaimedGain) -> Matrix | None:
+    """The matrix P of V = e'P e, None where V is another function."""
+    algebra, n = algebra_of(claimed.around), range(len(claimed.errors))
+    letters = letters_of(algebra, claimed.around)
     one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
-    inner = [Dual(letters[name], {i: one}) for i, name in enumerate(told.errors)]
-    moving = {name: Dual(inner[i], {i: Dual(one, {})}) for i, name in enumerate(told.errors)}
-    slopes = evaluate(told.V, moving, dual(dual(algebra.arithmetic))).slopes
+    inner = [Dual(letters[name], {i: one}) for i, name in enumerate(claimed.errors)]
+    moving = {name: Dual(inner[i], {i: Dual(one, {})}) for i, name in enumerate(claimed.errors)}
+    slopes = evaluate(claimed.V, moving, dual(dual(algebra.arithmetic))).slopes
     half = algebra.number(Fraction(1, 2))
     H = [[half * slopes.get(i, Dual(zero, {})).slopes.get(j, zero) for j in n] for i in n]
     numbers = [[entry.number for entry in row] for row in H]
-    found = [[value for value in row if value is not None] for row in numbers]
-    return found if all(len(row) == len(n) for row in found) else None
+    P = [[value for value in row if value is not None] for row in numbers]
+    return P if all(len(row) == len(n) for row in P) else None
 
 
 # --- definite matrices on boxes
 
 
-def _copies(told: Told, share: Fraction, reads: Mapping[str, Any]) -> Box:
+def _copies(claimed: ClaimedGain, share: Fraction, reads: Mapping[str, Any]) -> Box:
     """The box of the copies c, d, g of the errors, a share of their box, and of the signals that are read."""
     box: dict[str, Any] = {}
     for copy, names in reads.items():
         for name in sorted(names):
-            low, high = told.box[name]
-            if name in told.around:
+            low, high = claimed.box[name]
+            if name in claimed.around:
                 box[f"{copy}.{name}"] = (Fraction(low) * share, Fraction(high) * share)
             else:
                 box[name] = (low, high)
     return box
 
 
-def _definite(told: Told, T: Matrix, made: Any) -> Any:
+def _definite(claimed: ClaimedGain, T: Matrix, made: Any) -> Any:
     """The statement that T'M T is positive definite, M of `made`."""
 
     def moved(box: Box) -> list[list[Dual]]:
-        M, n = made(told, box), range(len(T))
+        M, n = made(claimed, box), range(len(T))
         MT = [[_sum(M[i][k] * _number(T[k][j]) for k in n) for j in n] for i in n]
         return [[_sum(_number(T[k][i]) * MT[k][j] for k in n) for j in n] for i in n]
 
@@ -312,38 +320,39 @@ def _sum(terms: Any) -> Dual:
     return total
 
 
-def _values(told: Told, box: Box, copy: str) -> dict[str, Dual]:
+def _values(claimed: ClaimedGain, box: Box, copy: str) -> dict[str, Dual]:
     """A copy's values of the errors, and the signals, each with its slope in the names of the box."""
     one = point(Fraction(1))
     every = {name: Dual(side, {k: one}) for k, (name, side) in enumerate(sides(box).items())}
     return {
-        name: every.get(f"{copy}.{name}" if name in told.around else name, _number(Fraction(0))) for name in told.box
+        name: every.get(f"{copy}.{name}" if name in claimed.around else name, _number(Fraction(0)))
+        for name in claimed.box
     }
 
 
-def _hessian(told: Told, box: Box) -> list[list[Dual]]:
-    """H(c)."""
-    n, values, one = range(len(told.errors)), _values(told, box, "c"), _number(Fraction(1))
+def _hessian(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
+    """The matrix H(c) = V_ee(c) over a box."""
+    n, values, one = range(len(claimed.errors)), _values(claimed, box, "c"), _number(Fraction(1))
     nothing = Dual(_number(Fraction(0)), {})
-    inner = {name: Dual(values[name], {i: one}) for i, name in enumerate(told.errors)}
-    moving = {name: Dual(inner[name], {i: Dual(one, {})}) for i, name in enumerate(told.errors)}
-    slopes = evaluate(told.V, moving, _thirds).slopes
+    inner = {name: Dual(values[name], {i: one}) for i, name in enumerate(claimed.errors)}
+    moving = {name: Dual(inner[name], {i: Dual(one, {})}) for i, name in enumerate(claimed.errors)}
+    slopes = evaluate(claimed.V, moving, _thirds).slopes
     return [[slopes.get(i, nothing).slopes.get(j, _number(Fraction(0))) for j in n] for i in n]
 
 
-def _second_order(told: Told, box: Box) -> list[list[Dual]]:
-    """2 N(c, d, g)."""
-    n, one, zero = range(len(told.errors)), _number(Fraction(1)), _number(Fraction(0))
-    H, values = _hessian(told, box), _values(told, box, "d")
+def _second_order(claimed: ClaimedGain, box: Box) -> list[list[Dual]]:
+    """The matrix 2 N(c, d, g) over a box."""
+    n, one, zero = range(len(claimed.errors)), _number(Fraction(1)), _number(Fraction(0))
+    H, values = _hessian(claimed, box), _values(claimed, box, "d")
     moving = {
-        name: Dual(value, {told.errors.index(name): one} if name in told.around else {})
+        name: Dual(value, {claimed.errors.index(name): one} if name in claimed.around else {})
         for name, value in values.items()
     }
-    rows = [rate.slopes for rate in told.system.flow(moving, _seconds)]
-    G = told.system.noise(_values(told, box, "g"), _duals)
+    rows = [rate.slopes for rate in claimed.system.flow(moving, _seconds)]
+    G = claimed.system.noise(_values(claimed, box, "g"), _duals)
     HF = [[_sum(H[i][k] * rows[k].get(j, zero) for k in n) for j in n] for i in n]
     HG = [[_sum(H[i][k] * G[k][j] for k in n) for j in range(len(G[0]))] for i in n]
-    level_ = _number(1 / told.mu**2)
+    level_ = _number(1 / claimed.mu**2)
 
     def entry(i: int, j: int) -> Dual:
         squares = _sum(_duals.power(a, 2) if i == j else a * b for a, b in zip(HG[i], HG[j], strict=True))

@@ -52,7 +52,7 @@ _SATURATED = 8  # states up to which the saturations are tried in all their comb
 
 @dataclass(frozen=True)
 class Core:
-    """N at its vertices; `index`: i(k) of each field from 0, by which it is scaled; `fed`: whether c_i(k) enters."""
+    """The core N at its vertices. Field k is scaled by its `index` i(k), from 0; `fed` says whether c_i(k) enters."""
 
     vertices: list[Matrix]
     index: list[int]
@@ -114,17 +114,17 @@ def _low_power(numbers: Numbers, n: int) -> Core:
 
 
 def _peaking_free(numbers: Numbers, n: int) -> Core:
-    """p_n follows p_1, .., p_(n-1)."""
+    """The core in which p_n follows p_1, .., p_(n-1), at every combination of saturated and free states."""
     if n > _SATURATED:
         raise NotShown(f"saturations of more than {_SATURATED} states are not tried")
     k, last = matrix(numbers, "gains", n - 1, 2), scalar(numbers, "last")
-    found = []
+    vertices = []
     for shares in product((0, 1), repeat=n - 1):
         inner = [[*row[: n - 1], Fraction(0), *row[n - 1 :]] for row in _pairs(k, [1, *shares])]
         follows = [Fraction(0)] * (2 * n - 1)
         follows[n - 1], follows[-1] = -last, last * shares[-1]
-        found.append([*inner[: n - 1], follows, *inner[n - 1 :]])
-    return Core(found, [*range(n), *range(1, n)], [True] * (2 * n - 1))
+        vertices.append([*inner[: n - 1], follows, *inner[n - 1 :]])
+    return Core(vertices, [*range(n), *range(1, n)], [True] * (2 * n - 1))
 
 
 def _pairs(k: Matrix, shares: list[int]) -> Matrix:

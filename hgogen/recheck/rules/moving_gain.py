@@ -148,10 +148,10 @@ def _rate(observer: Observer, P: Matrix) -> Matrix:
 
 
 def _P(context: Context, claim: Claim) -> Matrix:
-    """P, the same in every claim about the observer: together they speak of one Lyapunov function."""
-    n, told = len(context.z), claim.evidence.get("P")
+    """The matrix P, the same in every claim about the observer: together they speak of one Lyapunov function."""
+    n, P = len(context.z), claim.evidence.get("P")
     for other in context.file.claims:
-        if other.maker == claim.maker and other.evidence.get("P", told) != told:
+        if other.maker == claim.maker and other.evidence.get("P", P) != P:
             raise NotShown(f"{other.id} tells another P")
     return matrix(claim.evidence, "P", n, n)
 

@@ -52,8 +52,10 @@ def persistent(context: Context, claim: Claim) -> Shown:
     _inside(context, inputs, at)
     parameters = narrowed(form.box, read & set(context.file.parameters))
     boxes = covered(parameters, ".", _full(context, inputs, at))
-    told = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
-    return Shown(f"{told} shows all {len(context.z)} states: C, C A + C', .. have full rank at t = {at.text}", boxes)
+    excitation = ", ".join(f"{name} = {cut(text.text)}" for name, text in inputs.items()) or "every input"
+    return Shown(
+        f"{excitation} shows all {len(context.z)} states: C, C A + C', .. have full rank at t = {at.text}", boxes
+    )
 
 
 def _value(text: Expression) -> Any:
@@ -122,9 +124,10 @@ def _inside(context: Context, inputs: Mapping[str, Expression], at: Expression) 
 
 
 def _rational(text: Expression) -> Fraction | None:
+    """The value of an expression of no names, None where it is not written as a rational number."""
     algebra = algebra_of({})
-    found: Fraction | None = value_of(text, {}, algebra).number
-    return found
+    value: Fraction | None = value_of(text, {}, algebra).number
+    return value
 
 
 def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) -> Any:
@@ -143,6 +146,7 @@ def _full(context: Context, inputs: Mapping[str, Expression], at: Expression) ->
 
 
 def _rows(context: Context, inputs: Mapping[str, Expression], at: Expression, box: Box) -> list[list[Any]]:
+    """Enclosures of the rows of N_0 = C, N_(k+1) = N_k A + N_k', k < n - 1, at t_0."""
     form, z = context.form, context.z
     arithmetic, time = intervals, _value(at)
     for _ in z[1:]:
@@ -157,15 +161,15 @@ def _rows(context: Context, inputs: Mapping[str, Expression], at: Expression, bo
     known |= {name: evaluate(text, {"t": time}, arithmetic) for name, text in inputs.items()}
     A = [[evaluate(entry, known, arithmetic) for entry in entries] for entries in form.A]
     C = [_slopes(output, z, known, arithmetic) for output in form.output]
-    found = [[_base(x) for x in row] for row in C]
+    rows = [[_base(x) for x in row] for row in C]
     for _ in z[1:]:
         A = [[x.value for x in row] for row in A]
         C = [
             [_total(x.value * A[k][j] for k, x in enumerate(row)) + _slope(row[j], A) for j in range(len(z))]
             for row in C
         ]
-        found += [[_base(x) for x in row] for row in C]
-    return found
+        rows += [[_base(x) for x in row] for row in C]
+    return rows
 
 
 def _constant(value: Any, depth: int) -> Any:
@@ -206,7 +210,7 @@ def _gram(rows: list[list[Any]]) -> list[list[Any]]:
 
 
 def _determinant(rows: list[list[Any]]) -> Any:
-    """By expansion along the first row."""
+    """The determinant of a square matrix, by expansion along the first row."""
     if len(rows) == 1:
         return rows[0][0]
     terms = []

@@ -102,7 +102,7 @@ def box_of_rates(context: Context) -> tuple[Box, Mapping[str, str]]:
 
 
 def _suffixes(count: int) -> list[str]:
-    """Of the derivatives of order 1, 2, .. of a name."""
+    """The endings that a name has for its derivatives of order 1, 2, .."""
     return [*(f"_{'d' * k}ot" for k in range(1, min(count, 3) + 1)), *(f"_d{k}" for k in range(4, count + 1))]
 
 
@@ -125,14 +125,15 @@ def _entire(row: Expression) -> int:
 
 
 def _slope(row: Expression, name: str, letters: Mapping[str, Quotient], algebra: Algebra) -> Quotient:
+    """The partial derivative of an expression in a name, in closed form."""
     one, zero = algebra.number(Fraction(1)), algebra.number(Fraction(0))
     values = {other: Dual(letter, {0: one} if other == name else {}) for other, letter in letters.items()}
-    found: Quotient = evaluate(row, values, dual(algebra.arithmetic)).slopes.get(0, zero)
-    return found
+    derivative: Quotient = evaluate(row, values, dual(algebra.arithmetic)).slopes.get(0, zero)
+    return derivative
 
 
 def _determinant(rows: list[list[Quotient]], algebra: Algebra) -> Quotient:
-    """By expansion along the first row."""
+    """The determinant of a square matrix, by expansion along the first row."""
     if not rows:
         return algebra.number(Fraction(1))
     total = algebra.number(Fraction(0))
