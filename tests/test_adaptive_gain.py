@@ -100,6 +100,15 @@ def test_the_numbers_of_the_printed_design() -> None:
         assert float(root(2 * worst) * bound**3) == pytest.approx(mu, abs=0.5)
 
 
+def test_the_rate_of_one_state_is_the_closed_one() -> None:
+    """e' = -gamma K e + c, K = 3, |c| <= e/2, P = 1: lambda = 2 K - 2 sigma = 5.75 of (54), and from gamma = 2 on the
+    error decays at (2 * 5.75 - 2/2)/2 = 5.25; the truth is 2 K - 1/2 = 5.5."""
+    one = candidate([3.0], [[1.0]], 0.125)
+    check = by_id(checks("x", one, Given(Fraction(2), Fraction(9), Fraction(1, 2))))["convergence"]
+    assert check.verdict is Verdict.PROVED
+    assert "decays at least like exp(-5.2 t)" in check.reason
+
+
 def test_the_printed_design_is_proved() -> None:
     found = by_id(hg.design.verified(K, P, SIGMA, LAMBDA, ALPHAS))
     assert set(found) == {"definite", "shrink", "decay", "attenuation"}

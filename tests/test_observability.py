@@ -102,6 +102,24 @@ def test_branches_and_undefined_plants() -> None:
         observability(plant([b, sp.log(u - a**2 - 9) + sp.log(-u)], a, parameters=()))
 
 
+@pytest.mark.parametrize(
+    ("flow", "output", "hidden"),
+    [
+        ([b, -a], sp.Max(a, 0), lambda at: at[a] < 0),
+        ([sp.Max(b, 0), 0 * b], a, lambda at: at[b] < 0),
+        ([sp.Max(b, 2 * a), 0 * b], a, lambda at: at[b] < 2 * at[a]),
+        ([1 + 0 * b, 0 * b], sp.Max(a, b), lambda at: True),
+    ],
+    ids=["a sensor", "a valve", "a switch", "everywhere"],
+)
+def test_an_unobservable_direction_is_of_a_point_on_the_branch_that_hides_it(flow, output, hidden) -> None:
+    """On the other branches all is seen, some of it by later derivatives than those that show what is seen here."""
+    answer = observability(plant(flow, output, parameters=())).known
+    assert answer.rank.rank < 2
+    assert answer.direction or answer.symmetries
+    assert not answer.direction or hidden(dict(answer.point))
+
+
 @pytest.mark.parametrize("bend", [lambda e: e**2, sp.sin], ids=["modulo a prime", "balls"])
 def test_sixty_states(bend) -> None:
     """A sparse nonlinear chain with one output: a partial answer by a limit; with three outputs, the whole."""

@@ -404,6 +404,38 @@ def test_full_rank_everywhere_does_not_make_a_map_one_to_one() -> None:
     assert checks["phase.inverse"] is not Verdict.PROVED
 
 
+@pytest.mark.parametrize(
+    "slope",
+    [
+        lambda x: sp.sqrt(x),
+        lambda x: x ** sp.Rational(4, 3),
+        lambda x: sp.sqrt(1 - x**2),
+        lambda x: x ** hg.Signal("p", nominal=2, low=1, high=3),
+    ],
+    ids=["sqrt(x)", "x**(4/3)", "sqrt(1 - x**2)", "x**p"],
+)
+def test_an_inverse_that_divides_by_a_root_is_one_where_the_root_is_not_zero(slope: Any) -> None:
+    """Phi = (x1, g x2): where g(x1) = 0, every x2 has the same image; in Psi(Phi(x)) = g x2/g SymPy cancels g."""
+
+    def verdict(low: float, high: float) -> Verdict:
+        x = states((low, high), (-1, 1))
+        known = tuple(s for s in slope(x[0]).free_symbols if s not in x)
+        form = hg.forms.phase(plant("rooted", x, [slope(x[0]) * x[1], -x[1]], x[0], parameters=known))
+        return checks(form)["inverse"].verdict
+
+    assert verdict(0, 1) is not Verdict.PROVED
+    assert verdict(0.1, 0.9) is Verdict.PROVED
+
+
+@pytest.mark.parametrize(("low", "verdict"), [(-1, Verdict.UNKNOWN), (0.5, Verdict.PROVED)])
+def test_a_chain_is_one_where_the_plant_has_a_value(low: float, verdict: Verdict) -> None:
+    """(x1 x3)' = x2 by x1' = x2/x3, x3' = 0: at x3 = 0 there is no x1'."""
+    x1, x2, x3 = x = states((1, 2), (-1, 1), (low, 1))
+    form = hg.forms.phase(plant("hidden_pole", x, [x2 / x3, -x1, 0], x1 * x3))
+    assert form.to_form == (x1 * x3, x2, -x1)
+    assert checks(form)["chain"].verdict is verdict
+
+
 def test_a_map_that_is_undefined_on_the_box_has_no_rank_there() -> None:
     """Phi = (x1, x2 + log x1) has the determinant 1, and no value at x1 = 0."""
     ranks = []

@@ -131,18 +131,25 @@ def test_the_bound_is_the_formulas(shape: Shape, r: float) -> None:
         expected = 2 * float(bound.lipschitz) * max(weight / float(one.margin), float(one.peak))
         assert float(bound.theta) == pytest.approx(max(1.0, expected), rel=1e-12)
         assert bound.rate(float(bound.theta) * (1 - 1e-9)) <= 0 < bound.rate(float(bound.theta) * (1 + 1e-9))
+        theta, lipschitz = 100 * float(bound.theta), float(bound.lipschitz)
+        left = (theta * float(one.margin) - 2 * weight * lipschitz) / weight
+        within = theta * min(float(one.margin / one.mu), 1.0)  # of mu sigma alone
+        beyond = (theta - 2 * float(one.peak) * lipschitz) / float(one.peak)  # where all is injected
+        rest = beyond if shape is SATURATION else within
+        assert bound.rate(theta) == pytest.approx(min(left, rest) / 2, rel=1e-12)
 
 
+@pytest.mark.parametrize("factor", [1.01, 100.0])
 @pytest.mark.parametrize("kind", ["stubborn", "dead_zone"])
-def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: str) -> None:
-    """d/dt of V along the error of the pendulum, anywhere in the box, at a theta 1% above the bound: V' <= 0 by finite
-    differences of the equations, for the V that the proof has."""
+def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: str, factor: float) -> None:
+    """d/dt of V along the error of the pendulum, anywhere in the box, at a theta above the bound: V' <= -2 rate V by
+    finite differences of the equations, for the V and the rate that the proof has."""
     r = {"stubborn": 10.0, "dead_zone": 0.1}[kind]
     build = getattr(hg.observers, kind)
     checks = {c.id: c for c in build(swing.form(), theta=20, decay=1, r=r, poles=(-1, -1)).checks}
     assert checks[f"{kind}.convergence"].verdict is Verdict.PROVED
     assert checks[f"{kind}.theta"].verdict is Verdict.UNKNOWN
-    theta = 1.01 * float(checks[f"{kind}.convergence"].reason.split()[1])
+    theta = factor * float(checks[f"{kind}.convergence"].reason.split()[1])
     high = {c.id: c for c in build(swing.form(), theta=theta, decay=1, r=r, poles=(-1, -1)).checks}
     assert high[f"{kind}.theta"].verdict is Verdict.PROVED
     shape = {"stubborn": SATURATION, "dead_zone": DEAD_ZONE}[kind]
@@ -162,9 +169,9 @@ def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: 
         rate = np.array([error[1], 0]) - np.array([theta, theta**2]) * K * injected + c(x, 0.0) - c(w, 0.0)
         eps, moved = S * error / [1, theta], S * rate / [1, theta]
         derivative = 2 * eps @ P @ moved
-        growth = theta * (r * error[0] ** 2 - sigma)
+        growth, V = theta * (r * error[0] ** 2 - sigma), eps @ P @ eps
         if kind == "dead_zone":
-            derivative += mu * growth
+            derivative, V = derivative + mu * growth, V + mu * sigma
         elif error[0] ** 2 > sigma:
-            derivative += mu * (2 * error[0] * rate[0] - growth)
-        assert derivative < 0
+            derivative, V = derivative + mu * (2 * error[0] * rate[0] - growth), V + mu * (error[0] ** 2 - sigma)
+        assert derivative < -2 * bound.rate(theta) * V < 0

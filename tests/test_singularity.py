@@ -86,6 +86,17 @@ def test_a_pole_on_the_box_is_not_proved() -> None:
     assert [singularity(tanks(low)).checks[0].verdict for low in (1, 0)] == [Verdict.PROVED, Verdict.WHERE]
 
 
+@pytest.mark.parametrize("low", [-1, 0.5])
+def test_a_pole_of_the_plant_that_a_derivative_loses_is_not_proved(low: float) -> None:
+    """(x1 x3)' = x2 by x1' = x2/x3, x3' = 0, where x3 is not 0: no rate of x1 is there."""
+    ranges = {"x1": (1, 2), "x2": (-1, 1), "x3": (low, 1)}
+    x1, x2, x3 = x = [hg.Signal(name, low=least, high=most) for name, (least, most) in ranges.items()]
+    plant = hg.System("hidden_pole", states=x, outputs=[hg.Signal("y")], flow=[x2 / x3, -x1, 0], output=[x1 * x3])
+    (check, *_) = singularity(plant).checks
+    assert check.verdict is (Verdict.WHERE if low < 0 else Verdict.PROVED)
+    assert ("x3 != 0" in check.reason) is (low < 0)
+
+
 def test_a_kink_is_not_proved() -> None:
     x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
     plant = hg.System("kink", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[3 * x2 + sp.Abs(x2), 0], output=[x1])

@@ -13,8 +13,9 @@ from typing import Any
 import flint
 import sympy as sp
 
+from hgogen.algebra.balls import Undecided
 from hgogen.algebra.echelon import kernel, new_rows
-from hgogen.algebra.rank import Rank, matrix_rows, modulus, plant_of, somewhere
+from hgogen.algebra.rank import NowhereDefined, Rank, matrix_rows, modulus, plant_of, somewhere
 from hgogen.algebra.rank import observability as ranks
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.analysis.symmetry import Symmetry, symmetries
@@ -148,8 +149,8 @@ def observability(plant: System) -> Observability:
     loose = tuple(p for p in plant.parameters if p.bounded)
     generic = ranks(flow, output, plant.states, plant.inputs, loose)
     parts = (flow, output, plant.states, plant.inputs)
-    known = _answer(generic.known, *parts, ())
-    joint = _answer(generic.joint, *parts, loose) if loose else None
+    known = _answer(generic.known, generic.local, *parts, ())
+    joint = _answer(generic.joint, generic.local, *parts, loose) if loose else None
     return Observability(plant, known, joint, generic.method, generic.local)
 
 
@@ -157,14 +158,18 @@ Exprs = Sequence[sp.Expr]
 Symbols = Sequence[sp.Symbol]
 
 
-def _answer(rank: Rank, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols) -> Answer:
+def _answer(
+    rank: Rank, local: str, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
+) -> Answer:
+    """The answer; where there are branches, the derivatives of `rank` may not be enough on those of another point."""
     parts = (flow, output, states, inputs, parameters)
+    order = max(rank.order, rank.dimension - 1) if local else rank.order
     ordered, hidden = _orders(rank, *parts), rank.unobservable
     if not hidden:
         return Answer(rank, ordered, (), (), (), ())
-    fields = symmetries(*parts, hidden=hidden, order=rank.order)
+    fields = symmetries(*parts, hidden=hidden, order=order)
     few = len(fields) < rank.dimension - rank.rank
-    direction, point = _direction(rank.order, *parts) if few else ((), ())
+    direction, point = _direction(order, *parts) if few else ((), ())
     return Answer(rank, ordered, fields, direction, point, _repairs(rank, *parts))
 
 
@@ -215,18 +220,25 @@ def _repairs(
 def _direction(
     order: int, flow: Exprs, output: Exprs, states: Symbols, inputs: Symbols, parameters: Symbols
 ) -> tuple[Any, Any]:
-    """An unobservable direction at a random real point, largest entry 1, and the point."""
+    """An unobservable direction at a random real point, largest entry 1, and the point; none where the points tried are
+    all on branches where everything is seen."""
     plant, unknowns = plant_of(flow, output, states, inputs, parameters)
 
     def answer(numbers: Arithmetic, point: Point) -> tuple[Any, Any]:
         rows = [row for y in first_gradients(plant, numbers, point, order + 1) for row in matrix_rows(y)]
-        vector = [float(e.mid()) for e in map(flint.arb, kernel(rows, plant.wide, 0)[0])]
+        basis = kernel(rows, plant.wide, 0)
+        if not basis:  # a point on a branch where all is seen
+            raise Undecided
+        vector = [float(e.mid()) for e in map(flint.arb, basis[0])]
         largest = max(vector, key=abs)
         values = (*point.states, *point.constants[: plant.q])
         moved = tuple((s, v / largest) for s, v in zip(unknowns, vector, strict=True) if v)
         return moved, tuple((s, float(v.mid())) for s, v in zip(unknowns, values, strict=True))
 
-    return somewhere(plant, answer, balls=True)
+    try:
+        return somewhere(plant, answer, balls=True)
+    except NowhereDefined:
+        return (), ()
 
 
 def _check(id: ClaimId, claim: str, answer: Answer, whole: Observability) -> Check:

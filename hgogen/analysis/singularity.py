@@ -52,8 +52,8 @@ class Jet:
 
     `rows`: (output, order of derivative); `factors`: empty where the determinant is never 0, itself where nothing is
     known; None where no choice of rows up to the last order tried, `order`, has full rank; `parts`: the derivatives of
-    the outputs and the entries of the Jacobian, which must be smooth for the determinant to tell anything; `shown`: the
-    determinant with its factors to be read, where that is another text.
+    the outputs, the rates that they read and the entries of the Jacobian, which must be smooth for the determinant to
+    tell anything; `shown`: the determinant with its factors to be read, where that is another text.
     """
 
     where: Where
@@ -186,6 +186,12 @@ class _Derived:
         self._small(e for row in self.rows.values() for e in row)
         return dict(sorted((row for row in self.rows.items() if row[0][1] <= k), key=lambda row: row[0][::-1]))
 
+    def behind(self, rows: Iterable[Row]) -> tuple[sp.Expr, ...]:
+        """The plant's own rows that these derivatives are made of: what has no value there may cancel in them."""
+        made = [e for j, order in rows for e in self.chains[j][:order]]
+        read = set[sp.Symbol]().union(*(e.free_symbols for e in made))
+        return tuple(rate for x, rate in zip(self.plant.states, self.plant.flow, strict=True) if x in read)
+
     def _small(self, expressions: Iterable[sp.Expr]) -> None:
         nodes = size(expressions)
         if nodes > self.limit:
@@ -217,7 +223,7 @@ def _jet(where: Where, derived: _Derived, last: int) -> Jet:
         if len(chosen) == n:
             square = [there[row] for row in chosen]
             det = determinant(square)
-            parts = tuple(e for row in gradients if row in chosen for e in gradients[row])
+            parts = (*(e for row in gradients if row in chosen for e in gradients[row]), *derived.behind(chosen))
             factors = (det.value,) if det.factors is None else det.factors
             return Jet(where, chosen, det.value, factors, order, parts, as_written(square, det))
     return Jet(where, (), sp.S.Zero, None, last)

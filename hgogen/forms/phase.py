@@ -22,11 +22,13 @@ from hgogen.algebra.rewrite import TooLarge
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
+from hgogen.analysis.written import written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.digits import down
+from hgogen.intervals.lost import lost
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.singular import singular
 from hgogen.signal import Signal
@@ -71,9 +73,9 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     does in any case where phi may have poles in the box of z: of that box the image of the plant's is often a thin
     part, beyond which phi is far larger and would ask for as large a theta. No bound on theta is then proved.
 
-    Checks: `phase.chain` (by construction); `phase.inputs` (the derivatives of inputs that enter have ranges);
-    `phase.rank` (det dPhi/dx has no zero on the box); `phase.inverse` (Phi is one to one on the box);
-    `phase.lipschitz` (phi, as a function of z).
+    Checks: `phase.chain` (by construction, where the plant has a value); `phase.inputs` (the derivatives of inputs that
+    enter have ranges); `phase.rank` (det dPhi/dx has no zero on the box); `phase.inverse` (Phi is one to one on the
+    box); `phase.lipschitz` (phi, as a function of z).
 
     Raises: `NoPhase` for several outputs, or derivatives of more than `LIMIT` nodes; `BadSystem` where a signal has the
     name of an input's derivative.
@@ -86,7 +88,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     back = inverse(images, whole.plant.states, (*whole.plant.inputs, *whole.plant.parameters), fixed)
     one_to_one = _one_to_one(whole, images, back, rank)
     checks = (
-        Check(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", Verdict.PROVED, "by construction"),
+        _chain(whole),
         _inputs(whole),
         rank,
         one_to_one,
@@ -173,6 +175,20 @@ def _in_plant_coordinates(whole: _Map, checks: tuple[Check, ...]) -> Form:
 # ---------------------------------------------------------------- checks
 
 
+def _chain(whole: _Map) -> Check:
+    """The check that Phi is y with its derivatives, where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3,
+    x3' = 0, but not at x3 = 0."""
+    id, claim, plant = ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", whole.before
+    around, read = box(whole.plant.signals, whole.plant.nominal), {s for e in whole.Phi[:-1] for s in e.free_symbols}
+    rates = (rate for x, rate in zip(plant.states, plant.flow, strict=True) if x in read)
+    part = lost((*plant.output, *rates), whole.Phi, around)
+    part = lost(written(plant), (*whole.Phi, whole.phi), around) if part is None else part
+    if part is None:
+        return Check(id, claim, Verdict.PROVED, "by construction")
+    reason = f"{part} is not shown to have a value on the box, though it cancels"
+    return Check(id, claim, Verdict.UNKNOWN, reason, fix="Narrow the ranges so that it has one.")
+
+
 def _inputs(whole: _Map) -> Check:
     id, claim = ClaimId("phase", "inputs"), "the derivatives of inputs that enter have ranges"
     known = whole.plant.inputs[len(whole.before.inputs) :]
@@ -239,7 +255,7 @@ def _one_to_one(
     box_x = box(whole.plant.signals, whole.plant.nominal)
     signs = {part: nonzero(part, box_x, boxes=_BOXES).verdict for part in sorted(parts, key=str)}
     doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
-    others = [e.xreplace(dict(images)) for e in back.values() if _other(e)]
+    others = [part.xreplace(dict(images)) for e in back.values() for part in _others(e)]
     text = ", ".join(f"{x} = {e}" for x, e in back.items())
     if _undefined((*whole.Phi, *others), whole.plant):
         return Check(id, claim, Verdict.UNKNOWN, f"{text} was not shown to be defined on all of the image")
@@ -293,12 +309,12 @@ def _finite(e: sp.Expr, box_x: Box) -> bool:
 
 
 def _delicate(e: sp.Expr) -> list[sp.Expr]:
-    """What the expression divides by."""
-    return [p.base for p in e.atoms(sp.Pow) if p.exp.is_Integer and p.exp.is_negative]
+    """What the expression divides by, also under a root: on the image a root may cancel, and its zero with it."""
+    return [p.base for p in e.atoms(sp.Pow) if not (p.exp.is_nonnegative or p.base.is_number)]
 
 
-def _other(e: sp.Expr) -> bool:
-    """Whether anything but divisions may leave it undefined: roots and functions."""
+def _others(e: sp.Expr) -> list[sp.Expr]:
+    """What beside divisions may leave the expression undefined: its roots and functions, each by itself."""
     entire = (sp.sin, sp.cos, sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.atan, sp.asinh)
-    functions = [f for f in e.atoms(sp.Function) if not isinstance(f, entire)]
-    return bool(functions or any(not p.exp.is_Integer for p in e.atoms(sp.Pow)))
+    roots = [p.base ** (-p.exp if p.exp.is_negative else p.exp) for p in e.atoms(sp.Pow) if not p.exp.is_Integer]
+    return roots + [f for f in e.atoms(sp.Function) if not isinstance(f, entire)]
