@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.observer import Observer
     from hgogen.reading.casadi_model import from_casadi
     from hgogen.signal import Signal
+    from hgogen.starting import Starting, starting_gains
     from hgogen.step import Step
     from hgogen.structure.recast import recast
     from hgogen.system import System
@@ -69,6 +70,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "response": "trials.response",
     "Signal": "signal",
     "singularity": "analysis.singularity",
+    **dict.fromkeys(("Starting", "starting_gains"), "starting"),
     "Step": "step",
     "survey": "which_forms",
     "System": "system",
@@ -86,6 +88,7 @@ __all__ = [
     "Run",
     "Sample",
     "Signal",
+    "Starting",
     "Step",
     "System",
     "Verdict",
@@ -110,6 +113,7 @@ __all__ = [
     "response",
     "sample",
     "singularity",
+    "starting_gains",
     "survey",
     "targets",
     "theta",

@@ -13,7 +13,9 @@ from hgogen import methods
 from hgogen.calling import native
 from hgogen.calling.readers import Kept
 from hgogen.calling.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
+from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
+from hgogen.emit.syntax import Real
 from hgogen.form import Form
 from hgogen.method import Method
 from hgogen.observer import Observer
@@ -30,10 +32,11 @@ class CallableStep(Step):
     """A step with a memory: see `Step` for its program.
 
     `engine`: what takes its samples, "c" the compiled step or "python" its program as Python; None: C where there is a
-    compiler. The two compute the same bits, and share the memory.
+    compiler. The two compute the same bits, and share the memory. `real`: the precision of both, "float" or "double".
     """
 
     engine: Engine | None = None
+    real: Real = "double"
     _kept: Kept = field(init=False)
     _clock: list[int] = field(init=False)
     _legend: Legend = field(init=False)
@@ -44,7 +47,7 @@ class CallableStep(Step):
 
     def __post_init__(self) -> None:
         """Gives the step a memory of its own, as before the first call."""
-        memory, u = Kept(self), len(self.inputs)
+        memory, u = Kept(self, self.real), len(self.inputs)
         signals = (*self.inputs, *self.outputs)
 
         def to(name: str, first: int, last: int) -> Take:
@@ -54,7 +57,7 @@ class CallableStep(Step):
         vars(self).update(
             _kept=memory,
             _clock=[0],
-            _legend=Legend(states, bits, self.observer.traces),
+            _legend=Legend(states, bits, self.observer.traces, "d" if self.real == "double" else "f"),
             _take_u=to("u", 0, u),
             _take_y=to("y", u, len(signals)),
             _take={signal.name: to(signal.name, j, j + 1) for j, signal in enumerate(self.outputs, u)},
@@ -178,7 +181,7 @@ class CallableStep(Step):
         return tune()
 
     def save(self) -> bytes:
-        """The state as the bytes of the C struct (double)."""
+        """The state as the bytes of the C struct."""
         return bytes(self._kept.state)
 
     def restore(self, saved: bytes) -> None:
@@ -208,13 +211,16 @@ class CallableStep(Step):
         form: Callable[[System], Form] | None = None,
         method: Method | None = None,
         dt: float | None = None,
+        real: Real | None = None,
     ) -> "CallableStep":
-        """A step of the same observer with another form of its plant, another method or period; the same where None.
+        """A step of the same observer with another form of its plant, another method, period or precision; the same
+        where None.
 
         Raises: as `sample` and the observer do.
         """
         observer = self.observer.on(form) if form else self.observer
-        return sample(observer, method or self.method, self.dt if dt is None else dt, **self._options)
+        options = self._options | ({"real": real} if real else {})
+        return sample(observer, method or self.method, self.dt if dt is None else dt, **options)
 
     def flags(self, status: int) -> tuple[str, ...]:
         """The names of the bits that a status holds."""
@@ -239,7 +245,7 @@ class CallableStep(Step):
     def _options(self) -> dict[str, Any]:
         """What `sample` takes beside observer, method and dt."""
         periods = dict(zip((s.name for s in self.outputs), self.periods, strict=True)) if self.timed else None
-        return {"between": self.between, "periods": periods, "engine": self.engine}
+        return {"between": self.between, "periods": periods, "engine": self.engine, "real": self.real}
 
     @property
     def _memory(self) -> tuple[bytes, int]:
@@ -276,6 +282,7 @@ def sample(
     between: str = "line",
     periods: Mapping[str, float] | None = None,
     engine: Engine | None = None,
+    real: Real = "double",
 ) -> CallableStep:
     """The observer at the sampling period `dt` by `method` (default: `methods.continuous_discrete`).
 
@@ -286,7 +293,8 @@ def sample(
     output, by name, a whole multiple of dt, by default dt: its noise R is taken for that time. Such a step counts its
     periods and does not use a sample that `update` tells to be of another one, or gets a second time. `engine`: what
     takes the samples, "c" or "python", which give the same bits; by default C where there is a compiler. It compiles at
-    the first sample, once: what was compiled is kept in the user's cache.
+    the first sample, once: what was compiled is kept in the user's cache. `real`: the precision in which it takes them,
+    "float" as small firmware does, or "double".
 
     Raises: `BadStep`; `StepTooLong`, with a dt to take, where errors at a point of the box or the covariance equation
     cannot be stable; `BadWindow`; `BadRate` for periods that do not fit, `CannotUpdate` where the observer integrates
@@ -300,12 +308,14 @@ def sample(
         raise BadStep("dt", f"is missing; give the sampling period in {plural(observer.form.system.time)}, as dt=")
     if engine not in (None, "c", "python"):
         raise BadStep(f"engine = {engine!r}", 'must be "c", "python" or None')
+    if real not in DTYPE:
+        raise BadStep(f"real = {real!r}", 'must be "float" or "double"')
     planned = plan(observer, method, dt, between, periods)
     for section in planned.sections:
         if dangling(section.program):
             missing = ", ".join(map(str, sorted(dangling(section.program))))
             raise BadStep(f"section {section.name}", f"reads {missing}, which it never writes")
-    return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine)
+    return CallableStep(**{f.name: getattr(planned, f.name) for f in fields(planned)}, engine=engine, real=real)
 
 
 def _quietly(observer: Observer, method: Method, dt: float, options: Mapping[str, Any]) -> CallableStep:

@@ -5,10 +5,10 @@ import linecache
 import sys
 import tokenize
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
@@ -21,6 +21,7 @@ from hgogen.errors import HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
+from hgogen.modelfiles.first import NoFirst, first, places
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
 from hgogen.modelfiles.recipe import trial_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -31,6 +32,7 @@ from hgogen.reading.folding import Fold
 from hgogen.reading.text_model import READERS, BadModelFile, PlainModel, read
 from hgogen.system import System
 from hgogen.trial import Trial
+from hgogen.which_forms import Row, Survey, of, survey
 
 _PYTHON = MappingProxyType(
     {
@@ -151,24 +153,46 @@ class Model:
         start: Start | None = None,
         period: Callable[[], float] | None = None,
     ) -> CallableStep:
-        """The step of a tuning by name, at its own period or at `dt` (s); by default what its `step()` returns, else
-        the step of the first tuning that has a period. `start` as in `Tuning.observer`, of a tuning by name; `period`
-        gives that of a tuning that has none, by default the period of the model's own step, which is then built.
+        """The step of a tuning, or of an observer, by name, at its own period or at `dt` (s); by default what its
+        `step()` returns, else the step of the first tuning that has a period. `start` as in `Tuning.observer`, of a
+        tuning by name; `period` gives that of a tuning that has none, by default the period of the model's own step,
+        which is then built.
 
         Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
         """
         if observer is None and (hasattr(self.module, "step") or not self.has("step")):
             return self._own_step()
-        tuning = self.tuning
         name = self._first if observer is None else observer
-        self.demand_tuned(name)
+        tuning = self.tuned(name, dt)
         step: CallableStep = _guarded(self.path, lambda: tuning.step(name, period or self._period, dt, start))
         return step
 
-    def demand_tuned(self, name: str) -> None:
-        """Raise `MissingPart` unless there is a tuning of that name."""
-        if name not in self._tables:
+    def tuned(self, name: str, dt: float | None = None) -> Tuning:
+        """Its observers with one of a name, which has its starting gains where the file says nothing of it: at the
+        period `dt`, else at that which is set, else at that of the model's own step.
+
+        Raises: `MissingPart` for an observer that there is not, or that no form of the plant admits.
+        """
+        tuning = self.tuning
+        if name in tuning.tables:
+            return tuning
+        if name not in observers.__all__:
             raise MissingPart(self.path, "tuning", self._untuned(name))
+        own = dt or self.setting.dt or (self._own_period if self.has("step") else None)
+        one = first(name, self._places, own)
+        if isinstance(one, NoFirst):
+            raise MissingPart(self.path, "tuning", f"{self._untuned(name)}; it has no starting gains: {one.reason}")
+        return replace(tuning, tables={**tuning.tables, name: one.table})
+
+    @property
+    def _places(self) -> Iterator[Row]:
+        """The forms on which an observer without a tuning is asked: those that take seconds where no other admits
+        it."""
+        if self.setting.form:
+            yield of(self.setting.form, self.plant)
+            return
+        yield from places(_surveyed(self.plant, False))
+        yield from places(_surveyed(self.plant, True))
 
     @property
     def _first(self) -> str:
@@ -247,6 +271,11 @@ def load(path: str | Path) -> Model:
     if why := filename.fault(file.stem):
         raise BadModelFile(str(file), "", f"{filename.BadFileName(file.stem, why)} in the name of the file")
     return _LOADERS[file.suffix](file)
+
+
+@lru_cache(maxsize=2)
+def _surveyed(plant: System, deep: bool) -> Survey:
+    return survey(plant, deep=deep)
 
 
 def _plain(path: Path) -> Model:

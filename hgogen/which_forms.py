@@ -114,6 +114,12 @@ class Survey:
         return tuple(sorted(shaped, key=lambda row: row.verdict is not Verdict.PROVED))
 
     @property
+    def silent(self) -> tuple[Row, ...]:
+        """The rows of forms that say nothing of observability and whose structure the plant has."""
+        rows = [row for row in self.answered if not CASES.get(row.kind, Case()).candidate]
+        return tuple(row for row in rows if row.form and row.form.structured)
+
+    @property
     def best(self) -> Form:
         """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
         else its own coordinates."""
@@ -145,6 +151,11 @@ def _rows(name: str, case: Case, plant: System, deep: bool) -> Iterator[Row]:
     else:
         for options in case.options:
             yield _row(name, options, plant)
+
+
+def of(name: str, plant: System) -> Row:
+    """The row of one form of the folder, without options."""
+    return _row(name, {}, plant)
 
 
 def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:

@@ -1,31 +1,43 @@
 """The tables of the pages in docs/ that can be computed: `python tests/doc_tables.py` writes them anew.
 
-A table stands between the lines `<!-- table: NAME -->` and `<!-- end -->`. Of the observers, where to take each and
-what it costs are computed; the words of the two columns between stay as they stand in the page.
+A table stands between the lines `<!-- table: NAME -->` and `<!-- end -->`. The observers keep the order in which they
+stand in the page. What trials of starting gains show takes minutes, and is computed anew by the option `--trials` only.
 """
 
 import re
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 import hgogen as hg
-from hgogen.commands.proposal import PROPOSALS
+from hgogen.call import CallableStep
 from hgogen.emit.cost import cost
 from hgogen.model import load
+from hgogen.modelfiles.first import First, first, places
+from hgogen.modelfiles.place import shipped
 from hgogen.registry import summaries
+from hgogen.starting import rule
+from hgogen.trial import Trial, try_out
+from hgogen.trials.metrics import metrics
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = re.compile(r"^<!-- table: (\w+) -->\n(.*?)^<!-- end -->$", re.MULTILINE | re.DOTALL)
-WORDLESS = "say what it asks for"  # in a row that is new
 
 Words = Mapping[str, list[str]]  # the cells of each row as they stand, by its first cell
 
 
-def written(text: str) -> str:
-    """A page with its tables as they are now."""
-    return TABLE.sub(lambda found: f"<!-- table: {found[1]} -->\n{TABLES[found[1]](words(found[2]))}<!-- end -->", text)
+def written(text: str, trials: bool = False) -> str:
+    """A page with its tables as they are now; those of trials as they stand, unless they are asked for."""
+
+    def anew(match: re.Match[str]) -> str:
+        name, rows = match.groups()
+        rows = rows if name in TRIED and not trials else {**TABLES, **TRIED}[name](words(rows))
+        return f"<!-- table: {name} -->\n{rows}<!-- end -->"
+
+    return TABLE.sub(anew, text)
 
 
 def words(table: str) -> Words:
@@ -49,11 +61,10 @@ def counted(name: str) -> str:
 
 
 def _observers(old: Words) -> str:
-    order = [*(name for name in old if name in PROPOSALS), *(name for name in PROPOSALS if name not in old)]
-    rows = []
-    for name in order:
-        asked, state = old[name][2:4] if name in old else (WORDLESS, "")
-        rows.append((f"`{name}`", PROPOSALS[name].where, asked, state, counted(name)))
+    cases = hg.observers.__all__
+    order = [*(name for name in old if name in cases), *(name for name in cases if name not in old)]
+    said = {name: rule(getattr(hg.observers, name)) for name in cases}
+    rows = ((f"`{name}`", said[name].where, said[name].asks, said[name].state, counted(name)) for name in order)
     return table(("observer", "take it where", "what it asks for, or leaves open", "state", "cost"), rows)
 
 
@@ -78,6 +89,36 @@ def _line(folder: str) -> str:
     return text[:1].lower() + text[1:]
 
 
+def _starting(old: Words) -> str:
+    models = {name: load(path) for name, path in shipped().items()}
+    rows = (settled(name) for name, model in models.items() if model.has("trial") and name not in SLOW)
+    return table(("model", "settled", "after", "not settled"), rows)
+
+
+def settled(name: str) -> tuple[str, ...]:
+    """Of the observers that a plant admits with starting gains, how many settle after every event of the model's first
+    trial, its first seed, in which times after the first one, and which do not."""
+    model = load(name)
+    trial, survey = model.trials()[0], hg.survey(model.plant, deep=True)
+    made = {kind: first(kind, places(survey)) for kind in hg.observers.__all__}
+    steps = {kind: one.step for kind, one in made.items() if isinstance(one, First)}
+    times = {kind: _settled(step, trial) for kind, step in steps.items()}
+    known = sorted(time for time in times.values() if time is not None)
+    span = f"{known[0]:.2g} to {known[-1]:.2g} {model.plant.time}" if known else "never"
+    late = ", ".join(kind for kind, time in times.items() if time is None) or "none"
+    return f"`{name}`", f"{len(known)} of {len(times)}", span, late
+
+
+def _settled(step: CallableStep, trial: Trial) -> float | None:
+    """The time to settle after the first event; None where it does not settle after some event."""
+    with warnings.catch_warnings(action="ignore"):
+        (trajectory,) = try_out(step, trial, seeds=trial.seeds[:1])
+    times = [response.settled for response in metrics(step, trajectory).responses]
+    return None if None in times else times[0]
+
+
+SLOW = {"magnetic_levitation"}  # the observers on its phase form, with first gains, take many minutes
+TRIED: Mapping[str, Callable[[Words], str]] = {"starting": _starting}
 TABLES: Mapping[str, Callable[[Words], str]] = {
     "observers": _observers,
     "forms": _cases("forms"),
@@ -91,7 +132,7 @@ def main() -> None:
     changed = {
         path.name: new
         for path in sorted((ROOT / "docs").glob("*.md"))
-        if (new := written(old := path.read_text(encoding="utf-8"))) != old
+        if (new := written(old := path.read_text(encoding="utf-8"), trials="--trials" in sys.argv)) != old
     }
     hg.write(changed, ROOT / "docs")
     print(*(f"wrote docs/{name}" for name in changed), sep="\n")

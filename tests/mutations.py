@@ -95,9 +95,9 @@ def changed(mutation: Mutation) -> tuple[Path, str]:
 
 def copied(folder: Path) -> Path:
     """A copy of what the tests read."""
-    for name in ("hgogen", "tests", "models", "generated"):
+    for name in ("hgogen", "tests", "models", "generated", "docs", ".ci"):
         shutil.copytree(ROOT / name, folder / name)
-    for path in (*ROOT.glob("*.toml"), *ROOT.glob("*.md")):
+    for path in (path for path in ROOT.glob("[!.]*") if path.is_file()):
         shutil.copy(path, folder)
     return folder
 

@@ -1,10 +1,8 @@
 """What `check` says to take: every line makes a step, what is admitted accepts nothing, and nothing else is offered."""
 
-import re
 import shlex
 from pathlib import Path
 
-import pages
 import pytest
 from plants import MODELS
 
@@ -12,12 +10,13 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.commands import jobs
 from hgogen.commands.advice import Admitted, Advice, advice
-from hgogen.commands.proposal import PROPOSALS
 from hgogen.emit.cost import cost
 from hgogen.model import Model, load
+from hgogen.starting import rule
 
 FILES = sorted(path for path in MODELS.glob("*.*") if path.is_file())
 QUICK = ("battery", "sir")
+RULES = {kind: rule(getattr(hg.observers, kind)) for kind in hg.observers.__all__}
 
 
 def asked(path: Path, *, deep: bool = False) -> tuple[Model, Advice]:
@@ -66,22 +65,20 @@ def test_every_line_of_a_shipped_model_makes_its_step(file: Path, tmp_path: Path
 
 def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
     ranks = ("proved", "proved for its theta", "proved for a larger theta", "open", "no theorem")
-    _, found = asked(MODELS / "duffing.toml")
+    model, found = asked(MODELS / "duffing.toml")
     order = [(max(1, ranks.index(one.known)), one.cost.operations) for one in found.admitted]
     assert order == sorted(order)
     assert {"high_gain", "cascade", "riccati"} <= {one.observer for one in found.admitted}
-    assert not any(one.proposed for one in found.admitted)
+    assert all(one.proposed == (one.observer not in model.tuning.tables) for one in found.admitted)
     assert any("--deep" in note and "peaking_free" in note for note in found.notes)
 
 
 def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -> None:
     model, found = asked(write(tmp_path, {"x1": "x2", "x2": "-sin(x1) - x2"}, "x1"))
-    rules = {kind for kind, proposal in PROPOSALS.items() if proposal.gains and not proposal.dear}
-    assert {one.observer for one in found.admitted} == rules
+    quick = {kind for kind, each in RULES.items() if each.quick}
+    assert {one.observer for one in found.admitted} == quick - {"bank"}
     assert all(one.proposed for one in found.admitted)
-    without = {note.partition(" has no first gains: ")[0] for note in found.notes}
-    assert without == set(PROPOSALS) - {kind for kind, proposal in PROPOSALS.items() if proposal.gains}
-    assert all(bool(proposal.gains) != bool(proposal.none) for proposal in PROPOSALS.values())
+    assert {note.partition(" has no first gains: ")[0] for note in found.notes} == {"bank"}
     (one,) = (one for one in found.admitted if one.observer == "high_gain")
     assert one.line.startswith('tuning.high_gain = {form = "triangular", theta = ')
     assert made(model, one, tmp_path).observer.name == "high_gain"
@@ -90,7 +87,7 @@ def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -
 
 
 def test_what_is_said_of_none_is_said_where_it_may_be_taken(tmp_path: Path) -> None:
-    """adaptive_lmi of chains with one output, a bank where its member is."""
+    """A bank goes around what is admitted, and there is none where nothing is."""
     _, bent = asked(write(tmp_path, {"x1": "x2 + x2**3/3", "x2": "-x1"}, "x1"))
     assert [note.partition(" has no first gains")[0] for note in bent.notes] == ["bank"]
     _, blind = asked(write(tmp_path, {"x1": "-x1", "x2": "x1 - x2"}, "x1"))
@@ -164,12 +161,6 @@ def test_what_is_only_accepted_is_not_admitted(tmp_path: Path) -> None:
     assert made(model, told["riccati"], tmp_path).observer.accepted == ()
     assert told["kalman_like"].name == "kalman_like"
     assert any("riccati is built only by accepting what is refuted: triangular.a_2" in note for note in found.notes)
-
-
-def test_the_page_says_where_to_take_each() -> None:
-    told = dict(re.findall(r"^\| `(\w+)` \| (.*?) \|", pages.text("observers"), re.MULTILINE))
-    assert set(PROPOSALS) == set(hg.observers.__all__)
-    assert {kind: proposal.where for kind, proposal in PROPOSALS.items()} == {kind: told[kind] for kind in PROPOSALS}
 
 
 def test_many_states_are_asked_for_little(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Calling a step: shapes, missing and absurd samples, records by both engines, state, no compiler."""
 
+import pickle
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -16,6 +17,8 @@ import hgogen as hg
 from hgogen.call import BadShape, CannotUpdate
 from hgogen.calling import native
 from hgogen.calling.native import CompilerFailed, NoCompiler, NoCompilerWarning
+from hgogen.emit import layout
+from hgogen.emit.exact import machine
 from hgogen.step import BadStep
 
 NAN, INF = float("nan"), float("inf")
@@ -163,6 +166,27 @@ def test_a_restored_state_is_the_saved_one(name: str, engine: str) -> None:
 
 
 @needs_compiler
+@pytest.mark.parametrize("name", ["window", "high_gain", "two_outputs", "twelve"])
+def test_in_float_every_reader_has_the_bits_of_the_emitted_c(name: str) -> None:
+    """With a sample beyond a float, which is none; a step of matrix kernels; and the memory of one pickled midway."""
+    step = built(name).made_again(real="float")
+    signals = record(step, 48)
+    signals["y"][20] = 1e300
+    exact = machine(step, "float")
+    with np.errstate(over="ignore"):
+        wanted = exact.record(*(signals[key].astype(np.float32) for key in "uy"))
+    for engine in ENGINES:
+        step.reset()
+        run = step.run(**signals, engine=engine)
+        for mine, other in zip((run.x, np.array([*run.traces.values()]).T, run.status), wanted, strict=True):
+            assert np.array_equal(mine.ravel(), other.ravel())
+    step.reset()
+    assert step(signals["u"][0], signals["y"][0]).x.tolist() == wanted[0][0].tolist()
+    other = pickle.loads(pickle.dumps(step))
+    assert other(signals["u"][1], signals["y"][1]).x.tolist() == wanted[0][1].tolist()
+    assert len(step.save()) == layout.state_type(step, "float").itemsize < len(built(name).save())
+
+
 def test_both_engines_leave_the_same_bytes() -> None:
     """A plant without elementary functions: the same operations in the same order."""
     step = fresh("no_input")

@@ -262,7 +262,7 @@ def test_generate_in_another_language(here: Path):
     assert written == ["fitzhugh_nagumo.rs", "fitzhugh_nagumo_check.rs"]
     assert {Path(path).name for path in found["models"][0]["files"]} >= set(written)
     text = (here / "crates" / "neuron" / "fitzhugh_nagumo.rs").read_text()
-    assert "hgogen generate neuron --target rust --real double" in " ".join(text.replace("//!", "").split())
+    assert "hgogen generate neuron --real double --target rust" in " ".join(text.replace("//!", "").split())
     assert "pub theta: f64," in text
 
 
@@ -622,10 +622,10 @@ def test_every_command_takes_an_observer_by_name(here: Path):
 @pytest.mark.parametrize("command", ["check", "simulate", "build", "generate"])
 def test_an_observer_without_a_tuning_is_a_sentence(here: Path, command: str):
     bare = here / "bare.py"
-    bare.write_text(PENDULUM.read_text().replace('"low_power": {"theta": 20},', ""))
-    _, err = hgogen(command, str(bare), "--observer", "low_power", status=2)
+    bare.write_text(PENDULUM.read_text().replace('"bank": {', '"riccati_twice": {"kind": "bank", '))
+    _, err = hgogen(command, str(bare), "--observer", "bank", status=2)
     assert f"{bare}: it has tunings for " in err
-    assert "none for low_power; add 'low_power': {...} to tuning, with theta" in err
+    assert "none for bank; add 'bank': {...} to tuning, with count, period" in err
 
 
 def test_a_theory_that_refuses_says_why(here: Path):

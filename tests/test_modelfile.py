@@ -340,9 +340,10 @@ def test_an_observer_without_a_tuning_is_told_what_to_add(tmp_path: Path) -> Non
     loaded = load(written(tmp_path, TOML))
     with pytest.raises(
         MissingPart,
-        match=r"none for low_power; add a table \[tuning.low_power\] with theta \(it also takes gains, poles",
+        match=r"none for bank; add a table \[tuning.bank\] with count, period \(it also takes .*\); it has no starting "
+        "gains: it goes around another observer",
     ):
-        loaded.step("low_power")
+        loaded.step("bank")
     with pytest.raises(MissingPart, match=r"there is no observer 'low_pow', .* did you mean low_power"):
         loaded.step("low_pow")
     with pytest.raises(

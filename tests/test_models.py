@@ -15,14 +15,16 @@ from hgogen.trial import try_out
 
 FILES = sorted((Path(__file__).resolve().parents[1] / "models").glob("*.py"))
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
-each = pytest.mark.parametrize("model", [load(path) for path in FILES], ids=lambda model: model.name)
+MODELS = [load(path) for path in FILES]
+every = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+each = pytest.mark.parametrize("model", [model for model in MODELS if model.has("step")], ids=lambda model: model.name)
 
 
 def test_there_are_models() -> None:
     assert {path.stem for path in FILES} >= {"cascaded_tanks", "fitzhugh_nagumo", "pendulum"}
 
 
-@each
+@every
 def test_the_file_is_named_after_its_plant_and_says_what_it_is(model: Model) -> None:
     assert model.plant.name == model.name
     text = model.module.__doc__ or ""

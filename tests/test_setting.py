@@ -1,4 +1,4 @@
-"""The form, the method and the period that a user sets in the place of what a model's file says."""
+"""The form, the method, the period and the precision that a user sets in the place of what a model's file says."""
 
 import dataclasses
 import json
@@ -48,6 +48,27 @@ def test_a_tuning_around_another_one_is_made_on_the_form() -> None:
     assert step.method.name == load(model("pendulum.py")).set(Setting(method="heun")).step().method.name
 
 
+@pytest.mark.parametrize("observer", [None, "high_gain", "stubborn", "bank"])
+def test_a_precision_is_that_of_the_samples(observer: str | None) -> None:
+    """Of the model's own step, of a tuning, of starting gains, and of one around another."""
+    for name in ("pendulum.py", "duffing.toml"):
+        loaded = load(model(name))
+        if observer != "bank" or name == "pendulum.py":
+            assert loaded.set(Setting(real="float")).step(observer).real == "float"
+            assert loaded.step(observer).real == "double"
+
+
+def test_trials_run_in_the_precision_that_is_set() -> None:
+    """The errors differ, by little."""
+    errors = []
+    for real in ("double", "float"):
+        status, told, said = command("simulate", model("pendulum.py"), "--seeds", "1", "--real", real, "--json")
+        assert status == 0, said
+        errors.append(json.loads(told)["trials"][0]["rms"])
+    assert errors[0] != errors[1]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-2)
+
+
 def test_nothing_set_changes_nothing() -> None:
     loaded = load(model("pendulum.py"))
     assert not Setting()
@@ -69,13 +90,13 @@ def test_a_case_that_there_is_not(setting: Setting, said: str) -> None:
 
 def test_the_command_in_the_banner_makes_the_same_c_again(tmp_path: Path) -> None:
     for place in ("one", "two"):
-        words = ("--form", "phase", "--dt", "0.002", "--method", "heun")
+        words = ("--form", "phase", "--dt", "0.002", "--method", "heun", "--real", "double")
         status, _, said = command("generate", model("pendulum.py"), *words, "-o", str(tmp_path / place))
         assert status == 0, said
     (header,) = (tmp_path / "one").rglob("pendulum.h")
     (again,) = (tmp_path / "two").rglob("pendulum.h")
     banner = " ".join(header.read_text()[:400].replace("\n *", " ").split())
-    assert "hgogen generate pendulum --form phase --method heun --dt 0.002" in banner
+    assert "hgogen generate pendulum --form phase --method heun --dt 0.002 --real double" in banner
     assert header.read_bytes() == again.read_bytes()
 
 

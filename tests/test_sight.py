@@ -9,9 +9,10 @@ from plants import MODELS
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 import hgogen as hg
+from hgogen.analysis.pace import NoSight
 from hgogen.model import load
 from hgogen.trial import BadTrial, Jump, Trial, t
-from hgogen.trials.sight import HOPELESS, NoSight, Sight, sight
+from hgogen.trials.sight import HOPELESS, Sight, sight
 
 
 def integrator(rate: float = 2.0, low: float = -1.0) -> hg.System:

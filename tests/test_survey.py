@@ -31,16 +31,19 @@ def verdicts(found: Survey) -> dict[str, Verdict | None]:
 
 def test_the_pendulum_is_in_every_form_for_one_output() -> None:
     found = hg.survey(load(MODELS / "pendulum.py").plant)
-    assert verdicts(found) == {
-        "triangular": PROVED,
-        "triangular, measured=True": PROVED,
-        "uniform": PROVED,
-        "block_triangular": None,
-        "phase": None,
-        "state_affine": PROVED,
-        "original": None,
-        "Gauthier-Bornard": GENERIC,
-    }
+    assert (
+        verdicts(found).items()
+        >= {
+            "triangular": PROVED,
+            "triangular, measured=True": PROVED,
+            "uniform": PROVED,
+            "block_triangular": None,
+            "phase": None,
+            "state_affine": PROVED,
+            "original": None,
+            "Gauthier-Bornard": GENERIC,
+        }.items()
+    )
     assert found["triangular"].order == ("q", "w")
     assert found["phase"].why == NOT_ASKED
     assert found["block_triangular"].why == "for 2 outputs or more"

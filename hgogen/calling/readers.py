@@ -14,26 +14,27 @@ from hgogen import targets
 from hgogen.calling import native
 from hgogen.calling.samples import BadShape, Engine
 from hgogen.emit import layout, pystep
+from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
+from hgogen.emit.syntax import Real
 from hgogen.program import Field, Place, lines_of
 from hgogen.step import Step
 
 
 class Kept:
-    """The memory of one step, `places` of it by name, and what can be called on it.
+    """The memory of one step in the precision `real`, `places` of it by name, and what can be called on it.
 
-    `signals`: u, then y, of a sample, as doubles; `shown`: the estimate, then the traces.
+    `signals`: u, then y, of a sample, as numbers of that precision; `shown`: the estimate, then the traces.
     """
 
-    def __init__(self, step: Step) -> None:
-        record_type = layout.kept_type(step)
-        self._step, self.record = step, np.zeros(1, record_type)
+    def __init__(self, step: Step, real: Real) -> None:
+        self._step, self._real, self.record = step, real, np.zeros(1, layout.kept_type(step, real))
         self.places = layout.places(step, self.record)
         self._readers: dict[Engine, Mapping[str, Entry]] = {}
         self.whole = self.record.view(np.uint8).data
-        self.state = self.whole[: layout.state_type(step).itemsize]
+        self.state = self.whole[: layout.state_type(step, real).itemsize]
         shown, signals = len(step.states) + len(step.observer.traces), len(step.inputs) + len(step.outputs)
-        self.signals, self.shown = np.split(self.record.view(np.float64)[-signals - shown :], [signals])
+        self.signals, self.shown = np.split(self.record.view(DTYPE[real])[-signals - shown :], [signals])
         for kind, fields in (("plant", step.plant), ("gain", step.gains), ("state", step.state)):
             self._fill(kind, fields)
         for *_, group in lines_of(step.groups):
@@ -50,19 +51,21 @@ class Kept:
         Raises: `NoCompiler`, `CompilerFailed`.
         """
         if engine not in self._readers:
-            entries = self._compiled() if engine == "c" else pystep.entries(self._step, self.record)
+            entries = self._compiled() if engine == "c" else pystep.entries(self._step, self.record, self._real)
             entries["tune"]()
             self._readers[engine] = entries
         return self._readers[engine]
 
     def run(self, engine: Engine, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Estimates (N, n), traces (N, number of them) and statuses (N) of samples u (N, m), y (N, p)."""
+        with np.errstate(over="ignore"):  # what is beyond a float is infinite, and no sample
+            u, y = (array.astype(DTYPE[self._real], copy=False) for array in (u, y))
         n, traces = len(self._step.states), len(self._step.observer.traces)
         step, status = self.entries(engine)["step"], np.zeros(len(y), np.uint32)
         if engine == "c":
-            x, traced = np.zeros((len(y), n)), np.zeros((len(y), traces))
+            x, traced = np.zeros((len(y), n), u.dtype), np.zeros((len(y), traces), u.dtype)
             self._record(u, y, x, traced, status)
-            return x, traced, status
+            return x.astype(float, copy=False), traced.astype(float, copy=False), status
         rows = np.zeros((len(y), n + traces))
         for k, row in enumerate(np.hstack([u, y])):
             self.signals[:] = row
@@ -76,7 +79,8 @@ class Kept:
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
-        return native.library({**targets.c99(self._step, real="double", check=False), **targets.record(self._step)})
+        step, real = self._step, self._real
+        return native.library({**targets.c99(step, real=real, check=False), **targets.record(step, real=real)})
 
     def _compiled(self) -> dict[str, Entry]:
         """The C function of each entry, of one address, which a thread finishes before another has its turn."""

@@ -26,11 +26,13 @@ def _position(name: str, names: tuple[str, ...]) -> int:
 
 
 class Legend(NamedTuple):
-    """What the numbers of a sample are called: the states, the bits of its status, the traces."""
+    """What the numbers of a sample are called: the states, the bits of its status, the traces; `kind`: what they are,
+    "d" doubles or "f" floats."""
 
     names: tuple[str, ...]
     bits: tuple[str, ...]
     traces: tuple[str, ...]
+    kind: Literal["d", "f"] = "d"
 
     def flags(self, status: int) -> tuple[str, ...]:
         """The names of the bits that a status holds."""
@@ -46,7 +48,7 @@ class Sample:
     __slots__ = ("_legend", "_numbers", "_status", "_x")
 
     def __init__(self, legend: Legend, numbers: bytes, status: int) -> None:
-        """`numbers`: the doubles of the estimate, then of the traces."""
+        """`numbers`: those of the estimate, then of the traces."""
         self._legend = legend
         self._numbers = numbers
         self._status = status
@@ -56,7 +58,7 @@ class Sample:
     def x(self) -> np.ndarray:
         """The estimate (n)."""
         if self._x is None:
-            self._x = np.frombuffer(self._numbers, count=len(self.names)).copy()
+            self._x = np.frombuffer(self._numbers, self._legend.kind, len(self.names)).astype(float)
         return self._x
 
     @property
@@ -77,7 +79,7 @@ class Sample:
     @property
     def traces(self) -> dict[str, float]:
         """What the observer shows of its state, by name."""
-        values = memoryview(self._numbers).cast("d")[len(self.names) :].tolist()
+        values = memoryview(self._numbers).cast(self._legend.kind)[len(self.names) :].tolist()
         return dict(zip(self._legend.traces, values, strict=True))
 
     def __getitem__(self, name: str) -> float:
@@ -111,7 +113,7 @@ class Run:
 
 
 def door(name: str, signals: Sequence[Signal], array: np.ndarray, at: int) -> Take:
-    """Takes a sample of signals, called `name` where it is refused, to their place in an array of doubles, from `at`
+    """Takes a sample of signals, called `name` where it is refused, to their place in an array, from `at`
     on. Floats go there as they are, a mapping by the signals' names, anything else by numpy. What it takes may raise
     `BadShape` or `BadNames`, and then nothing is written."""
     size, values = len(signals), cast(Any, array.data)  # an item of which is set in a third of the time

@@ -1,40 +1,35 @@
 """What to take: the observers that a plant's forms admit, and what else would make it observable, or put it in a form.
 
 An observer is admitted where it is built, and sampled, without any accepted refutation: with the gains of the model's
-tuning, else with those that `proposal` reads off the ranges. Each has a line of code that makes the same step. Those
-with a proof of convergence come first, before those with one for a larger theta, those without one, and those in the
-plant's own coordinates, which no theorem covers; of each the cheaper first, by the operations of a call.
+tuning, else with those that the rule beside it reads off the ranges. Each has a line of code that makes the same step.
+Those with a proof of convergence come first, before those with one for a larger theta, those without one, and those in
+the plant's own coordinates, which no theorem covers; of each the cheaper first, by the operations of a call.
 """
 
 import json
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from typing import Any
 
-from hgogen import forms, methods, observers
+from hgogen import forms, observers
 from hgogen.analysis.observability import Observability
-from hgogen.call import CallableStep, sample
-from hgogen.check import Verdict, refuted
+from hgogen.call import CallableStep
+from hgogen.check import Verdict
 from hgogen.commands.jobs import Checked
-from hgogen.commands.proposal import PROPOSALS, Proposal, scale
 from hgogen.emit.cost import Cost, cost
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.model import Model
+from hgogen.modelfiles.first import First, NoFirst, first, places
 from hgogen.registry import summaries
 from hgogen.signal import Signal
+from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
-from hgogen.which_forms import Row, Survey
+from hgogen.which_forms import Survey
 
-_MANY = 6  # states: of more it is not asked which of them to measure, and first gains are given of a few observers
-_FEW = ("cascade", "riccati")  # whose theorems have no number to search for, which of many states takes seconds
-_AFFINE = "kalman_like"  # takes state_affine, which says nothing of observability and is for no other
-_ANYWHERE = ("riccati", "hamilton_jacobi")  # take a plant in its own coordinates
-_DEAR = "phase"
-_SLOW = tuple(kind for kind, proposal in PROPOSALS.items() if proposal.dear)
+_SLOW = "phase"
 _KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
     Convergence.PROVED: ("proved", 0),
     Convergence.ABOVE: ("proved for its theta", 0),
@@ -79,8 +74,8 @@ class Admitted:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         names = ("observer", "name", "form", "known", "where", "line", "proposed")
-        told = {name: getattr(self, name) for name in names}
-        return {**told, "operations": self.cost.operations, "functions": self.cost.functions}
+        shown = {name: getattr(self, name) for name in names}
+        return {**shown, "operations": self.cost.operations, "functions": self.cost.functions}
 
 
 @dataclass(frozen=True)
@@ -98,7 +93,7 @@ class Advice:
         return {"take": [one.as_dict() for one in self.admitted], "advice": list(self.notes)}
 
 
-def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *, deep: bool = False) -> Advice:
+def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *, deep: bool = False) -> Advice:
     """What to take for a model; what may take seconds, tunings in the phase form and observers whose proof asks a
     solver, only if `deep`, but the model's own step in any case.
 
@@ -106,20 +101,27 @@ def advice(model: Model, seen: Observability, found: Survey, claims: Checked, *,
     """
     tuned = _Tuned(model, claims, deep)
     rows = dict(tuned.rows())
-    many = len(found.plant.states) > _MANY
-    left = () if deep else [kind for kind in PROPOSALS if kind not in _FEW] if many else _SLOW
-    rows |= dict(_proposed(model, found, [*rows, *left]))
+    n = len(survey.plant.states)
+    asked = [kind for kind in observers.__all__ if kind not in rows and (deep or n <= _rule(kind).quick)]
+    proposed = {kind: first(kind, places(survey)) for kind in asked}
+    rows |= {kind: _first(one, model) for kind, one in proposed.items() if isinstance(one, First)}
     order = sorted(rows.values(), key=lambda row: row.rank)
-    brief = ["Of so many states, other observers are built with first gains by --deep."] if many and not deep else []
-    notes = (*_notes(model, seen, found), *tuned.left(rows), *(brief or _without(rows)))
-    return Advice(found.plant.name, tuple(order), notes, model.plain)
+    brief = (
+        ["Of so many states, other observers are built with first gains by --deep."] if n > MANY and not deep else []
+    )
+    notes = (*_notes(model, seen, survey), *tuned.left(rows), *(brief or (_without(proposed) if rows else ())))
+    return Advice(survey.plant.name, tuple(order), notes, model.plain)
 
 
 def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "") -> Admitted:
     observer = step.observer
     known = None if observer.form.kind == "original" else convergence(kind, observer.checks)
-    told = PROPOSALS.get(kind, Proposal(summaries("hgogen.observers", [kind])[kind])).where
-    return Admitted(kind, name, form or observer.form.kind, known, cost(step), told, line)
+    where = _rule(kind).where or summaries("hgogen.observers", [kind])[kind]
+    return Admitted(kind, name, form or observer.form.kind, known, cost(step), where, line)
+
+
+def _rule(kind: str) -> Rule:
+    return rule(getattr(observers, kind))
 
 
 # ---------------------------------------------------------------- with the model's gains
@@ -133,7 +135,7 @@ class _Tuned:
     claims: Checked
     deep: bool
     accepting: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    dear: list[str] = field(default_factory=list)
+    slow: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
 
     def rows(self) -> Iterator[tuple[str, Admitted]]:
@@ -161,8 +163,8 @@ class _Tuned:
         if isinstance(table, Mapping) and table.get("accept"):
             self.accepting[kind] = tuple(table["accept"])
             return None
-        if not self.deep and (kind in _SLOW or self._in_phase(table)):
-            self.dear.append(kind)
+        if not self.deep and (not _rule(kind).quick or self._in_phase(table)):
+            self.slow.append(kind)
             return None
         own = self.claims.step if not self.claims.tuning else None
         try:
@@ -181,13 +183,13 @@ class _Tuned:
             seen.append(table)
             table = self.model.tuning.tables.get(table["member"], {})
         form = table.get("form") if isinstance(table, Mapping) else None
-        return (form.get("kind") if isinstance(form, Mapping) else form) == _DEAR
+        return (form.get("kind") if isinstance(form, Mapping) else form) == _SLOW
 
     def left(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
         """Why tunings of observers that have no row have none."""
-        dear = [kind for kind in dict.fromkeys(self.dear) if kind not in rows]
-        if dear:
-            yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(dear)}."
+        slow = [kind for kind in dict.fromkeys(self.slow) if kind not in rows]
+        if slow:
+            yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(slow)}."
         for kind, ids in self.accepting.items():
             if kind not in rows or rows[kind].proposed:
                 yield f"The tuning of {kind} is built only by accepting what is refuted: {', '.join(ids)}."
@@ -198,62 +200,27 @@ class _Tuned:
 # ---------------------------------------------------------------- with first gains
 
 
-def _proposed(model: Model, found: Survey, taken: Collection[str]) -> Iterator[tuple[str, Admitted]]:
-    """Each other observer on the first form that admits it with gains read off the ranges."""
-    affine = tuple(row for row in found.rows if row.kind == "state_affine")
-    for kind, proposal in PROPOSALS.items():
-        if kind in taken:
-            continue
-        rows = affine if kind == _AFFINE else found.candidates
-        tried = (_on(kind, proposal, row, model) for row in chain(rows, _original(found) if kind in _ANYWHERE else ()))
-        admitted = next(filter(None, tried), None)
-        if admitted:
-            yield kind, admitted
+def _first(one: First, model: Model) -> Admitted:
+    return _admitted(one.observer, "", one.step, _line(one, model), one.row.name)
 
 
-def _without(rows: Mapping[str, Admitted]) -> Iterator[str]:
-    """Of observers that may be admitted, why no first gains are given."""
-    for kind, proposal in PROPOSALS.items():
-        if kind not in rows and proposal.like in rows:
-            yield f"{kind} has no first gains: {proposal.none}."
+def _without(proposed: Mapping[str, First | NoFirst]) -> Iterator[str]:
+    """Why rules give no first gains."""
+    for kind, one in proposed.items():
+        if isinstance(one, NoFirst) and one.ruled:
+            yield f"{kind} has no first gains: {one.reason}."
 
 
-def _original(found: Survey) -> Iterator[Row]:
-    """The plant in its own coordinates, made when it comes to that."""
-    known = found["original"]
-    yield known if known.form else replace(known, form=forms.original(found.plant))
-
-
-def _on(kind: str, proposal: Proposal, row: Row, model: Model) -> Admitted | None:
-    """The observer on a form with its first gains; None where it is refused."""
-    form = row.form
-    if form is None or proposal.gains is None or refuted(form.checks):
-        return None
-    numbers = scale(form)
-    try:
-        gains, dt = proposal.gains(numbers), numbers.dt
-    except ArithmeticError:  # they are beyond a double
-        return None
-    method = "continuous_discrete" if proposal.filtering else "rk4"
-    try:
-        observer = getattr(observers, kind)(form, **gains)
-        step = sample(observer, getattr(methods, method), dt)
-    except HgogenError:
-        return None
-    return _admitted(kind, "", step, _line(kind, row, gains, method, dt, model), row.name)
-
-
-def _line(kind: str, row: Row, gains: Mapping[str, Any], method: str, dt: float, model: Model) -> str:
+def _line(one: First, model: Model) -> str:
     """In the language of the model's file."""
+    kind, row = one.observer, one.row
     if not model.plain:
         options = "".join(f", {key}={value!r}" for key, value in row.options.items())
-        given = ", ".join(f"{key}={value!r}" for key, value in gains.items())
-        made = f"hg.observers.{kind}(hg.forms.{row.kind}(plant{options}), {given})"
-        return f"hg.sample({made}, hg.methods.{method}, dt={dt!r})"
-    form = {"kind": row.kind, **row.options} if row.options else row.kind
+        gains = ", ".join(f"{key}={value!r}" for key, value in one.starting.gains.items())
+        return f"hg.sample(hg.observers.{kind}(hg.forms.{row.kind}(plant{options}), {gains}), dt={one.starting.dt!r})"
     known = kind in model.tuning.tables  # a tuning that accepts a refutation keeps its name
     name = f"{kind}_first" if known else kind
-    table = {**({"kind": kind} if known else {}), "form": form, **gains, "method": method, "dt": dt}
+    table = {**({"kind": kind} if known else {}), **one.table}
     if model.path.endswith(".json"):
         return f'"tuning": {json.dumps({name: table})}'
     return f"tuning.{name} = {_toml(table)}"
@@ -270,27 +237,27 @@ def _toml(value: Any) -> str:
 # ---------------------------------------------------------------- what else
 
 
-def _notes(model: Model, seen: Observability, found: Survey) -> Iterator[str]:
+def _notes(model: Model, seen: Observability, survey: Survey) -> Iterator[str]:
     """What to do about states that nothing shows, and about a plant that no form holds."""
     hidden = seen.known.rank.unobservable
     if hidden:
         names = ", ".join(s.name for s in hidden)
         shown = " or ".join(s.name for s in seen.known.repairs)
         measure = f"measure {shown} as well" if shown else "measure more"
-        yield f"No observer tells {names} from these outputs: {measure}{_apart(found.plant, hidden)}."
+        yield f"No observer tells {names} from these outputs: {measure}{_on_its_own(survey.plant, hidden)}."
         return
-    if any(row.verdict is Verdict.PROVED for row in found.candidates):
+    if any(row.verdict is Verdict.PROVED for row in survey.candidates):
         return
-    best = list(_measurements(found.plant))
+    best = list(_measurements(survey.plant))
     if best:
-        form = "another form" if found.proved else "a form"
+        form = "another form" if survey.proved else "a form"
         yield f"A measurement that puts the plant in {form}, proved: {'; '.join(best)}."
-    if found.plant.origin is None and not found.proved:
+    if survey.plant.origin is None and not survey.proved:
         how = "write the model in those" if model.plain else "see hg.recast, and models/cascaded_tanks.py"
         yield f"Other states may be in a form where these are not: {how}."
 
 
-def _apart(plant: System, hidden: Iterable[Signal]) -> str:
+def _on_its_own(plant: System, hidden: Iterable[Signal]) -> str:
     """Whether the others are a plant of their own."""
     hidden = set(hidden)
     rows = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
@@ -302,7 +269,7 @@ def _apart(plant: System, hidden: Iterable[Signal]) -> str:
 def _measurements(plant: System) -> Iterator[str]:
     """Each state that, measured as well, or in the place of the output, puts the plant in a form."""
     known = {e for e in plant.output if e in plant.states}
-    for x in plant.states if len(plant.states) <= _MANY else ():
+    for x in plant.states if len(plant.states) <= MANY else ():
         if x in known:
             continue
         new = Signal(f"measured_{x.name}", x.unit, low=x.low, high=x.high)

@@ -43,7 +43,7 @@ FIELDS = (
 )
 
 _MANY = 30  # states, from where on what is dear may take seconds
-_DEAR = ("observability", "singular set")
+_SLOW = ("observability", "singular set")
 Answer = tuple[str, Any]
 
 
@@ -64,7 +64,7 @@ def answers(entry: Entry) -> Iterator[Answer]:
 def _ordered(entry: Entry) -> list[tuple[str, Callable[["_Forms"], Iterator[Answer]]]]:
     """The questions; of many states, those that may take all the time there is come last."""
     many = len(entry.states) > _MANY
-    return sorted(_QUESTIONS.items(), key=lambda question: many and question[0] in _DEAR)
+    return sorted(_QUESTIONS.items(), key=lambda question: many and question[0] in _SLOW)
 
 
 @dataclass(frozen=True)
@@ -139,32 +139,32 @@ def _triangular(forms: _Forms) -> Iterator[Answer]:
     if not forms.single:
         return
     refuted = [forms.chains.answer(shape)[0] is False for shape in (Shape.CONSTANT, Shape.MEASURED)]
-    kept = _kept(forms.gains, forms) if forms.measured and _pure(forms.chains, forms) else None
-    constant = kept if forms.measured is Shape.CONSTANT else None
+    regular = _regular(forms.gains, forms) if forms.measured and _pure(forms.chains, forms) else None
+    constant = regular if forms.measured is Shape.CONSTANT else None
     yield "triangular", False if refuted[0] else constant
-    yield "triangular_uy", False if refuted[1] else kept
+    yield "triangular_uy", False if refuted[1] else regular
 
 
 def _pure(chains: Chains, forms: _Forms) -> bool:
     """Whether each output is proved to be c(u) z_1, with nothing beside it, and c keeps off zero."""
     heads = [links[0] for links in chains.links]
     plain = all(is_zero(head.rest, forms.rows.box) for head in heads)
-    return plain and _kept([head.gain for head in heads], forms) is True
+    return plain and _regular([head.gain for head in heads], forms) is True
 
 
-def _kept(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
+def _regular(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
     """Whether all slopes keep off zero on the closed box; True without boxes, where only structure is asked."""
     return _signed(slopes, forms) if forms.entry.boxed else True
 
 
 def _signed(slopes: Iterable[sp.Expr], forms: _Forms) -> bool | None:
     """Whether all slopes keep off zero, whatever the value of a symbol without a range; False by a witness only."""
-    found = []
+    answers = []
     for slope in slopes:
         if slope not in forms.signs:
             forms.signs[slope] = _sign(slope, forms.entry)
-        found.append(forms.signs[slope])
-    return False if False in found else None if None in found else True
+        answers.append(forms.signs[slope])
+    return False if False in answers else None if None in answers else True
 
 
 def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
@@ -181,11 +181,11 @@ def _sign(slope: sp.Expr, entry: Entry) -> bool | None:
     return False
 
 
-def _endless(slope: sp.Expr, found: Sign) -> bool:
+def _endless(slope: sp.Expr, sign: Sign) -> bool:
     """Whether it is refuted for not being finite at a point only: of one sign, and not zero, as far as is seen."""
-    least, most = found.range.least, found.range.most
+    least, most = sign.range.least, sign.range.most
     crosses = least is not None and most is not None and least.value < 0 < most.value
-    at = {s: sp.Rational(value) for s, value in found.witness.items()}
+    at = {s: sp.Rational(value) for s, value in sign.witness.items()}
     return not crosses and kind(slope, at) == "undefined"
 
 
@@ -198,11 +198,11 @@ def _bent(chains: Chains, forms: _Forms) -> bool | None:
     """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
     where a row may jump in that state, or be real nowhere, which its slope does not see."""
     links = [link for chain in chains.links for link in chain]
-    kept = _signed(map(_slope, links), forms)
-    if kept:
+    regular = _signed(map(_slope, links), forms)
+    if regular:
         hidden = any(link.jumps or beyond(link.row, link.state, forms.entry.outer) for link in links)
         return None if hidden else True
-    return kept if forms.entry.boxed else None
+    return regular if forms.entry.boxed else None
 
 
 def _slope(link: Link) -> sp.Expr:
@@ -211,19 +211,19 @@ def _slope(link: Link) -> sp.Expr:
 
 def _ranges(forms: _Forms) -> Iterator[Answer]:
     if forms.measured and forms.entry.boxed:
-        found = [_magnitude(gain, forms.entry) for gain in forms.gains]
-        yield "a_ranges", None if None in found else found
+        magnitudes = [_magnitude(gain, forms.entry) for gain in forms.gains]
+        yield "a_ranges", None if None in magnitudes else magnitudes
 
 
 def _magnitude(gain: sp.Expr, entry: Entry) -> list[float] | None:
     """The range of |a|; its lower end is positive where a is proved to keep off zero."""
-    found, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
-    if not found.finite:
+    enclosure, sign = bound(gain, entry.outer), nonzero(gain, entry.outer)
+    if not enclosure.finite:
         return None
-    low, high = found.low, found.high
+    low, high = enclosure.low, enclosure.high
     if sign.verdict is Verdict.PROVED:
-        near, far = (low, high) if sign.sign > 0 else (-high, -low)
-        return [max(near, float(sign.margin)), far]
+        least, most = (low, high) if sign.sign > 0 else (-high, -low)
+        return [max(least, float(sign.margin)), most]
     return [max(low, -high, 0.0), max(-low, high)]
 
 
@@ -232,12 +232,12 @@ def _several(forms: _Forms) -> Iterator[Answer]:
         "mimo_levelwise": lambda: forms.chains,
         "mimo_cascade": lambda: cascade(forms.rows),
     }
-    for field, found in shapes.items():
-        chains = found()
+    for field, make in shapes.items():
+        chains = make()
         answer, _ = chains.answer(Shape.CONSTANT)
         if answer:  # whether a gain may vanish is not said: None where one does
             gains = [link.gain for links in chains.links for link in links[1:]]
-            answer = True if _pure(chains, forms) and _kept(gains, forms) else None
+            answer = True if _pure(chains, forms) and _regular(gains, forms) else None
         yield field, answer
     answer, _ = forms.chains.answer(Shape.UNIFORM)
     yield "mimo_uof", forms.bent if answer else answer
@@ -245,23 +245,23 @@ def _several(forms: _Forms) -> Iterator[Answer]:
 
 def _gauthier_bornard(forms: _Forms) -> Iterator[Answer]:
     e = forms.entry
-    found = gauthier_bornard(e.flow, e.output, e.states, e.inputs)
-    yield "gb_uniform", found.answer if found.applies else "na"
+    condition = gauthier_bornard(e.flow, e.output, e.states, e.inputs)
+    yield "gb_uniform", condition.answer if condition.applies else "na"
 
 
 def _bounds(forms: _Forms) -> Iterator[Answer]:
     """One query after the other; null where no finite range is proved, a note where it has not a value everywhere, the
     sentence where it cannot be read."""
     e, faults = forms.entry, []
-    found: list[list[float] | None] = [None] * len(e.queries)
+    ranges: list[list[float] | None] = [None] * len(e.queries)
     for k, text in enumerate(e.queries):
         try:
             one = bound(parse(text, e.symbols), e.outer)
         except HgogenError as error:
             faults.append(f"bound_queries, {text!r}: {error}")
             continue
-        found[k] = [one.low, one.high] if one.finite else None
-        yield "bounds", list(found)
+        ranges[k] = [one.low, one.high] if one.finite else None
+        yield "bounds", list(ranges)
         if not one.defined:
             yield "note", f"bound_queries, {text!r}: {one.note}"
     if faults:
@@ -270,14 +270,14 @@ def _bounds(forms: _Forms) -> Iterator[Answer]:
 
 def _singular(forms: _Forms) -> Iterator[Answer]:
     e = forms.entry
-    found = singular_set(e.flow, e.output, e.states, e.inputs)
-    yield "singular", [str(factor) for factor in found] if isinstance(found, tuple) else found
+    factors = singular_set(e.flow, e.output, e.states, e.inputs)
+    yield "singular", [str(factor) for factor in factors] if isinstance(factors, tuple) else factors
 
 
 def _lipschitz(forms: _Forms) -> Iterator[Answer]:
     if forms.measured and forms.entry.boxed:
-        found = _is_lipschitz(forms.rests, forms.entry)
-        yield "lipschitz", None if found and forms.hole is not None else found
+        answer = _is_lipschitz(forms.rests, forms.entry)
+        yield "lipschitz", None if answer and forms.hole is not None else answer
 
 
 def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:

@@ -34,8 +34,8 @@ class _Deferred(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """That of the command."""
-        found: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[str(self.name)]}"), f"{self.name}_")
-        return found.make_context(info_name, args, parent=parent, **extra)
+        actual: TyperCommand = getattr(import_module(f"hgogen.commands.{_FILES[str(self.name)]}"), f"{self.name}_")
+        return actual.make_context(info_name, args, parent=parent, **extra)
 
 
 class _Commands(TyperGroup):
@@ -48,8 +48,8 @@ class _Commands(TyperGroup):
 def _help(file: str, name: str) -> str:
     """The docstring of a function in a file of this folder, which is not run."""
     tree = ast.parse(Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))
-    found = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
-    return ast.get_docstring(found) or ""
+    definition = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    return ast.get_docstring(definition) or ""
 
 
 def _version(asked: bool) -> None:

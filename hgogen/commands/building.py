@@ -1,6 +1,5 @@
 """The commands `build`, `generate` and `simulate`: a model's observer in C and in Python, and what its trials show."""
 
-from enum import StrEnum
 from inspect import signature
 from itertools import combinations
 from pathlib import Path
@@ -44,16 +43,6 @@ from hgogen.trials.agreement import Disagree
 C99 = "c99"
 
 
-class Precision(StrEnum):
-    """Working precision of the code."""
-
-    FLOAT = "float"
-    DOUBLE = "double"
-
-
-Real = Annotated[Precision, typer.Option("--real", help="Working precision of the code.")]
-
-
 def _languages() -> list[str]:
     """The targets that are a whole step in a language, and say in a banner which command made them."""
     return [name for name in targets.__all__ if "command" in signature(getattr(targets, name)).parameters]
@@ -79,12 +68,12 @@ def _tried(step: CallableStep, trials: tuple[Trial, ...], engine: Engine, count:
         return [jobs.tried(step, trial, engine, seeds[trial.name], bar.tick) for trial in trials]
 
 
-def _emitted(step: CallableStep, model: Model, observer: str | None, target: str, real: Precision) -> Sources:
-    """The files of a target; what they call otherwise is noted."""
+def _emitted(step: CallableStep, model: Model, observer: str | None, target: str) -> Sources:
+    """The files of a target, in float unless the precision is set; their banner says which command makes them again,
+    and what they call otherwise is noted."""
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
-    words += ["--real double"] if real is Precision.DOUBLE else []
-    files: Sources = getattr(targets, target)(step, real=real.value, command=" ".join(words))
+    files: Sources = getattr(targets, target)(step, real=model.setting.real or "float", command=" ".join(words))
     for sentence in files.notes:
         note(sentence)
     return files
@@ -97,7 +86,6 @@ def build_(
     setting: Setting = AS_WRITTEN,
     out: Out = None,
     target: Target = C99,
-    real: Real = Precision.FLOAT,
     seeds: Seeds = None,
     as_json: Json = False,
 ) -> None:
@@ -123,7 +111,7 @@ def build_(
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
     for sentence in claims.notes:
         note(sentence)
-    files = _emitted(step, loaded, observer, target, real)
+    files = _emitted(step, loaded, observer, target)
     engine = engine_here()
     self_check = _checked(files, engine)
     done = _tried(step, trials, engine, seeds if engine == "c" else 1)
@@ -147,7 +135,8 @@ def build_(
     if again:
         shown.append(tables.agreements(comparison, step.time))
     if self_check:
-        shown.append(f"self-check of the {real.value} {'C' if target == C99 else target}: {self_check}\n")
+        language = "C" if target == C99 else target
+        shown.append(f"self-check of the {setting.real or 'float'} {language}: {self_check}\n")
     show(as_json, report, *shown, tables.files(paths))
     if not all(one.agreed for one in comparison):
         raise Disagree(tuple(one for one in comparison if not one.agreed))
@@ -173,7 +162,6 @@ def generate_(
     setting: Setting = AS_WRITTEN,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder that holds one folder a model.")] = Path("generated"),
     target: Target = C99,
-    real: Real = Precision.FLOAT,
     as_json: Json = False,
 ) -> None:
     """Write the code of models, by default C, and the figures of their trials as the C draws them.
@@ -181,7 +169,7 @@ def generate_(
     JSON keys: models (a list of: model, c_names, by signal where the language has another name, files).
     """
     _demand_language(target)
-    loaded = [load(given).set(setting) for given in models]
+    loaded = [load(name).set(setting) for name in models]
     folders = [Folder(out, named(one, observer)) for one in loaded]
     for first, second in combinations(loaded, 2):
         if same(first.name) == same(second.name):
@@ -194,7 +182,7 @@ def generate_(
         for sentence in one.notes:
             note(sentence)
         step = one.step(observer)
-        code = _emitted(step, one, observer, target, real)
+        code = _emitted(step, one, observer, target)
         files: dict[str, str | bytes] = {**code}
         if one.has("trial"):
             done = _tried(step, one.trials(), "c", 1)
@@ -234,7 +222,7 @@ def simulate_(
     done = _tried(step, chosen, engine, seeds)
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(jobs.told(summaries, done), done, strict=True)
-    listed_ = [{**told, "each": [seed.as_dict() for seed in one.each]} for told, one in pairs]
+    listed_ = [{**summary, "each": [seed.as_dict() for seed in one.each]} for summary, one in pairs]
     report = {"model": loaded.path, "gains": {gain.name: by_name(gain) for gain in step.gains}, "trials": listed_}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
     show(as_json, report, head, tables.trials(summaries, step.time))

@@ -42,11 +42,11 @@ class OptionalFile(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Give a bare --json its value."""
         several = any(arg.split("=")[0] == "--library" for arg in args)
-        given: list[str] = []
+        words: list[str] = []
         for arg, following in zip(args, [*args[1:], None], strict=False):
             bare = arg == "--json" and (not several or following is None or following.startswith("-"))
-            given.append(f"--json={_PRINTED}" if bare else arg)
-        return super().parse_args(ctx, given)
+            words.append(f"--json={_PRINTED}" if bare else arg)
+        return super().parse_args(ctx, words)
 
 
 @command(OptionalFile)
@@ -114,7 +114,7 @@ def check_(
         "--observer": observer,
         **dict(word.split(maxsplit=1) for word in setting.words),
     }
-    unused = [name for name, given in ({"--limit": limit} if many is None else options).items() if given]
+    unused = [name for name, value in ({"--limit": limit} if many is None else options).items() if value]
     if unused:
         reason = "is for --library" if many is None else "does nothing beside --library, and is for a MODEL"
         raise typer.BadParameter(reason, param_hint=unused[0])
@@ -146,7 +146,7 @@ def _one(
 ) -> None:
     plant, folded = loaded.plant, loaded.notes
     if observer is not None:
-        loaded.demand_tuned(observer)
+        loaded.tuned(observer)
     for sentence in folded:  # before anything is called proved
         note(sentence)
 
@@ -180,8 +180,8 @@ def _one(
         print(fragment(claims.form, claims.checks, claims.accepted) + singular.latex(), file=results())
     elif as_json:
         shown = {**seen.as_dict(), "least_seen": least and least.as_dict()}
-        told = {"observability": shown, "forms": forms.as_dict(), "bounds": _ranges(ranges)}
-        whole = {"model": loaded.path, "headline": first, **told, **claims.as_dict()}
+        known = {"observability": shown, "forms": forms.as_dict(), "bounds": _ranges(ranges)}
+        whole = {"model": loaded.path, "headline": first, **known, **claims.as_dict()}
         whole |= {"singular": singular.as_dict(), **(take.as_dict() if take else {})}
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)
@@ -199,12 +199,12 @@ def _one(
 
 def _least(model: Model) -> Sight | None:
     """What the outputs show at least, along the model's first trial, else on its box; a note says why not."""
-    given: list[Trial | None] = [None]
+    trials: list[Trial | None] = [None]
     try:
-        given = [*(model.trials()[:1] if model.has("trial") else ()), None]
+        trials = [*(model.trials()[:1] if model.has("trial") else ()), None]
     except HgogenError as error:
         note(str(error))
-    for trial in given:
+    for trial in trials:
         try:
             return sight(model.plant, trial)
         except HgogenError as error:
@@ -212,40 +212,40 @@ def _least(model: Model) -> Sight | None:
     return None
 
 
-def _ranges(found: Mapping[str, Range]) -> list[dict[str, Any]]:
-    return [{"expression": text, **one.as_dict()} for text, one in found.items()]
+def _ranges(ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
+    return [{"expression": text, **one.as_dict()} for text, one in ranges.items()]
 
 
 def _certify(claims: jobs.Checked, path: Path) -> None:
     from hgogen.certificates.certificate import asserted, certificate, stated
 
-    found = certificate(claims.form, claims.checks, claims.observer)
-    hg.write({path.name: json.dumps(found, indent=1, ensure_ascii=True) + "\n"}, path.parent)
-    again = f"hgogen recheck {path} verifies it again" if asserted(found) else "nothing in it can be verified again"
+    content = certificate(claims.form, claims.checks, claims.observer)
+    hg.write({path.name: json.dumps(content, indent=1, ensure_ascii=True) + "\n"}, path.parent)
+    again = f"hgogen recheck {path} verifies it again" if asserted(content) else "nothing in it can be verified again"
     note(f"wrote {path}; {again}")
-    for id, reason in stated(found):
+    for id, reason in stated(content):
         note(f"{path} only states {id}, it cannot be verified again: {reason}")
 
 
 def _library(path: Path, limit: float, out: str | None) -> None:
     models = library.read(path)
     with Bar("models", len(models)) as bar:
-        found = library.check(models, limit=limit, tick=bar.tick)
+        answers = library.check(models, limit=limit, tick=bar.tick)
     file = _file(out)
-    _written(found, file) if file else show(out is not None, found, _summary(found))
-    bad = sum("error" in answer for answer in found.values())
+    _written(answers, file) if file else show(out is not None, answers, _summary(answers))
+    bad = sum("error" in answer for answer in answers.values())
     if bad:
-        note(f"{bad} of {len(found)} models {'has an error' if bad == 1 else 'have errors'}")
+        note(f"{bad} of {len(answers)} models {'has an error' if bad == 1 else 'have errors'}")
 
 
-def _summary(found: dict[str, dict[str, Any]]) -> Table:
+def _summary(answers: dict[str, dict[str, Any]]) -> Table:
     """How many models have which answer to each question, and what is wrong with the others."""
-    table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(found)} models")
+    table = Table("field", "true", "false", "other", "no answer", box=None, title=f"{len(answers)} models")
     for field in FIELDS:
-        given = [answer[field] for answer in found.values()]
-        true, false, none = (sum(value is kind for value in given) for kind in (True, False, None))
-        table.add_row(field, *map(str, (true, false, len(given) - true - false - none, none)))
-    for name, answer in found.items():
+        values = [answer[field] for answer in answers.values()]
+        true, false, none = (sum(value is kind for value in values) for kind in (True, False, None))
+        table.add_row(field, *map(str, (true, false, len(values) - true - false - none, none)))
+    for name, answer in answers.items():
         if "error" in answer:
             table.add_row(f"{name}: {answer['error']}")
     return table

@@ -35,6 +35,13 @@ from hgogen.trials.agreement import Disagree
 FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed)
 
 
+class Precision(StrEnum):
+    """Working precision of a step."""
+
+    FLOAT = "float"
+    DOUBLE = "double"
+
+
 class Reader(StrEnum):
     """Who runs the step."""
 
@@ -46,7 +53,8 @@ ModelArgument = Annotated[
     str, typer.Argument(metavar="MODEL", help="A model file, or the name of one that `hgogen list` shows.")
 ]
 Tuned = Annotated[
-    str | None, typer.Option("--observer", metavar="NAME", help="A tuning of the model; by default its own step.")
+    str | None,
+    typer.Option("--observer", metavar="NAME", help="A tuning of the model, or an observer."),
 ]
 Seeds = Annotated[int | None, typer.Option(min=1, max=SEEDS, help="Number of noise seeds; by default the trial's.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the results; by default build/MODEL.")]
@@ -59,6 +67,10 @@ _SET = {  # what a user may set of every step that a command makes
     "form": (str, typer.Option("--form", metavar="NAME", help="The form, in the place of the model's.")),
     "method": (str, typer.Option("--method", metavar="NAME", help="The method, in the place of the model's.")),
     "dt": (float, typer.Option("--dt", help="The sampling period, in the model's unit of time.")),
+    "real": (
+        Precision,
+        typer.Option("--real", help="float or double; by default C is written in float and samples run in double."),
+    ),
 }
 
 
@@ -70,9 +82,9 @@ def _settable(function: Callable[..., None]) -> Callable[..., None]:
         return function
 
     @wraps(function)
-    def taking(**given: Any) -> None:
-        chosen = Setting(**{name: given.pop(name) for name in _SET})
-        function(**given, **{place: chosen})
+    def taking(**arguments: Any) -> None:
+        chosen = Setting(**{name: arguments.pop(name) for name in _SET})
+        function(**arguments, **{place: chosen})
 
     taking.__annotations__ = {name: each.annotation for name, each in parameters.items() if name != place}
     taking.__annotations__ |= {name: Annotated[kind | None, option] for name, (kind, option) in _SET.items()}

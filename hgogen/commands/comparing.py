@@ -31,7 +31,8 @@ from hgogen.trials.leaving import Left, left, notes
 from hgogen.trials.metrics import criterion
 
 Names = Annotated[
-    str | None, typer.Option("--observers", metavar="A,B,..", help="Tunings of the model; by default all of them.")
+    str | None,
+    typer.Option("--observers", metavar="A,B,..", help="Tunings of the model, or observers."),
 ]
 
 
@@ -74,15 +75,15 @@ def compare_(
         for one in chosen:
             steps[one.name] |= _started(loaded, longer, one, dt)
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
-    found: list[tuple[Trial, list[Measured]]] = []
+    tried: list[tuple[Trial, list[Measured]]] = []
     with Bar("trials", len(names) * sum(map(len, counts.values()))) as bar:
         for one in chosen:
             each = steps[one.name].items()
-            found.append((one, [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in each]))
+            tried.append((one, [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in each]))
             _note_no_error(loaded.plant, one)
-            for sentence in notes(one.name, _left(loaded.plant, found[-1][1]), unit):
+            for sentence in notes(one.name, _left(loaded.plant, tried[-1][1]), unit):
                 note(sentence)
-    paths = folder.write(rendered({f"{one.name}_errors": jobs.errors(each, unit) for one, each in found}))
+    paths = folder.write(rendered({f"{one.name}_errors": jobs.errors(each, unit) for one, each in tried}))
     shown = [
         tables.compared(
             f"trial {one.name}, seeds {len(counts[one.name])}, settled: {criterion(one, unit)}",
@@ -90,13 +91,13 @@ def compare_(
             unit,
             *(one.first_state(loaded.plant), one.start),
         )
-        for one, each in found
+        for one, each in tried
     ]
     report = {
         "model": loaded.path,
         "dt": dt,
         "engine": engine,
-        "trials": [_told(loaded.plant, one, len(counts[one.name]), each) for one, each in found],
+        "trials": [_row(loaded.plant, one, len(counts[one.name]), each) for one, each in tried],
         "files": [str(path) for path in paths],
     }
     show(as_json, report, *shown, tables.files(paths))
@@ -121,19 +122,19 @@ def _left(plant: System, each: list[Measured]) -> tuple[Left, ...]:
     return left(plant, each[0].first)
 
 
-def _told(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
-    told = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
-    told |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
-    told |= {"left": [one.as_dict() for one in _left(plant, each)]}
-    return {**told, "observers": [one.as_dict() for one in each]}
+def _row(plant: System, trial: Trial, seeds: int, each: list[Measured]) -> dict[str, Any]:
+    row = {"trial": trial.name, "seeds": seeds, "criterion": criterion(trial, plant.time), "times": list(trial.events)}
+    row |= {"estimate": trial.first_state(plant), "start": dict(trial.start)}
+    row |= {"left": [one.as_dict() for one in _left(plant, each)]}
+    return {**row, "observers": [one.as_dict() for one in each]}
 
 
-def _names(model: Model, given: str | None) -> list[str]:
+def _names(model: Model, asked: str | None) -> list[str]:
     """The tunings asked for, each once. Raises: `MissingPart`."""
-    if not model.tuning.tables:
+    if asked is None and not model.tuning.tables:
         fix = model.fixes["tuning"].format(observer="high_gain", arguments="its gains")
         raise MissingPart(model.path, "tuning", f"it has no tuning, whose observers are compared; add {fix}")
-    names = list(model.tuning.tables) if given is None else [name.strip() for name in given.split(",")]
+    names = list(model.tuning.tables) if asked is None else [name.strip() for name in asked.split(",")]
     if not all(names) or not names:
         raise MissingPart(model.path, "tuning", "there is no observer to compare; give --observers A,B of its tuning")
     return list(dict.fromkeys(names))

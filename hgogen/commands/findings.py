@@ -22,22 +22,22 @@ _WHERE = {  # by whether the gains are proposed, and whether the model is plain 
 }
 
 
-def observed(found: Observability, least: Sight | None = None) -> RenderableType:
+def observed(seen: Observability, least: Sight | None = None) -> RenderableType:
     """What the outputs tell of the states, and of the parameters that have a range; how much at `least`."""
-    title = f"{found.system.name}: observability, at almost every state, parameter value and input"
-    loose = few(s for s in found.system.parameters if s.bounded)
+    title = f"{seen.system.name}: observability, at almost every state, parameter value and input"
+    loose = few(s for s in seen.system.parameters if s.bounded)
     whose = ("the states", f"the states and {loose}") if loose else ("the states",)
     table = Table(show_header=False, **_PLAIN)
-    for check, answer, what in zip(found.checks, (found.known, found.joint), whose, strict=False):
+    for check, answer, what in zip(seen.checks, (seen.known, seen.joint), whose, strict=False):
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
-        table.add_row(verdict, Text(_told(answer, what, check.verdict)) if answer else "")
+        table.add_row(verdict, Text(_answered(answer, what, check.verdict)) if answer else "")
     if least is not None:
         table.add_row(Text("hopeless", style="red") if least.hopeless else Text("measured"), Text(str(least)))
-    local = [Text(f"on an open set of states only, because of {found.local}")] if found.local else []
+    local = [Text(f"on an open set of states only, because of {seen.local}")] if seen.local else []
     return Group(Text(title, style="bold"), table, *local, "")
 
 
-def _told(answer: Answer, what: str, verdict: Verdict) -> str:
+def _answered(answer: Answer, what: str, verdict: Verdict) -> str:
     rank = answer.rank
     count = f"rank {rank.rank} of {rank.dimension}, by derivatives of the outputs up to order {rank.order}"
     if not rank.unobservable:
@@ -50,19 +50,21 @@ def _told(answer: Answer, what: str, verdict: Verdict) -> str:
     return "\n".join([*said, f"measure {shown} as well" if shown else "no single further measurement mends it"])
 
 
-def taking(found: Advice) -> RenderableType:
+def taking(advice: Advice) -> RenderableType:
     """The observers that the plant admits, best first, with a line for each, and what else to do."""
-    head = Text(f"{found.plant}: what to take, each built without accepting anything", style="bold")
+    head = Text(f"{advice.plant}: what to take, each built without accepting anything", style="bold")
     parts: list[RenderableType] = [head]
-    if found.admitted:
+    if advice.admitted:
         table = Table(*("observer", "form", "convergence", "cost", "take it where"), **_PLAIN)
-        for one in found.admitted:
+        for one in advice.admitted:
             count = f"{one.cost.operations} + {one.cost.functions}"
             table.add_row(*map(Text, (one.observer, one.form, one.known, count, one.where.replace("`", ""))))
         parts.append(table)
     for proposed, title in _LINES.items():
         lines = [
-            Text(f"  {one.line}", no_wrap=True, overflow="ignore") for one in found.admitted if one.proposed is proposed
+            Text(f"  {one.line}", no_wrap=True, overflow="ignore")
+            for one in advice.admitted
+            if one.proposed is proposed
         ]
-        parts += [Text(title + _WHERE[proposed, found.plain]), *lines] if lines else []
-    return Group(*parts, *map(Text, found.notes), "")
+        parts += [Text(title + _WHERE[proposed, advice.plain]), *lines] if lines else []
+    return Group(*parts, *map(Text, advice.notes), "")

@@ -17,9 +17,9 @@ from hgogen.which_forms import Survey
 _PROVED, _REFUTED = Verdict.PROVED, Verdict.REFUTED
 
 
-def headline(seen: Observability, found: Survey, claims: Checked, least: Sight | None = None) -> str:
+def headline(seen: Observability, survey: Survey, claims: Checked, least: Sight | None = None) -> str:
     """As "pendulum: locally observable; triangular, uniform, state_affine, proved; convergence unknown"."""
-    said = (_observed(seen, least), *_forms(found, claims), _converges(claims))
+    said = (_observed(seen, least), *_forms(survey, claims), _converges(claims))
     return f"{claims.plant}: " + "; ".join(said)
 
 
@@ -33,18 +33,18 @@ def _observed(seen: Observability, least: Sight | None) -> str:
     return "locally observable"
 
 
-def _forms(found: Survey, claims: Checked) -> Iterator[str]:
+def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
     """Those in which the plant is proved to be, else the one that comes nearest; then the observer's, if that is
     another one."""
-    proved = [row.kind for row in found.proved]
-    recast = claims.form.system.origin is not found.plant.origin
-    known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in found.candidates])
+    proved = [row.kind for row in survey.proved]
+    recast = claims.form.system.origin is not survey.plant.origin
+    known = claims.demanded and not recast and claims.form.kind in (proved or [row.kind for row in survey.candidates])
     if proved:
         yield f"{', '.join(proved)}, proved"
     elif known:
         yield _form(claims.form, claims.accepted)
     else:
-        yield _form(found.best, ()) if found.candidates else "in none of the forms asked"
+        yield _form(survey.best, ()) if survey.candidates else "in none of the forms asked"
     if claims.demanded and not known:
         yield f"its observer's form{', of the recast plant' * recast}: {_form(claims.form, claims.accepted)}"
 

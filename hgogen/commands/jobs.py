@@ -121,11 +121,11 @@ def checked(model: Model, asked: Survey | None = None, name: str | None = None) 
 
     Raises: `MissingPart`, `ModelFails`.
     """
-    found, declared = _checked(model, asked, name), model.dissipation
+    claims, declared = _checked(model, asked, name), model.dissipation
     if declared is None:
-        return found
+        return claims
     note = f"of the errors e of {declared.system.name}: {declared.conclusion}"
-    return replace(found, checks=(*found.checks, *declared.checks), notes=(*found.notes, note))
+    return replace(claims, checks=(*claims.checks, *declared.checks), notes=(*claims.notes, note))
 
 
 def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
@@ -143,8 +143,8 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
         known = tuple(check.id for check in error.form.checks if check.id in error.accepted)
         return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer
-    told = (model.plant.name, observer.form, observer.checks, observer.accepted, observer.name, observer.theorem)
-    return Checked(*told, model.notes, step=step, tuning=name or "")
+    parts = (model.plant.name, observer.form, observer.checks, observer.accepted, observer.name, observer.theorem)
+    return Checked(*parts, model.notes, step=step, tuning=name or "")
 
 
 def _alone(model: Model, asked: Survey, form: Form) -> str:
@@ -183,10 +183,10 @@ def tried(step: CallableStep, trial: Trial, engine: Engine, seeds: Sequence[int]
 def summaries(step: CallableStep, done: Sequence[Tried], engine: Engine, say: Callable[[str], None]) -> list[Summary]:
     """All seeds of each trial in one, with the trial's alarm ratio; `say` is called with what is wrong."""
     ratios = [(one, alarm.ratio(step, one.trial, engine, [m.seed for m in one.each])) for one in done]
-    told = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
-    for sentence in (*departures(done, step.time), *alarm.complaints(told)):
+    summed = [summary(one.trial, one.each, ratio, step.time) for one, ratio in ratios]
+    for sentence in (*departures(done, step.time), *alarm.complaints(summed)):
         say(sentence)
-    return told
+    return summed
 
 
 def departures(done: Iterable[Tried], unit: str) -> Iterator[str]:
@@ -262,9 +262,7 @@ def window(model: Model, option: str, observer: str | None = None) -> float:
 
     Raises: `MissingPart` if no adaptive theta is there, or no tuning of that name.
     """
-    tuning = model.tuning
-    if observer is not None:
-        model.demand_tuned(observer)
+    tuning = model.tuning if observer is None else model.tuned(observer)
     for name in tuning.tables if observer is None else (observer,):
         innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
         if innovation is not None:

@@ -38,12 +38,12 @@ def read(path: Path) -> list[tuple[str, Any]]:
     Raises: `BadLibrary`.
     """
     try:
-        found = json.loads(content_of(path, BYTES))
+        content = json.loads(content_of(path, BYTES))
     except Unread as error:
         raise BadLibrary(str(path), error.reason) from None
     except (ValueError, RecursionError) as error:
         raise BadLibrary(str(path), f"is no JSON ({error})") from None
-    models = found.get("models") if isinstance(found, Mapping) else None
+    models = content.get("models") if isinstance(content, Mapping) else None
     if not isinstance(models, list):
         raise BadLibrary(str(path), 'has no list "models"')
     return [(_name(model, k), model) for k, model in enumerate(models)]
@@ -62,19 +62,19 @@ def check(
     Args: `limit`: seconds for each model; what was found until then is kept.
     """
     names = [name for name, _ in models]
-    found: dict[str, dict[str, Any]] = {name: dict.fromkeys(FIELDS) for name in names}
+    answers: dict[str, dict[str, Any]] = {name: dict.fromkeys(FIELDS) for name in names}
     tasks = []
     for name, model in models:
         if names.count(name) > 1:
-            found[name]["error"] = f"{names.count(name)} models are named {name!r}; rename all but one"
+            answers[name]["error"] = f"{names.count(name)} models are named {name!r}; rename all but one"
             tick()
         elif isinstance(model, Mapping) and not isinstance(model.get("name"), str):
-            found[name]["error"] = "has no name; give it one, a text"
+            answers[name]["error"] = "has no name; give it one, a text"
             tick()
         else:
             tasks.append((name, model))
     for event in run(_answered, [model for _, model in tasks], limit=limit):
-        answer = found[tasks[event.task][0]]
+        answer = answers[tasks[event.task][0]]
         if event.end is None:
             field, value = event.result
             if field == "note":
@@ -87,7 +87,7 @@ def check(
         if event.end is End.CRASHED:
             answer["error"] = "the process that worked on it ended; the answers are those found before"
         tick()
-    return found
+    return answers
 
 
 def _answered(model: Any) -> Iterator[tuple[str, Any]]:

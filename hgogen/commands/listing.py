@@ -18,5 +18,5 @@ def list_(as_json: Json = False) -> None:
     """
     kinds = ("forms", "observers", "methods", "targets")
     cases = {kind: summaries(f"hgogen.{kind}", getattr(hg, kind).__all__) for kind in kinds}
-    told = {"models": {given: summary(path) for given, path in available().items()}, **cases}
-    show(as_json, {**{kind: list(found) for kind, found in told.items()}, "summaries": told}, tables.listed(told))
+    known = {"models": {name: summary(path) for name, path in available().items()}, **cases}
+    show(as_json, {**{kind: list(each) for kind, each in known.items()}, "summaries": known}, tables.listed(known))

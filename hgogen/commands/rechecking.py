@@ -31,6 +31,6 @@ def recheck_(
         text = content_of(file, LARGEST).decode()
     except UnicodeDecodeError:
         raise verification.CannotRead(str(file), "is no text in UTF-8") from None
-    found = verification.recheck(text)
-    show(as_json, found.as_dict(), tables.rechecked(found))
-    found.demand()
+    outcome = verification.recheck(text)
+    show(as_json, outcome.as_dict(), tables.rechecked(outcome))
+    outcome.demand()

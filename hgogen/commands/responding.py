@@ -40,15 +40,15 @@ def response_(
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
-    given = _frequencies(omega) if omega else _around(slow, fast, step.dt)
-    continuous, sampled = hg.response(step.observer, given), hg.response(step, given)
+    frequencies = _frequencies(omega) if omega else _around(slow, fast, step.dt)
+    continuous, sampled = hg.response(step.observer, frequencies), hg.response(step, frequencies)
     paths: list[Path] = []
     if out is not None:
         from hgogen.trials import figures as figure
 
         folder = Folder(out)
         folder.demand("response.svg")
-        span = np.geomspace(min(slow / 10, *given), max(10 * fast, *given), POINTS)
+        span = np.geomspace(min(slow / 10, *frequencies), max(10 * fast, *frequencies), POINTS)
         drawn = figure.response(
             hg.response(step.observer, span), hg.response(step, span[span < math.pi / step.dt]), step.time
         )
@@ -58,7 +58,7 @@ def response_(
         "observer": step.observer.name,
         "coordinates": continuous.coordinates,
         "dt": step.dt,
-        "omega": list(given),
+        "omega": list(frequencies),
         "gains": _gains(continuous, sampled),
         "files": [str(path) for path in paths],
     }

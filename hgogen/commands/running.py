@@ -106,10 +106,10 @@ def _record(
     data: Path,
     time: str | None,
     period: float | None,
-    given: list[str] | None,
+    pairs: list[str] | None,
     signals: tuple[Signal, ...],
 ) -> Record:
-    columns = mapping(str(data), given or (), step.inputs, step.outputs)
+    columns = mapping(str(data), pairs or (), step.inputs, step.outputs)
     wanted = {s.name: columns[s.name] for s in signals}
     return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time)
 
@@ -138,6 +138,6 @@ def noise_(
     d = d if d is not None else jobs.window(loaded, "--window", observer)
     record = _record(step, data, time, period, map_, step.outputs)
     quiet = noise.quiet(record.t, begin, end)
-    found = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
-    value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in found]}
-    show(as_json, value, tables.report(record.report), *(tables.suggestion(one, step.time) for one in found))
+    suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
+    value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in suggestions]}
+    show(as_json, value, tables.report(record.report), *(tables.suggestion(one, step.time) for one in suggestions))

@@ -30,10 +30,10 @@ def window_(
     chosen = next((one for one in loaded.trials() if trial in (None, one.name)), None)
     if chosen is None:
         raise typer.BadParameter(f"{trial!r} is none of the model's trials", param_hint="--trial")
-    given = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d", observer), chosen.duration)
-    found = hg.gramian(loaded.plant, chosen, given)
-    value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in found]}
-    show(as_json, value, tables.windows(chosen.name, found, loaded.plant.time))
+    windows = _lengths(lengths) if lengths else _about(jobs.window(loaded, "--d", observer), chosen.duration)
+    gramians = hg.gramian(loaded.plant, chosen, windows)
+    value = {"model": loaded.path, "trial": chosen.name, "windows": [one.as_dict() for one in gramians]}
+    show(as_json, value, tables.windows(chosen.name, gramians, loaded.plant.time))
 
 
 def _about(d: float, duration: float) -> tuple[float, ...]:

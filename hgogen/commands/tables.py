@@ -90,32 +90,32 @@ def _anyone(check: Check) -> Check:
     return replace(check, id=ClaimId(check.id.maker, check.id.fact, *others), claim=put[0], reason=put[1])
 
 
-def survey(found: Survey, below: Iterable[Check] = ()) -> RenderableType:
+def survey(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
     """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
-    table = _table(f"{found.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
+    table = _table(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
     before = ""
-    for row in found.answered:
+    for row in forms.answered:
         verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
         why = "as above" if row.why == before and len(row.why) > _SHORT else row.why
         table.add_row(verdict, Text(row.name), Text(few(row.order)), _text(why))
         before = row.why
     reasons: dict[str, list[str]] = {}
-    for row in found.rows:
+    for row in forms.rows:
         if row.verdict is None:
             reasons.setdefault(row.why, []).append(row.name)
     silent = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in reasons.items()]
-    told = {check.advice for check in below}
-    settled = any(row.verdict is Verdict.PROVED for row in found.answered)
-    fixes = {row.fix: f"{row.name}: {row.fix}" for row in found.answered if row.fix and row.fix not in told}
+    advised = {check.advice for check in below}
+    settled = any(row.verdict is Verdict.PROVED for row in forms.answered)
+    fixes = {row.fix: f"{row.name}: {row.fix}" for row in forms.answered if row.fix and row.fix not in advised}
     return Group(table, *silent, *map(Text, () if settled else fixes.values()), "")
 
 
-def ranges(found: Mapping[str, Range]) -> RenderableType:
+def ranges(bounds: Mapping[str, Range]) -> RenderableType:
     """The ranges of expressions; nothing without one."""
-    if not found:
+    if not bounds:
         return Group()
     table = _table("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
-    for text, one in found.items():
+    for text, one in bounds.items():
         table.add_row(Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(one.note))
     return Group(table, "")
 
@@ -126,17 +126,17 @@ def few(names: Iterable[Any], most: int = 8) -> str:
     return ", ".join(names if len(names) <= most else (*names[:3], "..", names[-1]))
 
 
-def rechecked(found: Rechecked) -> RenderableType:
+def rechecked(outcome: Rechecked) -> RenderableType:
     """The claims of a certificate, and what was verified of them."""
-    of = f", {found.observer} observer" if found.observer else ""
-    table = _table(f"{found.plant}, {found.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
+    of = f", {outcome.observer} observer" if outcome.observer else ""
+    table = _table(f"{outcome.plant}, {outcome.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
     colours = {"verified": "green", "fails": "red"}
-    for row in found.rows:
+    for row in outcome.rows:
         word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
         word.stylize(colours.get(row.found, "yellow"))
         sentence = f"{row.verdict}: {row.sentence}" if row.found in ("open", "stated") else row.sentence
         table.add_row(word, Text(row.id), Text(sentence), str(row.boxes or ""))
-    return Group(table, "", *map(Text, found.remarks), Text(f"model {found.model[:SHOWN]}"), Text(found.count))
+    return Group(table, "", *map(Text, outcome.remarks), Text(f"model {outcome.model[:SHOWN]}"), Text(outcome.count))
 
 
 def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableType:
@@ -300,27 +300,27 @@ def report(read: Report) -> RenderableType:
     return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in read.sentences()), "")
 
 
-def suggestion(found: Suggestion, unit: str) -> RenderableType:
+def suggestion(noise: Suggestion, unit: str) -> RenderableType:
     """What a quiet record suggests."""
-    table = _table(f"noise of {found.output}, from {found.samples} samples", "value", "", "meaning")
+    table = _table(f"noise of {noise.output}, from {noise.samples} samples", "value", "", "meaning")
     rows = (
-        ("sigma", f"{found.sigma:.4g}", "standard deviation about a straight line"),
-        ("tau", f"{found.tau:.4g} {unit}", "correlation time" if found.tau else "white noise"),
-        ("d", f"{found.d:g} {unit}", "window of the innovation"),
-        ("gamma_0", f"{found.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {found.spread:.3g}): theta may rise above it"),
-        ("gamma_1", f"{found.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
-        ("R", f"{found.R:.4g}", "spectral density of the noise; a larger R smooths more"),
+        ("sigma", f"{noise.sigma:.4g}", "standard deviation about a straight line"),
+        ("tau", f"{noise.tau:.4g} {unit}", "correlation time" if noise.tau else "white noise"),
+        ("d", f"{noise.d:g} {unit}", "window of the innovation"),
+        ("gamma_0", f"{noise.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {noise.spread:.3g}): theta may rise above it"),
+        ("gamma_1", f"{noise.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
+        ("R", f"{noise.R:.4g}", "spectral density of the noise; a larger R smooths more"),
     )
     for row in rows:
         table.add_row(*row)
-    return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in found.notes), "")
+    return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in noise.notes), "")
 
 
-def windows(trial: str, found: Iterable[Gramian], unit: str) -> RenderableType:
+def windows(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
     """What windows of several lengths show along a trial."""
     names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
     table = _table(f"what a window d shows along trial {trial}: its observability Gramian", *names)
-    for one in found:
+    for one in gramians:
         (low, high), (name, share) = one.range, one.weakest
         table.add_row(f"{one.d:g}", f"{low:.2g} .. {high:.2g}", f"{one.median:.2g}", name, f"{share:.0%}")
     advice = (
@@ -341,17 +341,17 @@ def responses(continuous: Response, sampled: Response, unit: str) -> RenderableT
     for j, output in enumerate(continuous.outputs):
         for i, state in enumerate(continuous.states):
             gains = zip(continuous.omega, continuous.gain[:, i, j], sampled.gain[:, i, j], sampled.aliased, strict=True)
-            for k, (w, exact, found, alias) in enumerate(gains):
+            for k, (w, exact, discrete, alias) in enumerate(gains):
                 labels = (output, state) if k == 0 else ("", "")
-                table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", "-" if alias else f"{found:.4g}")
+                table.add_row(*map(Text, labels), f"{w:g}", f"{exact:.4g}", "-" if alias else f"{discrete:.4g}")
     return Group(table, "")
 
 
 def listed(summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
     """What there is of each kind, a line each with its summary."""
     table = _table("", "", "", "")
-    for kind, told in summaries.items():
-        for k, (name, text) in enumerate((told or {"none": ""}).items()):
+    for kind, cases in summaries.items():
+        for k, (name, text) in enumerate((cases or {"none": ""}).items()):
             table.add_row("" if k else kind, name, Text(text))
     return table
 

@@ -1,9 +1,9 @@
-"""A step as Python text, for single samples without a compiler: its program as plain floats on the memory of the C.
+"""A step as Python text, for single samples without a compiler: its program as plain numbers on the memory of the C.
 
 The text is made and compiled once. It works on a record (`emit.layout`), as the C does, so the two can take
 turns on one state; and it computes the same bits, by `emit.pygraph`. Names of the user's do not occur in it:
 
-    D, I, B    the record as doubles, as counters, as bytes          V    numpy's views of places, for matrix kernels
+    D, I, B    the record as numbers, as counters, as bytes          V    numpy's views of places, for matrix kernels
     w, t       work values of a section, values of a block           m    number of the member that a loop is at
 """
 
@@ -16,8 +16,8 @@ from hgogen.emit import layout, pygraph
 from hgogen.emit.kinds import Kinds
 from hgogen.emit.node import Node, boolean
 from hgogen.emit.printer import Operand
-from hgogen.emit.pygraph import indented
-from hgogen.emit.syntax import Number
+from hgogen.emit.pygraph import DTYPE, indented
+from hgogen.emit.syntax import Number, Real
 from hgogen.program import (
     Block,
     Call,
@@ -36,27 +36,31 @@ from hgogen.program import (
 from hgogen.step import Step
 
 Entry = Callable[[], int]
-SIZE = {"D": 8, "I": 4}
 
 
-def entries(step: Step, record: np.ndarray) -> dict[str, Entry]:
-    """What can be called of a step on a record (1) of `kept_type`, as `targets.record` has it in C: `step`, `estimate`,
-    `tune` and each section, which leave the estimate and the traces in the record and return the status."""
-    return _Writer(step, record).entries()
+def entries(step: Step, record: np.ndarray, real: Real) -> dict[str, Entry]:
+    """What can be called of a step on a record (1) of `kept_type` in the precision `real`, as `targets.record` has it
+    in C: `step`, `estimate`, `tune` and each section, which leave the estimate and the traces in the record and return
+    the status."""
+    return _Writer(step, record, real).entries()
 
 
 class _Writer:
     """Writes the functions of a step."""
 
-    def __init__(self, step: Step, record: np.ndarray) -> None:
-        self.step, self.kinds, self.graphs = step, Kinds(step), pygraph.Writer("double")
+    def __init__(self, step: Step, record: np.ndarray, real: Real) -> None:
+        self.step, self.real, self.kinds, self.graphs = step, real, Kinds(step), pygraph.Writer(real)
+        self.size = {"D": DTYPE[real]().itemsize, "I": 4}
         self.places = layout.places(step, record)
         self.groups = {line[-1].name: line for line in lines_of(step.groups)}
         self.bits = {bit.name: 1 << k for k, bit in enumerate(step.bits)}
         self.address = record.ctypes.data
         whole = record.view(np.uint8)
         self.names = self.graphs.names
-        self.names |= {"D": record.view(np.float64).data, "I": record.view(np.uint32).data}
+        self.number = "float" if real == "double" else "number"
+        numbers = record.view(DTYPE[real])
+        self.names |= {"D": numbers.data if real == "double" else numbers, "number": DTYPE[real]}
+        self.names |= {"I": record.view(np.uint32).data}
         self.names |= {"B": whole.data, "array": np.array, "V": list(self.places.values())}
         self.names |= {name: np.errstate(all="ignore")(kernel) for name, kernel in KERNELS.items()}
         self.work: dict[Place, int] = {}
@@ -77,12 +81,15 @@ class _Writer:
             status = " | ".join(f"{self._called(section)}()" for section in sections) or "0"
             text += [f"def {numbered[name]}():", f"    status = {status}", "    shown()", "    return status"]
         pygraph.defined([*shown, *text], self.names, "shown", "a step in Python")
-        return {"tune": self.names["tune"]} | {name: self.names[short] for name, short in numbered.items()}
+        called = {name: self.names[short] for name, short in {"tune": "tune", **numbered}.items()}
+        if self.real == "double":
+            return called
+        return {name: np.errstate(all="ignore")(call) for name, call in called.items()}  # numpy warns of its numbers
 
     def _traces(self) -> list[str]:
         traces = self.step.observer.traces
-        last = self.names["D"].nbytes // SIZE["D"] - len(traces)
-        texts = [self._read(Place("state", name), 0, "double") for name in traces]
+        last = self.names["D"].nbytes // self.size["D"] - len(traces)
+        texts = [self._read(Place("state", name), 0, self.real) for name in traces]
         return [f"D[{last + k}] = {text}" for k, text in enumerate(texts)]
 
     def _called(self, section: Section) -> str:
@@ -98,7 +105,7 @@ class _Writer:
         """A work value, or an array that a kernel may be the first to write."""
         if place not in self.work or (size > 1 and place not in self.filled):
             return []
-        zero = 0 if self.kinds.is_index(place) else 0.0
+        zero = "0" if self.kinds.is_index(place) else "zero"
         return [f"{' = '.join(self._local(place, element) for element in range(size))} = {zero}"]
 
     def _statements(self, program: Iterable[Statement]) -> list[str]:
@@ -134,16 +141,17 @@ class _Writer:
             return self._local(place, element)
         array, line = self.places[place], self.groups.get(place.struct, ())
         kind = "I" if array.dtype == np.uint32 else "D"
-        offset = (array.ctypes.data - self.address) // SIZE[kind] + element
+        offset = (array.ctypes.data - self.address) // self.size[kind] + element
         steps = (
-            f"{stride // SIZE[kind]}*m{depth}" for depth, stride in zip(range(len(line)), array.strides, strict=False)
+            f"{stride // self.size[kind]}*m{depth}"
+            for depth, stride in zip(range(len(line)), array.strides, strict=False)
         )
         return f"{kind}[{' + '.join((*steps, str(offset)))}]"
 
     def _read(self, place: Place, element: int, kind: Number) -> str:
         """The text of one element as a number."""
         text = self._text(place, element)
-        return f"float({text})" if self._converted(place, kind) else text
+        return f"{self.number}({text})" if self._converted(place, kind) else text
 
     def _converted(self, place: Place, kind: Number) -> bool:
         """Whether a counter becomes a real number."""
@@ -185,11 +193,12 @@ class _Writer:
     def _kernel(self, kernel: Kernel) -> list[str]:
         operands = [self._view(kernel.columns, 2)] if kernel.columns else []
         before, after = list[str](), list[str]()
+        unpacked = ".tolist()" if self.real == "double" else ""
         for k, (place, size) in enumerate(kernel.arguments):
             if place in self.work:
                 elements = [self._local(place, element) for element in range(size)]
-                before.append(f"a{k} = array(({', '.join(elements)},), dtype=float)")
-                after += [f"{', '.join(elements)} = a{k}.tolist()"] if size > 1 else []
+                before.append(f"a{k} = array(({', '.join(elements)},), dtype={self.number})")
+                after += [f"{', '.join(elements)} = a{k}{unpacked}"] if size > 1 else []
                 operands.append(f"a{k}")
             else:
                 operands.append(self._view(place, 1))
@@ -202,7 +211,7 @@ class _Writer:
         return f"V[{list(self.places).index(place)}]{''.join(f'[m{depth}]' for depth in range(above))}"
 
     def _block(self, block: Block) -> list[str]:
-        kind: Number = "unsigned" if self.kinds.counts(block) else "double"
+        kind: Number = "unsigned" if self.kinds.counts(block) else self.real
         self.graphs.lines = lines = []
 
         def operand(argument: int, element: int) -> Operand:

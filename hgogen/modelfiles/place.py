@@ -24,10 +24,10 @@ class NoModel(HgogenError):
 
     path: str
     reason: str
-    found: tuple[str, ...]
+    models: tuple[str, ...]
 
     def __str__(self) -> str:
-        there = f"the models here are {', '.join(self.found)}" if self.found else _NO_MODELS
+        there = f"the models here are {', '.join(self.models)}" if self.models else _NO_MODELS
         return f"{self.path}: {self.reason}; {there}"
 
 
@@ -50,27 +50,27 @@ def available() -> dict[str, str]:
     return {path: path for path in here} | {name: str(path) for name, path in shipped().items() if name not in names}
 
 
-def located(given: str) -> Path:
+def located(model: str) -> Path:
     """The model file at a path, or of a bare name. Raises: `NoModel`."""
-    path = Path(given)
+    path = Path(model)
     if path.is_file():
         if path.suffix not in SUFFIXES:
-            raise NoModel(given, f"is no model file ({', '.join(SUFFIXES)})", listed())
+            raise NoModel(model, f"is no model file ({', '.join(SUFFIXES)})", listed())
         return path
-    named = [file for suffix in SUFFIXES if (file := FOLDER / f"{given}{suffix}").is_file()]
-    if given.isidentifier() and named:
+    named = [file for suffix in SUFFIXES if (file := FOLDER / f"{model}{suffix}").is_file()]
+    if model.isidentifier() and named:
         if len(named) > 1:
             raise NoModel(
-                given, f"the name is that of {len(named)} files; give the path of one", tuple(map(str, named))
+                model, f"the name is that of {len(named)} files; give the path of one", tuple(map(str, named))
             )
         return named[0]
     if path.is_dir():
-        raise NoModel(given, "is a folder, not a model file", listed(path) or listed())
-    if given in (ours := shipped()):
-        return ours[given]
-    raise NoModel(given, "there is no such model file", listed())
+        raise NoModel(model, "is a folder, not a model file", listed(path) or listed())
+    if model in (ours := shipped()):
+        return ours[model]
+    raise NoModel(model, "there is no such model file", listed())
 
 
 def _models(folder: Path) -> Iterator[Path]:
-    found = (path for path in folder.glob("*") if path.suffix in SUFFIXES and path.is_file())
-    return (path for path in found if not path.name.startswith("_"))
+    files = (path for path in folder.glob("*") if path.suffix in SUFFIXES and path.is_file())
+    return (path for path in files if not path.name.startswith("_"))

@@ -89,88 +89,88 @@ def _ornstein_uhlenbeck(noise: OrnsteinUhlenbeck, normal: np.ndarray, dt: float)
 # --- as what a field may be given ---------------------------------------------------------------------------
 
 
-def read_field(trial: Any, key: str, given: Any) -> Any:
+def read_field(trial: Any, key: str, value: Any) -> Any:
     """A trial's field `key` of what is given for it: a count of seeds, one jump alone, and a standard deviation for a
     noise are turned into what they stand for.
 
     Raises: `BadTrial`.
     """
     if key not in _FIELDS:
-        return given
+        return value
     reader, wanted = _FIELDS[key]
     try:
-        return reader(given)
+        return reader(value)
     except HgogenError as error:
         raise BadTrial(str(trial), f"{key}: {error}") from None
     except (TypeError, ValueError):
-        raise BadTrial(str(trial), f"{key} = {filename.shown(given)} must be {wanted}") from None
+        raise BadTrial(str(trial), f"{key} = {filename.shown(value)} must be {wanted}") from None
 
 
-def _text(given: Any) -> str:
-    if not isinstance(given, str):
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
         raise TypeError
-    return given
+    return value
 
 
-def _number(given: Any) -> Any:
-    if isinstance(given, bool | str):
+def _number(value: Any) -> Any:
+    if isinstance(value, bool | str):
         raise TypeError
-    float(given)
-    return given
+    float(value)
+    return value
 
 
 def _each(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """A reader of values by name."""
-    return lambda given: {_text(name): reader(value) for name, value in dict(given).items()}
+    return lambda entries: {_text(name): reader(value) for name, value in dict(entries).items()}
 
 
-def _input(given: Any) -> Any:
-    return parse(given, {"t": t}) if isinstance(given, str) else scalar(given, "an input")
+def _input(value: Any) -> Any:
+    return parse(value, {"t": t}) if isinstance(value, str) else scalar(value, "an input")
 
 
-def _noise(given: Any) -> Any:
-    found = OrnsteinUhlenbeck(_number(given)) if isinstance(given, Real) else given
-    return _of(found, OrnsteinUhlenbeck | Sine)
+def _noise(value: Any) -> Any:
+    noise = OrnsteinUhlenbeck(_number(value)) if isinstance(value, Real) else value
+    return _of(noise, OrnsteinUhlenbeck | Sine)
 
 
-def _jumps(given: Any) -> tuple[Jump, ...]:
-    return tuple(_of(one, Jump) for one in ((given,) if isinstance(given, Jump) else given))
+def _jumps(jumps: Any) -> tuple[Jump, ...]:
+    return tuple(_of(one, Jump) for one in ((jumps,) if isinstance(jumps, Jump) else jumps))
 
 
-def _of(given: Any, kind: Any) -> Any:
+def _of(entry: Any, kind: Any) -> Any:
     """A value of a class above, whose fields are numbers, but for the name of a state."""
-    if not isinstance(given, kind):
+    if not isinstance(entry, kind):
         raise TypeError
-    for key, value in vars(given).items():
+    for key, value in vars(entry).items():
         (_text if key == "state" else _number)(value)
-    return given
+    return entry
 
 
-def _seeds(given: Any) -> tuple[int, ...]:
-    if isinstance(given, Integral) and not isinstance(given, bool):
-        if int(given) > SEEDS:
+def _seeds(seeds: Any) -> tuple[int, ...]:
+    if isinstance(seeds, Integral) and not isinstance(seeds, bool):
+        if int(seeds) > SEEDS:
             raise ValueError
-        given = range(int(given))
-    found = tuple(given)
-    if not all(isinstance(seed, Integral) and not isinstance(seed, bool) and int(seed) >= 0 for seed in found):
+        seeds = range(int(seeds))
+    seeds = tuple(seeds)
+    if not all(isinstance(seed, Integral) and not isinstance(seed, bool) and int(seed) >= 0 for seed in seeds):
         raise ValueError
-    return tuple(map(int, found))
+    return tuple(map(int, seeds))
 
 
 def _unless_none(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    return lambda given: None if given is None else reader(given)
+    return lambda value: None if value is None else reader(value)
 
 
 _STATE = "a number for each state by name, such as {'x1': 1.0}"
 _FIELDS: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "name": (lambda given: filename.demand(_text(given)), "text"),
+    "name": (lambda name: filename.demand(_text(name)), "text"),
     "duration": (_number, "a number"),
     "start": (_each(_number), _STATE),
     "estimate": (_each(_number), _STATE),
     "inputs": (_each(_input), "an expression of hgogen.trial.t, or a number, for each input by name"),
     "noise": (_each(_noise), "a standard deviation, an OrnsteinUhlenbeck or a Sine for each output by name"),
     "jumps": (_jumps, "a Jump(time, state, value), or several in a tuple"),
-    "settled": (_unless_none(lambda given: _of(given, Settled)), "a Settled(state, band, hold), or None"),
+    "settled": (_unless_none(lambda value: _of(value, Settled)), "a Settled(state, band, hold), or None"),
     "steady": (_unless_none(_number), "a number, or None"),
     "seeds": (_seeds, f"a count from 1 to {SEEDS}, or whole numbers from 0 in a tuple, such as (0, 1)"),
 }

@@ -1,10 +1,11 @@
-"""What a user sets in the place of what a model's file says of its steps: the form, the method, the period."""
+"""What a user sets in the place of what a model's file says of its steps: form, method, period, precision."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 from hgogen import forms, methods
 from hgogen.call import CallableStep
+from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument, nearest
 
 
@@ -14,11 +15,13 @@ class UnknownCase(BadArgument):
 
 @dataclass(frozen=True)
 class Setting:
-    """A form and a method by name, and the period `dt` in the model's unit of time; None for what its file says."""
+    """A form and a method by name, the period `dt` in the model's unit of time, and the precision `real`, "float" or
+    "double"; None for what its file says."""
 
     form: str | None = None
     method: str | None = None
     dt: float | None = None
+    real: Real | None = None
 
     def __bool__(self) -> bool:
         """Whether anything is set."""
@@ -43,7 +46,7 @@ class Setting:
             return step
         form = getattr(forms, self.form) if self.form else None
         method = getattr(methods, self.method) if self.method else None
-        return step.made_again(form, method, self.dt)
+        return step.made_again(form, method, self.dt, self.real)
 
 
 AS_WRITTEN = Setting()

@@ -47,7 +47,7 @@ from hgogen.system import System
 _OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
-_KEPT = 16  # forms
+_FORMS = 16  # are remembered
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
 
@@ -83,6 +83,7 @@ class Tuning:
         period = next((each for each in periods if each is not None), None)
         period = default() if period is None else period
         options = {key: table[key] for key in _OPTIONS if key in table}
+        options |= {"real": self.setting.real} if self.setting.real else {}
         step: CallableStep = self._refusals(where, lambda: sample(observer, method, period, **options))
         return step
 
@@ -116,9 +117,9 @@ class Tuning:
 
     def gains(self, name: str) -> Mapping[str, Any]:
         """The arguments that a tuning gives its observer. Raises: `BadModelFile`."""
-        told = {key: value for key, value in self.table(name).items() if key not in _PLACED}
+        entries = {key: value for key, value in self.table(name).items() if key not in _PLACED}
         gains: Mapping[str, Any] = self._refusals(
-            self.where(name), lambda: {key: value(key, given) for key, given in told.items()}
+            self.where(name), lambda: {key: value(key, entry) for key, entry in entries.items()}
         )
         return gains
 
@@ -139,14 +140,14 @@ class Tuning:
 
     def _sampling(self, name: str) -> Mapping[str, Any]:
         """How a tuning is sampled: by its own keys, else by those of the tuning that it is around."""
-        found: dict[str, Any] = {}
+        sampling: dict[str, Any] = {}
         passed: list[str] = []
         while name in self.tables and name not in passed:
             table = self.table(name)
-            found = {key: table[key] for key in _SAMPLING if key in table} | found
+            sampling = {key: table[key] for key in _SAMPLING if key in table} | sampling
             passed.append(name)
             name = str(table.get("member", ""))
-        return found
+        return sampling
 
     def _member(self, name: str, table: Mapping[str, Any], around: tuple[str, ...], start: Start | None) -> Observer:
         where, member = f"{self.where(name)}.member", table.get("member")
@@ -156,10 +157,10 @@ class Tuning:
             raise BadModelFile(self.file, where, f"is {member!r}, which must be the name of another tuning; {listed}")
         return self.observer(str(member), around, start)
 
-    def _form(self, where: str, given: Any) -> Any:
-        told = {key: value for key, value in given.items() if key != "kind"} if isinstance(given, Mapping) else {}
-        options = {key: tuple(value) if isinstance(value, list) else value for key, value in told.items()}
-        kind = given.get("kind", "triangular") if isinstance(given, Mapping) else given
+    def _form(self, where: str, entry: Any) -> Any:
+        arguments = {key: value for key, value in entry.items() if key != "kind"} if isinstance(entry, Mapping) else {}
+        options = {key: tuple(value) if isinstance(value, list) else value for key, value in arguments.items()}
+        kind = entry.get("kind", "triangular") if isinstance(entry, Mapping) else entry
         make = self._case(where, forms, kind)
         if callable(make):
             self._arguments(where, make, options)
@@ -199,14 +200,14 @@ class Tuning:
 
 def _formed(make: Callable[..., Any], plant: System, options: Mapping[str, Any]) -> Any:
     """The form, made once for all the tunings that ask for it, where its arguments can be compared."""
-    told = tuple(options.items())
+    pairs = tuple(options.items())
     try:
-        hash((make, told))
+        hash((make, pairs))
     except TypeError:
         return make(plant, **options)
-    return _once(make, plant, told)
+    return _once(make, plant, pairs)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_FORMS)
 def _once(make: Callable[..., Any], plant: System, options: tuple[tuple[str, Any], ...]) -> Any:
     return make(plant, **dict(options))

@@ -25,15 +25,18 @@ from hgogen.algebra.hurwitz import demand_hurwitz
 from hgogen.chains.injection import companion, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.check import ClaimId, Claims, Verdict, demand
+from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.guarantees.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.certified import Nothing
+from hgogen.guarantees.design import adaptive_gain
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Ode
 from hgogen.program import Field, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
+from hgogen.starting import Gains, Scale, starts, two
 from hgogen.structure.dynamics import clamp
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
@@ -77,6 +80,26 @@ THEOREM = Theorem(
 )
 
 
+def _starting(scale: Scale) -> Gains | str:
+    """K and P for a slope of 1; gamma up to theta."""
+    if scale.n < 2:
+        return "one state needs no inequality; take high_gain"
+    try:
+        design = adaptive_gain(scale.n, slope=1.0)
+    except HgogenError as error:
+        return str(error)
+    gains = {"K": design.K, "P": design.P, "sigma": design.sigma}
+    least = max(1.0, two(scale.theta / 4))
+    return gains | {"gamma": (least, 4 * least), "rise": scale.theta, "threshold": two(scale.reading / 20)}
+
+
+@starts(
+    "the gain should rise with the error, and fall again",
+    "K, P from `hgogen.design`, verified in rationals",
+    "n + 1",
+    _starting,
+    quick=0,
+)
 def adaptive_lmi(
     form: Form,
     *,
@@ -104,21 +127,21 @@ def adaptive_lmi(
     """
     accept = founded("adaptive_lmi", form, accept, own=OWN, takes=integrators)
     chain, (low, high) = integrators("adaptive_lmi", form), _range(gamma)
-    found = candidate(K, P, sigma, chain.n)
-    if not found.sigma:
+    design = candidate(K, P, sigma, chain.n)
+    if not design.sigma:
         raise BadGain("sigma = 0", "would keep gamma from falling; design K and P for a positive sigma")
-    gains = np.array([float(k) for k in found.K])
+    gains = np.array([float(k) for k in design.K])
     demand_hurwitz("K", companion(gains), "take K and P of hgogen.design")
     steep = steepness(chain, low)
     k, reason = (None, str(steep)) if isinstance(steep, Nothing) else (steep.proof.high, "")
     shown = None if isinstance(steep, Nothing) else steep
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
-    own = checks("adaptive_lmi", found, Given(Fraction(low), Fraction(high), k, reason, disturbed, shown))
+    own = checks("adaptive_lmi", design, Given(Fraction(low), Fraction(high), k, reason, disturbed, shown))
     demand((*form.checks, *own), accept, form)
     tunable = (
         _wide("rise", rise, "alpha, rate at which gamma rises", "1/s"),
         _wide("threshold", threshold, "d, output error above which gamma rises", form.system.outputs[0].unit),
-        gain("sigma", float(found.sigma), 0.0, float(found.sigma), "gamma falls like -sigma gamma^2"),
+        gain("sigma", float(design.sigma), 0.0, float(design.sigma), "gamma falls like -sigma gamma^2"),
     )
     w = chain.field(initial, high)
     moving = scalar("gamma", low, low=low, high=high, meaning="high-gain parameter")
@@ -159,13 +182,13 @@ def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
 
 
 def _range(gamma: Any) -> tuple[float, float]:
-    given = reals("gamma", gamma)
-    if given.shape != (2,) or not 1 <= given[0] < given[1] < np.inf:
+    ends = reals("gamma", gamma)
+    if ends.shape != (2,) or not 1 <= ends[0] < ends[1] < np.inf:
         raise BadGain(f"gamma = {gamma!r}", "must be (gamma_inf, gamma_sup) with 1 <= gamma_inf < gamma_sup, finite")
-    return float(given[0]), float(given[1])
+    return float(ends[0]), float(ends[1])
 
 
-def _wide(name: str, given: Any, meaning: str, unit: str) -> Field:
+def _wide(name: str, nominal: Any, meaning: str, unit: str) -> Field:
     """A gain above 0, tunable by a factor 1000."""
-    value = positive(name, given)
+    value = positive(name, nominal)
     return gain(name, value, 1e-3 * value, 1e3 * value, meaning, unit)

@@ -21,11 +21,16 @@ from hgogen.intervals.digits import same
 from hgogen.kalman.innovation import Innovation
 from hgogen.observer import Observer, gain
 from hgogen.reading.given import BadGain, positive, real
+from hgogen.starting import starts
 from hgogen.stepping.parallel import Parallel
 from hgogen.theorem import Hypothesis
 
 REFERENCE = "Busvelle, Parallel high-gain and non high-gain extended Kalman filters (slides)"
 MOST = 1000  # members
+_NONE = (
+    "it goes around another observer: tune that one, then name it as the member, with count = 3 and for the period the "
+    "time that it takes to settle"
+)
 HYSTERESIS = {"window": 0.6, "newest": 1.0}
 RULES = {
     "window": "smallest innovation over a window",
@@ -39,6 +44,12 @@ SELECTED = Hypothesis(
 )
 
 
+@starts(
+    "jumps come and no threshold for them is known",
+    "N times the cost of its member, in a loop",
+    "N members",
+    lambda s: _NONE,
+)
 def bank(
     member: Observer,
     *,
@@ -72,14 +83,14 @@ def bank(
     share = real("hysteresis", HYSTERESIS[selection] if hysteresis is None else hysteresis)
     part = Parallel(member, int(count), positive("period", period), selection == "newest", innovation)
     every = f"{same(period)} {member.form.system.time}"
-    told = f"{count} members; every {every} the oldest restarts from the selected estimate, which has the "
+    schedule = f"{count} members; every {every} the oldest restarts from the selected estimate, which has the "
     return replace(
         member,
         name="bank",
         parts=(part,),
         gains=(*member.gains, gain("hysteresis", share, 1e-3, 1.0, "share to which another innovation must fall")),
         theorem=member.theorem.under(SELECTED),
-        equations=(*member.equations, told + RULES[selection]),
+        equations=(*member.equations, schedule + RULES[selection]),
         reference=f"{REFERENCE}; member: {member.reference}",
         traces=("selected", *member.traces),
     )

@@ -11,6 +11,7 @@ high-gain observers in output feedback control", Automatica 80 (2017), for chain
 of a triangular form are an extension.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -33,6 +34,7 @@ from hgogen.observer import Observer, founded, high_gain_parameter, tunable
 from hgogen.program import INF, Field, Place, column, sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.signal import resting
+from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Khalil, Cascade high-gain observers in output feedback control, Automatica 80 (2017)"
@@ -52,6 +54,13 @@ THEOREM = Theorem(
 )
 
 
+@starts(
+    "there is no model of the last row",
+    "practical: an error O(1/theta) stays",
+    "2n-2",
+    lambda s: {"theta": s.theta},
+    quick=math.inf,
+)
 def cascade(
     form: Form,
     *,
@@ -85,18 +94,18 @@ def cascade(
     alpha = _alpha(n, gains, poles)
 
     def estimates(v: Any, saturate: Saturate, model: Model) -> list[Any]:
-        found = [v[0]]
+        states = [v[0]]
         for i in range(1, n):
-            rate = v[1] if i == 1 else level * alpha[i] * (found[-1] - v[i])
-            c = model(ca.vertcat(*found, ca.SX.zeros(n - i)))
-            found.append(saturate(rate - c[i - 1], i))
-        return found
+            rate = v[1] if i == 1 else level * alpha[i] * (states[-1] - v[i])
+            c = model(ca.vertcat(*states, ca.SX.zeros(n - i)))
+            states.append(saturate(rate - c[i - 1], i))
+        return states
 
     def lines(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate, model: Model) -> dict[str, Any]:
         v = values["v"]
-        e, found = valid * (y - v[0]), estimates(v, saturate, model)
+        e, states = valid * (y - v[0]), estimates(v, saturate, model)
         first = (v[1] + level * alpha[0] * e, level * level * alpha[1] * e)
-        return {"v": ca.vertcat(*first, *(level * alpha[i] * (found[i - 1] - v[i]) for i in range(2, n)))}
+        return {"v": ca.vertcat(*first, *(level * alpha[i] * (states[i - 1] - v[i]) for i in range(2, n)))}
 
     u = sym("state", "u", len(form.system.inputs))
     return observer_on(
@@ -157,7 +166,7 @@ def _span(chain: Integrators) -> tuple[float, float]:
     form = chain.form
     around = box((*form.states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
-        found = bound(sp.sympify(chain.products[0] * form.b[0]), around)
+        enclosure = bound(sp.sympify(chain.products[0] * form.b[0]), around)
     except NoTape:
         return -INF, INF
-    return found.low, found.high
+    return enclosure.low, enclosure.high

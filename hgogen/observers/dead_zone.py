@@ -17,6 +17,7 @@ from hgogen.form import Form
 from hgogen.guarantees.limited import REFERENCE, limited
 from hgogen.guarantees.sector import DEAD_ZONE
 from hgogen.observer import Observer
+from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 THEOREM = Theorem(
@@ -34,6 +35,12 @@ THEOREM = Theorem(
 )
 
 
+@starts(
+    "small noise should not be injected at all",
+    "how fast the dead zone adapts",
+    "n + 1",
+    lambda s: s.high | {"decay": 1, "r": 0.3},
+)
 def dead_zone(
     form: Form,
     *,

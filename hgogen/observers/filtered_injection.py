@@ -10,6 +10,7 @@ M of `gains`. Source: Astolfi, Jungers, Zaccarian, "Output injection filtering r
 2018, (18), (19), Theorem 2, with c_n alone; the rows c_1..c_(n-1) of a triangular form are an extension.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -27,6 +28,7 @@ from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Field, sym
 from hgogen.reading.given import BadGain, reals
+from hgogen.starting import Gains, Scale, starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Jungers, Zaccarian, Output injection filtering redesign in high-gain observers, ECC (2018)"
@@ -49,6 +51,21 @@ THEOREM = Theorem(
 Matrix = Sequence[Sequence[float]] | np.ndarray
 
 
+def _starting(scale: Scale) -> Gains:
+    """A filter of n states, each behind the one before, that decays three times as fast as the core."""
+    n = scale.n
+    F = -3 * np.eye(n, dtype=int) + np.eye(n, k=-1, dtype=int)
+    H = np.diag([math.comb(n, i) for i in range(1, n + 1)])
+    rows: list[Any] = [tuple(tuple(int(v) for v in row) for row in matrix) for matrix in (F, H)]
+    return {"theta": scale.theta, "F": rows[0], "G": (1, *(0,) * (n - 1)), "H": rows[1]}
+
+
+@starts(
+    "you have a filter of your own for the injection",
+    "F, G, H, N; its core must be Hurwitz",
+    "n + filter",
+    _starting,
+)
 def filtered_injection(
     form: Form,
     *,

@@ -32,6 +32,7 @@ from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.starting import Gains, Scale, starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import Hypothesis
@@ -60,6 +61,18 @@ LIMITED = limited(
 )
 
 
+def _starting(scale: Scale) -> Gains:
+    """The inverses of a Kalman filter's."""
+    Q, start = scale.squares(1 / scale.longest, -1), scale.squares(1 / 4, -1)
+    return {"Q": Q, "P0": start, "R": scale.variance(-1)}
+
+
+@starts(
+    "you think in weights of a cost",
+    "as `riccati`, with the output's curvature if you want it",
+    "n(n+3)/2",
+    _starting,
+)
 def hamilton_jacobi(
     form: Form,
     *,
@@ -91,7 +104,7 @@ def hamilton_jacobi(
     start = spd("P0", np.ones(n) if P0 is None else of_coordinates("P0", P0, form), n)
     precisions, rate = positive("R", of_outputs("R", R, form), outputs), _rate(curvature)
     noise, covariance, variances = _inverse("Q", weight), _inverse("P0", start), tuple(1 / r for r in precisions)
-    upper, weights = (found[::-1] for found in factor(weight[::-1, ::-1]))  # Q = U W U', U unit upper triangular
+    upper, weights = (each[::-1] for each in factor(weight[::-1, ::-1]))  # Q = U W U', U unit upper triangular
     shape = np.linalg.inv(upper[:, ::-1]).T  # so that Q^-1 = shape W^-1 shape'
     z = state_field(form, initial, 1.0)
     plain = Riccati(

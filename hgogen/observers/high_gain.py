@@ -28,6 +28,7 @@ from hgogen.observer import Observer, founded, high_gain_parameter, state_field
 from hgogen.part import Ode
 from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
+from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -63,6 +64,12 @@ INSIDE = Hypothesis(
 )
 
 
+@starts(
+    "you begin: the model is known, the noise small",
+    "constant a_i, or `hg.forms.phase`; a bound on theta is proved",
+    "n",
+    lambda s: s.high,
+)
 def high_gain(
     form: Form,
     *,

@@ -52,6 +52,7 @@ from hgogen.observer import Observer, founded, gain, state_field
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs
+from hgogen.starting import starts, two
 from hgogen.structure.affine import known
 from hgogen.structure.dynamics import HUGE, Dynamics
 from hgogen.theorem import OPERATION, Hypothesis, Theorem
@@ -93,6 +94,12 @@ LIMITED = limited(
 )
 
 
+@starts(
+    "a_i(u) vanishes at times and the plant is state-affine",
+    "an input that is regularly persistent, which is checked",
+    "n(n+3)/2",
+    lambda s: {"rho": two(1 / s.longest), "R": s.variance(), "covariance": s.squares(1 / 4)},
+)
 def kalman_like(
     form: Form,
     *,

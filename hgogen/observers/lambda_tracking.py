@@ -50,6 +50,7 @@ from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import INF, Block, Field, Place, When, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
+from hgogen.starting import Gains, Scale, starts, two
 from hgogen.stepping.guards import readings
 from hgogen.stepping.patience import FINE
 from hgogen.stepping.recovery import SHARE
@@ -109,6 +110,19 @@ GROWN = replace(
 )
 
 
+def _starting(scale: Scale) -> Gains:
+    """k from half of theta to ten times theta; an error as wide as the reading's range adds theta^2 a second to it."""
+    y, strip, reach = scale.reading, two(scale.reading / 50), two(scale.reading / 2)
+    moving = {"k_0": two(scale.theta / 2), "k_max": two(10 * scale.theta), "gamma": two((scale.theta / y) ** 2)}
+    return moving | {"strip": strip, "reach": reach, "poles": scale.poles, "model": True}
+
+
+@starts(
+    "there is no model of phi and no idea of a gain",
+    "practical: an error within a strip; the gain falls only after a fault",
+    "n + 1",
+    _starting,
+)
 def lambda_tracking(
     form: Form,
     *,

@@ -31,6 +31,7 @@ from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode
 from hgogen.program import Place, sym
 from hgogen.reading.given import BadGain
+from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, A high-gain nonlinear observer with limited gain power, IEEE TAC 60 (2015)"
@@ -50,6 +51,12 @@ THEOREM = Theorem(
 )
 
 
+@starts(
+    "n is 4 or more: no power of theta above 2",
+    "as `high_gain`; quieter for n > 2",
+    "2n-2",
+    lambda s: {"theta": s.theta},
+)
 def low_power(
     form: Form,
     *,

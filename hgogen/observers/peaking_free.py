@@ -33,6 +33,7 @@ from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.program import Place, sym
 from hgogen.reading.given import BadGain, positive
+from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = "Astolfi, Marconi, Praly, Teel, Low-power peaking-free high-gain observers, Automatica 98 (2018)"
@@ -59,6 +60,13 @@ THEOREM = Theorem(
 )
 
 
+@starts(
+    "as `low_power`, and nothing may peak before it settles",
+    "ranges of the states, which saturate it",
+    "2n-2",
+    lambda s: {"theta": s.theta},
+    quick=0,
+)
 def peaking_free(
     form: Form,
     *,

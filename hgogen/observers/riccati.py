@@ -11,6 +11,7 @@ in `scaling`. Source: Boizot, Busvelle, Gauthier, "An adaptive high-gain observe
 authors' ECC 2009 paper).
 """
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -26,6 +27,7 @@ from hgogen.observer import Observer, founded, linearised, state_field
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.starting import Gains, Scale, starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.scaling import ALIGNED, noise_equation, scaling
@@ -42,6 +44,19 @@ LIMITED = limited(
 )
 
 
+def _starting(scale: Scale) -> Gains:
+    """A Kalman filter's."""
+    Q, start = scale.squares(1 / scale.longest), scale.squares(1 / 4)
+    return {"Q": Q, "R": scale.variance(), "covariance": start}
+
+
+@starts(
+    "the noise is known (theta = 1 is the Kalman filter), there are several outputs, or a_i varies with u",
+    "converges from nearby; for jumps an adaptive theta",
+    "n(n+3)/2",
+    _starting,
+    quick=math.inf,
+)
 def riccati(
     form: Form,
     *,

@@ -18,6 +18,7 @@ from hgogen.form import Form
 from hgogen.guarantees.limited import REFERENCE, limited
 from hgogen.guarantees.sector import SATURATION
 from hgogen.observer import Observer
+from hgogen.starting import starts
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 THEOREM = Theorem(
@@ -34,6 +35,12 @@ THEOREM = Theorem(
 )
 
 
+@starts(
+    "the sensor has outliers",
+    "how fast the saturation opens",
+    "n + 1",
+    lambda s: s.high | {"decay": 0.5, "r": 3},
+)
 def stubborn(
     form: Form,
     *,

@@ -25,6 +25,7 @@ from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.reading.given import BadGain, positive
+from hgogen.starting import Gains, Scale, starts, two
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = (
@@ -62,6 +63,19 @@ THEOREM = Theorem(
 )
 
 
+def _starting(scale: Scale) -> Gains:
+    """theta_low a quarter of theta; a threshold above the noise, of 5 % of the range of y, and 2/theta_low to hold."""
+    low = max(1.0, two(scale.theta / 4))
+    threshold, hold = two(scale.reading / 20), two(2 / low)
+    return scale.high | {"theta": max(scale.theta, 2 * low), "theta_low": low, "threshold": threshold, "hold": hold}
+
+
+@starts(
+    "it should settle fast and then be quiet",
+    "a threshold above the noise",
+    "n + 1",
+    _starting,
+)
 def switched_gain(
     form: Form,
     *,

@@ -35,6 +35,7 @@ from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, scalar, sym
 from hgogen.reading.given import BadGain, positive
+from hgogen.starting import Gains, Scale, starts, two
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
 
 REFERENCE = (
@@ -80,6 +81,18 @@ CLAMPED = Hypothesis(
 )
 
 
+def _starting(scale: Scale) -> Gains:
+    """The gain falls to half of theta, and rises to ten times theta at most."""
+    least, cap = max(1.0, two(scale.theta / 2)), two(10 * scale.theta)
+    return {"p_1": 0.15, "p_2": least, "p_3": 6, "cap": cap, "poles": scale.poles, "b": scale.n / 2}
+
+
+@starts(
+    "the model is steep in places only",
+    "three numbers, and their inequality",
+    "n + 1",
+    _starting,
+)
 def updated_gain(
     form: Form,
     *,

@@ -70,7 +70,7 @@ def _at_the_peak(step: CallableStep, trial: Trial) -> bytes:
     form = step.observer.form
     values: dict[Any, Any] = {s: trial.start[s.name] for s in form.system.states} | form.system.nominal
     values |= {u: resting(u) for u in form.system.inputs}
-    state = np.frombuffer(step.save(), layout.state_type(step)).copy()
+    state = np.frombuffer(step.save(), layout.state_type(step, step.real)).copy()
     state["z"] = z = [float(expression.subs(values)) for expression in form.to_form]
     state["theta"] = max(field.high[0] for field in step.state if field.name == "theta")
     if any(group.name == "predictor" for group in step.groups):

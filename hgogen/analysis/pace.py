@@ -1,0 +1,127 @@
+"""How fast a plant moves on its box, and its linearisation there, in shares of its ranges.
+
+    A = S^-1 (df/dx) S,   C = R^-1 (dh/dx) S,   S: half the ranges of the states, R: half those of the outputs
+
+at the middle of the box of states and inputs, and at points that fill it evenly; parameters are nominal.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from hgogen.errors import HgogenError
+from hgogen.graph import to_casadi
+from hgogen.signal import Signal
+from hgogen.system import System
+
+_POINTS = 32
+
+
+@dataclass(eq=False)
+class NoSight(HgogenError):
+    """What is missing for a measure of how much the outputs show."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f"how much the outputs show is not measured: {self.reason}"
+
+
+@dataclass(frozen=True)
+class Linear:
+    """df/dx (n, n) and dh/dx (p, n) in half ranges, each at N points."""
+
+    A: np.ndarray
+    C: np.ndarray
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast a plant is on its box: the shortest and the longest time that a state takes to cross its range, at its
+    fastest among fixed points, and the fastest mode of its linearisation there (1/time); 0 where nothing moves."""
+
+    shortest: float
+    longest: float
+    fastest: float
+
+
+def pace(plant: System) -> Pace:
+    """The pace of a plant on its box.
+
+    Raises: `NoSight` where a state or an input has no range, or the model no value; `NoGraph`.
+    """
+    return on_box(plant)[-1]
+
+
+def on_box(plant: System) -> tuple[np.ndarray, Linear, Pace]:
+    """Points of the box (N, n + m) where the model has a value, what it is linearised there, and its pace."""
+    signals = (*plant.states, *plant.inputs)
+    ranged(signals)
+    points = _lattice(signals)
+    x, u = points[:, : len(plant.states)], points[:, len(plant.states) :]
+    with np.errstate(all="ignore"):
+        slopes, rates = linear(plant, x, u), np.array(_functions(plant)[0](x.T, u.T)).T
+        known = np.isfinite(rates).all(1) & np.isfinite(slopes.A).all((1, 2)) & np.isfinite(slopes.C).all((1, 2))
+        if not known.any():
+            raise NoSight(f"the model has no value at any of {_POINTS} points of the box")
+        crossing = 2 * np.array([_half(s) for s in plant.states]) / np.abs(rates[known]).max(axis=0)
+    moving = crossing[np.isfinite(crossing)]
+    finite = Linear(slopes.A[known], slopes.C[known])
+    fastest = np.abs(np.linalg.eigvals(finite.A)).max()
+    return points[known], finite, Pace(float(min(moving, default=0)), float(max(moving, default=0)), float(fastest))
+
+
+def linear(plant: System, x: np.ndarray, u: np.ndarray) -> Linear:
+    """The linearisation at x (N, n), u (N, m)."""
+    _, output, slopes = _functions(plant)
+    S = np.array([_half(s) for s in plant.states])
+    n, count = len(plant.states), len(x)
+    F, H = (np.array(part) for part in slopes(x.T, u.T))
+    A = F.T.reshape(count, n, n).transpose(0, 2, 1) * S / S[:, None]  # CasADi counts by columns
+    C = H.T.reshape(count, n, len(plant.outputs)).transpose(0, 2, 1) * S
+    y = np.array(output(x.T, u.T))
+    R = np.array([_half(s) if s.bounded else _extent(row) for s, row in zip(plant.outputs, y, strict=True)])
+    return Linear(A, C / R[:, None])
+
+
+def _functions(plant: System) -> tuple[Any, Any, Any]:
+    """f, h and (df/dx, dh/dx), the latter as columns, as functions of x (n) and u (m)."""
+    x, u = ca.SX.sym("x", len(plant.states)), ca.SX.sym("u", len(plant.inputs))
+    symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True))
+    symbols |= dict(zip(plant.inputs, ca.vertsplit(u), strict=True)) if plant.inputs else {}
+    symbols |= {p: float(value) for p, value in plant.nominal.items()}
+    f, h = (ca.densify(ca.vertcat(*to_casadi(part, symbols))) for part in (plant.flow, plant.output))
+    slopes = [ca.vec(ca.densify(ca.jacobian(part, x))) for part in (f, h)]
+    return tuple(ca.Function(name, [x, u], parts) for name, parts in (("f", [f]), ("h", [h]), ("slopes", slopes)))  # type: ignore[return-value]
+
+
+def ranged(signals: tuple[Signal, ...]) -> None:
+    """Raises: `NoSight` where a signal has no range, or there is none."""
+    loose = [s.name for s in signals if not s.bounded]
+    if loose or not signals:
+        raise NoSight(f"no range is declared for {', '.join(loose)}" if loose else "the plant has no states")
+
+
+def _half(signal: Signal) -> float:
+    low, high = signal.interval
+    return (high - low) / 2
+
+
+def _extent(values: np.ndarray) -> float:
+    """Half of what an output takes on, or its size where it does not move."""
+    values = values[np.isfinite(values)]
+    half, size = (np.ptp(values) / 2, np.abs(values).max()) if len(values) else (0.0, 0.0)
+    return float(half or size or 1.0)
+
+
+def _lattice(signals: tuple[Signal, ...]) -> np.ndarray:
+    """The middle of the box, and points of the additive recurrence of Roberts (2018), which fill it evenly."""
+    k = len(signals)
+    phi = 1.5
+    for _ in range(60):  # the root of phi^(k+1) = phi + 1
+        phi = (1 + phi) ** (1 / (k + 1))
+    shares = (0.5 + np.arange(_POINTS)[:, None] * phi ** -np.arange(1.0, k + 1)) % 1
+    low, high = np.array([s.interval for s in signals]).T
+    return np.asarray(low + shares * (high - low))

@@ -1,0 +1,63 @@
+"""The first step of an observer that a tuning says nothing of: its starting gains, on the first form that admits it."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hgogen import forms, observers
+from hgogen.call import CallableStep, sample
+from hgogen.check import refuted
+from hgogen.errors import HgogenError
+from hgogen.starting import Starting, starting_gains
+from hgogen.which_forms import Row, Survey
+
+
+@dataclass(frozen=True)
+class First:
+    """An observer by name, the form that admits it without any accepted refutation, its starting gains, its step."""
+
+    observer: str
+    row: Row
+    starting: Starting
+    step: CallableStep
+
+    @property
+    def table(self) -> Mapping[str, Any]:
+        """The tuning that makes the same step."""
+        form = {"kind": self.row.kind, **self.row.options} if self.row.options else self.row.kind
+        return {"form": form, **self.starting.gains, "dt": self.starting.dt}
+
+
+@dataclass(frozen=True)
+class NoFirst:
+    """Why there is no first step; `ruled`: the observer's rule gives no gains, and no form refuses it."""
+
+    reason: str
+    ruled: bool = False
+
+
+def places(survey: Survey) -> Iterator[Row]:
+    """Where an observer is asked, in order: the forms that say something of observability, the plant in its own
+    coordinates, made when it comes to that, and the forms that say nothing of it."""
+    yield from survey.candidates
+    own = survey["original"]
+    yield own if own.form else replace(own, form=forms.original(survey.plant))
+    yield from (row for row in survey.silent if row.kind != own.kind)
+
+
+def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:
+    """The first step of one of `hg.observers` at the sampling period `dt`, by default that of its starting gains."""
+    make, refusals = getattr(observers, observer), ["the plant is in none of its forms"]
+    for row in rows:
+        if row.form is None or refuted(row.form.checks):
+            continue
+        starting = starting_gains(row.form, make, dt=dt)
+        if not starting:
+            return NoFirst(starting.none, ruled=True)
+        try:
+            step = sample(make(row.form, **starting.gains), dt=starting.dt)
+        except HgogenError as error:
+            refusals.append(str(error))
+        else:
+            return First(observer, row, starting, step)
+    return NoFirst(refusals[:2][-1])

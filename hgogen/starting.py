@@ -1,0 +1,180 @@
+"""Starting gains of an observer, from the ranges of its plant alone: a place to begin, tuned by no trial.
+
+    T = the shortest time in which a state crosses its range,   theta = 2 n/T, at least 2,   poles at -1 (times theta)
+    dt = the least of 1/(20 theta) and 1/(5 lambda), lambda the fastest mode of the plant
+    Q_i = S_i^2/D,  P_i(0) = S_i^2/4,  R_j = sigma_j^2 dt,   S half of the ranges, D the longest crossing time
+
+so that the error of a high gain decays some times while the plant crosses its range, a step resolves both, and a state
+may wander over its range in the time that it takes to cross it. At a dt that is asked for, theta is at most 1/(20 dt),
+and at least 1. Of a sensor whose noise sigma is not given it is taken to be 1 % of half its range Y, the declared one,
+else what the ranges of states and inputs give. Where nothing moves, or no range is known, T = D = 1, S = Y = 1.
+
+What an observer makes of these numbers is a rule beside it, in its own file, which `starts` ties to it.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from hgogen.analysis.pace import NoSight, Pace, pace
+from hgogen.form import Form
+from hgogen.observer import Observer
+from hgogen.reading.given import positive
+from hgogen.signal import Signal
+from hgogen.stepping.guards import readings
+from hgogen.system import System
+
+MANY = 6  # states: of more the search for a bound on a gain takes seconds
+Gains = dict[str, Any]
+Make = TypeVar("Make", bound=Callable[..., Observer])
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What the rules read: theta, dt and D in the plant's time, S by the names of the form's states, Y and sigma by
+    those of the outputs, how many states each chain has."""
+
+    theta: float
+    dt: float
+    longest: float
+    states: Mapping[str, float]
+    outputs: Mapping[str, float]
+    noise: Mapping[str, float]
+    blocks: tuple[int, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def poles(self) -> Any:
+        """All at -1, a tuple for each chain where there are several."""
+        each = tuple((-1,) * size for size in self.blocks)
+        return each[0] if len(each) == 1 else each
+
+    @property
+    def high(self) -> Gains:
+        """theta and the poles, as most observers with a high gain take them."""
+        return {"theta": self.theta, "poles": self.poles}
+
+    @property
+    def reading(self) -> float:
+        """Y of the first output."""
+        return next(iter(self.outputs.values()))
+
+    def squares(self, factor: float, exponent: int = 1) -> Gains:
+        """S_i^2 times a factor, or its inverse, by name."""
+        return {name: two(two(s * s * factor) ** exponent) for name, s in self.states.items()}
+
+    def variance(self, exponent: int = 1) -> Any:
+        """R, or its inverse, a number for one output."""
+        each = {name: two((sigma**2 * self.dt) ** exponent) for name, sigma in self.noise.items()}
+        return each if len(each) > 1 else next(iter(each.values()))
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What an observer says of itself, for pages and for whoever begins.
+
+    `where` to take it; `asks`: what it asks for, or leaves open; `state`: how many numbers it remembers of n states;
+    `gains`: its starting gains, or in a sentence why it has none; `quick`: up to how many states it is built in no
+    time, 0 where it asks a solver for its proof.
+    """
+
+    where: str = ""
+    asks: str = ""
+    state: str = ""
+    gains: Callable[[Scale], Gains | str] = lambda scale: "no rule for them stands beside it"
+    quick: float = MANY
+
+
+def starts(
+    where: str, asks: str, state: str, gains: Callable[[Scale], Gains | str], quick: float = MANY
+) -> Callable[[Make], Make]:
+    """Tie a rule to an observer, whose name then has it as `rule`."""
+
+    def tied(make: Make) -> Make:
+        vars(make)["rule"] = Rule(where, asks, state, gains, quick)
+        return make
+
+    return tied
+
+
+def rule(observer: Callable[..., Observer]) -> Rule:
+    """The rule of an observer, of one without its own that which gives nothing."""
+    own: Rule = getattr(observer, "rule", Rule())
+    return own
+
+
+@dataclass(frozen=True)
+class Starting:
+    """Starting gains by the names of the observer's arguments, with a sampling period `dt` to begin with; `none`: why
+    there are no gains, in a sentence."""
+
+    gains: Mapping[str, Any]
+    dt: float
+    none: str = ""
+
+    def __bool__(self) -> bool:
+        """Whether there are gains."""
+        return not self.none
+
+
+def starting_gains(
+    form: Form,
+    observer: Callable[..., Observer],
+    *,
+    dt: float | None = None,
+    noise: Mapping[str, float] | None = None,
+) -> Starting:
+    """What to begin with, on a form, for one of `hg.observers`: `observer(form, **start.gains)`, sampled at `start.dt`.
+
+    Args: `dt` the sampling period, in the plant's time, where it is not free; `noise` the standard deviation of a
+    sample by output, as far as it is known.
+
+    Raises: `BadGain` for a dt that is not positive.
+    """
+    numbers = scale(form, None if dt is None else positive("dt", dt), noise or {})
+    try:
+        gains = rule(observer).gains(numbers)
+    except ArithmeticError:
+        gains = "they are beyond a double; give the signals other units"
+    return Starting({}, numbers.dt, gains) if isinstance(gains, str) else Starting(gains, numbers.dt)
+
+
+def scale(form: Form, dt: float | None, noise: Mapping[str, float]) -> Scale:
+    """The numbers that the rules take of a form and its plant."""
+    rates = _pace(form.system)
+    theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
+    if dt is None:
+        dt = two(min(1 / (20 * theta), 1 / (5 * rates.fastest) if rates.fastest else math.inf))
+    else:
+        theta = max(1.0, min(theta, two(1 / (20 * dt))))
+    states = dict(zip(form.names, map(_half, form.states), strict=True))
+    outputs = {y.name: _span(*ends) for y, ends in zip(form.system.outputs, readings(form), strict=True)}
+    deviations = {name: noise.get(name, y / 100) for name, y in outputs.items()}
+    return Scale(theta, dt, rates.longest or 1.0, states, outputs, deviations, form.blocks)
+
+
+def _pace(plant: System) -> Pace:
+    try:
+        return pace(plant)
+    except NoSight:  # ranges are missing: a time and a range of 1, as the first lines say
+        return Pace(1.0, 1.0, 0.0)
+
+
+def _half(signal: Signal) -> float:
+    return _span(*signal.interval)
+
+
+def _span(low: float, high: float) -> float:
+    """Half of what lies between two ends, 1 of ends that are not known, and of an output that stands still."""
+    half = (high - low) / 2
+    return half if 0 < half < math.inf else 1.0
+
+
+def two(value: float) -> float:
+    """Two digits."""
+    return float(f"{value:.1e}")

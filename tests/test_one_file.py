@@ -1,0 +1,80 @@
+"""A new observer, form, method, target or model is one file: those of tests/fixtures/ are put into a copy of the
+project, where the tests of every case run on them, and nothing else is edited."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mutations import copied
+
+import hgogen as hg
+from hgogen.modelfiles.place import shipped
+
+FIXTURES = Path(__file__).parent / "fixtures"
+NEW = [path.stem for path in sorted(FIXTURES.rglob("*.*")) if path.suffix in (".py", ".toml")]
+# what is asked of every case and every model, apart from what they compute
+ASKED = [
+    *("house", "registry", "docs", "survey", "door", "pickled", "forms", "methods", "starting", "advice", "headline"),
+    *("first_and_last", "textbook", "models", "start", "forgetting", "every_observer"),
+]
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The project with the new files, and its tables written anew."""
+    folder = copied(tmp_path_factory.mktemp("copy"))
+    for kind in FIXTURES.iterdir():
+        shutil.copytree(kind, folder / ("" if kind.name == "models" else "hgogen") / kind.name, dirs_exist_ok=True)
+    assert run(folder, "tests/doc_tables.py").splitlines() == ["wrote docs/observers.md"]
+    return folder
+
+
+def run(folder: Path, *words: str) -> str:
+    """What Python prints there; the test fails with it where Python does."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "CI": "true"}
+    done = subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+def asked(folder: Path, *words: str) -> str:
+    """The last line of pytest there."""
+    options = ("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header")
+    return run(folder, *options, *words).splitlines()[-1]
+
+
+def test_there_is_one_of_each() -> None:
+    assert sorted(path.parent.name for path in FIXTURES.rglob("*.*") if path.suffix in (".py", ".toml")) == [
+        *("forms", "methods", "models", "models", "observers", "targets")
+    ]
+
+
+def test_a_new_observer_passes_the_tests_of_every_observer(copy: Path) -> None:
+    """On one model, with the rules of the house."""
+    files = [f"tests/test_{name}.py" for name in ("every_observer", "house", "registry")]
+    assert " passed" in asked(copy, *files, "-k", "not every_observer or luenberger")
+
+
+@pytest.mark.slow
+def test_nothing_else_is_asked_of_new_files(copy: Path) -> None:
+    """Everything that is asked of every case and every model; of the slow tests those that name a new file."""
+    files = [f"tests/test_{name}.py" for name in ASKED]
+    assert " passed" in asked(copy, *files)
+    assert " passed" in asked(copy, *files, "-m", "slow", "-k", " or ".join(NEW))
+
+
+def test_a_list_that_is_kept_by_hand_is_seen(copy: Path) -> None:
+    """Tests that name every observer, form, method, target and model there was fail in the copy."""
+    kinds = {kind: getattr(hg, kind).__all__ for kind in ("observers", "forms", "methods", "targets")}
+    lists = {f"hg.{kind}.__all__": sorted(names) for kind, names in kinds.items()} | {"shipped()": sorted(shipped())}
+    tests = [
+        f"def test_{k}():\n    assert {{*{kind}}} == {{*{names}}}\n" for k, (kind, names) in enumerate(lists.items())
+    ]
+    head = "import hgogen as hg\nfrom hgogen.modelfiles.place import shipped\n"
+    (copy / "tests" / "test_listed.py").write_text("\n\n".join([head, *tests]))
+    with pytest.raises(AssertionError, match=f"{len(lists)} failed"):
+        asked(copy, "tests/test_listed.py")
+    (copy / "tests" / "test_listed.py").unlink()

@@ -1,0 +1,131 @@
+"""Starting gains: the rule stands beside its observer, reads ranges, noise and dt, and is taken where no tuning is."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from plants import chain, model
+from typer.testing import CliRunner
+
+import hgogen as hg
+from hgogen.cli import app
+from hgogen.model import MissingPart, load
+from hgogen.modelfiles.first import First, NoFirst, first, places
+from hgogen.modelfiles.setting import Setting
+from hgogen.observers import high_gain
+from hgogen.reading.given import BadGain
+from hgogen.starting import Rule, rule
+
+RULED = [name for name in hg.observers.__all__ if name != "bank"]
+BARE = """
+name = "oscillator"
+states.x1 = {low = -2, high = 2, flow = "x2"}
+states.x2 = {low = -2, high = 2, flow = "-x1"}
+outputs.y = {low = -2, high = 2, equation = "x1"}
+trial = {duration = 10, start = {x1 = 1, x2 = 0}, noise = {y = 0.001}, settled = {state = "x2", band = 0.1, hold = 1}}
+"""
+
+
+def oscillator(scale: float = 1.0) -> hg.Form:
+    """x1' = x2, x2' = -x1, in +-scale: each state crosses its range in 2, at its fastest; n = 2, theta = 2."""
+    x1, x2, y = (hg.Signal(name, low=-scale, high=scale) for name in ("x1", "x2", "y"))
+    return hg.forms.triangular(hg.System("o", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[x1]))
+
+
+@pytest.mark.parametrize("name", hg.observers.__all__)
+def test_each_says_where_to_take_it_and_what_it_asks_for(name: str) -> None:
+    own = rule(getattr(hg.observers, name))
+    assert own.where
+    assert own.asks
+    assert own.state
+
+
+@pytest.mark.parametrize("n", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 5))])
+@pytest.mark.parametrize("name", RULED)
+def test_each_is_built_with_its_starting_gains_on_a_chain(name: str, n: int) -> None:
+    form = (hg.forms.state_affine if name == "kalman_like" else hg.forms.triangular)(chain(n))
+    start = hg.starting_gains(form, getattr(hg.observers, name))
+    step = hg.sample(getattr(hg.observers, name)(form, **start.gains), dt=start.dt)
+    assert step.observer.name == name
+    assert np.isfinite(step.run(u=np.zeros((200, 1)), y=np.ones(200), engine="python").x).all()
+
+
+def test_by_hand() -> None:
+    """theta = 2 n/T with T about 2, or 2.1 among points; dt = 1/(20 theta); R = (1 %)^2 dt; Q = S^2/D."""
+    for scale in (1.0, 100.0):
+        start = hg.starting_gains(oscillator(scale), hg.observers.riccati)
+        assert start.dt == 0.025
+        assert start.gains["R"] == pytest.approx((scale / 100) ** 2 * 0.025, rel=0.05)
+        assert start.gains["Q"]["x1"] == pytest.approx(scale**2 / 2.1, rel=0.06)
+        assert start.gains["covariance"]["x2"] == pytest.approx(scale**2 / 4)
+        assert hg.starting_gains(oscillator(scale), hg.observers.high_gain).gains == {"theta": 2.0, "poles": (-1, -1)}
+
+
+def test_noise_and_dt_are_taken() -> None:
+    start = hg.starting_gains(oscillator(), hg.observers.riccati, dt=0.01, noise={"y": 0.3})
+    assert (start.dt, start.gains["R"]) == (0.01, 9e-4)
+    assert hg.starting_gains(oscillator(), hg.observers.high_gain, dt=0.04).gains["theta"] == 1.2
+    assert hg.starting_gains(oscillator(), hg.observers.high_gain, dt=9).gains["theta"] == 1.0
+    with pytest.raises(BadGain, match="dt"):
+        hg.starting_gains(oscillator(), hg.observers.riccati, dt=-1)
+
+
+def test_what_has_none_says_why() -> None:
+    start = hg.starting_gains(oscillator(), hg.observers.bank)
+    assert not start
+    assert start.none.startswith("it goes around another observer")
+    without = hg.starting_gains(oscillator(), lambda form: high_gain(form, theta=2))
+    assert without.none == "no rule for them stands beside it"
+    assert rule(len) == Rule()  # type: ignore[arg-type]
+
+
+def test_the_first_form_that_admits_it() -> None:
+    neuron = hg.survey(model("fitzhugh_nagumo"))
+    taken = {name: first(name, places(neuron)) for name in ("riccati", "kalman_like", "high_gain", "bank")}
+    rows = {name: one.row.kind for name, one in taken.items() if isinstance(one, First)}
+    assert rows == {"riccati": "original", "kalman_like": "state_affine"}
+    assert {name for name, one in taken.items() if isinstance(one, NoFirst) and one.ruled} == {"bank"}
+
+
+def test_a_model_without_a_tuning_takes_them(tmp_path: Path) -> None:
+    path = tmp_path / "oscillator.toml"
+    path.write_text(BARE)
+    bare = load(path)
+    step = bare.step("filtered")
+    assert (step.observer.name, step.dt) == ("filtered", 0.025)
+    assert bare.set(Setting(dt=0.01)).step("filtered").dt == 0.01
+    assert bare.set(Setting(form="uniform")).step("riccati").observer.form.kind == "uniform"
+    with pytest.raises(MissingPart, match=r"it has no starting gains: .*state_affine"):
+        bare.set(Setting(form="triangular")).step("kalman_like")
+    with pytest.raises(MissingPart, match="defines no step"):
+        bare.step()
+
+
+def test_they_have_the_period_of_the_models_own_step(tmp_path: Path) -> None:
+    """0.05 in place of 0.025, at which theta is 1/(20 dt) in place of 2."""
+    path = tmp_path / "oscillator.toml"
+    path.write_text(BARE + "tuning.riccati = {Q = [1, 1], R = 1, dt = 0.05}\n")
+    assert load(path).step("high_gain").dt == 0.05
+    assert load(path).tuned("high_gain").tables["high_gain"]["theta"] == 1.0
+
+
+@pytest.mark.parametrize(
+    "words", [("simulate", "--observer", "high_gain"), ("compare", "--observers", "high_gain,filtered")]
+)
+def test_commands_take_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("oscillator.toml").write_text(BARE)
+    command, *options = words
+    made = CliRunner().invoke(app, [command, "oscillator.toml", *options, "--seeds", "1", "--json"])
+    assert made.exit_code == 0, made.output
+    (trial,) = json.loads(made.stdout)["trials"]
+    each = trial.get("observers", [trial])
+    assert all(0 <= one["settled"][0] < 5 for one in each)
+
+
+def test_a_plant_at_rest_has_gains() -> None:
+    x, y = hg.Signal("x"), hg.Signal("y")
+    still = hg.forms.original(hg.System("s", states=(x,), outputs=(y,), flow=[sp.S.Zero], output=[x]))
+    assert hg.starting_gains(still, hg.observers.riccati).gains["Q"] == {"x": 1.0}
