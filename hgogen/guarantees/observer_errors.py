@@ -87,7 +87,7 @@ def _made(plant: System, made: Equations) -> ErrorSystem:
             raise BadErrorSystem(f"e_{x}' = {rate}", "is not shown to be affine in the unknown inputs")
     away = {*made.unknown, *on}
     shown = {s: ends for s, ends in around.items() if s not in away}
-    pushes = sp.ImmutableDenseMatrix(noise)
+    pushes = sp.ImmutableDenseMatrix(len(noise), len(made.unknown), [entry for row in noise for entry in row])
     # not of the observer's own: without a value of it there is no estimate to speak of, as of x/sqrt(y) at y = 0
     part = lost(put_apart(written(plant), on_way), (*flow, *pushes), around)
     return ErrorSystem(plant.name, errors, tuple(flow), pushes, shown, origin=made, lost=part)
