@@ -79,8 +79,8 @@ class Rule:
     """What an observer says of itself, for pages and for whoever begins.
 
     `where` to take it; `asks`: what it asks for, or leaves open; `state`: how many numbers it remembers of n states;
-    `gains`: its starting gains, or in a sentence why it has none; `quick`: up to how many states it is built in no
-    time, 0 where it asks a solver for its proof.
+    `gains`: its starting gains, or in a sentence why it has none; `quick`: up to how many states these are built in no
+    time, 0 where they ask a solver; `costly`: whether it takes seconds to build with any gains.
     """
 
     where: str = ""
@@ -88,15 +88,21 @@ class Rule:
     state: str = ""
     gains: Callable[[Scale], Gains | str] = lambda scale: "no rule for them stands beside it"
     quick: float = MANY
+    costly: bool = False
 
 
 def starts(
-    where: str, asks: str, state: str, gains: Callable[[Scale], Gains | str], quick: float = MANY
+    where: str,
+    asks: str,
+    state: str,
+    gains: Callable[[Scale], Gains | str],
+    quick: float = MANY,
+    costly: bool = False,
 ) -> Callable[[Make], Make]:
     """Tie a rule to an observer, whose name then has it as `rule`."""
 
     def tied(make: Make) -> Make:
-        vars(make)["rule"] = Rule(where, asks, state, gains, quick)
+        vars(make)["rule"] = Rule(where, asks, state, gains, quick, costly)
         return make
 
     return tied

@@ -73,6 +73,12 @@ def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
     assert any("--deep" in note and "peaking_free" in note for note in found.notes)
 
 
+def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None:
+    _, advised = asked(MODELS / "pendulum.py")
+    best = advised.admitted[0]
+    assert (best.observer, best.known, best.proposed) == ("adaptive_lmi", "proved", False)
+
+
 def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -> None:
     model, found = asked(write(tmp_path, {"x1": "x2", "x2": "-sin(x1) - x2"}, "x1"))
     quick = {kind for kind, each in RULES.items() if each.quick}

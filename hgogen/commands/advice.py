@@ -163,7 +163,7 @@ class _Tuned:
         if isinstance(table, Mapping) and table.get("accept"):
             self.accepting[kind] = tuple(table["accept"])
             return None
-        if not self.deep and (not _rule(kind).quick or self._in_phase(table)):
+        if not self.deep and (_rule(kind).costly or self._in_phase(table)):
             self.slow.append(kind)
             return None
         own = self.claims.step if not self.claims.tuning else None

@@ -66,6 +66,7 @@ THEOREM = Theorem(
     "2n-2",
     lambda s: {"theta": s.theta},
     quick=0,
+    costly=True,
 )
 def peaking_free(
     form: Form,
