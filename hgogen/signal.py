@@ -31,7 +31,8 @@ class BadName(HgogenError):
     def hint(self) -> str:
         """A name that would do."""
         cleaned = re.sub(r"[\W_]+", "_", str(self.name), flags=re.ASCII).strip("_")
-        return f"{cleaned or 'x'}_1" if cleaned[:1].isalpha() or not cleaned else f"x_{cleaned}"
+        named = cleaned if cleaned[:1].isalpha() else f"x_{cleaned or 1}"
+        return f"{named}_1" if named == self.name else named
 
 
 class BadRange(BadArgument):

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from hgogen.analysis.pace import NoSight, Pace, pace
 from hgogen.form import Form
 from hgogen.observer import Observer
-from hgogen.reading.given import positive
+from hgogen.reading.given import BadGain, positive
 from hgogen.signal import Signal
 from hgogen.stepping.guards import readings
 from hgogen.system import System
@@ -140,8 +140,21 @@ def starting_gains(
     Args: `dt` the sampling period, in the plant's time, where it is not free; `noise` the standard deviation of a
     sample by output, as far as it is known.
 
-    Raises: `BadGain` for a dt that is not positive.
+    Raises: `BadGain` for what is no form or no observer, and for a dt or a noise that is not positive.
     """
+    if not isinstance(form, Form):
+        raise BadGain(
+            "starting_gains", f"takes a form, such as hg.forms.triangular(plant), not a {type(form).__name__}"
+        )
+    if not callable(observer):
+        raise BadGain(f"observer = {observer!r}", "must be one of hg.observers, such as hg.observers.high_gain")
+    if noise is not None and not isinstance(noise, Mapping):
+        raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
+    names = [y.name for y in form.system.outputs]
+    for name, sigma in (noise or {}).items():
+        if name not in names:
+            raise BadGain(f"noise of {name!r}", f"is of no output; the outputs are {', '.join(names)}")
+        positive(f"noise of {name!r}", sigma)
     numbers = scale(form, None if dt is None else positive("dt", dt), noise or {})
     try:
         gains = rule(observer).gains(numbers)

@@ -190,7 +190,7 @@ def test_a_step_on_a_refuted_form_exits_1(here: Path):
     assert found["coordinates"]["z3"] == "-eta"
     assert found["checks"][0]["id"] == "triangular.structure"
     assert found["theorem"] is None
-    assert "refused this form" in found["notes"][0]
+    assert "refused on this form" in found["notes"][0]
     shown = hgogen("check", "stubborn.py", status=1)[0]
     assert "  z3' = 0\n" in shown
     assert "triangular.lipschitz" in shown
@@ -576,6 +576,7 @@ def test_new_writes_into_a_folder_and_replaces_nothing(here: Path):
         ("spring.py", "is not an identifier"),
         ("a__b", "has a double underscore"),
         ("con", "is that of a device on Windows"),
+        ("math", "hides <math.h>; rename the model"),
         ("a" * 101, "is longer than 100 bytes"),
     ],
 )

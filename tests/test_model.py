@@ -40,6 +40,10 @@ def test_a_bare_name_and_the_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         load("two")
     with pytest.raises(NoModel, match=r"models: is a folder.*one\.py"):
         load("models")
+    model(tmp_path, "plant = 3\n", "beside.py")
+    for meant, guess in (("beside", "beside.py"), ("pendulm", "pendulum"), ("models/one.toml", "models/one.py")):
+        with pytest.raises(NoModel, match=rf"{meant}: there is no such model file; did you mean {guess}\?"):
+            load(meant)
 
 
 def test_two_files_of_one_name_are_two_models(tmp_path: Path):

@@ -413,7 +413,7 @@ RECIPES: list[tuple[str, Any, str, str]] = [
     ("observer.poles", ["a", "b"], "observer", "pole"),
     ("trial.duration", MISSING, "trial", "the key 'duration' is missing"),
     ("trial.start.x3", 1, "trial.start.x3", "there is no key 'x3' here; the keys are x2, x1"),
-    ("trial.inputs.u", "sin(x1)", "trial.inputs.u", "the name 'x1' is not declared"),
+    ("trial.inputs.u", "sin(x1)", "trial.inputs.u", "the name 'x1' is not declared; what can be read here: t"),
     ("trial.noise.y", "small", "trial.noise.y", "is 'small', text; write a number"),
     ("trial.settled", {"state": "x2", "band": 0.1}, "trial.settled", "the key 'hold' is missing"),
     ("trial.settled", {"state": 2, "band": 0.1, "hold": 1}, "trial.settled.state", "write text"),

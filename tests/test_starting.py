@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,3 +130,22 @@ def test_a_plant_at_rest_has_gains() -> None:
     x, y = hg.Signal("x"), hg.Signal("y")
     still = hg.forms.original(hg.System("s", states=(x,), outputs=(y,), flow=[sp.S.Zero], output=[x]))
     assert hg.starting_gains(still, hg.observers.riccati).gains["Q"] == {"x": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("observer", "noise", "says"),
+    [
+        ("high_gain", None, "must be one of hg.observers"),
+        (hg.observers.riccati, 0.01, "by its name"),
+        (hg.observers.riccati, {"x1": 1}, "is of no output; the outputs are y"),
+        (hg.observers.riccati, {"y": -1}, "must be a positive finite number"),
+    ],
+)
+def test_what_is_given_wrong_is_refused_by_a_sentence(observer: Any, noise: Any, says: str) -> None:
+    with pytest.raises(BadGain, match=says):
+        hg.starting_gains(oscillator(), observer, noise=noise)
+
+
+def test_a_plant_in_the_place_of_its_form_is_refused() -> None:
+    with pytest.raises(BadGain, match="starting_gains takes a form"):
+        hg.starting_gains(oscillator().system, hg.observers.riccati)  # type: ignore[arg-type]

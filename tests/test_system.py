@@ -83,3 +83,9 @@ def test_a_part_that_does_not_fit_is_named(change: dict[str, object], says: str)
 def test_a_name_that_c_cannot_carry() -> None:
     with pytest.raises(BadName, match="the name 'my plant' is not an identifier"):
         System("my plant", **GOOD)
+
+
+@pytest.mark.parametrize(("name", "hint"), [("my plant", "my_plant"), ("3d", "x_3d"), ("_", "x_1"), ("a__b", "a_b")])
+def test_a_refused_name_comes_with_one_that_does(name: str, hint: str) -> None:
+    with pytest.raises(BadName, match=f"such as '{hint}'"):
+        System(name, states=(), outputs=(), flow=[], output=[])

@@ -139,7 +139,7 @@ def _checked(model: Model, asked: Survey | None, name: str | None) -> Checked:
     except Refuted as error:
         if error.form is None:
             raise
-        note = f"the observer of {model.path} refused this form: its own checks are missing"
+        note = f"the observer of {model.path} is refused on this form, so its own claims are not in the list"
         known = tuple(check.id for check in error.form.checks if check.id in error.accepted)
         return Checked(model.plant.name, error.form, error.form.checks, known, notes=(*model.notes, note))
     observer = step.observer

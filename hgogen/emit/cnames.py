@@ -53,8 +53,13 @@ def says(step: Step) -> str:
     return f"{pairs}, for a keyword or a macro has the name" if pairs else ""
 
 
+def demand_file(name: str) -> None:
+    """Raise `HidesHeader` for the name of a header."""
+    if name.lower() in _HEADERS.split():
+        raise HidesHeader(name)
+
+
 def demand_names(step: Step) -> None:
     """Raise `HidesHeader` for the name of a header, `OneName` where two names of a struct would be one in C."""
-    if step.name.lower() in _HEADERS.split():
-        raise HidesHeader(step.name)
+    demand_file(step.name)
     naming.demand_distinct(step, c_name, "C", "a keyword or a macro")

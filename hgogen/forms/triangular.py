@@ -124,5 +124,5 @@ def _fix(chains: Chains, shape: Shape, plant: System) -> str:
     if shape is Shape.CONSTANT and chains.answer(Shape.MEASURED)[0]:
         return f"Let slopes vary with the measured state, measured=True; {ELSEWHERE}"
     if chains.answer(Shape.UNIFORM)[0] and all(sign(link.slope, plant) for link in chains.links[0]):
-        return f"Use the form uniform, for slopes that vary and keep off zero; {ELSEWHERE}"
+        return f"Use the form uniform, for slopes that vary and keep off zero, which riccati takes; {ELSEWHERE}"
     return f"Measure another output; {ELSEWHERE}"

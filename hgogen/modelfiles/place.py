@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from hgogen.errors import HgogenError
+from hgogen.errors import HgogenError, nearest
 from hgogen.reading.text_model import READERS
 
 FOLDER = Path("models")
@@ -20,15 +20,16 @@ _NO_MODELS = f"give the path of a model file, or a bare name of one in ./{FOLDER
 
 @dataclass(eq=False)
 class NoModel(HgogenError):
-    """A path that leads to no model file."""
+    """A path that leads to no model file; `guess`: which file was meant, as a question."""
 
     path: str
     reason: str
     models: tuple[str, ...]
+    guess: str = ""
 
     def __str__(self) -> str:
         there = f"the models here are {', '.join(self.models)}" if self.models else _NO_MODELS
-        return f"{self.path}: {self.reason}; {there}"
+        return f"{self.path}: {self.reason}; {self.guess or there}"
 
 
 def listed(folder: Path = FOLDER) -> tuple[str, ...]:
@@ -68,7 +69,8 @@ def located(model: str) -> Path:
         raise NoModel(model, "is a folder, not a model file", listed(path) or listed())
     if model in (ours := shipped()):
         return ours[model]
-    raise NoModel(model, "there is no such model file", listed())
+    guess = nearest(model, (*ours, *map(str, _models(path.parent))), "")
+    raise NoModel(model, "there is no such model file", listed(), guess)
 
 
 def _models(folder: Path) -> Iterator[Path]:

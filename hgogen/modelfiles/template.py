@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+from hgogen.emit.cnames import demand_file
 from hgogen.modelfiles.place import PYTHON
 from hgogen.reading import filename
 from hgogen.signal import check_name
@@ -15,10 +16,11 @@ _NAME = "NAME"  # stands in the text for that of the model
 def model(name: str, folder: Path) -> dict[str, str]:
     """A model file of this name, by the name of the file.
 
-    Raises: `BadName`, `BadFileName` for a name that a plant or a file cannot have; `CannotWrite` where the folder holds
-    such a file.
+    Raises: `BadName`, `BadFileName`, `HidesHeader` for a name that a plant or a file cannot have; `CannotWrite` where
+    the folder holds such a file.
     """
     check_name(name)
+    demand_file(name)
     file = f"{filename.demand(name)}{PYTHON}"
     if os.path.lexists(folder / file):
         raise CannotWrite(str(folder / file), "it is there already", "take another name, or another folder by --out")

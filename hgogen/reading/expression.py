@@ -43,6 +43,7 @@ _FUNCTIONS: dict[str, tuple[Callable[..., sp.Expr], int, int]] = {
     **{name: (getattr(sp, name.capitalize()), 1, ARGUMENTS) for name in ("Min", "min", "Max", "max")},
 }
 FUNCTIONS = (*sorted(_FUNCTIONS), "Piecewise")
+_FEW = 12  # names that a message lists
 _CONSTANTS = {"pi": sp.pi, "E": sp.E}
 _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
 
@@ -197,7 +198,9 @@ class _Parser:
         if name in FUNCTIONS:
             raise self.bad(token, f"the function {name} needs its argument; write {name}(...)")
         close = get_close_matches(name[:60], [*self.symbols, *_CONSTANTS], n=1, cutoff=0.5)
-        fix = f"did you mean {close[0]}?" if close else "declare it"
+        few = 0 < len(self.symbols) <= _FEW
+        known = f"what can be read here: {', '.join(self.symbols)}" if few else "declare it"
+        fix = f"did you mean {close[0]}?" if close else known
         raise self.bad(token, f"the name {name[:60]!r} is not declared; {fix}")
 
     def call(self, token: Token) -> sp.Expr:
