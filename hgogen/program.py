@@ -11,6 +11,8 @@ places, of a struct and a field in it:
 An expression is an SX graph over the symbols of `sym`, so a block knows what it reads.
 """
 
+# Takes apart: the name of a symbol, which can carry nothing else.
+
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
@@ -57,12 +59,13 @@ def column(values: Iterable[Graph]) -> Graph:
 
 @dataclass(frozen=True)
 class Field:
-    """One named array of a step's memory; of one element, a scalar in C.
+    """One named array of a step's memory; of one element, a scalar in the emitted code.
 
     `kind`: `real`, or `index` for a counter; `initial`: its values after a reset; `low`, `high`: the box that the
     step keeps it in; `outer`: whether that is the outer box of the estimate, whose touching suspends the theorem;
     `lasting`: whether it outlives a restart from the sample, as what was learned of the plant, not of its state;
-    `labels`: what its elements are called in reports and C; `entries`: row and column of each, of a matrix's triangle.
+    `labels`: what its elements are called in reports and in the emitted code; `entries`: row and column of
+    each, of a matrix's triangle.
     """
 
     name: str
@@ -114,7 +117,7 @@ def lines_of(groups: Iterable[Group], above: tuple[Group, ...] = ()) -> Iterator
 
 @dataclass(frozen=True)
 class Bit:
-    """One bit of the status: its C name, what it says, what it asks of the caller."""
+    """One bit of the status: its name in the emitted code, what it says, what it asks of the caller."""
 
     name: str
     meaning: str
@@ -126,7 +129,7 @@ class Block:
     """Straight-line code: every right-hand side is evaluated before anything is written.
 
     `writes`: place to SX column; a write to a place of `status` raises the bit of its name when the value is not 0.
-    `names`: values worth a name of their own in C.
+    `names`: values worth a name of their own in the emitted code.
     """
 
     title: str
@@ -264,7 +267,7 @@ def read(program: Sequence[Statement]) -> set[Place]:
 
 
 def dangling(program: Sequence[Statement]) -> set[Place]:
-    """Work places that the program reads but never writes: another section's would not be there in C."""
+    """Work places that the program reads but never writes: another section's would not be there in the emitted code."""
     written = {place for s in walk(program) if isinstance(s, Block) for place in s.writes}
     written |= {place for s in walk(program) if isinstance(s, Kernel) for place, _ in s.arguments}
     written |= {s.result for s in walk(program) if isinstance(s, Kernel) and s.result}

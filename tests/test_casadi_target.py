@@ -22,6 +22,7 @@ import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.discretisation.kernel_graphs import kernel_graph
 from hgogen.discretisation.kernels import KERNELS
+from hgogen.emit.syntax import NoStep
 from hgogen.errors import HgogenError
 from hgogen.part import Jump
 from hgogen.program import Place, lines_of
@@ -445,7 +446,7 @@ REFUSED: dict[str, tuple[Callable[[Functions], Any], type[HgogenError], str]] = 
     "label": (lambda f: f.p.filled({"R": {"y": 1}}), BadNames, "R names 'y', which is none of the names"),
     "length": (lambda f: f.p.filled({"R": [1, 2, 3]}), BadGain, "R of 3 numbers must have 2"),
     "float": (lambda f: hg.targets.casadi(emitted.step("two"), real="float"), NotInCasadi, 'take "double"'),
-    "form": (lambda f: hg.targets.casadi(hg.forms.original(plants.two_outputs())), NotInCasadi, "Form given to casadi"),
+    "form": (lambda f: hg.targets.casadi(hg.forms.original(plants.two_outputs())), NoStep, "Form given to casadi"),
 }
 
 

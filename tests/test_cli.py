@@ -21,6 +21,8 @@ from hgogen.calling import native
 from hgogen.commands import building, jobs
 from hgogen.commands import process as process_
 from hgogen.model import summary
+from hgogen.modelfiles.setting import UnknownCase
+from hgogen.target import Files
 from hgogen.trials.agreement import Agreement
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -246,6 +248,27 @@ def test_generate_is_the_same_again(here: Path):
     }
 
 
+def test_generate_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
+    """The trials run in Python, which has no bit that C has not."""
+    monkeypatch.setattr(native, "compiler", lambda: None)
+    _, err = hgogen("generate", "neuron")
+    assert "no C compiler" in err
+    assert {"fitzhugh_nagumo.c", "short_theta.svg"} <= set(files(here / "generated" / "neuron"))
+
+
+def test_generate_asks_only_for_the_files_of_its_target(here: Path):
+    """A folder in the place of NAME.c is in the way of C alone; then nothing is written."""
+    there = here / "generated" / "neuron"
+    (there / "fitzhugh_nagumo.c").mkdir(parents=True)
+    text = NEURON.read_text()
+    (here / "models" / "neuron.py").write_text(text[: text.index("def trial")])
+    _, err = hgogen("generate", "neuron", status=2)
+    assert "fitzhugh_nagumo.c: it is a folder, where a file belongs" in err
+    assert list(there.iterdir()) == [there / "fitzhugh_nagumo.c"]
+    hgogen("generate", "neuron", "--target", "rust")
+    assert (there / "fitzhugh_nagumo.rs").is_file()
+
+
 @needs_compiler
 def test_generate_of_a_model_without_a_trial(here: Path):
     text = NEURON.read_text()
@@ -287,10 +310,35 @@ def test_a_language_is_a_target_that_takes_a_command():
     assert {"c99", "rust"} <= set(building._languages()) < set(hg.targets.__all__)
 
 
-@pytest.mark.parametrize("target", ["casadi", "record"])
-def test_a_target_that_is_no_language_is_for_python(here: Path, target: str):
+@pytest.mark.parametrize(
+    ("target", "reason"),
+    [
+        ("casadi", "is for Python, as hg.targets.casadi"),
+        ("record", "is no language of its own; call hg.targets.record"),
+    ],
+)
+def test_a_target_that_is_no_language_says_what_it_is(here: Path, target: str, reason: str):
     _, err = hgogen("generate", "neuron", "--target", target, status=2)
-    assert f"--target {target}: is for Python, as hg.targets.{target}; there are c99, rust" in err
+    assert f"--target {target}: {reason}; there are c99, rust" in err
+
+
+def test_a_target_that_takes_no_precision_is_no_language(monkeypatch: pytest.MonkeyPatch):
+    """It would be offered, and end in a TypeError."""
+
+    def zig(step: hg.Step, *, command: str = "") -> Files:
+        return Files(())
+
+    monkeypatch.setattr(hg.targets, "zig", zig, raising=False)
+    monkeypatch.setattr(hg.targets, "__all__", [*hg.targets.__all__, "zig"])
+    assert "zig" not in building._languages()
+    with pytest.raises(UnknownCase, match=r"--target zig: takes command, and not real, check, as a language does"):
+        building._demand_language("zig")
+
+
+def test_languages_are_listed_as_one_says_them():
+    assert building._either(["c99"]) == "c99"
+    assert building._either(["c99", "rust"]) == "c99 or rust"
+    assert building._either(["c99", "rust", "zig"]) == "c99, rust or zig"
 
 
 def test_simulate(here: Path):

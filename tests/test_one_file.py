@@ -18,7 +18,7 @@ NEW = [path.stem for path in sorted(FIXTURES.rglob("*.*")) if path.suffix in (".
 # what is asked of every case and every model, apart from what they compute
 ASKED = [
     *("house", "registry", "docs", "survey", "door", "pickled", "forms", "methods", "starting", "advice", "headline"),
-    *("first_and_last", "textbook", "models", "start", "forgetting", "every_observer"),
+    *("first_and_last", "textbook", "models", "start", "forgetting", "every_observer", "targets"),
 ]
 
 

@@ -1,7 +1,10 @@
 """Functions that are written once and printed in every language: all of them are there, and have the bits of Python."""
 
 import ast
+import re
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 
 import emitted
 import plants
@@ -14,6 +17,8 @@ from hgogen.emit import helpers, matrix_loops, notation
 from hgogen.emit.csyntax import C
 from hgogen.emit.portable import kernels, passed, routines, small
 from hgogen.emit.rustsyntax import RUST
+from hgogen.emit.statements import Writer
+from hgogen.emit.syntax import Number, Syntax
 from hgogen.program import Kernel, walk
 
 
@@ -87,3 +92,65 @@ def test_its_words_are_those_of_the_notation(module: object) -> None:
         nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
         own = {each.arg for each in tree.args.args} | {node.id for node in nodes if isinstance(node.ctx, ast.Store)}
         assert {node.id for node in nodes} <= known | own
+
+
+# --- what C and Rust leave as it is, and another language may not
+
+
+class Bracketed(Syntax):
+    """A language whose literals are calls."""
+
+    def marked(self, digits: str, kind: Number) -> str:
+        return f"<{kind} {digits}>"
+
+
+def test_every_literal_is_written_by_the_syntax() -> None:
+    language = Bracketed(**vars(C))
+    lines = "\n".join(small(language, "p", "float", {"floor", "inf"}, "int").lines)
+    assert "<float 3e38>" in lines
+    assert "<float 8388608.0>" in lines
+    assert language.literal(0.5, "double") == "<double 0.5>"
+
+
+def test_a_member_is_copied_as_the_language_does_it() -> None:
+    made = emitted.step("bank")
+    program = [statement for section in made.sections for statement in section.program]
+    lines = Writer(replace(C, copied="copy({target}, {source});"), made, "float").function(program).lines
+    assert any(re.fullmatch(r" *copy\(s->\w+\[.*\], s->\w+\[.*\]\);", line) for line in lines)
+
+
+def rounded_alone(line: str) -> bool:
+    """Whether each sum, difference, product and quotient on the right of a line stands in a call of r."""
+    text = (
+        re.sub(r"(?<=\d)f\b", "", line.rpartition(" = ")[2].strip().rstrip(";"))
+        .replace("->", ".")
+        .replace("in.", "input.")
+    )
+    nodes = list(ast.walk(ast.parse(text, mode="eval")))
+    calls = [node for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func) == "r"]
+    wrapped = {id(node.args[0]) for node in calls}
+    return all(id(node) in wrapped for node in nodes if isinstance(node, ast.BinOp))
+
+
+def test_an_operation_is_rounded_where_the_language_lacks_the_precision() -> None:
+    made, language = emitted.step("pendulum"), replace(C, rounded={"float": "r({})"})
+    program = [statement for section in made.sections for statement in section.program]
+    bodies = {real: Writer(language, made, real).function(program).lines for real in ("float", "double")}
+    bodies["float"] += kernels(language, "p", "float", {("correct", 3)}).lines
+    computed = [
+        line for line in bodies["float"] if re.search(r" = [^=]*[-+*/]", line) and not re.search("[?!&|]", line)
+    ]
+    computed = [line for line in computed if not re.search(r"\bunsigned\b|\du\b", line)]
+    assert sum("r(" in line for line in computed) > 20
+    assert all(rounded_alone(line) for line in computed)
+    assert not any(re.search(r"\br\(", line) for line in bodies["double"])
+
+
+def test_what_is_rounded_has_the_same_bits_where_the_precision_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+    for module in ("hgogen.targets.c99", "hgogen.emit.cmath"):
+        monkeypatch.setattr(sys.modules[module], "C", replace(C, rounded={"float": "((float)({}))"}))
+    files = hg.targets.c99(forgetting())
+    assert "(float)(" in "".join(files.values())
+    assert "samples as recorded" in native.run_check(files, ("-O2", "-DCHAIN_EXACT"))

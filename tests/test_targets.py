@@ -9,12 +9,14 @@ import pytest
 import hgogen as hg
 from hgogen.calling import native
 from hgogen.commands.building import _languages
+from hgogen.commands.command import FAILURES
 from hgogen.errors import HgogenError
 from hgogen.target import Files, Sources
 
 TARGETS = hg.targets.__all__
 LANGUAGES = _languages()
 COMMAND = "hgogen generate something --of this"
+BROKEN = "print('sample 3'); raise SystemExit(1)"
 each = pytest.mark.parametrize("target", LANGUAGES)
 
 
@@ -53,11 +55,23 @@ def test_a_precision_that_there_is_not_is_refused(target: str, real: str | None)
         getattr(hg.targets, target)(emitted.step("pendulum"), real=real)
 
 
+@pytest.mark.parametrize("target", TARGETS)
+def test_what_is_no_step_is_refused(target: str) -> None:
+    with pytest.raises(HgogenError, match=f"str given to {target} is no step; make one by hg.sample"):
+        getattr(hg.targets, target)("pendulum")
+
+
 # --- a language of the commands
 
 
-def test_c_and_rust_are_the_languages() -> None:
-    assert set(LANGUAGES) == {"c99", "rust"}
+def test_c_and_rust_are_languages() -> None:
+    assert {"c99", "rust"} <= set(LANGUAGES)
+
+
+def test_a_target_that_takes_a_command_is_a_language() -> None:
+    """It takes a precision and `check` too, and is then offered by `--target`."""
+    takes = {target for target in TARGETS if "command" in signature(getattr(hg.targets, target)).parameters}
+    assert takes == set(LANGUAGES)
 
 
 @each
@@ -89,3 +103,26 @@ def test_it_is_run_where_its_tools_are(target: str) -> None:
     except (native.NoTool, native.NoCompiler) as error:
         pytest.skip(str(error))
     assert printed == "pendulum: 64 samples as recorded\n"
+
+
+@pytest.mark.parametrize(
+    ("recipe", "message"),
+    [
+        ((("python3", "-c", "pass"), ("python3", "-c", BROKEN)), r"the self-check failed: \S*python3 .*\nsample 3$"),
+        ((("python3", "-c", BROKEN), ("python3", "-c", "pass")), r"sample 3\nmend it, or name another by \$PYTHON3$"),
+    ],
+    ids=["the check", "a tool"],
+)
+def test_a_recipe_that_fails_says_which_part_of_it(recipe: tuple[tuple[str, ...], ...], message: str) -> None:
+    with pytest.raises(HgogenError, match=f"(?s){message}") as raised:
+        native.run_recipe(Sources((), recipe))
+    assert "$CC" not in str(raised.value)
+    assert "engine=" not in str(raised.value)
+    assert isinstance(raised.value, FAILURES)
+
+
+def test_a_self_check_in_c_that_fails_is_no_failure_of_the_compiler() -> None:
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+    with pytest.raises(native.CheckFailed, match=r"the self-check failed: .*check\n"):
+        native.run_check({"a.c": "int main(void) { return 1; }\n"})

@@ -8,9 +8,9 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from hgogen.errors import HgogenError
@@ -49,16 +49,28 @@ class NoTool(HgogenError):
 
 @dataclass(eq=False)
 class CompilerFailed(HgogenError):
-    """The compiler refused the emitted C."""
+    """A compiler refused emitted code; `fix`: what can be done about it."""
+
+    command: tuple[str, ...]
+    output: str
+    fix: str = "mend it, or name another by $CC, or say engine='python' for Python's reading of the step"
+
+    def __str__(self) -> str:
+        return f"the compiler failed: {' '.join(self.command)}\n{self.output.rstrip()}\n{self.fix}"
+
+
+@dataclass(eq=False)
+class CheckFailed(HgogenError):
+    """A self-check ended with another status than 0."""
 
     command: tuple[str, ...]
     output: str
 
     def __str__(self) -> str:
-        return (
-            f"the compiler failed: {' '.join(self.command)}\n{self.output.rstrip()}\n"
-            "mend it, or name another by $CC, or say engine='python' for Python's reading of the step"
-        )
+        return f"the self-check failed: {' '.join(self.command)}\n{self.output.rstrip()}"
+
+
+Failed = Callable[[tuple[str, ...], str], HgogenError]  # of a command and its output
 
 
 def compiler() -> str | None:
@@ -132,28 +144,34 @@ def _own_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="hgogen-", ignore_cleanup_errors=True)
 
 
-def run(command: Sequence[str], folder: str | Path) -> str:
+def run(command: Sequence[str], folder: str | Path, failed: Failed = CompilerFailed) -> str:
     """Run a command in a folder and return what it prints.
 
-    Raises: `CompilerFailed`.
+    Raises: what `failed` makes of the command and its output where it does not end with 0.
     """
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise CompilerFailed(tuple(command), done.stdout + done.stderr)
+        raise failed(tuple(command), done.stdout + done.stderr)
     return done.stdout
 
 
 def run_recipe(files: Sources) -> str:
-    """Compile and run the self-check of another language than C, and return what it prints.
+    """Compile and run the self-check of another language than C, and return what it prints: its last command.
 
-    Raises: `NoTool`, `CompilerFailed`.
+    Raises: `NoTool`, `CompilerFailed`, `CheckFailed`.
     """
-    printed = ""
+    *before, last = files.recipe
     with tempfile.TemporaryDirectory() as folder:
         write(files, folder)
-        for first, *rest in files.recipe:
-            printed = run([str(Path(folder) / first) if first.startswith("./") else tool(first), *rest], folder)
-    return printed
+        for first, *rest in before:
+            failed = partial(CompilerFailed, fix=f"mend it, or name another by ${first.upper()}")
+            run([_program(first, folder), *rest], folder, failed)
+        return run([_program(last[0], folder), *last[1:]], folder, CheckFailed)
+
+
+def _program(name: str, folder: str) -> str:
+    """The path of a recipe's program: one that was made in the folder, as ./check, or a tool of this machine."""
+    return str(Path(folder) / name) if name.startswith("./") else tool(name)
 
 
 def tool(name: str) -> str:
@@ -170,7 +188,7 @@ def tool(name: str) -> str:
 def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
     """Compile C files with every warning an error, run the self-check, and return what it prints.
 
-    Raises: `NoCompiler`, `CompilerFailed`.
+    Raises: `NoCompiler`, `CompilerFailed`, `CheckFailed`.
     """
     command = compiler()
     if command is None:
@@ -179,4 +197,4 @@ def run_check(files: Mapping[str, str], flags: Sequence[str] = ("-O2",)) -> str:
         write(files, folder)
         sources = [name for name in files if name.endswith(".c")]
         run([command, "-std=c99", *WARNINGS, *flags, *sources, "-o", "check"], folder)
-        return run([str(Path(folder) / "check")], folder)
+        return run([str(Path(folder) / "check")], folder, CheckFailed)

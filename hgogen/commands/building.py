@@ -36,28 +36,44 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting, UnknownCase, demand_known
 from hgogen.reading.filename import same
 from hgogen.reading.named import by_name, written
-from hgogen.target import Sources
+from hgogen.target import Files, Sources
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
 
 C99 = "c99"
+_TAKES = ("command", "real", "check")  # what a language takes beside the step
 
 
 def _languages() -> list[str]:
     """The targets that are a whole step in a language, and say in a banner which command made them."""
-    return [name for name in targets.__all__ if "command" in signature(getattr(targets, name)).parameters]
+    return [name for name in targets.__all__ if set(_TAKES) <= signature(getattr(targets, name)).parameters.keys()]
 
 
 def _demand_language(target: str) -> None:
     """Raise `UnknownCase` for a target that is none, or that writes no whole step in a language."""
     if target in set(targets.__all__) - set(_languages()):
-        raise UnknownCase(
-            f"--target {target}:", f"is for Python, as hg.targets.{target}; there are {', '.join(_languages())}"
-        )
+        raise UnknownCase(f"--target {target}:", f"{_no_language(target)}; there are {', '.join(_languages())}")
     demand_known("target", target, _languages())
 
 
-_SPOKEN = f"The language of the code: {' or '.join(_languages())}."
+def _no_language(target: str) -> str:
+    """Why a target is none of the languages: what it lacks of one, or what it gives instead."""
+    asked = signature(getattr(targets, target))
+    if "command" in asked.parameters:
+        lacks = ", ".join(name for name in _TAKES if name not in asked.parameters)
+        return f"takes command, and not {lacks}, as a language does"
+    if asked.return_annotation is Files:
+        return f"is no language of its own; call hg.targets.{target}"
+    return f"is for Python, as hg.targets.{target}"
+
+
+def _either(names: list[str]) -> str:
+    """Names as one says them: a, b or c."""
+    *others, last = names
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+_SPOKEN = f"The language of the code: {_either(_languages())}."
 Target = Annotated[str, typer.Option("--target", metavar="NAME", help=_SPOKEN)]
 
 
@@ -96,7 +112,7 @@ def build_(
     written in the place of C, and its self-check is run where its compiler is there.
 
     JSON keys: model, plant, form, coordinates, flow, outputs, gains, checks, refuted, theorem, notes (as in
-    `check`), c_names (by signal, where the language has another name), compiler, self_check (what it
+    `check`), c_names (by signal, where the language, C or another, has another name), compiler, self_check (what it
     printed), trials (trial, criterion, seeds, engine, times, settled, worst, peak, calm, triggered, loud,
     latched, alarm_ratio, rms, clamped, left), comparison (trial, seed, until, before, after, settled, dt,
     agreed), files.
@@ -164,9 +180,10 @@ def generate_(
     target: Target = C99,
     as_json: Json = False,
 ) -> None:
-    """Write the code of models, by default C, and the figures of their trials as the C draws them.
+    """Write the code of models, by default C, and the figures of their trials as the C draws them, or Python's reading
+    of it where there is no compiler.
 
-    JSON keys: models (a list of: model, c_names, by signal where the language has another name, files).
+    JSON keys: models (a list of: model, c_names, by signal where the language, C or another, has another name, files).
     """
     _demand_language(target)
     loaded = [load(name).set(setting) for name in models]
@@ -175,17 +192,18 @@ def generate_(
         if same(first.name) == same(second.name):
             reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
-    written = []
-    for one, folder in zip(loaded, folders, strict=True):
-        folder.demand(f"{one.plant.name}.c")
-    for one, folder in zip(loaded, folders, strict=True):
+    steps, codes, written = [], [], []
+    for one, folder in zip(loaded, folders, strict=True):  # of all of them, before anything is tried or written
         for sentence in one.notes:
             note(sentence)
-        step = one.step(observer)
-        code = _emitted(step, one, observer, target)
+        steps.append(one.step(observer))
+        codes.append(_emitted(steps[-1], one, observer, target))
+        folder.demand(*codes[-1])
+    engine: Engine = engine_here() if any(one.has("trial") for one in loaded) else "python"
+    for one, folder, step, code in zip(loaded, folders, steps, codes, strict=True):
         files: dict[str, str | bytes] = {**code}
         if one.has("trial"):
-            done = _tried(step, one.trials(), "c", 1)
+            done = _tried(step, one.trials(), engine, 1)
             for sentence in jobs.departures(done, step.time):
                 note(sentence)
             files |= rendered(jobs.figures(step, done))

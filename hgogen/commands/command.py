@@ -32,7 +32,7 @@ from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
 
 # what exits with 1; other errors with 2
-FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed)
+FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed, native.CheckFailed)
 
 
 class Precision(StrEnum):

@@ -1,5 +1,7 @@
 """NAME_check.c: the self-check of emitted C, recorded inputs and what must come of them."""
 
+# Takes apart: a template, whose lines it makes.
+
 from collections.abc import Iterable
 from string import Template
 

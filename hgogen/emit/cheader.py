@@ -1,5 +1,7 @@
 """NAME.h, the manual of emitted C: banner with the mathematics and its claims, structs, status bits, prototypes."""
 
+# Takes apart: the manual, whose paragraphs it fills.
+
 import re
 from collections.abc import Iterable
 from dataclasses import replace

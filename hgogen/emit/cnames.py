@@ -5,6 +5,8 @@ them, such as I of <complex.h> or SREG of an AVR, replaces the member's name wit
 names; those of the standard headers are compared with the installed compilers' by a test.
 """
 
+# Takes apart: the lists of names that are taken.
+
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files

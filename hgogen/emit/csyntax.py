@@ -1,5 +1,7 @@
 """C99 as a `Syntax`, and its comments."""
 
+# Takes apart: a user's words, which become one line.
+
 from collections.abc import Sequence
 
 from hgogen.emit.cnames import c_name

@@ -1,5 +1,7 @@
 """Lines of code no wider than 110 columns: comments are filled, code is broken where it nests least."""
 
+# Takes apart: finished text, whose long lines it breaks.
+
 import re
 import textwrap
 from collections.abc import Iterable

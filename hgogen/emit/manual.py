@@ -118,7 +118,7 @@ def _assumed(observer: Observer) -> list[str]:
 
 
 def _model(observer: Observer) -> str:
-    """The digest that ties the C to a certificate of the same model."""
+    """The digest that ties the emitted code to a certificate of the same model."""
     try:
         digest = fingerprint(observer.form, observer.checks, observer.name)
     except NotCertifiable:

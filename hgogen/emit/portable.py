@@ -51,7 +51,7 @@ def routines(module: ModuleType) -> Mapping[str, ast.FunctionDef]:
 def small(syntax: Syntax, prefix: str, real: Real, names: Collection[str], whole: str) -> Code:
     """The functions of `emit.helpers` that are named; `whole`: the type of whole numbers."""
     there = routines(helpers)
-    large, many = _LARGE[real] + syntax.suffixes[real], syntax.literal(_ALL_WHOLE[real], real)
+    large, many = syntax.marked(_LARGE[real], real), syntax.literal(_ALL_WHOLE[real], real)
     words = _Words(syntax, prefix, real, there, {"LARGE": large, "ALL_WHOLE": many}, {"int": whole})
     return joined(_Function(words, there[name]).text() + code("") for name in there if name in names)
 
@@ -249,7 +249,10 @@ class _Function:
             case ast.BinOp(left=left, op=sign, right=right) | ast.Compare(left=left, ops=[sign], comparators=[right]):
                 text, binds = _INFIX[type(sign)]
                 both = isinstance(node, ast.Compare)
-                return f"{self._value(left, binds + 0.1 * both)}{text}{self._value(right, binds + 0.1)}", binds
+                whole = f"{self._value(left, binds + 0.1 * both)}{text}{self._value(right, binds + 0.1)}"
+                if self.words.real in self.syntax.rounded and self._kind(node) == "real":
+                    return self.syntax.rounded[self.words.real].format(whole), ATOM
+                return whole, binds
             case ast.BoolOp(op=ast.And(), values=values):
                 return " && ".join(self._value(each, AND + 0.1) for each in values), AND
             case ast.UnaryOp(op=ast.USub(), operand=operand):

@@ -291,7 +291,10 @@ class Printer:
                 left, right = right, left
         if op in (ca.OP_ADD, ca.OP_SUB) and negative(right):
             sign, right = " - " if op == ca.OP_ADD else " + ", negated(right)
-        return f"{self.value(left, binds)}{sign}{self.value(right, binds + 0.1)}", binds
+        text = f"{self.value(left, binds)}{sign}{self.value(right, binds + 0.1)}"
+        if self.real in self.syntax.rounded and binds in (SUM, PRODUCT):
+            return self.syntax.rounded[self.real].format(text), ATOM
+        return text, binds
 
 
 @dataclass(frozen=True)

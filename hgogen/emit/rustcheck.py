@@ -1,5 +1,7 @@
 """NAME_check.rs: the self-check of emitted Rust, recorded inputs and what must come of them, bit for bit."""
 
+# Takes apart: a template, whose lines it makes.
+
 from collections.abc import Iterable
 from string import Template
 

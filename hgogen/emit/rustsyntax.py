@@ -1,5 +1,7 @@
 """Rust as a `Syntax`: names, comments, and the differences that the borrow checker asks for."""
 
+# Takes apart: a user's words, the list of keywords, the parts of a name.
+
 from functools import cache
 
 import casadi as ca

@@ -155,7 +155,8 @@ class Writer:
         array, total = self._array(copy.group), self.kinds.groups[copy.group][-1].count
         numbers = (self.within(self.whole(place), total) for place in (copy.target, copy.source))
         target, source = (self.syntax.index(self.whole(array), number) for number in numbers)
-        return Code((f"{target} = {source};",), self._uses(array, copy.target, copy.source) | Uses(widest=total))
+        text = self.syntax.copied.format(target=target, source=source)
+        return Code((text,), self._uses(array, copy.target, copy.source) | Uses(widest=total))
 
     def _kernel(self, kernel: Kernel) -> Code:
         operands = [self._array(kernel.columns.struct)] if kernel.columns else []

@@ -12,7 +12,8 @@ import casadi as ca
 import numpy as np
 
 from hgogen.emit.interface import Entry
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
+from hgogen.step import Step
 
 Real = Literal["float", "double"]
 Number = Literal["float", "double", "unsigned"]  # blocks of counters compute in unsigned
@@ -54,6 +55,16 @@ class BadReal(HgogenError):
         return f'real = {self.real!r} must be "float" or "double"'
 
 
+class NoStep(BadArgument):
+    """What no target can write."""
+
+
+def demand_step(step: object, target: str) -> None:
+    """Raise `NoStep` for what a target was given and is none."""
+    if not isinstance(step, Step):
+        raise NoStep(f"{type(step).__name__} given to {target}", "is no step; make one by hg.sample")
+
+
 def demand_real(real: str) -> None:
     """Raise `BadReal` for a precision that there is not."""
     if real not in ("float", "double"):
@@ -64,19 +75,31 @@ def demand_real(real: str) -> None:
 class Syntax:
     """How a language writes.
 
-    - Numbers: `types` of each kind, of truth values too, and whether one of those is a number; `suffixes` of literals;
-      `cast`, which binds as `casted`; `counted`: operations of counters that are not written as those of numbers.
+    Meant are languages with braces, `;`, `&&`, `||`, `!`, `==`, `true` and `false`, whose + - * / bind as those of C;
+    those the printers write themselves. The names in braces are the holes of a text, and {} is the only one.
+
+    - Numbers: `types` of each kind: float, double, unsigned (counters), index (a counter in the state), bool, void,
+      and "whole float", "whole double" (a signed integer for the whole numbers of that precision);
+      `truth_is_number`: whether a truth value is a number; `suffixes` of literals, by float, double, unsigned: a
+      language that writes literals otherwise overrides `marked`; `cast`: {type}, {value}, toward zero from a real
+      number to a whole one, of which 0 becomes +0; it binds as `casted`; `counted`: {}, {} of operations of counters
+      that are not written as those of numbers; `rounded`, by float or double: {}, what is written around + - * / of
+      real numbers where the language computes in more digits; the rest of its functions has to round by itself.
     - Names: `name`, a user's as the language takes it; `parameters`: those that `emit.interface` calls otherwise;
-      `reach`: what leads from a parameter, or from a member at hand, to its own members.
-    - Expressions: `choice` of `test`, `yes` and `no`, whose test and branches bind at least as tightly as `chosen`
-      says; `index` into an array of structs.
-    - Declarations: `constant`, `variable`; `array`, which is written before it is read; `member`, the name of one of
-      an array of structs of the type `group`.
-    - Statements: `condition` and `repeated` open the block of a test; `loop` gives the head and the first lines of
-      one of `k` from `first` to before `end` while `also` holds, and says whether k is used; `falling` opens one from
-      `first` down to after `end`; `increment`; `result`; `raised`, a bit of the status; `called`, a section; `comment`.
-    - Functions of a file's own: `function` with `parameter` and `array_parameter`, by whether it is written, or with
-      `empty`; `passed`: an array as an argument, by the same; `around`: lines before and after one of this name.
+      `reach`: {}, what leads from a parameter, or from a member at hand, to its own members.
+    - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
+      `index` into an array of structs.
+    - Declarations: `constant`, `variable`: {type}, {name}, {value}; `array`: {type}, {name}, {size}, {value}, which is
+      written before it is read; `member`: {type}, {name}, {element}, the name of one of an array of structs of the
+      type `group`.
+    - Statements: `condition` and `repeated`: {}, open the block of a test; `loop` gives the head and the first lines of
+      one of `k` from `first` to before `end` while `also` holds, and says whether k is used; `falling`: {k}, {first},
+      {end}, opens one from `first` down to after `end`; `increment`: {}; `copied`: {target}, {source}, a member of an
+      array of structs onto another, by value; `result`: {}; `raised`: {prefix}, {bit}, a bit of the status; `called`,
+      a section; `comment`.
+    - Functions of a file's own: `function`, lines of {type}, {name}, {parameters}, with `parameter`: {type}, {name},
+      and `array_parameter`: {type}, {name}, {size}, by whether it is written, or with `empty`; `passed`: {}, an array
+      as an argument, by the same; `around`: lines before and after one of this name.
     """
 
     types: Mapping[str, str]
@@ -111,10 +134,16 @@ class Syntax:
     comment: Callable[[str], str]
     counted: Mapping[int, str] = field(default_factory=dict)
     around: Mapping[str, tuple[Sequence[str], Sequence[str]]] = field(default_factory=dict)
+    copied: str = "{target} = {source};"
+    rounded: Mapping[str, str] = field(default_factory=dict)
 
     def literal(self, value: float, kind: Number) -> str:
         """A number as the language writes it."""
-        return f"{digits(value, kind)}{self.suffixes[kind]}"
+        return self.marked(digits(value, kind), kind)
+
+    def marked(self, digits: str, kind: Number) -> str:
+        """The digits of a number as a literal of its kind."""
+        return f"{digits}{self.suffixes[kind]}"
 
 
 def digits(value: float, kind: Number) -> str:

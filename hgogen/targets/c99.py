@@ -18,7 +18,7 @@ from hgogen.emit.csyntax import C
 from hgogen.emit.fold import folded
 from hgogen.emit.portable import kernels
 from hgogen.emit.statements import Writer, called
-from hgogen.emit.syntax import Real, demand_real
+from hgogen.emit.syntax import Real, demand_real, demand_step
 from hgogen.program import Field, Group
 from hgogen.step import Step
 from hgogen.target import Sources
@@ -30,9 +30,10 @@ def c99(step: Step, *, real: Real = "float", command: str = "", check: bool = Tr
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
 
-    Raises: `BadReal`; `HidesHeader`, `OneName` for names that C cannot carry; `BeyondFloat`, `NotPrintable` for a
-    number, an operation that has no text.
+    Raises: `NoStep`, `BadReal`; `HidesHeader`, `OneName` for names that C cannot carry; `BeyondFloat`,
+    `NotPrintable` for a number, an operation that has no text.
     """
+    demand_step(step, "c99")
     demand_real(real)
     demand_names(step)
     files = {f"{step.name}.h": header(step, real, command), f"{step.name}.c": _source(step, real)}

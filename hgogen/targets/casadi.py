@@ -25,7 +25,7 @@ import casadi as ca
 
 from hgogen.emit.elementary import elementary
 from hgogen.emit.printer import CALLS
-from hgogen.emit.syntax import Real
+from hgogen.emit.syntax import Real, demand_step
 from hgogen.errors import BadArgument
 from hgogen.program import Block
 from hgogen.step import Step
@@ -36,7 +36,7 @@ from hgogen.target import Files
 
 
 class NotInCasadi(BadArgument):
-    """A step, or a precision, of which no CasADi function is made."""
+    """A precision, or another argument, of which no CasADi function is made."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -96,10 +96,9 @@ def casadi(step: Step, *, real: Real = "double", bundled: bool = False) -> Funct
     Args: `real` is "double", in which CasADi computes; `bundled`: sin, exp and the like by the functions of the C, for
     the same bits.
 
-    Raises: `NotInCasadi` for what is no step, and for float.
+    Raises: `NoStep`; `NotInCasadi` for float.
     """
-    if not isinstance(step, Step):
-        raise NotInCasadi(f"{type(step).__name__} given to casadi", "is no step; make one by hg.sample")
+    demand_step(step, "casadi")
     if real != "double":
         raise NotInCasadi(f"real = {real!r}", 'is not what CasADi computes in: take "double", or the target c99')
     known = elementary("double") if bundled else {}

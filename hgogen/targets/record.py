@@ -8,13 +8,14 @@
 from hgogen.emit.cfunction import Parameter, Prototype, prototypes, status_type, structs
 from hgogen.emit.cnames import c_name
 from hgogen.emit.code import indented
-from hgogen.emit.syntax import Real, demand_real
+from hgogen.emit.syntax import Real, demand_real, demand_step
 from hgogen.step import Step
 from hgogen.target import Files
 
 
 def record(step: Step, *, real: Real = "double") -> Files:
-    """The record runner of a step as C99 text. Raises: `BadReal`."""
+    """The record runner of a step as C99 text. Raises: `NoStep`, `BadReal`."""
+    demand_step(step, "record")
     demand_real(real)
     name, traces = step.name, _traces(step, real)
     sizes = {Prototype("size_t", f"{name}_{struct}_size"): f"{name}_{struct}" for struct in ("state", "params", "kept")}

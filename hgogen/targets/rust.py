@@ -17,7 +17,7 @@ from hgogen.emit.rustmanual import documentation, status
 from hgogen.emit.ruststruct import doc, initial, nominal, structs, zeros
 from hgogen.emit.rustsyntax import RUST, keywords, rust_name
 from hgogen.emit.statements import Writer, called
-from hgogen.emit.syntax import Real, demand_real
+from hgogen.emit.syntax import Real, demand_real, demand_step
 from hgogen.errors import HgogenError
 from hgogen.step import Step
 from hgogen.target import Sources
@@ -51,9 +51,10 @@ def rust(step: Step, *, real: Real = "float", command: str = "", check: bool = T
     Args: `real` "float" or "double"; `command` what made it, for the banner; `check` whether to add the
     self-check, whose vectors take a while to compute.
 
-    Raises: `BadReal`; `NoCrate`, `OneName` for names that Rust cannot carry; `BeyondFloat`, `NotPrintable` for a
-    number, an operation that has no text.
+    Raises: `NoStep`, `BadReal`; `NoCrate`, `OneName` for names that Rust cannot carry; `BeyondFloat`,
+    `NotPrintable` for a number, an operation that has no text.
     """
+    demand_step(step, "rust")
     demand_real(real)
     if step.name in _CRATES | keywords():
         raise NoCrate(step.name)
