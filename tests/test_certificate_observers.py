@@ -161,6 +161,22 @@ def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
     assert not falsehood(content)
 
 
+@pytest.mark.parametrize("key", ["push", "bound"])
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(..., "is missing"), (None, "is missing"), ({}, "has an object where a number should stand")],
+)
+def test_a_missing_number_is_named(key: str, value: Any, said: str) -> None:
+    content = written("low_power")
+    evidence = claim_of(content, "low_power.convergence")["evidence"]
+    if value is ...:
+        del evidence[key]
+    else:
+        evidence[key] = value
+    sentences = {row.id: row.sentence for row in recheck(sealed(content)).rows}
+    assert sentences["low_power.convergence"] == f"its {key} {said}"
+
+
 # --- what the papers' equations say, in floats ----------------------------------------------------------------------
 
 

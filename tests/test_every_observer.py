@@ -20,6 +20,7 @@ from plants import chain
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling import native
+from hgogen.certificates.certificate import certificate, stated
 from hgogen.check import Refuted
 from hgogen.emit.syntax import Real
 from hgogen.emit.vectors import start
@@ -61,6 +62,7 @@ def pairs() -> Iterable[Any]:
 
 
 each = pytest.mark.parametrize(("model", "name"), list(pairs()))
+once = pytest.mark.parametrize(("model", "name"), [pair for pair in pairs() if not pair.marks])
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
@@ -123,6 +125,21 @@ def test_its_recorded_vectors_start_off_rest(model: str, name: str) -> None:
     moved = {place: values for place, values in start(one).items() if place in rest}
     assert moved
     assert all(values != rest[place] for place, values in moved.items())
+
+
+# Claims that are proved, and of which `recheck` has no rule yet.
+NO_RULE = {"lambda_tracking.phi"}
+
+
+@once
+def test_what_is_proved_of_it_has_evidence(model: str, name: str) -> None:
+    """On a chain its certificate does not merely state it: a rule of `hgogen/recheck/rules/` verifies it."""
+    observer = step(model, name).observer
+    if observer.form.kind != "triangular":
+        pytest.skip(f"is built on the {observer.form.kind} form there")
+    content = certificate(observer.form, observer.checks, observer.name)
+    own = {id: reason for id, reason in stated(content) if id.startswith(f"{observer.name}.")}
+    assert own.keys() <= NO_RULE, own
 
 
 def worst_corner(model: Model, trial: Trial) -> dict[str, float]:

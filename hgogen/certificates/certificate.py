@@ -35,7 +35,6 @@ A claim is "proved" or "refuted" here only if its evidence is verified by `hgoge
 
 import json
 from collections.abc import Iterable, Mapping
-from fractions import Fraction
 from importlib.metadata import version
 from typing import Any
 
@@ -46,12 +45,14 @@ from hgogen.certificates.of_errors import made_elsewhere
 from hgogen.certificates.of_forms import end, text
 from hgogen.certificates.of_forms import evidence as of_form
 from hgogen.certificates.of_observers import evidence as of_observer
+from hgogen.certificates.of_observers import exactly
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.proof import Grounds
 from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
+from hgogen.recheck.rules import OBSERVERS
 from hgogen.recheck.text import Unreadable
 from hgogen.recheck.verification import read, recheck
 from hgogen.signal import Signal
@@ -66,12 +67,22 @@ class NotCertifiable(BadArgument):
     )
 
 
+class OtherNumbers(BadArgument):
+    """An observer whose proofs are of other numbers than those its rules read."""
+
+    text = (
+        "the proofs of the observer {what!r} are of the numbers {reason}; write the same names in its Grounds and in "
+        "that row"
+    )
+
+
 def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict[str, Any]:
     """The certificate of a form's checks, and of the observer of that name.
 
     What `recheck.verification` does not verify is "stated" in it, not "proved".
 
-    Raises: `NotCertifiable` for a model with functions that the certificate's grammar has not (Piecewise, floor).
+    Raises: `NotCertifiable` for a model with functions that the certificate's grammar has not (Piecewise, floor);
+    `OtherNumbers` for an observer that does not fit its rules.
     """
     checks = tuple(checks)
     claims = [_claim(form, check) for check in checks]
@@ -87,7 +98,7 @@ def certificate(form: Form, checks: Iterable[Check], observer: str = "") -> dict
 def fingerprint(form: Form, checks: Iterable[Check], observer: str) -> str:
     """The certificate's `model`, found without its evidence.
 
-    Raises: `NotCertifiable`.
+    Raises: `NotCertifiable`; `OtherNumbers`.
     """
     content = _sealed({**_model(form, checks, observer), "claims": []})
     try:
@@ -165,21 +176,26 @@ def _written(form: Form, rows: Iterable[sp.Expr]) -> list[str]:
 def _observer(form: Form, checks: Iterable[Check], name: str) -> dict[str, Any] | None:
     """The observer's name, and the numbers that a proof of it is about; None where the certificate names no observer.
 
-    What is claimed of a bank's member is no claim about the bank.
+    What is claimed of a bank's member is no claim about the bank. Numbers that no rule reads are left out: nothing is
+    verified of them.
     """
     if not name:
         return None
     own = (proof for check in checks if check.id.maker == name for proof in check.proofs)
     grounds = next((proof for proof in own if isinstance(proof, Grounds)), None)
-    numbers = grounds.numbers if grounds else {}
-    return {"name": name, **{key: _built(form, value) for key, value in numbers.items()}}
+    numbers = _read_by_rules(name, grounds.numbers) if grounds else {}
+    return {"name": name, **{key: exactly(form, value) for key, value in numbers.items()}}
 
 
-def _built(form: Form, value: Any) -> Any:
-    """A number, an expression, or a sequence of them."""
-    if isinstance(value, Iterable):
-        return [_built(form, each) for each in value]
-    return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
+def _read_by_rules(name: str, numbers: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The numbers of a proof, none where no rule knows the observer. Raises: `OtherNumbers`."""
+    if name not in OBSERVERS:
+        return {}
+    wanted = sorted((*OBSERVERS[name].numbers, *OBSERVERS[name].expressions))
+    if sorted(numbers) != wanted:
+        row = f"its row in OBSERVERS of hgogen/recheck/rules says {', '.join(wanted)}"
+        raise OtherNumbers(name, f"{', '.join(sorted(numbers))}; {row}")
+    return numbers
 
 
 def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | None = None) -> list[dict[str, Any]]:

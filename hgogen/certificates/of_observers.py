@@ -1,15 +1,21 @@
-"""The evidence of a claim about an observer: what `hgogen recheck` needs to verify it, by the kind of its proof."""
+"""The evidence of a claim about an observer: what `hgogen recheck` needs to verify it, by the kind of its proof.
 
-from collections.abc import Callable, Iterable
+A proof writes its own as `evidence`, a mapping of exact values by name. In it a `Steep` stands for the bound of dc/dw
+in scaled coordinates of integrators, with its keys. The kinds whose evidence is made of more than the proof are here.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
+
+import sympy as sp
 
 from hgogen.certificates.of_forms import LOOSE, Evidence, enclosure, steep, text, written
 from hgogen.check import Check, Verdict
 from hgogen.form import Form
 from hgogen.guarantees.adaptive_gain import Adapting, Attenuating, Candidate, assumed_share, gain
 from hgogen.guarantees.certified import Steep, ThetaBound
-from hgogen.guarantees.certified_core import CoreBound
 from hgogen.guarantees.dwell import Held
 from hgogen.guarantees.gain_update import Weighted
 from hgogen.guarantees.sector import Decay, SectorBound
@@ -26,7 +32,29 @@ def evidence(form: Form, check: Check) -> Evidence | None:
         fact = proof.fact if isinstance(proof, Grounds) else proof
         if type(fact) in _MAKERS:
             return _MAKERS[type(fact)](form, fact)
+        if hasattr(fact, "evidence"):
+            return _own(form, fact.evidence)
     return None
+
+
+def exactly(form: Form, value: Any) -> Any:
+    """A number or an expression as an exact text, or a list of them; a text as it is."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Iterable):
+        return [exactly(form, each) for each in value]
+    return text(form, value) if isinstance(value, sp.Basic) else str(Fraction(value))
+
+
+def _own(form: Form, parts: Mapping[str, Any]) -> Evidence | None:
+    """The evidence that a proof writes; None where a bound of dc/dw in it has none."""
+    made: Evidence = {}
+    for key, value in parts.items():
+        part = _sloped(form, value) if isinstance(value, Steep) else {key: exactly(form, value)}
+        if part is None:
+            return None
+        made |= part
+    return made
 
 
 def _constant_gain(form: Form, bound: ThetaBound) -> Evidence | None:
@@ -40,12 +68,6 @@ def _constant_gain(form: Form, bound: ThetaBound) -> Evidence | None:
         core = {"ranges": [enclosure(form, a, known) for a, known in zip(gains, bound.ranges, strict=True)]}
     scale = [text(form, s) for s in bound.scale]
     return {"scale": scale, **core, "P": numbers(bound.lyapunov.P), "peak": str(bound.lyapunov.peak), **slope}
-
-
-def _core(form: Form, bound: CoreBound) -> Evidence | None:
-    """The matrix P for the core in scaled coordinates of integrators, |P G|, and the bound of dc/dw in them."""
-    slope = _sloped(form, bound.steep)
-    return slope and {"P": numbers(bound.lyapunov.P), "push": str(bound.push), **slope}
 
 
 def _decay(form: Form, decay: Decay) -> Evidence:
@@ -141,7 +163,6 @@ def _nothing(form: Form, absent: None) -> Evidence:
 
 _MAKERS: dict[type, Callable[..., Evidence | None]] = {
     ThetaBound: _constant_gain,
-    CoreBound: _core,
     Decay: _decay,
     SectorBound: _sector,
     Held: _held,

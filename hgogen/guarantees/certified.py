@@ -182,7 +182,10 @@ class Steep:
 
 
 class Bound(Protocol):
-    """Every theta above `theta` converges, the error at the `rate` (1/s) of a theta above it."""
+    """Every theta above `theta` converges, the error at the `rate` (1/s) of a theta above it.
+
+    One of a new kind has `evidence` beside these, of which `certificates.of_observers` makes that of its certificate.
+    """
 
     @property
     def theta(self) -> Fraction:

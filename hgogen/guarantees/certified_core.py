@@ -59,6 +59,11 @@ class CoreBound:
     steep: Steep
     numbers: Mapping[str, Any]
 
+    @property
+    def evidence(self) -> Mapping[str, Any]:
+        """The matrix P for the core in scaled coordinates, |P G|, and the bound of dc/dw in them."""
+        return {"P": self.lyapunov.P, "push": self.push, "slope": self.steep}
+
     def rate(self, theta: float) -> float:
         """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
         return float((Fraction(theta) - 2 * self.push * self.lipschitz) / (2 * self.lyapunov.peak))

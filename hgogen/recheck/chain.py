@@ -12,9 +12,9 @@ from .algebra import Quotient
 from .box import NotShown, covered
 from .context import Context, Shown, declared_box, finite, on, only, short
 from .file import Claim, Observer, part
-from .matrix import column, entries
+from .matrix import column, entries, scalar
 from .slope import Norm, spectral, steep
-from .text import Expression, expression, number
+from .text import Expression, expression
 
 
 def wanted_gain(context: Context, place: tuple[int, ...]) -> tuple[Quotient, Expression]:
@@ -95,7 +95,7 @@ def slope(
     """
     rows = context.form.b
     where = declared_box(evidence, context.form.box, {name for read in (*rows, *scale) for name in read.names})
-    bound = number(evidence.get("bound"))
+    bound = scalar(evidence, "bound")
     if bound < 0:
         raise NotShown("its bound is negative")
     return bound, covered(where, part(evidence, "tree", str), steep(rows, context.z, bound, scale, norm))
@@ -106,7 +106,7 @@ def jacobian_bound(context: Context, claim: Claim, rows: Sequence[Expression], n
     _ = context.equations
     names = {read for row in rows for read in row.names}
     box = declared_box(claim.evidence, context.form.box, names)
-    bound = number(claim.evidence.get("bound"))
+    bound = scalar(claim.evidence, "bound")
     if bound < 0:
         raise NotShown("its bound is negative")
     boxes = covered(box, part(claim.evidence, "tree", str), steep(rows, context.z, bound))

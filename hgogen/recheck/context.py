@@ -20,6 +20,7 @@ from .algebra import Algebra, Quotient, TooLarge
 from .arithmetic import Dual, Undefined, dual, evaluate
 from .box import Box, NotShown, covered, ranged
 from .file import Certificate, Claim, ends, part
+from .matrix import scalar
 from .text import Expression, expression, number
 
 
@@ -241,7 +242,7 @@ def enclosed(
     evidence = claim.evidence
     text = expression(part(evidence, "expression", str), context.form.box)
     context.same(text, wanted, f"its expression {text.text} is not what the form has")
-    low, high = number(evidence.get("low")), number(evidence.get("high"))
+    low, high = scalar(evidence, "low"), scalar(evidence, "high")
     box = declared_box(evidence, context.form.box, text.names)
     boxes = covered(box, part(evidence, "tree", str), ranged(read(text), low, high))
     if text.text != source.text:  # the form's own expression is defined there, too

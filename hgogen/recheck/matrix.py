@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import Any
 
 from .box import NotShown
-from .text import number
+from .text import kind_of, number
 
 LARGEST = 40  # rows or columns: beyond, an elimination in fractions takes too long
 Matrix = list[list[Fraction]]
@@ -36,13 +36,15 @@ def matrix(holder: Mapping[str, Any], key: str, rows: int, columns: int) -> Matr
 
 def scalar(holder: Mapping[str, Any], key: str) -> Fraction:
     """One number. Raises: `NotShown`."""
-    return _number(holder.get(key), key)
+    if holder.get(key) is None:
+        raise NotShown(f"its {key} is missing")
+    return _number(holder[key], key)
 
 
 def _number(value: Any, key: str) -> Fraction:
     """A number, or its text."""
-    if isinstance(value, list):
-        raise NotShown(f"its {key} has a list where a number should stand")
+    if not isinstance(value, str | Fraction):
+        raise NotShown(f"its {key} has {kind_of(value)} where a number should stand")
     return value if isinstance(value, Fraction) else number(value)
 
 

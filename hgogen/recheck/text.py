@@ -78,9 +78,15 @@ def number(text: object) -> Fraction:
     return Fraction(text)
 
 
+def kind_of(value: object) -> str:
+    """What a value of JSON that is no text is called."""
+    names = {type(None): "null", list: "a list", dict: "an object", bool: "a truth value"}
+    return names.get(type(value), "a number that is no text")
+
+
 def _shown(value: object) -> str:
     """What stands where a text should."""
-    return value if isinstance(value, str) else f"a {type(value).__name__}"
+    return value if isinstance(value, str) else kind_of(value)
 
 
 def expression(text: object, declared: Container[str]) -> Expression:

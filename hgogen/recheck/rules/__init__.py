@@ -9,12 +9,13 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from ..file import Built, Certificate, Claim
+from ..gathering import merged, rules_of
 from ..rule import Needed, Rule
 
 _FILES = [import_module(f"{__name__}.{each.name}") for each in iter_modules(__path__)]
-RULES: tuple[Rule, ...] = tuple(rule for file in _FILES for rule in file.RULES)
-OBSERVERS: Mapping[str, Built] = {k: v for file in _FILES for k, v in vars(file).get("OBSERVERS", {}).items()}
-NEEDED: Mapping[str, Needed] = {k: v for file in _FILES for k, v in vars(file).get("NEEDED", {}).items()}
+RULES: tuple[Rule, ...] = rules_of(_FILES)
+OBSERVERS: Mapping[str, Built] = merged(_FILES, "OBSERVERS")
+NEEDED: Mapping[str, Needed] = merged(_FILES, "NEEDED")
 
 
 def rule_of(kind: str, claim: Claim) -> Rule | None:

@@ -25,9 +25,10 @@ from ..context import (
     value_of,
 )
 from ..file import Claim, part
+from ..matrix import scalar
 from ..rule import Needed, Rule
 from ..slope import regular
-from ..text import Expression, expression, number
+from ..text import Expression, expression
 
 MOST = 6  # states, beyond which the determinant's expansion is too long
 
@@ -74,7 +75,7 @@ def rank(context: Context, claim: Claim) -> Shown:
     text = expression(part(claim.evidence, "expression", str), box)
     if not algebra.is_zero(value_of(text, letters, algebra) - _determinant(rows, algebra)):
         raise NotShown(f"its expression {text.text} is not the determinant")
-    low, high = number(claim.evidence.get("low")), number(claim.evidence.get("high"))
+    low, high = scalar(claim.evidence, "low"), scalar(claim.evidence, "high")
     if low <= 0 <= high:
         raise NotShown("its bounds do not keep clear of zero")
     where = declared_box(claim.evidence, box, text.names)

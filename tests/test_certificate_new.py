@@ -1,0 +1,96 @@
+"""Certificates of an observer with a kind of proof that is new: what no rule verifies is stated, and its C is
+emitted."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import Any
+
+import plants
+import pytest
+
+import hgogen as hg
+from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
+from hgogen.guarantees.certified import checks
+from hgogen.guarantees.certified_core import CoreBound
+from hgogen.intervals.proof import Grounds
+from hgogen.recheck.verification import recheck
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A bound on theta of a kind that no rule verifies."""
+
+    theta: Fraction = Fraction(3)
+    numbers: Mapping[str, Any] = field(default_factory=lambda: {"gains": (1, Fraction(2, 3))})
+
+    def rate(self, theta: float) -> float:
+        """r (1/s)."""
+        return theta - 3
+
+
+@dataclass(frozen=True)
+class Renamed:
+    """A proof of a kind that no table names; it writes the evidence of the one that it holds."""
+
+    bound: CoreBound
+
+    @property
+    def evidence(self) -> Mapping[str, Any]:
+        """The matrix P, |P G| and the bound of dc/dw."""
+        return {"P": self.bound.lyapunov.P, "push": self.bound.push, "slope": self.bound.steep}
+
+
+def proved(name: str = "newcomer", bound: Any = None) -> hg.Observer:
+    """An observer with a proof of its own, which `recheck` knows nothing of unless it knows the name."""
+    built = plants.pendulum()
+    return replace(built, name=name, checks=(*built.form.checks, *checks(name, 20, bound or Margin())))
+
+
+def written(observer: hg.Observer) -> dict[str, Any]:
+    return certificate(observer.form, observer.checks, observer.name)
+
+
+def test_what_no_rule_verifies_is_stated() -> None:
+    content = written(proved())
+    assert [id for id, _ in stated(content)] == ["newcomer.convergence", "newcomer.theta"]
+    assert content["observer"] == {"name": "newcomer"}
+    found = {row.id: row.found for row in recheck(json.dumps(content)).rows}
+    assert found.pop("newcomer.convergence") == found.pop("newcomer.theta") == "stated"
+    assert set(found.values()) == {"verified"}
+
+
+def test_its_c_is_emitted() -> None:
+    observer = proved()
+    model = fingerprint(observer.form, observer.checks, observer.name)
+    header = next(iter(hg.targets.c99(hg.sample(observer, dt=1e-3)).values()))
+    assert model[:16] in header
+
+
+def test_a_new_kind_of_proof_writes_its_own_evidence() -> None:
+    """What is written is what the rules of the observer verify."""
+    built = hg.observers.low_power(plants.pendulum().form, theta=1e4)
+    renamed = replace(built, checks=tuple(map(of_another_kind, built.checks)))
+    facts = [proof.fact for check in renamed.checks for proof in check.proofs if isinstance(proof, Grounds)]
+    assert list(map(type, facts)) == [Renamed, type(None)]
+    assert written(renamed) == written(built)
+    assert not stated(written(renamed))
+
+
+def of_another_kind(check: hg.Check) -> hg.Check:
+    """The check with a `CoreBound` of its proofs in a new kind of proof."""
+
+    def other(proof: Any) -> Any:
+        core = isinstance(proof, Grounds) and isinstance(proof.fact, CoreBound)
+        return replace(proof, fact=Renamed(proof.fact)) if core else proof
+
+    return replace(check, proofs=tuple(map(other, check.proofs)))
+
+
+def test_other_numbers_than_the_rule_reads_are_told() -> None:
+    """The fix is in the file of the rule or in the proof, not in another run of the command."""
+    observer = proved("low_power", Margin(numbers={"gains": (1, 2), "margin": 2}))
+    said = "are of the numbers gains, margin, theta; its row in OBSERVERS of hgogen/recheck/rules says gains, theta"
+    with pytest.raises(OtherNumbers, match=f"^the proofs of the observer 'low_power' {said}"):
+        written(observer)
