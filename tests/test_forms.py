@@ -668,6 +668,21 @@ def test_a_slope_does_not_see_a_jump() -> None:
     assert kinked.verdict is Verdict.PROVED
 
 
+@pytest.mark.parametrize(
+    "rate",
+    [
+        lambda x: x + sp.atan(sp.tan(x)),  # falls by pi at pi/2, where it has no value
+        lambda x: sp.acot(x) - x,  # rises by pi at 0
+        lambda x: x + sp.acoth(x / 3),  # no real number
+    ],
+    ids=("tangent", "arccotangent", "unreal"),
+)
+def test_a_slope_does_not_see_what_has_no_value_and_cancels_in_it(rate: Callable[[sp.Expr], sp.Expr]) -> None:
+    x1, x2 = Signal("x1", low=-2, high=2), Signal("x2", low=-2, high=2)
+    system = System("poles", states=(x1, x2), outputs=(Signal("y"),), flow=[rate(x2), -x2], output=[x1])
+    assert verdicts_of(forms.uniform(system))["uniform.slope_2"].verdict is not Verdict.PROVED
+
+
 def verdicts_of(form: Form) -> dict[str, Check]:
     return {check.id: check for check in form.checks}
 

@@ -196,7 +196,7 @@ def _uniform(forms: _Forms) -> Iterator[Answer]:
 
 def _bent(chains: Chains, forms: _Forms) -> bool | None:
     """Whether every row's slope in its next state, and every output's in its first, keeps off zero on the box; None
-    where a row may jump in that state, or be real nowhere, which its slope does not see."""
+    where a row may jump in that state, or have no value, which its slope does not see."""
     links = [link for chain in chains.links for link in chain]
     regular = _signed(map(_slope, links), forms)
     if regular:

@@ -76,13 +76,13 @@ def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
 
 def _slope(i: int, link: Link, plant: System) -> Check:
     """The slope keeps off zero; it is not known of a row that may jump, which is not one-to-one for its slope alone,
-    nor of one that may be real nowhere, which has no slope."""
+    nor of one with a part that may have no value, which the slope does not show."""
     check = apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant)
     if check.verdict is not Verdict.PROVED:
         return check
     unreal = beyond(link.row, link.state, box(plant.signals, plant.nominal))
     if unreal:
-        return Check(check.id, check.claim, Verdict.UNKNOWN, f"{unreal} was not shown to be real on the box")
+        return Check(check.id, check.claim, Verdict.UNKNOWN, f"{unreal} was not shown to have a value on the box")
     if not link.jumps:
         return check
     reason = f"{link.name} may jump with {link.state}, at a step of {link.jumps}, where it has no slope"

@@ -1,18 +1,17 @@
 """The hypothesis that a known function of inputs and parameters is a finite real number on the whole box."""
 
-import math
-
 import sympy as sp
 
 from hgogen.algebra.points import exact, kind, points, settled, witness
-from hgogen.algebra.tape import NoTape
+from hgogen.algebra.tape import NoTape, tape
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.singular import minimal, singular
 from hgogen.system import System
 
 _BOXES = 2000
-_SLOPED_BEYOND = (sp.log, sp.atanh)  # their derivatives have a real value where they have none
+_LOOSE = 1e6  # of a range that is asked only whether it is there
+_SLOPED_BEYOND = (sp.log, sp.atanh, sp.tan)  # their derivatives may have a real value where they have none
 
 
 def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
@@ -44,8 +43,28 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
 
 
 def beyond(row: sp.Expr, state: sp.Symbol, around: Box) -> str:
-    """A logarithm or atanh of the state in the row that is not shown to be real anywhere on the box, though the row's
-    slope in the state may be; "" without."""
-    nodes = sorted((node for node in row.atoms(*_SLOPED_BEYOND) if node.has(state)), key=str)
-    ranges = ((node, bound(node, around)) for node in nodes)
-    return next((str(node) for node, r in ranges if not r.defined and -r.low == r.high == math.inf), "")
+    """A part of the state in the row that is not shown to have a value, though the row's slope in the state may be
+    finite: a logarithm or atanh that may be real nowhere, a tangent or a quotient whose poles cancel in the slope (of
+    atan(tan(x)) it is 1), a function without a rule; "" without."""
+    nodes = (node for node in row.atoms(sp.Pow, sp.Function) if node.has(state) and _sloped_beyond(node))
+    return next((str(node) for node in sorted(nodes, key=str) if not _defined(node, around)), "")
+
+
+def _sloped_beyond(node: sp.Expr) -> bool:
+    if isinstance(node, sp.Pow):
+        return bool(node.exp.is_negative)
+    return isinstance(node, _SLOPED_BEYOND) or not _ruled(node)
+
+
+def _ruled(node: sp.Expr) -> bool:
+    try:
+        return bool(tape([node], node.free_symbols).outputs)
+    except NoTape:
+        return False
+
+
+def _defined(node: sp.Expr, around: Box) -> bool:
+    try:
+        return bound(node, around, boxes=_BOXES, relative=_LOOSE).defined
+    except NoTape:
+        return False
