@@ -369,7 +369,9 @@ def test_bad_gains_of_several_outputs(changes: dict[str, Any], error: type, said
 
 
 def test_forms_it_does_not_take() -> None:
-    with pytest.raises(BadGain, match=r"two has 2 outputs and no chains; use the form block_triangular, or riccati"):
+    with pytest.raises(
+        BadGain, match=r"two has 2 outputs and no chains; use the form block_triangular if the plant is in it, else"
+    ):
         hg.observers.high_gain(hg.forms.original(two_outputs()), theta=2, poles=((-1,), (-1, -1)))
     with pytest.raises(NotHurwitz, match="gains: the linear error core"):  # a_2 = -u goes through 0
         hg.observers.high_gain(fitzhugh_nagumo().form, theta=2, gains=(3, 3, 1), accept="triangular.a_2")
