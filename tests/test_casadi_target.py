@@ -270,6 +270,8 @@ def test_every_integrator_follows_the_reference() -> None:
     theta times as much of the rate: of TOLERANCE at each step, 50 steps of dt in that time and fewer of their own, the
     rates differ by at most 1000 TOLERANCE, twice that between two integrators. The reference, and python-control, have
     y on the line between its samples, off the sine by up to (SWING dt)^2/8, which makes theta times that of the rate.
+    Only the reference starts anew at each corner of that line: what python-control errs by as it steps across them is
+    no multiple of TOLERANCE, so that it is held to the sine, too.
     """
     made, f = pendulum()
     p, start = f.p.initial, f.continuous.initial
@@ -292,7 +294,7 @@ def test_every_integrator_follows_the_reference() -> None:
     line, rounding = 20 * (SWING * made.dt) ** 2 / 8, 2000 * TOLERANCE
     assert np.abs(by_casadi - by_scipy).max() <= rounding
     assert np.abs(by_scipy - run.x[1:]).max() <= line + rounding
-    assert np.abs(by_control.outputs.T - run.x).max() <= rounding
+    assert np.abs(by_control.outputs.T[1:] - by_scipy).max() <= line + rounding
     assert list(system.state_labels) == f.continuous.names
 
 
