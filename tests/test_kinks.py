@@ -117,7 +117,7 @@ def test_a_slope_of_what_is_real_nowhere_is_not_proved(row: Any) -> None:
     """d log(v)/dv = 1/v has a value where log(v) has none."""
     found = check(forms.uniform(plant(lambda _, x2, u: row(x2), low=-2, high=-1)), "slope_2")
     assert found.verdict is Verdict.UNKNOWN
-    assert found.reason.endswith("was not shown to have a value on the box")
+    assert found.reason.endswith("of the plant is not shown to have a value on the box")
 
 
 def test_the_sides_of_a_kink_that_only_touches_zero_are_one() -> None:

@@ -428,12 +428,12 @@ def test_an_inverse_that_divides_by_a_root_is_one_where_the_root_is_not_zero(slo
 
 
 @pytest.mark.parametrize(("low", "verdict"), [(-1, Verdict.UNKNOWN), (0.5, Verdict.PROVED)])
-def test_a_chain_is_one_where_the_plant_has_a_value(low: float, verdict: Verdict) -> None:
+def test_a_form_says_nothing_of_a_plant_without_a_value(low: float, verdict: Verdict) -> None:
     """(x1 x3)' = x2 by x1' = x2/x3, x3' = 0: at x3 = 0 there is no x1'."""
     x1, x2, x3 = x = states((1, 2), (-1, 1), (low, 1))
     form = hg.forms.phase(plant("hidden_pole", x, [x2 / x3, -x1, 0], x1 * x3))
     assert form.to_form == (x1 * x3, x2, -x1)
-    assert checks(form)["chain"].verdict is verdict
+    assert {checks(form)[fact].verdict for fact in ("chain", "rank", "inverse")} == {verdict}
 
 
 def test_a_map_that_is_undefined_on_the_box_has_no_rank_there() -> None:

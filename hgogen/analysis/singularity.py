@@ -23,11 +23,10 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
-from hgogen.analysis.written import written
+from hgogen.analysis.written import valueless
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
-from hgogen.intervals.lost import lost
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import minimal, singular
 from hgogen.reading.door import asks_a_plant
@@ -341,7 +340,7 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     conditions = [f"{_brief(e)} != 0" for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
     conditions += map(str, minimal(singular(map(exact, jet.parts), box).values()))
-    part = None if conditions or plant.origin is None else lost(written(plant), (), box)
+    part = None if conditions or plant.origin is None else valueless(plant)
     if part is not None:  # new coordinates may have lost it, and of which derivative it was is not known
         conditions.append(f"{part} has a value")
     if not conditions:

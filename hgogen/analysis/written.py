@@ -1,8 +1,14 @@
-"""What a plant reads as it is written, which its rows may no longer have where it is recast."""
+"""What a plant reads as it is written, which its rows, or a form of it, may no longer have: (u x + u)/u is x + 1 in a
+form, and has no value at u = 0. Every claim about values on the box rests on the plant's having one there.
+"""
+
+from functools import lru_cache
 
 import sympy as sp
 
-from hgogen.intervals.lost import put_apart
+from hgogen.check import Check, Verdict
+from hgogen.intervals.box import box
+from hgogen.intervals.lost import lost, put_apart
 from hgogen.system import System
 
 
@@ -17,3 +23,18 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
     before = plant.origin.plant
     back = dict(zip(before.states, plant.origin.backward, strict=True))
     return (*rows, *put_apart(written(before), lambda part: part.xreplace(back)))
+
+
+@lru_cache(maxsize=16)
+def valueless(plant: System) -> sp.Expr | None:
+    """A part of the plant as it is written that is not shown to be a finite real number on the whole box, or None."""
+    return lost(written(plant), (), box(plant.signals, plant.nominal))
+
+
+def if_valued(check: Check, plant: System) -> Check:
+    """The check of a claim about values on the box: unknown in place of proved where the plant may have none."""
+    part = valueless(plant) if check.verdict is Verdict.PROVED else None
+    if part is None:
+        return check
+    reason = f"{part} of the plant is not shown to have a value on the box"
+    return Check(check.id, check.claim, Verdict.UNKNOWN, reason, fix="Narrow the ranges so that it has one.")

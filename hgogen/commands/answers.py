@@ -33,7 +33,6 @@ from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading.entry import Entry
 from hgogen.reading.expression import parse
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise
-from hgogen.structure.defined import beyond
 from hgogen.structure.several import cascade
 
 FIELDS = (
@@ -111,9 +110,8 @@ class _Forms:
 
     @cached_property
     def hole(self) -> sp.Expr | None:
-        """A part of the model that its form no longer has, and that may have no value on the box."""
-        e, head = self.entry, self.chains.links[0][0]
-        return lost((*e.flow, *e.output), (*self.rests, *self.gains, head.gain, head.rest), e.outer)
+        """A part of the model that is not shown to have a value on the box."""
+        return lost((*self.entry.flow, *self.entry.output), (), self.entry.outer)
 
 
 def _ranks(forms: _Forms) -> Iterator[Answer]:
@@ -200,8 +198,7 @@ def _bent(chains: Chains, forms: _Forms) -> bool | None:
     links = [link for chain in chains.links for link in chain]
     regular = _signed(map(_slope, links), forms)
     if regular:
-        hidden = any(link.jumps or beyond(link.row, link.state, forms.entry.outer) for link in links)
-        return None if hidden else True
+        return None if forms.hole is not None or any(link.jumps for link in links) else True
     return regular if forms.entry.boxed else None
 
 

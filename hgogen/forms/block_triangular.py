@@ -97,8 +97,7 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     signed = [_signed(links, plant) for links in chains.links]
     z = coordinates(plant, chains.order, [t for chain in signed for t in chain.signs])
     parts = _, b, _ = _parts(z, signed)
-    beside = (e for chain in signed for e in (*chain.gains, chain.rests[0]))
-    steep = lipschitz("block_triangular", map(z.back, b), plant, beside=beside)
+    steep = lipschitz("block_triangular", map(z.back, b), plant)
     checks = (structure, *_claims(signed, plant), steep)
     blocks = chains.blocks
     return form_in(z, "block_triangular", checks, _REFERENCE, parts=parts, blocks=blocks, alignment=name)

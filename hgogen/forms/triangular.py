@@ -84,7 +84,7 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
     parts = sp.ImmutableDenseMatrix(A), b, (a[0] * z.states[0] + offset,)
     form = form_in(z, "triangular", checks, _REFERENCE, parts=parts)
     name = "b" if form.nonlinear == form.b else "b, with the a_i(z_1) z_i,"
-    steep = lipschitz("triangular", map(z.back, form.nonlinear), plant, name, (*a, links[0].rest))
+    steep = lipschitz("triangular", map(z.back, form.nonlinear), plant, name)
     return replace(form, checks=(*form.checks, steep))
 
 

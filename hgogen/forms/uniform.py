@@ -16,14 +16,13 @@ H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable sys
 
 from dataclasses import dataclass
 
+from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import ELSEWHERE, Form
-from hgogen.intervals.box import box
 from hgogen.structure.apart import apart
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.coordinates import coordinates, form_in
-from hgogen.structure.defined import beyond
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
 
@@ -76,14 +75,9 @@ def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
 
 def _slope(i: int, link: Link, plant: System) -> Check:
     """The slope keeps off zero; it is not known of a row that may jump, which is not one-to-one for its slope alone,
-    nor of one with a part that may have no value, which the slope does not show."""
-    check = apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant)
-    if check.verdict is not Verdict.PROVED:
-        return check
-    unreal = beyond(link.row, link.state, box(plant.signals, plant.nominal))
-    if unreal:
-        return Check(check.id, check.claim, Verdict.UNKNOWN, f"{unreal} was not shown to have a value on the box")
-    if not link.jumps:
+    nor of a plant that may have no value, which the slope does not show."""
+    check = if_valued(apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant), plant)
+    if check.verdict is not Verdict.PROVED or not link.jumps:
         return check
     reason = f"{link.name} may jump with {link.state}, at a step of {link.jumps}, where it has no slope"
     fix = f"Narrow the range of {link.state} to one branch, or smooth the step."

@@ -7,13 +7,12 @@ phi of a phase form, at its place in b, is taken as a function of the plant's st
 """
 
 from hgogen.algebra.tape import NoTape
-from hgogen.analysis.written import written
+from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import up
-from hgogen.intervals.lost import lost
 
 BOXES = 500  # mu need not be the least
 
@@ -36,9 +35,6 @@ def bounded(id: ClaimId, form: Form) -> Check:
         return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
     if not all(values.finite and values.defined for values in ranges):
         return Check(id, claim, Verdict.UNKNOWN, "no bound was found; it may have poles on the box")
-    plant = form.system
-    part = lost(written(plant), (), box(plant.signals, plant.nominal))
-    if part is not None:
-        return Check(id, claim, Verdict.UNKNOWN, f"{part} of the plant is not shown to have a value on the box")
     mu = max((max(abs(values.low), abs(values.high)) for values in ranges), default=0.0)
-    return Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")
+    proved = Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")
+    return if_valued(proved, form.system)

@@ -11,11 +11,10 @@ import sympy as sp
 
 from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
-from hgogen.analysis.written import written
+from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
-from hgogen.intervals.lost import lost
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.singular import minimal, singular
@@ -25,23 +24,18 @@ from hgogen.system import System
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
 
 
-def lipschitz(
-    maker: str, b: Iterable[sp.Expr], system: System, name: str = "b", beside: Iterable[sp.Expr] = ()
-) -> Check:
+def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b") -> Check:
     """The check `MAKER.lipschitz`, that b is Lipschitz in the states.
 
-    `b`: in the plant's states, inputs and parameters; `name`: what the report calls it; `beside`: what else a form
-    takes from the plant, which has checks of its own.
-
-    This check answers for the plant as it is written as well: (u x + u)/u is x + 1 in a form, and has no value at
-    u = 0.
+    `b`: in the plant's states, inputs and parameters; `name`: what the report calls it. This check answers for the
+    plant as it is written as well.
 
     The verdicts are
-    proved: with L_b, and what the form no longer has of the plant is finite and real on the box;
+    proved: with L_b, and every part of the plant is finite and real on the box;
     refuted: with a point towards which a slope tends to infinity;
     where: for some inputs or parameters alone it may be singular; closed parts of the box without them have a bound;
     unknown: a range is missing, there may be a jump or a singular state, near which no bound is known, the boxes tried
-    give no bound, or a part of the plant that cancels may have no value.
+    give no bound, or a part of the plant may have no value.
     """
     id, claim = ClaimId(maker, "lipschitz"), f"{name} is Lipschitz in the state on the box"
 
@@ -57,11 +51,8 @@ def lipschitz(
             Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
         )
     if steepest.verdict is Verdict.PROVED:
-        part = lost(written(system), (*entries, *beside), box)
-        if part is not None:
-            return answer(Verdict.UNKNOWN, f"{part} is not shown to have a value on the box, though it cancels")
         proof = Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree)
-        return replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(proof,))
+        return if_valued(replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(proof,)), system)
     if steepest.verdict is Verdict.REFUTED:
         return _refuted(
             answer(Verdict.REFUTED, steepest.reason, "Narrow the ranges so that it stays away from there."), steepest
