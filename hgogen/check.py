@@ -64,8 +64,8 @@ class Check:
 
     `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is
     the point that refutes; `fix` says what a user can do about it; `consequence` what follows for him who accepts a
-    refuted claim; `proofs`: what was proved, for a certificate:
-    `Proof` by bisection, or what the check's own case proves with.
+    refuted claim; `proofs`: what was proved, for a certificate: `Proof` by bisection, or what the check's own case
+    proves with; `subject`: the expression that the claim is about, such as a_i, where it is about one.
     """
 
     id: ClaimId
@@ -76,6 +76,7 @@ class Check:
     fix: str = ""
     consequence: str = ""
     proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
+    subject: Any = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """A plain text, as of a user's own check, is a name that no maker of the package has given."""
@@ -87,7 +88,7 @@ class Check:
         """What a user can do about it, to accept it among that, in no model's language; "" where nothing is known."""
         if not self.consequence:
             return self.fix
-        return f"{self.fix.rstrip('.')}, or accept {self.id}, knowing that {self.consequence}."
+        return f"{self.fix} Or accept {self.id}, knowing that {self.consequence}."
 
     @property
     def sentence(self) -> str:

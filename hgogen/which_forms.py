@@ -173,8 +173,8 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
 def _short(check: Check) -> str:
     at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
     sentence = f"{check.reason}{', at ' + at if at else ''}"
-    name = check.id.short
-    return sentence if check.id.fact == "structure" or sentence.startswith(name) else f"{name}: {sentence}"
+    names_itself = check.id.fact == "structure" or (check.verdict is Verdict.REFUTED and check.subject is not None)
+    return sentence if names_itself else f"{check.id.short}: {sentence}"
 
 
 def _order(form: Form) -> tuple[str, ...]:

@@ -96,7 +96,7 @@ def test_fitzhugh_nagumo() -> None:
         "lipschitz": "proved",
     }
     assert check(form, "a_2").witness == {"u": 0.0}
-    assert "or accept triangular.a_2, knowing that the observer coasts" in check(form, "a_2").advice
+    assert "Or accept triangular.a_2, knowing that the observer coasts" in check(form, "a_2").advice
     assert "through changes of u" in check(form, "a_2").consequence
     assert check(form, "a_3").reason == "it is 4/5"
     assert_triangular(form)

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from hgogen.check import Check, ClaimId, Verdict
+from hgogen.check import Check, Verdict
 from hgogen.commands.process import console
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
@@ -67,27 +67,19 @@ def _text(said: str) -> Text:
 
 
 def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tuple[str, Check]]:
-    """The checks with what they are called, those that say the same of a_1, a_2, .. as one."""
+    """The checks with what they are called, those that say the same of equal a_1, a_2, .. as one."""
 
-    def kind(check: Check) -> tuple[bool, Check]:
-        return check.id in accepted, _anyone(check)
+    def kind(check: Check) -> tuple[Any, ...]:
+        alone = check.id in accepted or check.subject is None
+        return (check.id,) if alone else (check.id.maker, check.id.fact, check.verdict, check.reason, check.subject)
 
-    for (taken, one), group in groupby(listed, key=kind):
-        alike = list(group)
-        if taken or len(alike) < _ALIKE:
-            yield from ((check.id, check) for check in alike)
+    for _, group in groupby(listed, key=kind):
+        first, *others = group
+        if 1 + len(others) < _ALIKE:
+            yield from ((check.id, check) for check in (first, *others))
         else:
-            yield f"{alike[0].id}..{alike[-1].id.short}", one
-
-
-def _anyone(check: Check) -> Check:
-    """The check without its last index, with i for it in what it says."""
-    if not check.id.at:
-        return check
-    *others, number = check.id.at
-    at = {number: "i", number - 1: "(i-1)"}
-    put = [re.sub(r"_(\d+)\b", lambda m: f"_{at.get(int(m[1]), m[1])}", text) for text in (check.claim, check.reason)]
-    return replace(check, id=ClaimId(check.id.maker, check.id.fact, *others), claim=put[0], reason=put[1])
+            alike = f"{first.claim}, and so for each up to {others[-1].id.short}"
+            yield f"{first.id}..{others[-1].id.short}", replace(first, claim=alike)
 
 
 def survey(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:

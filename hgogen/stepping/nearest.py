@@ -70,7 +70,8 @@ def _weights(shown: tuple[Field, ...]) -> Graph:
     """V of the module as a column."""
     widths = np.array([high - low for field in shown for low, high in field.box])
     widths[~np.isfinite(widths)] = max(widths[np.isfinite(widths)], default=1.0)
-    return ca.DM(widths**2)
+    weights = ca.DM(widths)
+    return weights * weights  # infinite without a word where NumPy warns
 
 
 def _ends(observer: Observer, shown: tuple[Field, ...], x: Graph) -> list[tuple[float, float]]:

@@ -23,9 +23,8 @@ def apart(id: ClaimId, name: str, slope: sp.Expr, plant: System) -> Check:
     except NoTape as error:
         return Check(id, claim, Verdict.UNKNOWN, str(error))
     if sign.verdict is Verdict.PROVED:
-        return Check(
-            id, claim, sign.verdict, f"it is {'at least ' if sign.sign > 0 else 'at most -'}{down(sign.margin)}"
-        )
+        reason = f"it is {'at least ' if sign.sign > 0 else 'at most -'}{down(sign.margin)}"
+        return Check(id, claim, sign.verdict, reason, subject=slope)
     if sign.verdict is Verdict.REFUTED:
         witness = {s.name: float(value) for s, value in sign.witness.items()}
         fix = f"Narrow the ranges so that {name} keeps one sign."

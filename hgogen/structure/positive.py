@@ -37,7 +37,7 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
     proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
     and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
     """
-    check = Check(id, f"0 < a_m <= {name} = {a} <= a_M on the box", Verdict.UNKNOWN, "")
+    check = Check(id, f"0 < a_m <= {name} = {a} <= a_M on the box", Verdict.UNKNOWN, "", subject=a)
     a, signals = _varying(a, system)
     try:
         answer = nonzero(a, box(system.signals, system.nominal))
