@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.guarantees.dissipation import Dissipation, dissipation
     from hgogen.guarantees.error_system import ErrorSystem, error_system
     from hgogen.guarantees.observer_errors import observer_errors
+    from hgogen.identification.fit import Fit, fit
+    from hgogen.identification.shooting import Log
     from hgogen.kalman import innovation, theta
     from hgogen.model import Model, load
     from hgogen.observer import Observer
@@ -59,6 +61,8 @@ _NAMES = {  # what else is public, and the file that holds it
     **dict.fromkeys(("ErrorSystem", "error_system"), "guarantees.error_system"),
     "HgogenError": "errors",
     "Form": "form",
+    **dict.fromkeys(("Fit", "fit"), "identification.fit"),
+    "Log": "identification.shooting",
     "gramian": "trials.gramian",
     **dict.fromkeys(("Model", "load"), "model"),
     "observability": "analysis.observability",
@@ -81,8 +85,10 @@ __all__ = [
     "Check",
     "Dissipation",
     "ErrorSystem",
+    "Fit",
     "Form",
     "HgogenError",
+    "Log",
     "Model",
     "Observer",
     "Run",
@@ -98,6 +104,7 @@ __all__ = [
     "dissipation",
     "error_system",
     "excitation",
+    "fit",
     "forms",
     "from_casadi",
     "gramian",

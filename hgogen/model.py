@@ -22,6 +22,8 @@ from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
 from hgogen.modelfiles.first import NoFirst, first, places
+from hgogen.modelfiles.parameters import put
+from hgogen.modelfiles.parameters import read as read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
 from hgogen.modelfiles.recipe import trial_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
@@ -93,12 +95,24 @@ class Model:
     setting: Setting = AS_WRITTEN
 
     def set(self, setting: Setting) -> "Model":
-        """The model with a form, a method or a period of its steps in the place of what its file says.
+        """The model with a form, a method or a period of its steps, or values of parameters, in the place of what its
+        file says, which is read again for these.
 
-        Raises: `UnknownCase`.
+        Raises: `UnknownCase`; `BadParameters`, `BadValue`.
         """
         setting.demand()
-        return replace(self, setting=setting)
+        model = self if setting.parameters is None else self.valued(read_values(setting.parameters))
+        return replace(model, setting=setting)
+
+    def valued(self, values: Mapping[str, float]) -> "Model":
+        """The model with other values of its plant's parameters, by name; its file is read again.
+
+        Raises: `BadValue`; `BadParameters` for what the file makes of the plant while it is read.
+        """
+        fresh = load(self.path)
+        names = vars(fresh.module)
+        names.update(put(names, fresh.plant, values))
+        return replace(fresh, setting=self.setting)
 
     @property
     def plain(self) -> bool:

@@ -21,6 +21,7 @@ PACKAGE = ROOT / "hgogen"
 COLUMN = (  # the folders, each standing on those before it only
     *("algebra", "intervals", "recheck", "reading", "analysis", "structure", "discretisation", "forms", "kalman"),
     *("chains", "guarantees", "stepping", "methods", "observers", "certificates", "emit", "targets", "calling"),
+    "identification",
     *("modelfiles", "trials", "commands"),
 )
 FOLDERS = ("forms", "observers", "methods", "targets")  # of cases; the contract is the singular file

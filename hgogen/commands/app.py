@@ -23,6 +23,7 @@ _FILES = {
     "simulate": "building",
     "run": "running",
     "noise": "running",
+    "fit": "fitting",
     "window": "showing",
     "list": "listing",
     "new": "beginning",

@@ -71,6 +71,10 @@ _SET = {  # what a user may set of every step that a command makes
         Precision,
         typer.Option("--real", help="float or double; by default C is written in float and samples run in double."),
     ),
+    "parameters": (
+        Path,
+        typer.Option("--parameters", metavar="FILE", help="Values of parameters, as `hgogen fit` writes them."),
+    ),
 }
 
 
@@ -180,6 +184,10 @@ class Bar(Progress):
     def tick(self) -> None:
         """One more is done."""
         self.advance(self._only)
+
+    def reach(self, done: int) -> None:
+        """So many are done."""
+        self.update(self._only, completed=done)
 
 
 def show(as_json: bool, value: dict[str, Any], *shown: Any) -> None:

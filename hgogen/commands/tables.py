@@ -1,5 +1,6 @@
 """What the commands print: checks, metrics, comparisons, predictions and reports as tables."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -12,6 +13,7 @@ from rich.text import Text
 
 from hgogen.check import Check, Verdict
 from hgogen.commands.process import console
+from hgogen.identification.fit import Fit
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
 from hgogen.program import Bit
@@ -274,6 +276,40 @@ def predictions(each: Sequence[Prediction], dt: float, unit: str) -> RenderableT
     lost = {one.output: one.rejected for one in each if one.rejected}
     said = [f"{name}: {count} that the observer rejected, not compared" for name, count in lost.items()]
     return Group(table, *map(Text, said), "")
+
+
+def fitted(result: Fit) -> RenderableType:
+    """Fitted parameters, how well the outputs are followed, and what that is worth."""
+    parts = _table("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
+    for one in result.parameters:
+        parts.add_row(one.name, f"{one.value:.5g}", _spread(one.deviation), f"{one.nominal:.5g}", Text(one.unit))
+    for one in result.offsets:
+        parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
+    along = "RMS error of the outputs along the record, from its first state"
+    follows = _table(along, "output", "fitted", "before", numbers=3)
+    for name, error in result.error.items():
+        follows.add_row(name, f"{error:.4g}", f"{result.unfitted[name]:.4g}")
+    return Group(parts, "", follows, *map(Text, result.notes()), "")
+
+
+def _spread(deviation: float) -> str:
+    return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"
+
+
+def judged(each: Sequence[Mapping[str, Any]]) -> RenderableType:
+    """Prediction errors in the rows held out."""
+    if not each:
+        return Text("no rows were held out: nothing judges the fit\n")
+    table = _table(
+        "RMS prediction error in the rows held out, from an observer's estimate",
+        *("output", "samples ahead", "fitted", "before", "copying the last value"),
+        numbers=5,
+    )
+    for one in each:
+        ahead = "all, open loop" if one["ahead"] is None else str(one["ahead"])
+        errors = (one[key] for key in ("fitted", "unfitted", "copying"))
+        table.add_row(one["output"], ahead, *("" if error is None else f"{error:.4g}" for error in errors))
+    return Group(table, "")
 
 
 def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:

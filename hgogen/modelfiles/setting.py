@@ -1,7 +1,8 @@
-"""What a user sets in the place of what a model's file says of its steps: form, method, period, precision."""
+"""What a user sets in the place of what a model's file says: form, method, period, precision, parameters."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 from hgogen import forms, methods
 from hgogen.call import CallableStep
@@ -15,13 +16,14 @@ class UnknownCase(BadArgument):
 
 @dataclass(frozen=True)
 class Setting:
-    """A form and a method by name, the period `dt` in the model's unit of time, and the precision `real`, "float" or
-    "double"; None for what its file says."""
+    """A form and a method by name, the period `dt` in the model's unit of time, the precision `real`, "float" or
+    "double", and a file of values of `parameters`; None for what its file says."""
 
     form: str | None = None
     method: str | None = None
     dt: float | None = None
     real: Real | None = None
+    parameters: Path | None = None
 
     def __bool__(self) -> bool:
         """Whether anything is set."""
@@ -38,7 +40,7 @@ class Setting:
         demand_known("method", self.method, methods.__all__)
 
     def on(self, step: CallableStep) -> CallableStep:
-        """A step made again with what is set.
+        """A step made again with what is set of steps.
 
         Raises: as `hg.sample` and the observer do.
         """

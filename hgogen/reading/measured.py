@@ -150,12 +150,12 @@ def read(
     path: str | Path,
     columns: Mapping[str, str],
     *,
-    dt: float,
+    dt: float | None,
     time: str | None = None,
     period: float | None = None,
     unit: str = "s",
 ) -> Record:
-    """The log at `path` on the grid of `dt`; `unit`: that of all times, the model's.
+    """The log at `path` on the grid of `dt`, of its own period where None; `unit`: that of all times, the model's.
 
     Args: `columns` maps signal names to column names; `time` names the column of times, or `period`
     is the time between rows.
@@ -175,7 +175,7 @@ def read(
     if time is not None:
         times = _stamps(log, log.column(time), unit)
     else:
-        times = np.arange(len(log.rows)) * (period or dt)
+        times = np.arange(len(log.rows)) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
     record = _gridded(log, series, times, dt, unit)
     for name, one in series.items():
@@ -256,13 +256,17 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
 
 
-def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, dt: float, unit: str) -> Record:
-    """The columns of the signals at the points of the grid of `dt`, each the value of the row nearest in time."""
+def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step: float | None, unit: str) -> Record:
+    """The columns of the signals at the points of the grid of `step`, by default of the typical time between rows, each
+    the value of the row nearest in time."""
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
     steps = np.diff(np.unique(times))
-    period = float(np.median(steps)) if len(steps) else dt
+    period = float(np.median(steps)) if len(steps) else step or 0.0
+    dt = step or period
+    if not dt:
+        raise BadRecord(log.path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
     pauses = steps[steps > 1.5 * period]
     if (times[-1] - times[0]) / dt > LONGEST:
         raise BadRecord(

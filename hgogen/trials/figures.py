@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from hgogen.signal import Signal
 from hgogen.step import Step
+from hgogen.system import System
 from hgogen.trial import Trajectory
 from hgogen.trials.response import Response
 
@@ -73,6 +74,18 @@ def record(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> Figure:
     """One panel for each state of a measured record, t (N,), x (N, n) estimate, y (N, p) with NaN where
     missing."""
     return _panels(step, t, x, y, None)
+
+
+def fitted(plant: System, t: np.ndarray, measured: np.ndarray, fitted: np.ndarray) -> Figure:
+    """One panel for each output (N, p): what was measured, and what the fitted plant gives."""
+    with rc_context(STYLE):
+        figure, axes = _figure(len(plant.outputs), t, plant.time)
+        for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
+            axis.plot(*_thin(t, y), color=MEASURED, linewidth=3, label="measured")
+            axis.plot(*_thin(t, z), color=ESTIMATE, label="fitted")
+            _name(axis, signal.name, signal.unit, signal.meaning)
+        _legend(figure, axes, ("measured", "fitted"))
+    return figure
 
 
 def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> Figure:

@@ -1,0 +1,147 @@
+"""The command `fit`: parameters of a model from measured records."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hgogen.call import CallableStep
+from hgogen.commands import tables
+from hgogen.commands.command import (
+    Bar,
+    Json,
+    ModelArgument,
+    Out,
+    Tuned,
+    command,
+    engine_here,
+    folder_of,
+    json_text,
+    rendered,
+    show,
+)
+from hgogen.commands.running import Map, Period, Time
+from hgogen.identification.fit import Fit, fit
+from hgogen.identification.shooting import Log
+from hgogen.identification.solution import ITERATIONS
+from hgogen.model import Model, load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.reading.measured import Record, mapping, read
+from hgogen.system import System
+from hgogen.trials.prediction import Prediction, predictions
+
+_AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
+_JUDGE = "riccati"  # the observer that starts predictions where the model has none
+
+
+@command()
+def fit_(
+    model: ModelArgument,
+    data: Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")],
+    observer: Tuned = None,
+    setting: Setting = AS_WRITTEN,
+    time: Time = None,
+    period: Period = None,
+    map_: Map = None,
+    free: Annotated[
+        str | None, typer.Option("--free", help="The parameters to fit, such as a,b; by default those with a range.")
+    ] = None,
+    offset: Annotated[
+        str | None, typer.Option("--offset", help="The outputs to which an unknown constant is added, such as y.")
+    ] = None,
+    held_out: Annotated[
+        float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
+    ] = 0.3,
+    starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Fit parameters of a model to measured records, by multiple shooting. The file `fitted.json` that it writes is
+    what `--parameters` of every command takes.
+
+    JSON keys: model, records (as in `run`), parameters (by name), deviation (standard errors, null where the records do
+    not tell), nominal, at_end (low or high end of its range), offsets, first (states at the first row of each record),
+    error, unfitted (RMS residual by output), alike (residuals that tell as much as one), untold (directions), starts
+    (cost, status, iterations), predictions (of the rows held out: output, ahead, fitted, unfitted, copying), notes,
+    files.
+    """
+    loaded = load(model).set(setting)
+    folder = folder_of(out, loaded)
+    folder.demand("fitted.json")
+    from hgogen.trials import figures  # which takes a while to import
+
+    plant = loaded.plant
+    columns = mapping(str(data[0]), map_ or (), plant.inputs, plant.outputs)
+    records = [read(path, columns, dt=None, time=time, period=period, unit=plant.time) for path in data]
+    cuts = [round(len(record.t) * (1 - held_out)) for record in records]
+    with Bar("iterations", starts * ITERATIONS) as bar:
+        result = fit(
+            plant,
+            *(_data(plant, record, cut) for record, cut in zip(records, cuts, strict=True)),
+            free=_names(free) or None,
+            offset=_names(offset),
+            starts=starts,
+            seed=seed,
+            each=lambda start, k: bar.reach(start * ITERATIONS + k),
+        )
+    judged = list(_judged(loaded, observer, result, records, cuts)) if held_out else []
+    drawn = {
+        f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(plant.outputs)[:cut], y)
+        for k, (record, cut, y) in enumerate(zip(records, cuts, result.fitted, strict=True), 1)
+    }
+    files: dict[str, str | bytes] = {**rendered(drawn)}
+    paths = folder.demand(*files, "fitted.json")
+    report = {
+        "model": loaded.path,
+        "records": [record.report.as_dict() for record in records],
+        **result.as_dict(),
+        "predictions": judged,
+        "notes": list(result.notes()),
+        "files": list(map(str, paths)),
+    }
+    folder.write({**files, "fitted.json": json_text(report) + "\n"})
+    shown = (*(tables.report(record.report) for record in records), tables.fitted(result), tables.judged(judged))
+    show(as_json, report, *shown, tables.files(paths))
+
+
+def _names(text: str | None) -> tuple[str, ...]:
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
+
+
+def _data(plant: System, record: Record, count: int) -> Log:
+    return Log(record.of(plant.inputs)[:count], record.of(plant.outputs)[:count], record.report.dt)
+
+
+def _judged(
+    model: Model, observer: str | None, result: Fit, records: Sequence[Record], cuts: Sequence[int]
+) -> Iterator[dict[str, Any]]:
+    """The errors of predictions from the estimates of an observer, in the rows held out: of the fitted plant and of the
+    plant as it was."""
+    fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
+    for record, cut in zip(records, cuts, strict=True):
+        after, before = (_predicted(_step(one, observer, record.report.dt), record, cut) for one in (fitted, model))
+        for one, other in zip(after, before, strict=True):
+            yield {
+                "record": record.report.path,
+                "output": one.output,
+                "ahead": one.ahead,
+                "fitted": one.model,
+                "unfitted": other.model,
+                "copying": one.copying,
+            }
+
+
+def _step(model: Model, observer: str | None, dt: float) -> CallableStep:
+    """That of an observer by name, else the model's own, else one that takes any plant, at the period of a record."""
+    own = model.has("step") or model.tuning.tables
+    return model.set(replace(model.setting, dt=dt, parameters=None)).step(observer or (None if own else _JUDGE))
+
+
+def _predicted(step: CallableStep, record: Record, cut: int) -> tuple[Prediction, ...]:
+    u, y = record.of(step.inputs), record.of(step.outputs)
+    done = step.run(u=u, y=y, engine=engine_here())
+    rest = replace(done, t=done.t[cut:], x=done.x[cut:], status=done.status[cut:], traces={})
+    return predictions(step, rest, u[cut:], y[cut:], _AHEAD)

@@ -1,0 +1,333 @@
+"""Parameters of a plant from measured records, with what the records tell of them."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from hgogen.calling.samples import table
+from hgogen.errors import BadArgument, nearest
+from hgogen.identification.information import Information, alike, information
+from hgogen.identification.motion import rates
+from hgogen.identification.shooting import Log, Shooting
+from hgogen.identification.solution import Solution, Solver
+from hgogen.signal import Signal, resting
+from hgogen.structure.valued import valued
+from hgogen.system import System
+
+Array = np.ndarray
+Place = Literal["", "low", "high"]
+SEGMENTS = 60  # of a record, about
+WIDE = 100.0  # times its nominal value, to which a parameter without a range may go, and the same part of it
+FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
+MOST_STEPS = 50  # of a sample
+GROWN = 3.0  # of log growth in a segment, at most
+LEAST = 10  # samples of an output
+PART = 0.05  # of a direction: less of a parameter in it is none
+FOLLOWING = 5.0  # residuals that tell as much as one, of which a note is made
+UNTOLD = 1.0  # of a unit: a direction with a larger standard error is not told by the records
+SAME = 1e-4  # of the cost, by which starts may differ that ended at one minimum
+ROUNDED = 1e-10  # of the largest eigenvalue of the information: less is rounding
+AT = 1e-6  # of a unit, from the end of a range
+
+
+class CannotFit(BadArgument):
+    """Records from which the parameters cannot be fitted, or parameters that cannot be."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter, or the offset of an output: its `value`, the `nominal` one that it had, its standard error
+    `deviation`, infinite where the records do not tell it, its `unit`; `at` the "low" or "high" end of its range, ""
+    within."""
+
+    name: str
+    value: float
+    nominal: float
+    deviation: float
+    unit: str
+    at: Place
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What `fit` found.
+
+    `plant`: with the fitted values; `parameters`, `offsets`: their estimates; `first`: the state of each record at its
+    first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`: RMS of each output's
+    residual, in its unit; `unfitted`: that of the plant as it was given, its states fitted alone; `alike`: how many
+    residuals of each output tell as much as one that is independent of the others; `untold`: directions of parameters
+    that the records do not tell, each by its parts in units of ranges; `starts`: how each ended.
+    """
+
+    plant: System
+    parameters: tuple[Estimate, ...]
+    offsets: tuple[Estimate, ...]
+    first: tuple[dict[str, float], ...]
+    fitted: tuple[Array, ...]
+    error: dict[str, float]
+    unfitted: dict[str, float]
+    alike: dict[str, float]
+    untold: tuple[dict[str, float], ...]
+    starts: tuple[Solution, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "parameters": {one.name: one.value for one in self.parameters},
+            "deviation": {one.name: one.deviation for one in self.parameters},
+            "nominal": {one.name: one.nominal for one in self.parameters},
+            "at_end": {one.name: one.at for one in self.parameters if one.at},
+            "offsets": {one.name: one.value for one in self.offsets},
+            "first": list(self.first),
+            "error": self.error,
+            "unfitted": self.unfitted,
+            "alike": self.alike,
+            "untold": list(self.untold),
+            "starts": [{"cost": s.cost, "status": s.status, "iterations": s.iterations} for s in self.starts],
+        }
+
+    def notes(self) -> tuple[str, ...]:
+        """What the result is worth, a sentence each."""
+        ends = ((one.name, one.at) for one in self.parameters if one.at)
+        lines = [f"{name} lies at the {end} end of its range; widen it, or leave {name} out" for name, end in ends]
+        for parts in self.untold:
+            total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
+            lines.append(
+                f"the records do not tell {total}, in units of ranges: it stays near its start; fix one of them"
+            )
+        for name, tau in self.alike.items():
+            if tau > FOLLOWING:
+                share = f"{tau:.3g} of them tell as much as one, which the standard errors count"
+                lines.append(f"residuals of {name} follow each other, {share}: the plant does more than the model")
+        best = min(one.cost for one in self.starts)
+        higher = [one.cost / best for one in self.starts if one.cost > best * (1 + SAME)] if best else []
+        if len(self.starts) > 1:
+            ended = f"{len(self.starts) - len(higher)} of {len(self.starts)} starts ended at this minimum"
+            lines.append(f"{ended}, the others at {min(higher):.3g} times its cost or more" if higher else ended)
+        if not any(one.settled and one.cost <= best * (1 + SAME) for one in self.starts):
+            lines.append("the search did not settle; take more starts, or narrower ranges")
+        return tuple(lines)
+
+
+def fit(
+    plant: System,
+    *records: Log,
+    free: Iterable[str | Signal] | None = None,
+    offset: Iterable[str | Signal] = (),
+    between: Literal["hold", "line"] = "hold",
+    starts: int = 3,
+    seed: int = 0,
+    each: Callable[[int, int], None] = lambda start, iteration: None,
+) -> Fit:
+    """The parameters with which the plant follows the records best, by multiple shooting.
+
+    `records`: inputs u (N, m), outputs y (N, p), NaN where nothing was measured, and their period; `free`: the
+    parameters that are fitted, by default those with a range, which bounds them; another stays within a hundredth and a
+    hundred times its value. `offset`: the outputs to which an unknown constant is added; `between`: how inputs go on
+    between samples; `starts`: the first from the nominal values, the others random within the ranges; `each(start,
+    iteration)` is called after every iteration.
+
+    Raises: `CannotFit`; `BadShape`, `BadNames` for records of another shape.
+    """
+    if not records:
+        raise CannotFit("records", "are missing; give one at least")
+    task = _Task(
+        plant,
+        _free(plant, free),
+        tuple(_demanded(plant, record, k) for k, record in enumerate(records, 1)),
+        _named("offset", offset, plant.outputs),
+        between,
+    )
+    draw = np.random.default_rng(seed)
+    begins = [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]
+    ended = tuple(task.solver.solve(begin, partial(each, k)) for k, begin in enumerate(begins))
+    finite = [one for one in ended if np.isfinite(one.cost)]
+    if not finite:
+        raise CannotFit(f"plant {plant.name!r}", "has no finite residuals from any start; narrow the ranges")
+    return task.result(min(finite, key=lambda one: (not one.settled, one.cost)), ended)
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is fitted to what."""
+
+    plant: System
+    free: tuple[Signal, ...]
+    records: tuple[Log, ...]
+    offset: tuple[Signal, ...]
+    between: str
+
+    @cached_property
+    def problem(self) -> Shooting:
+        """With as many Runge-Kutta steps a sample as the fastest mode asks for, and segments in which errors grow by no
+        more than exp(GROWN). Raises: `CannotFit`."""
+        fastest, growing = rates(self.plant)
+        period = max(record.dt for record in self.records)
+        steps = max(1, math.ceil(fastest * period / FOLLOWED))
+        if steps > MOST_STEPS:
+            reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
+            raise CannotFit(f"plant {self.plant.name!r}", f"{reason}; narrow its ranges, or give a faster record")
+        samples = max(len(record.y) for record in self.records)
+        length = math.ceil(samples / SEGMENTS)
+        length = max(1, min(length, int(GROWN / (growing * period)))) if growing else length
+        spread = np.nanstd(np.concatenate([record.y for record in self.records]), axis=0)
+        scale = np.where(spread > 0, spread, 1.0)
+        return Shooting(self.plant, self.free, self.records, scale, length, steps, self.between, self.offset)
+
+    @cached_property
+    def solver(self) -> Solver:
+        """Unknowns within their ranges, in units of these."""
+        segments = sum(self.problem.segments)
+        ends = [*map(_bounds, self.free), *[(-math.inf, math.inf)] * len(self.offset)]
+        ends += [x.interval for x in self.plant.states] * segments
+        unit = [*map(_unit, self.free), *(self.problem.scale[self.plant.outputs.index(y)] for y in self.offset)]
+        unit += [_unit(x) for x in self.plant.states] * segments
+        low, high = np.array(ends, dtype=float).T
+        return Solver(self.problem, low, high, np.array(unit))
+
+    @property
+    def nominal(self) -> Array:
+        """The unknowns with the parameters at their nominal values."""
+        values = [float(self.plant.nominal[p]) for p in self.free]
+        return np.array([*values, *[0.0] * len(self.offset), *self._nodes])
+
+    def drawn(self, draw: np.random.Generator) -> Array:
+        """The unknowns with random parameters: within a range, else between half and twice the nominal value."""
+        start = self.nominal
+        for i, p in enumerate(self.free):
+            start[i] = draw.uniform(*p.interval) if p.bounded else start[i] * 2 ** draw.uniform(-1, 1)
+        return start
+
+    @property
+    def _nodes(self) -> list[float]:
+        """The states where segments begin: what an output shows of them, the others at rest."""
+        nodes: list[float] = []
+        for record, count in zip(self.records, self.problem.segments, strict=True):
+            at = np.arange(count) * self.problem.length
+            rows = [np.full(count, resting(x)) for x in self.plant.states]
+            for j, h in enumerate(self.plant.output):
+                if h in self.plant.states:
+                    there = np.flatnonzero(np.isfinite(record.y[:, j]))
+                    rows[self.plant.states.index(h)] = np.interp(at, there, record.y[there, j])
+            nodes += np.array(rows).T.ravel().tolist()
+        return nodes
+
+    def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
+        """The fit with what the records tell of it."""
+        known, count = information(self.problem, best.unknowns), len(self.free)
+        follow = [alike(e) for e in known.outputs]
+        deviations, untold = self._deviations(known, max(follow))
+        estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
+        *_, nodes = self.problem.parts(ca.DM(best.unknowns))
+        first = (dict(zip(map(str, self.plant.states), at[:, 0].full().ravel().tolist(), strict=True)) for at in nodes)
+        still = replace(self, free=(), offset=())
+        before = information(still.problem, still.solver.solve(still.nominal).unknowns)
+        return Fit(
+            valued(self.plant, {e.name: e.value for e in estimates[:count]}),
+            estimates[:count],
+            estimates[count:],
+            tuple(first),
+            tuple(record.y - e for record, e in zip(self.records, known.residuals, strict=True)),
+            self._by_output(map(_rms, known.outputs)),
+            self._by_output(map(_rms, before.outputs)),
+            self._by_output(follow),
+            untold,
+            tuple(ended),
+        )
+
+    def _deviations(self, known: Information, together: float) -> tuple[Array, tuple[dict[str, float], ...]]:
+        """The standard errors of parameters and offsets, in their units, and the directions that are not told."""
+        names = [*map(str, self.free), *(f"offset of {y}" for y in self.offset)]
+        unit = self.solver.unit[: len(names)]
+        every = np.concatenate(known.outputs) / np.repeat(self.problem.scale, list(map(len, known.outputs)))
+        noise = max(float(np.mean(every**2)) * together, np.finfo(float).tiny)
+        weights, V = np.linalg.eigh(known.M * np.outer(unit, unit) / noise)
+        weights = np.where(weights > ROUNDED * weights.max(), weights, np.finfo(float).tiny)
+        errors = 1 / np.sqrt(weights)
+        sure = errors <= UNTOLD
+        deviations = np.sqrt(V[:, sure] ** 2 @ errors[sure] ** 2) * unit
+        deviations[(np.abs(V[:, ~sure]) > PART).any(axis=1)] = math.inf
+        parts = (V[:, k] * np.sign(V[np.argmax(np.abs(V[:, k])), k]) for k in np.flatnonzero(~sure))
+        return deviations, tuple(
+            {name: float(part) for name, part in zip(names, direction, strict=True) if abs(part) > PART}
+            for direction in parts
+        )
+
+    def _estimate(self, i: int, value: float, deviation: float) -> Estimate:
+        low, high, width = self.solver.low[i], self.solver.high[i], AT * self.solver.unit[i]
+        at: Place = "low" if value <= low + width else "high" if value >= high - width else ""
+        if i >= len(self.free):
+            y = self.offset[i - len(self.free)]
+            return Estimate(y.name, float(value), 0.0, float(deviation), y.unit, at)
+        p = self.free[i]
+        within = float(np.clip(value, *_bounds(p)))
+        return Estimate(p.name, within, float(p.nominal or 0.0), float(deviation), p.unit, at)
+
+    def _by_output(self, values: Iterable[float]) -> dict[str, float]:
+        return dict(zip(map(str, self.plant.outputs), values, strict=True))
+
+
+def _rms(e: Array) -> float:
+    return float(np.sqrt(np.mean(e**2)))
+
+
+def _bounds(p: Signal) -> tuple[float, float]:
+    if p.bounded:
+        return p.interval
+    ends = (float(p.nominal or 0.0) / WIDE, float(p.nominal or 0.0) * WIDE)
+    return min(ends), max(ends)
+
+
+def _unit(s: Signal) -> float:
+    """The size of a signal: the width of its range, else its nominal value, else 1."""
+    low, high = s.interval
+    return high - low if s.bounded else abs(s.nominal or 0.0) or 1.0
+
+
+def _free(plant: System, free: Iterable[str | Signal] | None) -> tuple[Signal, ...]:
+    """The parameters that are fitted. Raises: `CannotFit`."""
+    if plant.origin is not None:
+        raise CannotFit(f"plant {plant.name!r}", "is recast; fit the plant that it was recast from")
+    chosen = _named("parameter", free, plant.parameters) if free is not None else ()
+    chosen = chosen if free is not None else tuple(p for p in plant.parameters if p.bounded)
+    if not chosen:
+        listed = ", ".join(map(str, plant.parameters)) or "none"
+        reason = f"has no parameter with a range; name those that are unknown, --free a,b or free=, among {listed}"
+        raise CannotFit(f"plant {plant.name!r}", reason)
+    for p in chosen:
+        if not p.bounded and not p.nominal:
+            raise CannotFit(f"parameter {p.name!r}", "is 0 and has no range; declare low= and high=")
+        if p.bounded and p.low == p.high:
+            raise CannotFit(f"parameter {p.name!r}", "has a range of one point; widen it, or leave it out")
+    return chosen
+
+
+def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) -> tuple[Signal, ...]:
+    """The signals of these names, in their own order. Raises: `CannotFit`."""
+    wanted = {str(name) for name in ((names,) if isinstance(names, str | Signal) else names)}
+    known = [s.name for s in signals]
+    for name in sorted(wanted.difference(known)):
+        listed = f"there are {', '.join(known)}" if known else "there is none"
+        raise CannotFit(f"{what} {name[:60]!r}", f"is unknown; {nearest(name, known, listed)}")
+    return tuple(s for s in signals if s.name in wanted)
+
+
+def _demanded(plant: System, record: Log, number: int) -> Log:
+    """The record as tables of numbers, a missing input as the last one there was. Raises: `CannotFit`, `BadShape`."""
+    y = table("y", record.y, plant.outputs, None)
+    u = table("u", record.u, plant.inputs, len(y))
+    name = f"record {number}"
+    if not 0 < record.dt < math.inf:
+        raise CannotFit(name, f"has the period {record.dt:g}; give a positive time")
+    y = np.where(np.isfinite(y), y, np.nan)
+    for signal, column in zip(plant.outputs, y.T, strict=True):
+        if np.isfinite(column).sum() < LEAST:
+            raise CannotFit(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
+    rows = np.maximum.accumulate(np.where(np.isfinite(u), np.arange(len(u))[:, None], 0), axis=0)
+    held = np.take_along_axis(u, rows, axis=0)
+    return Log(np.where(np.isfinite(held), held, [resting(s) for s in plant.inputs]), y, float(record.dt))

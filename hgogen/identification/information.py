@@ -1,0 +1,70 @@
+"""What a record tells of parameters: the Fisher information beside the states of the segments, and how residuals follow
+each other.
+
+With J and A the Jacobians of the residuals and of the gaps in (parameters and offsets p, states s),
+
+    M = J_p'J_p - [J_p'J_s  A_p'] [[J_s'J_s, A_s'], [A_s, 0]]^-1 [[J_s'J_p], [A_p]]
+
+is the information on p that is left when s fits best beside each p with the gaps closed. M^-1 sigma^2 is the
+covariance of p where residuals are white. Where they follow each other, as those of a model that is too simple do, tau
+of them tell as much as one, tau = 1 + 2 sum_k r_k of their autocorrelation r_k up to the first that is not positive.
+
+T. Soederstroem, P. Stoica, System Identification (1989), chapters 7 and 11.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from hgogen.identification.shooting import Shooting
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """`M` (q, q) of the parameters and offsets, as above with sigma = 1; `residuals` (N, p) of each record, in the
+    units of the outputs, NaN where nothing was measured."""
+
+    M: Array
+    residuals: tuple[Array, ...]
+
+    @property
+    def outputs(self) -> tuple[Array, ...]:
+        """The residuals of each output, record after record."""
+        return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
+
+
+def information(problem: Shooting, unknowns: Array) -> Information:
+    """At the unknowns, the residuals' scale as the problem has it."""
+    v, residuals, gaps = problem.graph
+    at = ca.Function("at", [v], [residuals, ca.jacobian(residuals, v), ca.jacobian(gaps, v)])
+    r, J, A = at(unknowns)
+    q = len(problem.free) + len(problem.offset)
+    J_p, J_s, A_p, A_s = J[:, :q], J[:, q:], A[:, :q], A[:, q:]
+    K = ca.blockcat([[J_s.T @ J_s, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
+    side = ca.vertcat(J_s.T @ J_p, A_p)
+    M = (J_p.T @ J_p - side.T @ ca.solve(K, side, "qr")).full()
+    return Information((M + M.T) / 2, tuple(_tables(problem, r.full().ravel())))
+
+
+def _tables(problem: Shooting, residuals: Array) -> Iterator[Array]:
+    begin = 0
+    for record in problem.records:
+        made, there = np.full(record.y.shape, np.nan), np.isfinite(record.y)
+        made[there] = residuals[begin : begin + int(there.sum())]
+        begin += int(there.sum())
+        yield made * problem.scale
+
+
+def alike(residuals: Array) -> float:
+    """tau: how many of the residuals (N,) tell as much as one that is independent of the others."""
+    N, centred = len(residuals), residuals - residuals.mean()
+    power = float(centred @ centred)
+    if not power:
+        return 1.0
+    r = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * N)) ** 2)[:N] / power
+    first = int(np.argmax(r <= 0)) or N
+    return max(1.0, 1.0 + 2.0 * float(r[1:first].sum()))

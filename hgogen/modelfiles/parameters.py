@@ -1,0 +1,75 @@
+"""Values of a model's parameters from a file, in the place of those that the model says: {"parameters": {"k": 0.1}}."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import sympy as sp
+
+from hgogen.errors import BadArgument
+from hgogen.form import Form
+from hgogen.observer import Observer
+from hgogen.signal import Signal
+from hgogen.step import Step
+from hgogen.structure.valued import exchanged, valued
+from hgogen.system import System
+
+_MADE = (System, Form, Observer, Step)
+LARGEST = 10_000_000  # bytes
+
+
+class BadParameters(BadArgument):
+    """A file of parameters that cannot be taken."""
+
+
+def read(path: Path) -> dict[str, float]:
+    """The values by name of a JSON file, such as `hgogen fit` writes.
+
+    Raises: `BadParameters`.
+    """
+    try:
+        with path.open("rb") as stream:
+            text = stream.read(LARGEST + 1)
+        table = json.loads(text[:LARGEST])
+    except OSError as error:
+        raise BadParameters(str(path), f"cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise BadParameters(str(path), f"is no JSON ({error}); give a file that `hgogen fit` wrote") from None
+    values = table.get("parameters") if isinstance(table, dict) else None
+    if not isinstance(values, dict):
+        raise BadParameters(str(path), 'has no table "parameters"; write {"parameters": {"NAME": value}}')
+    for name, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise BadParameters(str(path), f"gives {name[:60]!r} the value {value!r:.60}; give a finite number")
+    return {name: float(value) for name, value in values.items()}
+
+
+def put(names: Mapping[str, Any], plant: System, values: Mapping[str, float]) -> dict[str, Any]:
+    """What a model file holds by name, with other values of the plant's parameters, where it differs: the plant, its
+    parameters, and tables and expressions that read them. What functions make is made of these when they are called.
+
+    Raises: `BadParameters` for what was made of the plant when the file was read; `BadValue`.
+    """
+    new, moved = exchanged(plant, values), valued(plant, values)
+    made = {name: _put(name, value, plant, moved, new) for name, value in names.items() if not name.startswith("__")}
+    return {name: value for name, value in made.items() if value is not names[name]}
+
+
+def _put(name: str, value: Any, plant: System, moved: System, new: Mapping[Signal, Signal]) -> Any:
+    if value is plant:
+        return moved
+    if isinstance(value, _MADE):
+        reason = "is made of the plant where the file is read, with the values in it; make it in a function"
+        raise BadParameters(name, reason)
+    if isinstance(value, sp.Basic):
+        return value.xreplace(dict(new)) if value.free_symbols & new.keys() else value
+    if isinstance(value, FunctionType) or not isinstance(value, dict | list | tuple):
+        return value
+    parts = value.values() if isinstance(value, dict) else value
+    changed = [_put(name, part, plant, moved, new) for part in parts]
+    if all(one is other for one, other in zip(changed, parts, strict=True)):
+        return value
+    return dict(zip(value, changed, strict=True)) if isinstance(value, dict) else type(value)(changed)

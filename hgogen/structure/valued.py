@@ -1,0 +1,48 @@
+"""A plant with other values of its parameters."""
+
+from collections.abc import Mapping
+
+from hgogen.errors import BadArgument, nearest
+from hgogen.signal import Signal
+from hgogen.system import System
+
+
+class BadValue(BadArgument):
+    """A value that a parameter cannot have."""
+
+
+def valued(plant: System, values: Mapping[str, float]) -> System:
+    """The plant with other nominal values of parameters, by name.
+
+    Raises: `BadValue` for a name that is no parameter, a value outside of its range, and a plant that is recast.
+    """
+    new = exchanged(plant, values)
+    return System(
+        plant.name,
+        states=plant.states,
+        inputs=plant.inputs,
+        outputs=plant.outputs,
+        parameters=tuple(new.get(p, p) for p in plant.parameters),
+        flow=[row.xreplace(new) for row in plant.flow],
+        output=[row.xreplace(new) for row in plant.output],
+        time=plant.time,
+    )
+
+
+def exchanged(plant: System, values: Mapping[str, float]) -> dict[Signal, Signal]:
+    """Each parameter of these names to the one with its new value. Raises: `BadValue`."""
+    if plant.origin is not None:
+        raise BadValue(f"plant {plant.name!r}", "is recast; give the values to the plant that it was recast from")
+    known = {p.name: p for p in plant.parameters}
+    for name in values:
+        if name not in known:
+            listed = f"its parameters are {', '.join(known)}" if known else "it has no parameters"
+            raise BadValue(f"{name[:60]!r}", f"is no parameter of {plant.name!r}; {nearest(name, known, listed)}")
+    return {known[name]: _with(known[name], value) for name, value in values.items()}
+
+
+def _with(p: Signal, value: float) -> Signal:
+    low, high = p.interval
+    if not low <= value <= high:
+        raise BadValue(f"{p.name} = {value:g}", f"lies outside of its range [{low:g}, {high:g}]; widen that")
+    return Signal(p.name, p.unit, p.meaning, value, p.low, p.high, p.rates)
