@@ -237,7 +237,7 @@ _ARITHMETIC: dict[int, Callable[..., sp.Basic]] = {
 _LOGIC: dict[int, Callable[..., sp.Basic]] = {ca.OP_NOT: sp.Not, ca.OP_AND: sp.And, ca.OP_OR: sp.Or}
 
 
-def to_sympy(function: Any, symbols: Sequence[Sequence[sp.Symbol]]) -> list[list[sp.Expr]]:
+def to_sympy(function: ca.Function, symbols: Sequence[Sequence[sp.Symbol]]) -> list[list[sp.Expr]]:
     """What an SX function computes, an expression for each nonzero of each output.
 
     Args: `symbols`: for each input its symbols, in CasADi's order (columns). A float becomes the rational of its

@@ -143,7 +143,7 @@ class Block:
         return tuple(sorted({(place, size) for place, _, size in map(address, symbols)}))
 
     @cached_property
-    def graph(self) -> Any:
+    def graph(self) -> ca.Function:
         """SX function from the places read to the places written, then the named values."""
         inputs = [sym(*place, size) for place, size in self.reads]
         values = [ca.densify(ca.SX(value)) for value in (*self.writes.values(), *self.names.values())]

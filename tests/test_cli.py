@@ -533,7 +533,7 @@ def test_noise(here: Path):
         (("check", "neuron", "--certificate", "models"), "models is a folder"),
         (("check", "neuron", "--json=models"), "models is a folder"),
         (("check", "neuron", "--limit", "3"), "is for --library"),
-        (("window", "windowless.py"), "has no adaptive theta, whose window would be the default; give --d SECONDS"),
+        (("window", "windowless.py"), "has no adaptive theta, whose window would be the default; give one by --d"),
         (("check", "broken.py"), "broken.py, line 1: ModuleNotFoundError"),
         (("check", "empty.py"), "defines no plant"),
         (("build", "plantless.py"), "defines no step"),

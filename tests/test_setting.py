@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,7 @@ def command(*arguments: str) -> tuple[int, str, str]:
 def test_every_command_that_makes_a_step_takes_them(name: str) -> None:
     _, told, _ = command(name, "--help")
     assert all(f"--{field.name} " in told for field in dataclasses.fields(Setting))
+    assert re.search(r"--observer\b", told)
 
 
 @pytest.mark.parametrize("name", ["pendulum.py", "fitzhugh_nagumo.py"])

@@ -3,16 +3,24 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from typer import BadParameter
+from typer.core import TyperCommand
 
 import hgogen as hg
+from hgogen.commands.responding import _frequencies, response_
+from hgogen.commands.running import noise_
+from hgogen.commands.showing import window_
 from hgogen.errors import HgogenError
 from hgogen.model import load
+from hgogen.modelfiles.tuning import Tuning
 from hgogen.reading.text_model import BadModelFile, from_table, read, to_text
 from hgogen.reading.time_unit import of_time, pace, plural
 from hgogen.system import BadSystem
 from hgogen.targets import c99
 from hgogen.trial import Trial
+from hgogen.trials import excitation, noise
 
 MODELS = Path(__file__).parent.parent / "models"
 x = hg.Signal("x", "m", low=-1, high=1)
@@ -75,15 +83,43 @@ def test_errors_about_time_tell_its_unit():
         (lambda: hg.sample(observer, dt=-1), "must be a positive time in hours"),
         (lambda: hg.sample(observer, dt=0.1, periods={"y": 0}), "must be a positive time in hours"),
         (
-            lambda: hg.sample(hg.observers.high_gain(hg.forms.triangular(moving()), theta=9, poles=[-1, -1]), dt=9),
+            lambda: hg.sample(high_gain(), dt=9),
             " h,",
         ),
         (lambda: hg.gramian(plant(), Trial("far", 2.0, {"x": 1.0}, {"u": 0}), 3.0), "must be times in hours"),
+        (lambda: noise.quiet(np.arange(100) / 10, 5, 3, "h"), r"5\.\.3 h is not .* to 9\.9 h;"),
+        (lambda: noise.suggest("y", np.arange(200.0), 0.1, 50.0, "h"), r"d = 50 h must lie within 0\.1\.\.20 h,"),
+        (lambda: hg.response(high_gain(), -1), r"must be positive numbers \(rad/h\)"),
+        (lambda: _frequencies("fast", "h"), "'fast' must be numbers in rad/h"),
+        (lambda: excitation.along(hg.forms.state_affine(plant()), 1, [0.0], [0.0], 1, 5), "d = 5 h on 1 samples"),
+        (lambda: untimed().period("high_gain"), "add dt, the time in hours between two calls"),
     ):
-        with pytest.raises(HgogenError, match=said):
+        with pytest.raises((HgogenError, BadParameter), match=said):
             call()
+
+
+def high_gain() -> hg.Observer:
+    return hg.observers.high_gain(hg.forms.triangular(moving()), theta=9, poles=(-1, -1))
+
+
+def untimed() -> Tuning:
+    """A tuning without a period."""
+    return Tuning("cart.toml", moving(), {"high_gain": {"theta": 9, "poles": (-1, -1)}})
 
 
 def moving() -> hg.System:
     v = hg.Signal("v", low=-1, high=1)
     return hg.System("cart", states=(x, v), outputs=(y,), flow=[v, -v], output=[x], time="h")
+
+
+@pytest.mark.parametrize("command", [noise_, response_, window_])
+def test_no_option_counts_in_seconds(command: TyperCommand):
+    """A command takes times in the unit of its model."""
+    helps = [getattr(option, "help", None) or "" for option in command.params]
+    assert len(helps) > 3
+    assert not [said for said in helps if re.search(r"\(s\)|rad/s|seconds", said)]
+
+
+def test_a_doubt_about_a_record_tells_the_unit():
+    doubts = noise.suggest("y", np.sin(np.arange(2000) * 0.01), 0.01, 1.0, "h").notes
+    assert [said for said in doubts if re.search(r"correlation time is \S+ h in a record of 20 h", said)]

@@ -32,7 +32,7 @@ from hgogen.trials.metrics import criterion
 
 Names = Annotated[
     str | None,
-    typer.Option("--observers", metavar="A,B,..", help="Tunings of the model, or observers."),
+    typer.Option("--observers", "--observer", metavar="A,B,..", help="Tunings of the model, or observers."),
 ]
 
 

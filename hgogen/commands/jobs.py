@@ -267,5 +267,5 @@ def window(model: Model, option: str, observer: str | None = None) -> float:
         innovation = getattr(tuning.gains(name).get("theta"), "innovation", None)
         if innovation is not None:
             return float(innovation.d)
-    reason = f"its tuning has no adaptive theta, whose window would be the default; give {option} SECONDS"
+    reason = f"its tuning has no adaptive theta, whose window would be the default; give one by {option}"
     raise MissingPart(model.path, "tuning", reason)

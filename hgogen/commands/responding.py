@@ -24,7 +24,9 @@ def response_(
     model: ModelArgument,
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
-    omega: Annotated[str, typer.Option("--omega", help="Frequencies (rad/s), such as 50,100,300.")] = "",
+    omega: Annotated[
+        str, typer.Option("--omega", help="Frequencies in rad per unit of the model's time, such as 50,100,300.")
+    ] = "",
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the figure; by default none.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -40,7 +42,7 @@ def response_(
     loaded = load(model).set(setting)
     step = loaded.step(observer)
     slow, fast = pace(step.observer)
-    frequencies = _frequencies(omega) if omega else _around(slow, fast, step.dt)
+    frequencies = _frequencies(omega, step.time) if omega else _around(slow, fast, step.dt)
     continuous, sampled = hg.response(step.observer, frequencies), hg.response(step, frequencies)
     paths: list[Path] = []
     if out is not None:
@@ -75,12 +77,12 @@ def response_(
     show(as_json, value, tables.responses(continuous, sampled, step.time), *([tables.files(paths)] if paths else []))
 
 
-def _frequencies(text: str) -> tuple[float, ...]:
+def _frequencies(text: str, time: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise typer.BadParameter(
-            f"{text!r} must be numbers in rad/s, such as 50,100,300", param_hint="--omega"
+            f"{text!r} must be numbers in rad/{time}, such as 50,100,300", param_hint="--omega"
         ) from None
 
 

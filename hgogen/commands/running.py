@@ -123,9 +123,13 @@ def noise_(
     time: Time = None,
     period: Period = None,
     map_: Map = None,
-    begin: Annotated[float | None, typer.Option("--from", help="Where the quiet part begins (s).")] = None,
-    end: Annotated[float | None, typer.Option("--to", help="Where the quiet part ends (s).")] = None,
-    d: Annotated[float | None, typer.Option("--window", help="Window d (s); by default the model's.")] = None,
+    begin: Annotated[
+        float | None, typer.Option("--from", help="Where the quiet part begins, in the model's time.")
+    ] = None,
+    end: Annotated[float | None, typer.Option("--to", help="Where the quiet part ends, in the model's time.")] = None,
+    d: Annotated[
+        float | None, typer.Option("--window", help="Window d, in the model's time; by default the model's.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Suggest sigma, tau and the thresholds gamma_0, gamma_1 from a quiet record, in which the plant rests.
@@ -137,7 +141,7 @@ def noise_(
     step = loaded.step(observer)
     d = d if d is not None else jobs.window(loaded, "--window", observer)
     record = _record(step, data, time, period, map_, step.outputs)
-    quiet = noise.quiet(record.t, begin, end)
-    suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d) for s in step.outputs]
+    quiet = noise.quiet(record.t, begin, end, step.time)
+    suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs]
     value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in suggestions]}
     show(as_json, value, tables.report(record.report), *(tables.suggestion(one, step.time) for one in suggestions))

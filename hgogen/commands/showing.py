@@ -13,7 +13,7 @@ from hgogen.model import load
 @command()
 def window_(
     model: ModelArgument,
-    lengths: Annotated[str, typer.Option("--d", help="Windows d (s), such as 0.5,1,2.")] = "",
+    lengths: Annotated[str, typer.Option("--d", help="Windows d, in the model's time, such as 0.5,1,2.")] = "",
     observer: Tuned = None,
     trial: Annotated[str | None, typer.Option(help="The trial of this name; by default the first.")] = None,
     as_json: Json = False,

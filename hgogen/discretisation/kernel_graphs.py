@@ -13,10 +13,11 @@ import casadi as ca
 import numpy as np
 
 from hgogen.discretisation.kernels import DEGREE, HALVINGS, KERNELS, SWEEPS, share, variances
+from hgogen.graph import Graph
 
 
 @cache
-def kernel_graph(name: str, n: int, sizes: tuple[int, ...]) -> Any:
+def kernel_graph(name: str, n: int, sizes: tuple[int, ...]) -> ca.Function:
     """The kernel as a function of its arguments, of these sizes, to all of them as they are then and what it returns.
 
     The columns of a group, of a kernel that has some, come first, side by side (n, n).
@@ -30,7 +31,7 @@ def kernel_graph(name: str, n: int, sizes: tuple[int, ...]) -> Any:
 # --- on L D L', without a choice: the operations of numpy on arrays of scalars
 
 
-def _operation(apply: Callable[[Any, Any], Any], swapped: bool = False) -> Callable[[Any, Any], Any]:
+def _operation(apply: Callable[[Graph, Graph], Graph], swapped: bool = False) -> Callable[..., Any]:
     def operation(scalar: "_Scalar", other: Any) -> Any:
         if isinstance(other, np.ndarray):  # which goes on element by element
             return NotImplemented
@@ -44,29 +45,29 @@ def _operation(apply: Callable[[Any, Any], Any], swapped: bool = False) -> Calla
 class _Scalar:
     """An SX scalar that an array of objects holds: SX itself would take over the operations of the array."""
 
-    value: Any
+    value: Graph
     __add__, __radd__ = _operation(add), _operation(add, swapped=True)
     __sub__, __rsub__ = _operation(sub), _operation(sub, swapped=True)
     __mul__, __rmul__ = _operation(mul), _operation(mul, swapped=True)
     __truediv__, __rtruediv__ = _operation(truediv), _operation(truediv, swapped=True)
 
 
-def _value(number: Any) -> Any:
+def _value(number: Any) -> Graph:
     return number.value if isinstance(number, _Scalar) else ca.SX(float(number))
 
 
-def _array(matrix: Any) -> np.ndarray:
+def _array(matrix: Graph) -> np.ndarray:
     """The columns of a matrix as the rows of an array, a vector as an array (n)."""
     rows, columns = matrix.shape
     made = np.array([[_Scalar(matrix[i, k]) for i in range(rows)] for k in range(columns)], dtype=object)
     return made if columns > 1 else made[0]
 
 
-def _matrix(array: np.ndarray) -> Any:
+def _matrix(array: np.ndarray) -> Graph:
     return ca.horzcat(*(ca.vertcat(*map(_value, row)) for row in np.atleast_2d(array)))
 
 
-def _on_columns(name: str, n: int, sizes: tuple[int, ...]) -> Any:
+def _on_columns(name: str, n: int, sizes: tuple[int, ...]) -> ca.Function:
     shapes = [(n, n), *((size, 1) for size in sizes)]
     symbols = [ca.SX.sym(f"a{k}", *shape) for k, shape in enumerate(shapes)]
     columns, *others = map(_array, symbols)
@@ -74,7 +75,7 @@ def _on_columns(name: str, n: int, sizes: tuple[int, ...]) -> Any:
     return ca.Function(name, symbols, [*map(_matrix, (columns, *others)), ca.SX(0) if result is None else result])
 
 
-def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Any:
+def _capped(columns: np.ndarray, d: np.ndarray, caps: np.ndarray) -> Graph:
     """A factor of 1 where a variance does not exceed its cap changes no bit."""
     values = [_value(v) for v in variances(columns, d)]
     over = [v > _value(c) for v, c in zip(values, caps, strict=True)]
@@ -96,22 +97,22 @@ _ON_ARRAYS: Mapping[str, Callable[..., Any]] = {
 # --- on a matrix by rows, in one array
 
 
-def _rows(x: Any) -> Any:
+def _rows(x: Graph) -> Graph:
     n = int(np.sqrt(x.numel()))
     return ca.reshape(x, n, n).T
 
 
-def _flat(matrix: Any) -> Any:
+def _flat(matrix: Graph) -> Graph:
     return ca.vec(matrix.T)
 
 
-def _size(values: Any, but: int) -> Any:
+def _size(values: Graph, but: int) -> Graph:
     """The sum of |values| but one, from the first to the last."""
     return reduce(lambda total, j: total + ca.fabs(values[j]), (j for j in range(values.numel()) if j != but), ca.MX(0))
 
 
 @cache
-def _doubled(up: bool) -> Any:
+def _doubled(up: bool) -> Graph:
     """(f, column, row, whether it goes on) after all doublings of f, or halvings."""
     x = ca.SX.sym("x", 4)
     f, column, row, going = ca.vertsplit(x)
@@ -124,7 +125,7 @@ def _doubled(up: bool) -> Any:
     return ca.Function("doubled", [x], [ca.vertcat(*moved, on)]).fold(HALVINGS)
 
 
-def _balance(x: Any, scale: Any) -> tuple[Any, ...]:
+def _balance(x: Graph, scale: Graph) -> tuple[Graph, ...]:
     X, n = _rows(x), scale.numel()
     factors = [ca.MX(1)] * n
     for _ in range(SWEEPS):
@@ -139,13 +140,13 @@ def _balance(x: Any, scale: Any) -> tuple[Any, ...]:
     return _flat(X), ca.vertcat(*factors)
 
 
-def _product(a: Any, b: Any) -> Any:
+def _product(a: Graph, b: Graph) -> Graph:
     """a b, summed from the first to the last."""
     return reduce(lambda total, k: total + a[:, k] @ b[k, :], range(1, a.shape[0]), a[:, 0] @ b[0, :])
 
 
 @cache
-def _halved(size: int) -> Any:
+def _halved(size: int) -> Graph:
     """(norm, doublings, X) after all halvings."""
     x = ca.SX.sym("x", 2 + size)
     over = x[0] > 0.5
@@ -155,7 +156,7 @@ def _halved(size: int) -> Any:
 
 
 @cache
-def _squared(n: int) -> Any:
+def _squared(n: int) -> Graph:
     """(doublings left, phi_0, phi_1, phi_2) after all doublings."""
     x, size = ca.SX.sym("x", 1 + 3 * n * n), n * n
     a0, a1, a2 = (ca.reshape(x[1 + k * size : 1 + (k + 1) * size], n, n) for k in range(3))
@@ -167,7 +168,7 @@ def _squared(n: int) -> Any:
     return ca.Function("squared", [y], [once(y[0] > 0, y)]).fold(HALVINGS)
 
 
-def _exponential(x: Any, *_: Any) -> tuple[Any, ...]:
+def _exponential(x: Graph, *_: Graph) -> tuple[Graph, ...]:
     n = int(np.sqrt(x.numel()))
     X = _rows(x)
     norm = reduce(_larger, (_size(X[i, :].T, n) for i in range(n)))
@@ -179,11 +180,11 @@ def _exponential(x: Any, *_: Any) -> tuple[Any, ...]:
     return x, *map(_flat, results)
 
 
-def _larger(a: Any, b: Any) -> Any:
+def _larger(a: Graph, b: Graph) -> Graph:
     return ca.if_else(b > a, b, a)  # as Python's max has it
 
 
-def _series(X: Any) -> tuple[Any, Any, Any]:
+def _series(X: Graph) -> tuple[Graph, Graph, Graph]:
     """phi_0, phi_1, phi_2."""
     one = ca.SX.eye(X.shape[0])
     a2 = one
@@ -194,14 +195,14 @@ def _series(X: Any) -> tuple[Any, Any, Any]:
     return one + _product(X, a1), a1, a2
 
 
-def _resolvent(x: Any, inverse: Any) -> tuple[Any, ...]:
+def _resolvent(x: Graph, inverse: Graph) -> tuple[Graph, ...]:
     n = int(np.sqrt(x.numel()))
     X = ca.SX.sym("X", n, n)
     graph = ca.Function("resolvent", [X], [ca.densify(each) for each in _resolved(X, n)])
     return tuple(map(_flat, graph(_rows(x))))
 
 
-def _resolved(X: Any, n: int) -> tuple[Any, Any]:
+def _resolved(X: Graph, n: int) -> tuple[Graph, Graph]:
     """What is left of 1 - X, and its inverse, by Gauss-Jordan with row pivots."""
     one = ca.SX.eye(n)
     rows = [list(ca.vertsplit(matrix)) for matrix in (ca.densify(one - X), ca.densify(one))]
@@ -227,11 +228,11 @@ def _resolved(X: Any, n: int) -> tuple[Any, Any]:
     return ca.vertcat(*rows[0]), ca.vertcat(*rows[1])
 
 
-def _row(test: Any, yes: Any, no: Any) -> Any:
+def _row(test: Graph, yes: Graph, no: Graph) -> Graph:
     return ca.horzcat(*(ca.if_else(test, yes[j], no[j]) for j in range(yes.numel())))
 
 
-_ON_MATRICES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
+_ON_MATRICES: Mapping[str, Callable[..., tuple[Graph, ...]]] = {
     "balance": _balance,
     "exponential": _exponential,
     "resolvent": _resolvent,

@@ -27,7 +27,7 @@ from typing import Any, Literal
 
 import casadi as ca
 
-Graph = Any  # a scalar casadi.SX; CasADi carries no types
+from hgogen.graph import Graph
 
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
 LN2 = Fraction("0.69314718055994530941723212145817656807550013436025525")

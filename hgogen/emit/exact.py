@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from hgogen.emit.pygraph import DTYPE, evaluated
@@ -11,7 +12,7 @@ from hgogen.step import Step
 from hgogen.stepping.machine import Bound, Machine
 
 
-def evaluate(function: Any, arguments: list[Any], real: Real) -> list[list[Any]]:
+def evaluate(function: ca.Function, arguments: list[Any], real: Real) -> list[list[Any]]:
     """The outputs of an SX function at arrays of numbers, every operation rounded to `real`."""
     operands = [np.asarray(argument, DTYPE[real]) for argument in arguments]
     return evaluated(function, real)([array.tolist() for array in operands] if real == "double" else operands)

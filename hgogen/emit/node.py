@@ -1,7 +1,6 @@
 """A block's SX instructions as nodes, with the patterns recognised that have a text of their own."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 
@@ -22,7 +21,7 @@ _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_
 CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4  # such patterns
 
 
-def read(function: Any) -> list[list[Node]]:
+def read(function: ca.Function) -> list[list[Node]]:
     """The outputs of an SX function as nodes, one list for each output."""
     slots: dict[int, Node] = {}
     nodes: list[Node] = []

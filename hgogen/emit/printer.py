@@ -7,7 +7,6 @@ worth a name, become constant locals; the rest is written in place.
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 
@@ -315,7 +314,7 @@ class Target:
 
 def body(
     printer: Printer,
-    function: Any,
+    function: ca.Function,
     targets: Sequence[Target],
     names: Sequence[str],
     hoist: Collection[int],

@@ -57,7 +57,7 @@ class Writer:
         self.names |= {"inf": number("inf"), "nan": number("nan"), "zero": number(0), "one": number(1)}
         self.names |= {"floor": _floor(number, _WHOLE[self.real]), "divided": _divided}
 
-    def write(self, function: Any, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
+    def write(self, function: ca.Function, inputs: Callable[[int, int], Operand], kind: Number) -> list[list[Node]]:
         """The lines that compute a function; its outputs as nodes, each with its name or text in `name`."""
         outputs = read(function)
         for node in _ordered(node for output in outputs for node in output):
@@ -179,7 +179,7 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
 
 
 @lru_cache(maxsize=4096)
-def evaluated(function: Any, real: Real) -> Callable[[Sequence[Any]], list[list[Any]]]:
+def evaluated(function: ca.Function, real: Real) -> Callable[[Sequence[Any]], list[list[Any]]]:
     """The outputs of an SX function at lists of numbers, every operation rounded to `real`."""
     writer = Writer(real)
 

@@ -42,6 +42,7 @@ from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.observer import STARTS, Observer
 from hgogen.reading import filename
 from hgogen.reading.text_model import NUMBER, READERS, TEXT, BadModelFile, demand_keys
+from hgogen.reading.time_unit import plural
 from hgogen.system import System
 
 _OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
@@ -111,7 +112,8 @@ class Tuning:
         """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
         table = self._sampling(name)
         if "dt" not in table:
-            reason = "the key 'dt' is missing; add dt, the time in seconds between two calls of the observer"
+            unit = plural(self.plant.time)
+            reason = f"the key 'dt' is missing; add dt, the time in {unit} between two calls of the observer"
             raise BadModelFile(self.file, self.where(name), reason)
         return float(table["dt"])
 

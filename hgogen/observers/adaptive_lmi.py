@@ -27,6 +27,7 @@ from hgogen.chains.integrators import Integrators, integrators, observer_on, shi
 from hgogen.check import ClaimId, Claims, Verdict, demand
 from hgogen.errors import HgogenError
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.guarantees.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
 from hgogen.guarantees.certified import Nothing
@@ -168,11 +169,11 @@ def _part(chain: Integrators, w: Field, moving: Field, K: np.ndarray) -> Ode:
     """what and gamma as one differential equation."""
     ((low, high),) = moving.box
 
-    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w, level = values["w"], clamp(values["gamma"], low, high)
         return {"w": shifted(w) + scaled(K, level) * (valid * (y - w[0]))}
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         level = clamp(values["gamma"], low, high)
         loud = ca.fabs(y - chain.offset(u) - values["w"][0]) > sym("gain", "threshold")
         law = level * ca.if_else(loud, sym("gain", "rise"), -sym("gain", "sigma") * level)

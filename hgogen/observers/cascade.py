@@ -28,6 +28,7 @@ from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating
 from hgogen.check import Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.observer import Observer, founded, high_gain_parameter, tunable
@@ -93,7 +94,7 @@ def cascade(
             )
     alpha = _alpha(n, gains, poles)
 
-    def estimates(v: Any, saturate: Saturate, model: Model) -> list[Any]:
+    def estimates(v: Graph, saturate: Saturate, model: Model) -> list[Graph]:
         states = [v[0]]
         for i in range(1, n):
             rate = v[1] if i == 1 else level * alpha[i] * (states[-1] - v[i])
@@ -101,7 +102,9 @@ def cascade(
             states.append(saturate(rate - c[i - 1], i))
         return states
 
-    def lines(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate, model: Model) -> dict[str, Any]:
+    def lines(
+        values: Mapping[str, Graph], y: Graph, valid: Graph, saturate: Saturate, model: Model
+    ) -> dict[str, Graph]:
         v = values["v"]
         e, states = valid * (y - v[0]), estimates(v, saturate, model)
         first = (v[1] + level * alpha[0] * e, level * level * alpha[1] * e)

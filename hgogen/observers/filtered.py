@@ -25,6 +25,7 @@ from hgogen.chains.injection import listed
 from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.intervals.digits import same
@@ -96,12 +97,12 @@ def filtered(
         Field("eta", (0.0,) * n, meaning="filtered output injection"),
     )
 
-    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w, eta = values["w"], values["eta"]
         source = ca.vertcat(valid * (y - w[0]), *(eta[i] for i in range(n - 1)))
         return {"w": shifted(w) + ca.DM(L) * eta, "eta": level * (level * (b * source) - a * eta)}
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(n, 1)}
 
     part, layout = Ode(fields, rest, linear, chain.offset), Layout((*range(n), *range(n)), (True,) * n + (False,) * n)

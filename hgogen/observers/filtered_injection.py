@@ -22,6 +22,7 @@ from hgogen.chains.injection import listed, scaled
 from hgogen.chains.integrators import integrators, observer_on, shifted
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.observer import Observer, founded, high_gain_parameter
@@ -100,14 +101,14 @@ def filtered_injection(
     eta = Field("eta", (0.0,) * m, meaning="state of the injection's filter")
     fields = (chain.field(initial, high.initial[0]), eta)
 
-    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         w, eta = values["w"], values["eta"]
         return {
             "w": shifted(w) + scaled(np.ones(n), level) * (_sparse(pushed) @ eta),
             "eta": level * (_sparse(filter_) @ eta + _sparse(source) * (valid * (y - w[0]))),
         }
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"w": chain.nonlinear(values["w"], u), "eta": ca.SX(m, 1)}
 
     layout = Layout((*range(n), *[0] * m), (True,) * n + (False,) * m)
@@ -153,5 +154,5 @@ def _core(F: np.ndarray, G: np.ndarray, pushed: np.ndarray) -> np.ndarray:
     return np.block([[np.diag(np.ones(n - 1), 1), pushed], [-measured, F]])
 
 
-def _sparse(matrix: np.ndarray) -> Any:
+def _sparse(matrix: np.ndarray) -> Graph:
     return ca.sparsify(ca.SX(ca.DM(matrix)))

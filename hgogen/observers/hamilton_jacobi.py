@@ -12,8 +12,7 @@ Hamilton-Jacobi approaches to state reconstruction for dynamic systems", Mathema
 (3), (18).
 """
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import sympy as sp
@@ -153,7 +152,7 @@ def _inverse(name: str, matrix: np.ndarray) -> np.ndarray:
     return spd(f"the inverse of {name}", (inverse + inverse.T) / 2, len(matrix))
 
 
-def _inverted(n: int) -> Any:
+def _inverted(n: int) -> Callable[[Clock], Pieces]:
     """Q^-1, once for each `tune`."""
     field = Field("Q_inverse", (0.0,) * n, unit="z^2/s", meaning="inverse of Q, diagonal factor")
     block = Block("inverse weights", {Place("derived", "Q_inverse"): 1 / sym("gain", "Q", n)})

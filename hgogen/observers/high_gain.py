@@ -22,6 +22,7 @@ import numpy as np
 
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
 from hgogen.observer import Observer, founded, high_gain_parameter, state_field
@@ -143,10 +144,10 @@ def _in_chains(dynamics: Dynamics, chosen: ConstantGain) -> Ode:
     n, still = dynamics.n, ca.SX.zeros(len(dynamics.form.system.inputs))
     A, C = dynamics.linear(still), dynamics.output_jacobian(ca.SX.zeros(n), still)
 
-    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": A @ values["z"] + chosen.onto(valid * (y - C @ values["z"]))}
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         return {"z": dynamics.nonlinear(values["z"], u)}
 
     return Ode((), rest, linear, lambda u: dynamics.output(ca.SX.zeros(n), u))
@@ -155,7 +156,7 @@ def _in_chains(dynamics: Dynamics, chosen: ConstantGain) -> Ode:
 def _driven(dynamics: Dynamics, chosen: ConstantGain, theta: float) -> Ode:
     """z' = A(u) z + b + K (y - C(u) z - offset): the core moves with the input."""
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         z = values["z"]
         return {"z": dynamics.flow(z, u) + chosen.onto(valid * (y - dynamics.output(z, u)))}
 
@@ -166,7 +167,7 @@ def _in_original(dynamics: Dynamics, least: float | None, theta: float, p: np.nd
     """z' = f(sat z, u) + (dPhi/dx)^-1 K (y - h); the core is that of the phase coordinates."""
     n = dynamics.n
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         push = dynamics.pulled(sym("derived", "K", n), values["z"], u, least)
         return {"z": dynamics.flow(values["z"], u) + push * (valid * (y - dynamics.output(values["z"], u)))}
 

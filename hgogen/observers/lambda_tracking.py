@@ -45,6 +45,7 @@ from hgogen.chains.injection import (
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import ClaimId, Claims, Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Clock, Jump, Pieces
@@ -172,7 +173,7 @@ def lambda_tracking(
         "k", least, low=least, high=most, lasting=True, unit="1/s", meaning="gain, which grows outside the strip"
     )
 
-    def law(e: Any) -> Any:
+    def law(e: Graph) -> Graph:
         room = ca.fmax(sym("gain", "reach") - sym("gain", "strip"), 0)
         outside = ca.fmin(ca.fmax(ca.fabs(e) - sym("gain", "strip"), 0), room)
         return sym("gain", "gamma") * (outside * outside)

@@ -13,7 +13,6 @@ form are an extension: c_i/l^(i-1) is Lipschitz in the scaled errors, uniformly 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,6 +24,7 @@ from hgogen.chains.integrators import integrators, observer_on, rows, shifted
 from hgogen.chains.pairs import errors, injected, pair_gains
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.observer import Observer, founded, high_gain_parameter
@@ -88,12 +88,12 @@ def low_power(
         rows(w, "xi_q", range(1, n), "q_i, second of the pair xi_i: estimate of the states but the first"),
     )
 
-    def linear(values: Mapping[str, Any], y: Any, valid: Any) -> dict[str, Any]:
+    def linear(values: Mapping[str, Graph], y: Graph, valid: Graph) -> dict[str, Graph]:
         p, q = values["xi_p"], values["xi_q"]
         onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, q))
         return {"xi_p": q + onto_p, "xi_q": shifted(q) + onto_q}
 
-    def rest(values: Mapping[str, Any], u: Any, y: Any, valid: Any) -> dict[str, Any]:
+    def rest(values: Mapping[str, Graph], u: Graph, y: Graph, valid: Graph) -> dict[str, Graph]:
         c = chain.nonlinear(ca.vertcat(values["xi_p"][0], values["xi_q"]), u)
         return {"xi_p": c[:pairs], "xi_q": c[1:]}
 

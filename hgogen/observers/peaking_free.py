@@ -14,7 +14,6 @@ c_1..c_(n-1) of a triangular form are an extension.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -27,6 +26,7 @@ from hgogen.chains.pairs import errors, injected, pair_gains
 from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating, vertices
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.intervals.digits import same
@@ -104,7 +104,9 @@ def peaking_free(
         rows(w, "xi_q", range(1, n), "q_i, second of the pair xi_i: estimate of the states but the first"),
     )
 
-    def lines(values: Mapping[str, Any], y: Any, valid: Any, saturate: Saturate, model: Model) -> dict[str, Any]:
+    def lines(
+        values: Mapping[str, Graph], y: Graph, valid: Graph, saturate: Saturate, model: Model
+    ) -> dict[str, Graph]:
         p, q, c = values["xi_p"], values["xi_q"], model(values["xi_p"])
         sat = ca.vertcat(*(saturate(q[i - 1], i) for i in range(1, n)))
         onto_p, onto_q = injected(k, level, errors(valid * (y - p[0]), p, sat))

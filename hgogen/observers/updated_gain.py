@@ -19,7 +19,6 @@ which the length of a step asks for, is an extension.
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -28,6 +27,7 @@ from hgogen.chains.injection import capped, injection_gains, listed, moving_gain
 from hgogen.chains.integrators import Integrators, integrators, observer_on
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
+from hgogen.graph import Graph
 from hgogen.guarantees.gain_update import checks
 from hgogen.guarantees.lmi import STATES
 from hgogen.intervals.digits import same
@@ -153,7 +153,7 @@ def updated_gain(
     )
 
 
-def _slope(chain: Integrators, w: Any, u: Any, L: Any) -> Any:
+def _slope(chain: Integrators, w: Graph, u: Graph, L: Graph) -> Graph:
     """Gamma, SX scalar."""
     dynamics, z = chain.dynamics, chain.z(w)
     J = dynamics.jacobian(z, u) - dynamics.linear(u)
@@ -163,7 +163,7 @@ def _slope(chain: Integrators, w: Any, u: Any, L: Any) -> Any:
     return ca.sqrt(sum((entry * entry for entry in scaled), ca.SX(0)))
 
 
-def _power(L: Any, k: int) -> Any:
+def _power(L: Graph, k: int) -> Graph:
     factor = L if k > 0 else 1 / L
     return reduce(lambda product, one: product * one, [factor] * abs(k), ca.SX(1))
 

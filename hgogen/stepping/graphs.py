@@ -9,13 +9,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from math import prod
-from typing import Any, Literal
+from typing import Literal
 
 import casadi as ca
 
+from hgogen.graph import Graph
 from hgogen.method import Explicit
-from hgogen.part import Clock
+from hgogen.part import Clock, Ode
 from hgogen.program import Block, Field, Place, Program, lines_of, sym
+from hgogen.signal import Signal
 from hgogen.step import Step
 from hgogen.stepping.discretise import equation, tuned
 from hgogen.stepping.entries import Entry, Vector, distinct, of_field, of_line, of_signals
@@ -28,8 +30,8 @@ from hgogen.stepping.symbolic import Memory, Shape, Symbolic, shapes
 class Flow:
     """The continuous observer: two functions, their state, and the names of its fields that are held."""
 
-    derivative: Any
-    estimate: Any
+    derivative: ca.Function
+    estimate: ca.Function
     state: Vector
     held: tuple[str, ...]
 
@@ -39,7 +41,7 @@ class Graphs:
     """The functions of a step; `graph` gives that of a block."""
 
     made: Step
-    graph: Callable[[Block], Any]
+    graph: Callable[[Block], ca.Function]
 
     @cached_property
     def memory(self) -> Vector:
@@ -64,7 +66,7 @@ class Graphs:
         """The estimated states, as a vector with names."""
         return of_signals("estimates", self.made.states)
 
-    def step(self) -> Any:
+    def step(self) -> ca.Function:
         """One call."""
         step, state, lies = self.made, ca.MX.sym("state", len(self.memory)), shapes(self.made.state, self.made.groups)
         memory = {**self._tuned(step.tuning), **_parts(state, lies)}
@@ -112,13 +114,13 @@ class Graphs:
         return self.made.method.view if isinstance(self.made.method, Explicit) else "covariance"
 
     @cached_property
-    def _odes(self) -> list[Any]:
+    def _odes(self) -> list[Ode]:
         return [ode for part in self.made.observer.parts if (ode := equation(part, self._view))]
 
     @cached_property
-    def _rates(self) -> dict[str, Any]:
+    def _rates(self) -> dict[str, Graph]:
         """SX, by the names of fields."""
-        clock, rates = self._clock, dict[str, Any]()
+        clock, rates = self._clock, dict[str, Graph]()
         u, y = sym("work", "u", clock.inputs), sym("work", "y", clock.outputs)
         for ode in self._odes:
             values = {field.name: sym("state", field.name, field.size) for field in ode.fields}
@@ -144,19 +146,19 @@ class Graphs:
         return Symbolic({line[-1].name: line for line in lines_of(self.made.groups)}, self.graph)
 
     @cached_property
-    def _symbols(self) -> list[Any]:
+    def _symbols(self) -> list[Graph]:
         return [ca.MX.sym(name, len(vector)) for name, vector in zip("uyp", self.inputs, strict=True)]
 
     @property
-    def _u(self) -> Any:
+    def _u(self) -> Graph:
         return self._symbols[0]
 
     @property
-    def _y(self) -> Any:
+    def _y(self) -> Graph:
         return self._symbols[1]
 
     @property
-    def _p(self) -> Any:
+    def _p(self) -> Graph:
         return self._symbols[2]
 
     def _of(self, field: Field) -> Iterable[Entry]:
@@ -174,12 +176,12 @@ class Graphs:
         bits = {Place("status", bit.name): ca.MX(0) for bit in step.bits}
         return self._symbolic.section(tuning, {**zeros, **bits, **_parts(self._p, lies)})
 
-    def _estimated(self, memory: Memory) -> Any:
+    def _estimated(self, memory: Memory) -> Graph:
         shown = self._symbolic.section(self.made.estimate, memory)
         return ca.vertcat(*(shown[Place("estimate", signal.name)] for signal in self.made.states))
 
 
-def _parts(vector: Any, lies: dict[Place, Shape]) -> Memory:
+def _parts(vector: Graph, lies: dict[Place, Shape]) -> Memory:
     """A vector cut into places, one after the other."""
     memory, start = Memory(), 0
     for place, shape in lies.items():
@@ -188,5 +190,5 @@ def _parts(vector: Any, lies: dict[Place, Shape]) -> Memory:
     return memory
 
 
-def _scalars(struct: str, signals: Iterable[Any], vector: Any) -> Memory:
+def _scalars(struct: str, signals: Iterable[Signal], vector: Graph) -> Memory:
     return {Place(struct, signal.name): vector[k] for k, signal in enumerate(signals)}

@@ -30,6 +30,7 @@ Bound = tuple[Action, list[np.ndarray]]
 
 def casadi_block(block: Block, arguments: list[np.ndarray]) -> Bound:
     """The block as an action that reads `arguments` where they lie, and its result arrays."""
+    buffer: Any  # its types ask for the size, which it takes from the memory itself
     buffer, evaluate = block.graph.buffer()
     results = [np.zeros(block.graph.numel_out(i)) for i in range(len(block.writes) + len(block.names))]
     for index, array in enumerate(arguments):

@@ -8,11 +8,11 @@ body for each member; a member that is chosen as the program runs is read and wr
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import prod
-from typing import Any
 
 import casadi as ca
 
 from hgogen.discretisation.kernel_graphs import kernel_graph
+from hgogen.graph import Graph
 from hgogen.program import (
     Block,
     Call,
@@ -29,7 +29,7 @@ from hgogen.program import (
     places,
 )
 
-Memory = dict[Place, Any]  # MX: a column (size), of a field of a group a table with a column for each member
+Memory = dict[Place, Graph]  # MX: a column (size), of a field of a group a table with a column for each member
 Shape = tuple[int, int]
 
 
@@ -50,7 +50,7 @@ class Symbolic:
     the function of a block."""
 
     lines: Mapping[str, tuple[Group, ...]]
-    graph: Callable[[Block], Any]
+    graph: Callable[[Block], ca.Function]
 
     def section(self, program: Program, memory: Memory) -> Memory:
         """The memory after a program whose work values are its own."""
@@ -137,7 +137,7 @@ class _Choice:
         arguments = [symbols[place] for place in self.read]
         self.yes, self.no = (ca.Function("branch", arguments, values) for values in results)
 
-    def at(self, flag: Any, memory: Memory) -> Memory:
+    def at(self, flag: Graph, memory: Memory) -> Memory:
         """The places that the taken branch writes, with their values."""
         arguments = [memory[place] for place in self.read]
         if not self.written:
@@ -154,25 +154,26 @@ def _symbols(memory: Memory, rows: Mapping[Place, Shape] | None = None) -> Memor
     return {place: ca.MX.sym(f"m{k}", *shape) for k, (place, shape) in enumerate(shaped.items())}
 
 
-def _number(place: Any, total: int) -> Any:
+def _number(place: Graph, total: int) -> Graph:
     """The number of a member, 0 where it is beyond the last, as in C."""
     return ca.if_else(place < total, place, 0)
 
 
-def _at(table: Any, member: Any) -> Any:
+def _at(table: Graph, member: Graph) -> Graph:
     """Where the column of a member lies in a table."""
     rows = table.shape[0]
     return rows * member + ca.DM(range(rows))
 
 
-def _column(table: Any, member: Any) -> Any:
+def _column(table: Graph, member: Graph | int) -> Graph:
     return table[:, member] if isinstance(member, int) else table.nz[_at(table, member)]
 
 
-def _with_column(table: Any, member: Any, value: Any) -> Any:
+def _with_column(table: Graph, member: Graph | int, value: Graph) -> Graph:
     changed = ca.MX(table)
     if isinstance(member, int):
         changed[:, member] = ca.vec(value)
     else:
-        changed.nz[_at(table, member)] = ca.vec(value)
+        elements: Graph = ca.vec(value)
+        changed.nz[_at(table, member)] = elements
     return changed

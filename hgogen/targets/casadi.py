@@ -27,6 +27,7 @@ from hgogen.emit.elementary import elementary
 from hgogen.emit.printer import CALLS
 from hgogen.emit.syntax import Real, demand_step
 from hgogen.errors import BadArgument
+from hgogen.graph import Graph
 from hgogen.program import Block
 from hgogen.step import Step
 from hgogen.stepping.discretise import NoEquation
@@ -47,7 +48,7 @@ class Functions(Files):
     `step` a `casadi.Function`; `memory`, `u`, `y`, `p`, `x` its vectors; `bits` the names of the bits of its status.
     """
 
-    step: Any
+    step: ca.Function
     memory: Vector
     u: Vector
     y: Vector
@@ -57,12 +58,12 @@ class Functions(Files):
     flow: Flow | NoEquation
 
     @property
-    def derivative(self) -> Any:
+    def derivative(self) -> ca.Function:
         """The `casadi.Function` of the differential equations. Raises: `NoEquation`."""
         return self._flow.derivative
 
     @property
-    def estimate(self) -> Any:
+    def estimate(self) -> ca.Function:
         """The `casadi.Function` of the estimate. Raises: `NoEquation`."""
         return self._flow.estimate
 
@@ -129,19 +130,19 @@ def _listed(step: Step, vectors: Mapping[str, Vector]) -> str:
 
 # --- the function of a block
 
-_CHOSEN: Mapping[int, Callable[[Any, Any], Any]] = {
+_CHOSEN: Mapping[int, Callable[[Graph, Graph], Graph]] = {
     ca.OP_FMIN: lambda a, b: ca.if_else(a <= b, a, b),
     ca.OP_FMAX: lambda a, b: ca.if_else(a >= b, a, b),
 }
 
 
-def _block(block: Block, known: Mapping[str, Any]) -> Any:
+def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Function:
     """A block operation by operation, without the values that only have a name in C; by the functions of `known`.
 
     A clamp is a choice, of which the value is taken where it is at the end: there CasADi's own have half of its slope,
     and a gain is often first at the end of its range.
     """
-    graph, work = block.graph, dict[int, Any]()
+    graph, work = block.graph, dict[int, Graph]()
     inputs, results = graph.sx_in(), [ca.SX.zeros(*graph.size_out(k)) for k in range(graph.n_out())]
     for k in range(graph.n_instructions()):
         op, read, wrote = graph.instruction_id(k), graph.instruction_input(k), graph.instruction_output(k)
@@ -156,7 +157,7 @@ def _block(block: Block, known: Mapping[str, Any]) -> Any:
     return ca.Function("block", inputs, results[: len(block.writes)])
 
 
-def _applied(op: int, known: Mapping[str, Any]) -> Callable[..., Any]:
+def _applied(op: int, known: Mapping[str, Callable[..., Graph]]) -> Callable[..., Graph]:
     """What an operation does with SX scalars."""
     own = _CHOSEN.get(op) or known.get(CALLS.get(op, ""))
     return own or (lambda *values: (ca.SX.unary if len(values) == 1 else ca.SX.binary)(op, *values))

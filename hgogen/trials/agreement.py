@@ -77,5 +77,5 @@ class Disagree(HgogenError):
         worst = max(self.failed, key=lambda one: one.before)
         return (
             f"C and Python disagree in trial {worst.trial!r}, seed {worst.seed}: {worst.before:.1e} of the peak until "
-            f"{worst.until:g} s, times to settle {worst.settled}; check the compiler's flags (no -ffast-math)"
+            f"t = {worst.until:g}, times to settle {worst.settled}; check the compiler's flags (no -ffast-math)"
         )

@@ -40,7 +40,9 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
     inputs, samples = (_record(name, value, size) for name, value, size in (("u", u, m), ("y", y, outputs)))
     pieces = round(d / dt)
     if len(samples) <= pieces or pieces < 1 or (m and len(inputs) != len(samples)):
-        raise BadGain(f"d = {d:g} s on {len(samples)} samples", "must be shorter than the record of u and y")
+        raise BadGain(
+            f"d = {d:g} {form.system.time} on {len(samples)} samples", "must be shorter than the record of u and y"
+        )
     A, C = _numbers(dynamics, inputs, samples)
     half = np.array([(s.interval[1] - s.interval[0]) / 2 if s.bounded else 1.0 for s in form.states])
     move, W = _pieces(A * half / half[:, None], C * half, variances, dt)
@@ -50,7 +52,7 @@ def along(form: Form, R: Any, u: Any, y: Any, dt: float, d: float) -> Gramian:
 def shown(id: str, gramian: Gramian) -> Check:
     """The check that windows along a record decide: it is refuted where one hides a direction, and never proved."""
     name = ClaimId("", id)
-    claim = f"every window of {gramian.d:g} s of the record shows every state, to {HIDDEN:g} of the one seen best"
+    claim = f"every window d = {gramian.d:g} of the record shows every state, to {HIDDEN:g} of the one seen best"
     share = gramian.smallest / np.maximum(gramian.largest, np.finfo(float).tiny)
     k = int(np.argmin(share))
     least, direction = float(gramian.smallest[k]), gramian.direction[k]

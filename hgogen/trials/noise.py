@@ -33,32 +33,34 @@ class TooLittle(HgogenError):
 
 @dataclass(eq=False)
 class BadInterval(HgogenError):
-    """An interval of time, `begin`..`end` (s), that is not in the record's `first`..`last`."""
+    """An interval of time, `begin`..`end` in the `unit`, that is not in the record's `first`..`last`."""
 
     begin: float
     end: float
     first: float
     last: float
+    unit: str
 
     def __str__(self) -> str:
         return (
-            f"the quiet part {self.begin:g}..{self.end:g} s is not an interval in the record, which runs from "
-            f"{self.first:g} to {self.last:g} s; give --from and --to within it, the earlier first"
+            f"the quiet part {self.begin:g}..{self.end:g} {self.unit} is not an interval in the record, which runs "
+            f"from {self.first:g} to {self.last:g} {self.unit}; give --from and --to within it, the earlier first"
         )
 
 
 @dataclass(eq=False)
 class BadWindow(HgogenError):
-    """A window `d` (s) shorter than the sampling period `dt` (s) or longer than the quiet part, `length` (s)."""
+    """A window `d` shorter than the sampling period `dt` or longer than the quiet part, `length`, all in the `unit`."""
 
     d: float
     dt: float
     length: float
+    unit: str
 
     def __str__(self) -> str:
         return (
-            f"the window d = {self.d:g} s must lie within {self.dt:g}..{self.length:g} s, from the sampling period to "
-            "the length of the quiet part; give --window SECONDS"
+            f"the window d = {self.d:g} {self.unit} must lie within {self.dt:g}..{self.length:g} {self.unit}, from the "
+            "sampling period to the length of the quiet part; give another by --window"
         )
 
 
@@ -87,22 +89,23 @@ class Suggestion:
         return asdict(self)
 
 
-def quiet(t: np.ndarray, begin: float | None, end: float | None) -> np.ndarray:
-    """Which of the times t (N,), N >= 2, evenly spaced (s), lie in begin..end; None: from the first, to the last.
+def quiet(t: np.ndarray, begin: float | None, end: float | None, unit: str = "s") -> np.ndarray:
+    """Which of the times t (N,), N >= 2, evenly spaced, lie in begin..end; None: from the first, to the last; times in
+    the unit.
 
     Raises: `BadInterval` unless the interval lies within the record, to a sample.
     """
     first, last, dt = float(t[0]), float(t[-1]), float(t[1] - t[0])
     low, high = first if begin is None else begin, last if end is None else end
     if not first - 1.5 * dt < low < high < last + 1.5 * dt:  # 0..10 s holds the samples 0, dt, .. 10 - dt
-        raise BadInterval(low, high, first, last)
+        raise BadInterval(low, high, first, last, unit)
     inside: np.ndarray = (t >= low) & (t <= high)
     return inside
 
 
-def suggest(output: str, y: np.ndarray, dt: float, d: float) -> Suggestion:
-    """sigma, tau and thresholds from y (N,), sampled every `dt` (s), NaN where missing, for the window `d`
-    (s).
+def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") -> Suggestion:
+    """sigma, tau and thresholds from y (N,), sampled every `dt`, NaN where missing, for the window `d`, both in the
+    unit.
 
     Raises: `TooLittle`, `BadWindow`.
     """
@@ -110,7 +113,7 @@ def suggest(output: str, y: np.ndarray, dt: float, d: float) -> Suggestion:
     if there.sum() < LEAST:
         raise TooLittle(f"{output} has {there.sum()} samples; give at least {LEAST} from a quiet part of the record")
     if not dt * (1 - 1e-9) <= d <= len(y) * dt * (1 + 1e-9):
-        raise BadWindow(d, dt, len(y) * dt)
+        raise BadWindow(d, dt, len(y) * dt, unit)
     t = np.arange(len(y)) * dt
     residual = y - np.polyval(np.polyfit(t[there], y[there], 1), t)
     sigma = float(np.std(residual[there], ddof=2))
@@ -129,8 +132,8 @@ def suggest(output: str, y: np.ndarray, dt: float, d: float) -> Suggestion:
         )
     if tau > len(y) * dt / 30:
         notes.append(
-            f"the correlation time is {tau:.3g} s in a record of {len(y) * dt:.3g} s: this part is not quiet, or too "
-            "short; sigma holds the plant's own motion"
+            f"the correlation time is {tau:.3g} {unit} in a record of {len(y) * dt:.3g} {unit}: this part is not "
+            "quiet, or too short; sigma holds the plant's own motion"
         )
     density = sigma**2 * dt * (1 + rho) / (1 - rho)
     return Suggestion(output, int(there.sum()), sigma, tau, d, relative, gamma, 2 * gamma, density, tuple(notes))

@@ -42,9 +42,10 @@ class BadFrequency(HgogenError):
     """Frequencies that are none."""
 
     omega: str
+    time: str
 
     def __str__(self) -> str:
-        return f"omega = {self.omega} must be positive numbers (rad/s), such as (50, 100, 300)"
+        return f"omega = {self.omega} must be positive numbers (rad/{self.time}), such as (50, 100, 300)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,13 +82,13 @@ def response(source: Observer | Step, omega: Any) -> Response:
 
     Raises: `NoResponse` for an observer without a linear error core; `BadFrequency`, `BadGain`.
     """
-    frequencies = np.atleast_1d(reals("omega", omega))
-    if frequencies.ndim > 1 or not frequencies.size or not (np.isfinite(frequencies) & (frequencies > 0)).all():
-        raise BadFrequency(repr(omega))
     step = source if isinstance(source, Step) else None
     observer = step.observer if step else source
     if not isinstance(observer, Observer):
         raise Misfit("response", source, "an observer or a step")
+    frequencies = np.atleast_1d(reals("omega", omega))
+    if frequencies.ndim > 1 or not frequencies.size or not (np.isfinite(frequencies) & (frequencies > 0)).all():
+        raise BadFrequency(repr(omega), observer.form.system.time)
     part, line, values = *_linear_core(observer), nominal(observer)
     E, states, coordinates = _estimate(observer, part, line, values)
     if step:
