@@ -24,13 +24,15 @@ class Convergence(StrEnum):
 
 
 def convergence(observer: str, checks: Iterable[Check]) -> Convergence:
-    """What is known of an observer's convergence, by its own checks: one of convergence, and one of its gain theta."""
+    """What is known of an observer's convergence, by its own checks: one of convergence, one of its gain theta, and one
+    of how long it holds a gain, for which a larger theta makes up."""
     known = {check.id.fact: check.verdict for check in checks if check.id.maker == observer}
     if known.get("convergence") is not Verdict.PROVED:
         return Convergence.UNKNOWN
     if "theta" not in known:
         return Convergence.PROVED
-    return Convergence.ABOVE if known["theta"] is Verdict.PROVED else Convergence.BELOW
+    enough = {known["theta"], known.get("hold", Verdict.PROVED)} == {Verdict.PROVED}
+    return Convergence.ABOVE if enough else Convergence.BELOW
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """How long a high gain must hold: by the norms of the jumps between two gains, and along switchings that are bad."""
 
+import json
 from collections.abc import Callable
 from functools import cache
 
@@ -7,11 +8,14 @@ import numpy as np
 import pytest
 import sympy as sp
 from plants import model
+from scipy.linalg import expm
 
 import hgogen as hg
 from hgogen.check import Check, Verdict
 from hgogen.guarantees.certified import Nothing, ThetaBound, of_poles
 from hgogen.guarantees.dwell import switching
+from hgogen.recheck.verification import recheck
+from hgogen.theorem import Convergence, convergence
 
 HIGH, LOW, POLES = 40.0, 20.0, (3.0, 3.0, 1.0)  # s^3 + 3 s^2 + 3 s + 1
 
@@ -87,6 +91,52 @@ def test_cycles_of_the_proved_time_contract(low_time: float) -> None:
             for _ in range(steps):
                 x, w = moved(x, w, level, time / steps)
         assert value(P, S, x - w) < start
+
+
+RESTLESS = {"theta": 5.016, "theta_low": 1.05, "threshold": 1.0}  # of two integrators, with these gains
+SWING = (1.5167552156244541, 3.9155337274643007)
+
+
+def restless(hold: float) -> hg.Observer:
+    x1, x2 = (hg.Signal(f"x{i}", low=-(10**i), high=10**i) for i in (1, 2))
+    plant = hg.System("integrators", states=(x1, x2), outputs=[hg.Signal("y")], flow=[x2, 0], output=[x1])
+    return hg.observers.switched_gain(hg.forms.triangular(plant), **RESTLESS, hold=hold, gains=SWING)
+
+
+def switches(hold: float, until: float, dt: float = 1e-3) -> list[float]:
+    """The times at which the error of `restless` goes back to the high gain, its flow exact from step to step."""
+    flows = {}
+    for level in (RESTLESS["theta"], RESTLESS["theta_low"]):
+        flows[level] = expm(dt * np.array([[-SWING[0] * level, 1], [-SWING[1] * level**2, 0]]))
+    e, level, quiet, times = np.array([1.2, 4.0]), RESTLESS["theta"], 0.0, []
+    for k in range(round(until / dt)):
+        e = flows[level] @ e
+        quiet = quiet + dt if abs(e[0]) <= RESTLESS["threshold"] else 0.0
+        before, level = level, RESTLESS["theta_low"] if quiet >= hold else RESTLESS["theta"]
+        times += [k * dt] if level > before else []
+    return times
+
+
+def test_two_gains_that_each_converge_may_switch_for_ever() -> None:
+    """Both are above the bound, of b = 0, and the error goes round a cycle: nothing is concluded of that theta."""
+    assert switches(0.2129, until=100)[-1] > 99
+    assert not switches(2.3, until=100)
+    short, long = restless(0.2129), restless(2.3)
+    verdicts = {check.id.fact: check.verdict for check in short.checks if check.id.maker == "switched_gain"}
+    assert verdicts == {"convergence": Verdict.PROVED, "theta": Verdict.PROVED, "hold": Verdict.UNKNOWN}
+    assert convergence("switched_gain", short.checks) is Convergence.BELOW
+    assert convergence("switched_gain", long.checks) is Convergence.ABOVE
+
+
+def test_what_is_proved_of_each_gain_is_said_of_the_time_between_switches() -> None:
+    """By the checks, and by the certificate's rows."""
+    observer = restless(0.2129)
+    text = json.dumps(hg.certificate(observer.form, observer.checks, "switched_gain"))
+    for check in observer.checks:
+        if check.id in ("switched_gain.convergence", "switched_gain.theta"):
+            assert "between switches" in check.claim + check.reason
+    row = next(row for row in recheck(text).rows if row.id == "switched_gain.convergence")
+    assert "the error decays exponentially between switches, in every gain above 1" in row.sentence
 
 
 def value(P: np.ndarray, S: np.ndarray, error: np.ndarray) -> float:

@@ -695,3 +695,36 @@ def test_a_slope_of_the_wrong_sign_is_refuted() -> None:
         for text, a in {"x": x, "-x": -x, "x - 3": x - 3}.items()
     }
     assert verdicts == {"x": Verdict.PROVED, "-x": Verdict.REFUTED, "x - 3": Verdict.REFUTED}
+
+
+BOXED = tuple(Signal(name, low=-1, high=1) for name in ("x1", "x2"))
+NOTHING = sp.Abs(sp.sin(BOXED[0]) ** 2 + sp.cos(BOXED[0]) ** 2 - 1)  # 0, which no algebra here shows
+
+
+@pytest.mark.parametrize(
+    ("rate", "connected"),
+    [
+        (sp.Max(BOXED[1], 5), "refuted"),
+        (BOXED[1] + sp.Abs(BOXED[1] - 3), "refuted"),
+        (BOXED[1] * sp.Heaviside(BOXED[1] - 2), "refuted"),
+        (BOXED[1] * NOTHING, "unknown"),
+        (sp.floor(BOXED[1] / 3 + sp.Rational(1, 2)), "unknown"),
+    ],
+)
+def test_original_connects_no_state_that_does_not_matter_on_the_box(rate: sp.Expr, connected: str) -> None:
+    """max(x2, 5) is 5 on the box, where no output shows x2; what may be 0 shows nothing for certain."""
+    x1, x2 = BOXED
+    boxed = System("p", states=BOXED, outputs=(y,), flow=[rate, x1 + x2], output=[x1])
+    form = forms.original(boxed)
+    assert check(form, "connected").verdict == connected
+    assert check(form, "order").verdict == Verdict.UNKNOWN
+    hidden = [one.id for one in forms.state_affine(boxed).checks if one.id.fact == "connected"]
+    assert bool(hidden) is (connected == "refuted")
+
+
+def test_a_step_connects_a_state_and_has_no_slope() -> None:
+    """floor(2 x2) varies with x2, and its slope is 0 wherever it has one."""
+    x1, x2 = BOXED
+    form = forms.original(System("p", states=BOXED, outputs=(y,), flow=[sp.floor(2 * x2), x1], output=[x1]))
+    assert check(form, "connected").verdict == Verdict.PROVED
+    assert check(form, "order").verdict == Verdict.UNKNOWN

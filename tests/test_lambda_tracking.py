@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import lambda_tracking as oracle
 from plants import MODELS, model
+from scipy.signal import lsim
 
 import hgogen as hg
 from hgogen.algebra.hurwitz import NotHurwitz
@@ -137,6 +138,32 @@ def test_the_final_gain_with_noise() -> None:
 
 
 # --- theorem ------------------------------------------------------------------------------------------------
+
+
+def test_a_phi_that_grows_again_and_again_keeps_the_gain_moving() -> None:
+    """An oscillator in its ranges, driven half a minute of every two, without fault or noise: the gain falls in each
+    calm, and the error is far in each drive. The theorem names that among what it rests on."""
+    x, v = (hg.Signal(name, low=-1.5, high=1.5) for name in ("x", "v"))
+    force = hg.Signal("force", low=-1.2, high=1.2)
+    plant = hg.System(
+        "driven", states=[x, v], inputs=[force], outputs=[hg.Signal("y")], flow=[v, force - x - v], output=[x]
+    )
+    gains = {"k_0": 1, "k_max": 20, "gamma": 10, "strip": 0.1, "reach": 0.2, "poles": (-1, -1)}
+    observer = hg.observers.lambda_tracking(hg.forms.phase(plant), **gains)
+    dt = 2e-3
+    t = np.arange(0, 720, dt)
+    u = np.where((t % 120 >= 30) & (t % 120 < 60), 1.2 * np.sin(t), 0)
+    _, _, states = lsim(([[0.0, 1], [-1, -1]], [[0.0], [1]], [[1.0, 0]], [[0.0]]), u, t)
+    assert 1 < np.abs(states).max() < 1.5
+    run = hg.sample(observer, hg.methods.rk4, dt=dt).run(u=u, y=states[:, 0])
+    assert not run.status.any()
+    falls = t[1:][np.diff(np.asarray(run.traces["k"]).ravel()) < -0.1]
+    last = np.abs(run.x[t > 600, 0] - states[t > 600, 0])
+    assert (falls < 240).any()
+    assert (falls > 600).any()
+    assert last.max() > gains["reach"]
+    (row,) = (row for row in rows(observer.theorem, observer.checks) if "no more than finitely often" in row.claim)
+    assert row.verdict is None
 
 
 def test_the_factor_that_theorem_3_misses() -> None:

@@ -12,6 +12,7 @@ from test_rank import here, library
 import hgogen as hg
 from hgogen.algebra.rank import NowhereDefined
 from hgogen.algebra.rank import observability as ranks
+from hgogen.analysis.gauthier_bornard import of_plant
 from hgogen.analysis.observability import observability
 from hgogen.analysis.symmetry import symmetries
 from hgogen.check import Verdict
@@ -173,3 +174,16 @@ def test_every_symmetry_of_the_library_is_one_for_the_oracle() -> None:
     print(f"{tried} symmetries of {deficient} models, all of them for {full}")
     assert tried > 300
     assert full > 0.8 * deficient
+
+
+@pytest.mark.parametrize("ask", [hg.observability, of_plant])
+def test_a_comparison_without_a_value_at_the_parameters_is_no_traceback(ask) -> None:
+    """max(3, sin(1/q)) has none at q = 0."""
+    x1, x2, force = (hg.Signal(name) for name in ("x1", "x2", "force"))
+    q = hg.Signal("q", nominal=0)
+    flow = [x2, sp.Max(3, sp.sin(1 / q)) * force]
+    sick = hg.System(
+        "p", states=[x1, x2], inputs=[force], outputs=[hg.Signal("y")], parameters=[q], flow=flow, output=[x1]
+    )
+    with pytest.raises(NowhereDefined):
+        ask(sick)

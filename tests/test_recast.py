@@ -188,3 +188,21 @@ def test_no_form_is_proved_where_the_new_states_lose_what_has_no_value(high: flo
         assert (verdicts == {Verdict.PROVED}) is (high < 0), form
     assert (error_system(moved, [1, 1, 1]).lost is None) is (high < 0)
     assert (singularity(moved).checks[0].verdict is Verdict.PROVED) is (high < 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "x", "inverse", "w", "verdict"),
+    [
+        ("Abs(x1)", (0, 1), "w", (-1, 1), "refuted"),  # |w| at w = -1
+        ("x1", (-1, 1), "Abs(w)", (0, 1), "refuted"),  # |x1| at x1 = -1
+        ("Max(x1, 0)", (0, 1), "w", (-1, 1), "refuted"),
+        ("Abs(x1)", (0, 1), "w", (0, 1), "proved"),
+        ("x1**2*sign(x1)", (0.5, 1), "sign(w)*sqrt(Abs(w))", (-1, 2), "unknown"),
+    ],
+)
+def test_each_map_takes_what_the_other_gives_as_it_is_written(
+    text: str, x: tuple[float, float], inverse: str, w: tuple[float, float], verdict: str
+) -> None:
+    """What a map is in its own ranges says nothing of a value outside of them: |x| is x for x >= 0. The last pair undo
+    each other everywhere, and x |x| is not x**2."""
+    assert maps(text, *x, inverse, *w)["recast.inverse"].verdict == verdict

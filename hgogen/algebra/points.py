@@ -2,7 +2,7 @@
 
 import math
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice, product
 from typing import Any
 
@@ -18,6 +18,9 @@ _RANDOM = 32
 _NOT_ZERO = 1e-9
 # What SymPy defines beyond the reals, and what it makes of it.
 _PARTIAL = (sp.Pow, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh)
+# Where they jump or have no bounded slope: at -1 and 1, or where an argument is 0.
+_WITH_ENDS = (sp.asin, sp.acos, sp.acosh, sp.atanh)
+_STEEP = (sp.log, sp.sign, sp.Heaviside, sp.atan2, sp.cot, sp.coth)
 _STRANGE = (sp.I, sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
 
@@ -42,7 +45,12 @@ def kind(expression: sp.Expr, point: Point) -> str:
     """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
     try:
         return _kind(expression.xreplace(dict(point)))
-    except (ValueError, TypeError, NotImplementedError):  # SymPy compares what is not real, or gives up
+    except (
+        ValueError,
+        TypeError,
+        NotImplementedError,
+        ArithmeticError,
+    ):  # SymPy compares what is not real
         return "?"
 
 
@@ -51,12 +59,39 @@ def _kind(value: sp.Expr) -> str:
         return "= 0"
     if value.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds) or value.is_real is False:
         return "undefined"
-    value = value.evalf(15)
+    digits = _digits(value.evalf(15))
+    return "?" if digits != "?" and any(_near_an_edge(node) for node in value.atoms(sp.Pow, sp.Function)) else digits
+
+
+def _digits(value: sp.Expr) -> str:
+    """What the digits of a number say."""
     if value.is_Float:
-        # SymPy gives a number of which no digit is certain the precision 1.
-        return "?" if value._prec == 1 else "> 0" if value > 0 else "< 0"
+        return "?" if _is_noise(value) else "> 0" if value > 0 else "< 0"
     imaginary = value.as_real_imag()[1]
     return "undefined" if imaginary.is_Float and abs(imaginary) > _NOT_ZERO else "?"
+
+
+def _is_noise(value: sp.Expr) -> bool:
+    """SymPy gives a number of which no digit is certain the precision 1."""
+    return bool(value.is_Float and value._prec == 1)
+
+
+def _near_an_edge(node: sp.Expr) -> bool:
+    """Whether a number is a function of what may be a place where the function jumps or has no bounded slope, as 0 of a
+    root: SymPy counts digits by the slope, and |sin(1)**2 + cos(1)**2 - 1|**(1/2) would have some."""
+    return any(_is_noise(part) for e in _edges(node) for part in e.evalf(15).as_real_imag())
+
+
+def _edges(node: sp.Expr) -> Iterable[sp.Expr]:
+    """The expressions that are 0 at those places."""
+    (first, *_) = node.args
+    if isinstance(node, sp.Pow):
+        return () if node.exp.is_Integer and node.exp > 0 else (first,)
+    if isinstance(node, _WITH_ENDS):
+        return (first - 1, first + 1)
+    if isinstance(node, sp.tan):
+        return (sp.cos(first),)
+    return node.args if isinstance(node, _STEEP) else ()
 
 
 def put(expression: sp.Expr, values: Mapping[Any, Any]) -> sp.Expr | None:

@@ -9,7 +9,7 @@ roots or real powers the numbers are balls: the pivots are proved nonzero at the
 zero where its ball contains zero at 1024 bits. A. Sedoglavic, J. Symbolic Computation 33 (2002).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -19,6 +19,7 @@ import sympy as sp
 from hgogen.algebra.balls import BRANCHES, SCALES, Balls, Undecided
 from hgogen.algebra.echelon import Blurred, believe_zeros, kernel, new_rows
 from hgogen.algebra.modular import OPERATIONS, Modular
+from hgogen.algebra.points import put
 from hgogen.algebra.series import Arithmetic, Plant, Point, gradients, random_point
 from hgogen.algebra.tape import tape
 from hgogen.errors import HgogenError
@@ -54,6 +55,15 @@ class NowhereDefined(HgogenError):
             f"at none of {self.tries} random points is the plant defined, real, and told apart from zero; look for a "
             "division by zero, or the root or logarithm of what is never positive"
         )
+
+
+def at_values(rows: Iterable[sp.Expr], values: Mapping[sp.Symbol, sp.Rational]) -> tuple[sp.Expr, ...]:
+    """The rows with these values. Raises: `NowhereDefined` where a comparison in them then has no real value."""
+    put_in = tuple(put(sp.sympify(row), values) for row in rows)
+    defined = tuple(row for row in put_in if row is not None)
+    if len(defined) < len(put_in):
+        raise NowhereDefined(1)
+    return defined
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import Determinant, as_written, determinant, independent
 from hgogen.analysis.lie import along, length, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
-from hgogen.analysis.written import valueless
+from hgogen.analysis.written import asked
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
@@ -339,10 +339,8 @@ def _check(plant: System, jet: Jet, k: int) -> Check:
     readable = _open(plant, (jet.shown and jet.shown.factors) or ()) if doubtful else ()
     conditions = [f"{_brief(e)} != 0" for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
-    conditions += map(str, minimal(singular(map(exact, jet.parts), box).values()))
-    part = None if conditions or plant.origin is None else valueless(plant)
-    if part is not None:  # new coordinates may have lost it, and of which derivative it was is not known
-        conditions.append(f"{part} has a value")
+    smooth = singular(map(exact, jet.parts), box).values()
+    conditions += map(str, minimal((*smooth, *asked(plant))))  # new coordinates, or a derivative, may have lost a part
     if not conditions:
         return Check(id, claim, Verdict.PROVED, f"{reason}, which has no zero on the box")
     return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}; {reason}")

@@ -8,7 +8,8 @@ import sympy as sp
 
 from hgogen.check import Check, Verdict
 from hgogen.intervals.box import box
-from hgogen.intervals.lost import lost, put_apart
+from hgogen.intervals.lost import conditions, doubtful, put_apart
+from hgogen.intervals.singular import Condition
 from hgogen.system import System
 
 
@@ -28,7 +29,13 @@ def written(plant: System) -> tuple[sp.Expr, ...]:
 @lru_cache(maxsize=16)
 def valueless(plant: System) -> sp.Expr | None:
     """A part of the plant as it is written that is not shown to be a finite real number on the whole box, or None."""
-    return lost(written(plant), (), box(plant.signals, plant.nominal))
+    return next(iter(doubtful(written(plant), box(plant.signals, plant.nominal))), None)
+
+
+@lru_cache(maxsize=16)
+def asked(plant: System) -> tuple[Condition, ...]:
+    """What must hold for the plant as it is written to have a value, as far as it is not shown on the whole box."""
+    return conditions(written(plant), box(plant.signals, plant.nominal))
 
 
 def if_valued(check: Check, plant: System) -> Check:

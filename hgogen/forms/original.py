@@ -13,12 +13,16 @@ y = h(x_1, u), x_i' of x_1..x_{i+1} and u, with a slope in x_{i+1}. A high gain 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
-from hgogen.algebra.identity import reads
+import sympy as sp
+
+from hgogen.algebra.identity import is_zero
+from hgogen.algebra.kinks import slope
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.signal import Signal
-from hgogen.structure.connected import connected, outwards
+from hgogen.structure.chain import Rows, of_plant
+from hgogen.structure.connected import connected, reached
 from hgogen.structure.coordinates import coordinates, form_in, split
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
@@ -41,22 +45,22 @@ class BadOrder(HgogenError):
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
     """The plant in its own coordinates, its states in `order`, signals or their names; by default as declared.
 
-    Checks: `original.connected` (no state is hidden from the outputs), `original.order` (the shape that a
+    Checks: `original.connected` (no state is hidden from the outputs on the box), `original.order` (the shape that a
     high gain needs: generic, or unknown), `original.lipschitz`, `original.convergence` (unknown).
 
     Raises: `BadOrder`.
     """
-    needs = {x: reads(rate, plant.states) for x, rate in zip(plant.states, plant.flow, strict=True)}
-    seen = [reads(h, plant.states) for h in plant.output]
-    shown = outwards(seen, needs)
-    hidden = [x for x in plant.states if x not in shown]
-    along = (*shown, *hidden)
+    rows = of_plant(plant)
+    sure, every = reached(rows, sure=True), reached(rows)
+    hidden = [x for x in plant.states if x not in every]
+    doubtful = [x for x in every if x not in sure]
+    along = (*every, *hidden)
     z = coordinates(plant, plant.states if order is None else _ordered(plant, order))
     A, b = split(z.flow, z.states)
     terms = (a * z.states[j] for (_, j), a in A.todok().items())
     checks = (
-        connected("original", hidden),
-        _shape(along, seen, needs),
+        connected("original", hidden, doubtful),
+        _shape(along, rows),
         lipschitz("original", map(z.back, (*terms, *b, *z.output)), plant, "A x + b with the output"),
         Check(
             ClaimId("original", "convergence"),
@@ -80,20 +84,22 @@ def _ordered(plant: System, order: Sequence[Signal | str]) -> tuple[Signal, ...]
     return tuple(states[name] for name in names)
 
 
-def _shape(
-    along: Sequence[Signal], seen: Sequence[tuple[Signal, ...]], needs: dict[Signal, tuple[Signal, ...]]
-) -> Check:
-    """Whether in the order `along` each row reads the states up to the next one, and that one indeed."""
+def _shape(along: Sequence[sp.Symbol], rows: Rows) -> Check:
+    """Whether in the order `along` each row reads the states up to the next one, with a slope in that which is not zero
+    identically on the box."""
     id = ClaimId("original", "order")
     order = ", ".join(map(str, along))
     claim = f"in the order ({order}) y and each derivative in turn read states up to the next, with a slope in that"
-    if len(seen) > 1:
+    if len(rows.output) > 1:
         return Check(id, claim, Verdict.UNKNOWN, "the shape is for one output")
-    for i, row in enumerate((seen[0], *(needs[x] for x in along[:-1]))):
+    for i, row in enumerate((rows.output[0], *(rows.rate(x) for x in along[:-1]))):
         name = f"{along[i - 1]}'" if i else "y"
-        if along[i] not in row:
+        sure, maybe = rows.reads(row, rows.states)
+        if along[i] not in {*sure, *maybe}:
             return Check(id, claim, Verdict.UNKNOWN, f"{name} does not read {along[i]}")
-        later = [x.name for x in row if x in along[i + 1 :]]
+        if along[i] not in sure or is_zero(slope(row, along[i]), rows.box) is not False:
+            return Check(id, claim, Verdict.UNKNOWN, f"{name} is not shown to have a slope in {along[i]}")
+        later = [x.name for x in rows.states if x in along[i + 1 :] and x in {*sure, *maybe}]
         if later:
             return Check(id, claim, Verdict.UNKNOWN, f"{name} reads {', '.join(later)} too early")
     return Check(id, claim, Verdict.GENERIC, "no slope is zero identically; zeros on the box are not excluded")

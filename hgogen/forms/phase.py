@@ -22,7 +22,7 @@ from hgogen.algebra.rewrite import TooLarge
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
-from hgogen.analysis.written import if_valued
+from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.form import Form
@@ -246,8 +246,9 @@ def _one_to_one(
     if _undefined((*whole.Phi, *others), whole.plant):
         return Check(id, claim, Verdict.UNKNOWN, f"{text} was not shown to be defined on all of the image")
     if doubts:
-        conditions = sorted({str(f) for e in doubts for f in determinant([[e]]).factors or (e,)})
-        return Check(id, claim, Verdict.WHERE, f"holds where {' != 0 and '.join(conditions)} != 0: {text}")
+        factors = sorted({str(f) for e in doubts for f in determinant([[e]]).factors or (e,)})
+        conditions = dict.fromkeys((*(f"{factor} != 0" for factor in factors), *map(str, asked(whole.before))))
+        return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}: {text}")
     return Check(id, claim, Verdict.PROVED, f"{text}, by exact substitution")
 
 

@@ -23,6 +23,10 @@ from hgogen.guarantees.certified import Nothing, ThetaBound, checks
 from hgogen.intervals.digits import up
 from hgogen.intervals.proof import Grounds
 
+_BETWEEN = (
+    "in continuous time, without noise, the error decays exponentially between switches, in every gain above a bound"
+)
+
 
 @dataclass(frozen=True)
 class Held:
@@ -32,10 +36,12 @@ class Held:
 
 
 def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> tuple[Check, ...]:
-    """`MAKER.convergence`, that there is a bound on a gain, `MAKER.theta`, that `low` is above it, and `MAKER.hold`,
-    that the time `hold` is long enough."""
+    """`MAKER.convergence`, that there is a bound on a gain that stays, `MAKER.theta`, that `low` is above it, and
+    `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
     convergence, above = checks(maker, low, bound, "theta_low")
-    above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
+    convergence = replace(convergence, claim=_BETWEEN)
+    decays = above.reason.replace("; the error decays", "; between switches the error decays")
+    above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound", reason=decays)
     held = _held(ClaimId(maker, "hold"), theta, low, hold, bound)
     if isinstance(bound, Nothing):
         return convergence, above, held

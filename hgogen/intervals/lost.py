@@ -12,7 +12,7 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.tape import NoTape, tape
 from hgogen.intervals.box import Box, sides
 from hgogen.intervals.search import everywhere, search
-from hgogen.intervals.singular import Condition, singular
+from hgogen.intervals.singular import Condition, minimal, singular
 
 _BOXES = 60
 STRANGE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
@@ -35,8 +35,24 @@ def lost(before: Iterable[sp.Expr], after: Iterable[sp.Expr], box: Box) -> sp.Ex
     def shares(part: sp.Expr) -> bool:
         return part in stays or singular((part,), box).get(part) in poles
 
-    doubtful = (part for part in every if part in needs or _chooses(part, needs))
-    return next((part for part in doubtful if not (shares(sides(exact(part), box)[0]) or is_defined(part, box))), None)
+    read = (part for part in every if _asks(part, needs))
+    return next((part for part in read if not (shares(sides(exact(part), box)[0]) or is_defined(part, box))), None)
+
+
+def doubtful(expressions: Iterable[sp.Expr], box: Box) -> tuple[sp.Expr, ...]:
+    """The parts that are not proved to be finite real numbers on the box."""
+    every = tuple(dict.fromkeys(part for e in expressions for part in parts(e)))
+    needs = singular(every, box)
+    return tuple(part for part in every if _asks(part, needs) and not is_defined(part, box))
+
+
+def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...]:
+    """What must hold for the doubtful parts to have values: of 1/u that u != 0, of one that chooses that it has one."""
+    asked = set[Condition]()
+    for part in doubtful(expressions, box):
+        needs = () if isinstance(part, _CHOOSING) else singular((part,), box).values()
+        asked.update(needs or (Condition("{} has a value", part),))
+    return minimal(asked)
 
 
 def parts(e: sp.Expr) -> Iterator[sp.Expr]:
@@ -70,6 +86,11 @@ def is_defined(e: sp.Expr, box: Box) -> bool:
     except NoTape:
         return False
     return search(program, around.outer, around.inner, everywhere, _BOXES).defined
+
+
+def _asks(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:
+    """Whether the part may ask for something."""
+    return part in needs or _chooses(part, needs)
 
 
 def _chooses(part: sp.Expr, needs: Mapping[sp.Expr, Condition]) -> bool:

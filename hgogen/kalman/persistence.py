@@ -25,12 +25,12 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.rewrite import TooLarge
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
-from hgogen.analysis.written import written
+from hgogen.analysis.written import if_valued, written
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
+from hgogen.intervals.lost import doubtful
 from hgogen.intervals.sign import nonzero
-from hgogen.intervals.singular import singular
 from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.expression import parse
 from hgogen.reading.given import BadGain
@@ -98,7 +98,7 @@ def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp
         doubt = _doubt(form, A, C, {u: waveforms[u.name] for u in form.system.inputs if u in read} if waveforms else {})
         constants = {u: e for u, e in (waveforms or {}).items() if u in {x.name for x in read}}
         known = answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
-        return replace(known, proofs=(Persistent(constants),))
+        return replace(known if waveforms else if_valued(known, form.system), proofs=(Persistent(constants),))
     if period is None:
         return answer(Verdict.UNKNOWN, "the input varies, and no period is given", f"Give its period. {_EXACTLY}")
     length, rough = _expression("period", period), (*JUMPS, *KINKS)
@@ -164,15 +164,13 @@ def _along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix
 
 
 def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> str:
-    """A part of the plant, of inputs and parameters alone, that is not shown to be finite for these inputs at all
-    times; "" if there is none. A and C may have lost it: a/b is 1 for a = b = sin t, and the plant has no value at
-    t = 0."""
+    """A part of the plant that is not shown to be finite for these inputs at all times and the states in their ranges;
+    "" if there is none. A and C may have lost it: a/b is 1 for a = b = sin t, and the plant has no value at t = 0."""
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
-    parts = singular(map(exact, written(system)), around)
-    known = (part for part in parts if part.free_symbols.isdisjoint(system.states))
-    return next((str(part) for part in known if not _finite(exact(part.xreplace(values)), around)), "")
+    parts = doubtful(map(exact, written(system)), around)
+    return next((str(part) for part in parts if not _finite(exact(part.xreplace(values)), around)), "")
 
 
 def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> str:

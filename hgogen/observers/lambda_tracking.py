@@ -15,8 +15,9 @@ The gain of the paper never falls, so that what one fault has raised amplifies t
 halves when the error has stayed in the strip for twice the time in which the core at k, whose slowest rate is k mu,
 brings an error as wide as the outer box, r times the declared one, down to a hundredth. It does so only after a fault:
 an error that is far, beyond lambda_hat or a tenth of what y can span, once it has been in the strip while the integral
-of k grew by 1/mu; and no more often for each than it takes from k_max to k_0. Without a fault the law is the paper's,
-and after one the theorem holds from the last fall on.
+of k grew by 1/mu; and no more often for each than it takes from k_max to k_0. Without such an error the law is the
+paper's, and after the last one the theorem holds from the last fall on. A phi that grows again after long calms makes
+such errors without any fault: then the gain may rise and fall for ever.
 
 Source: Bullinger, Ilchmann, Allgoewer, "A simple adaptive observer for nonlinear systems", NOLCOS 1998, (2), (4), (5);
 the paper's (14) lacks the factor sqrt(cond P), which its own (11) brings in. The variant with phi, the cap k_max on the
@@ -75,6 +76,11 @@ _LAW = (
         "reach > strip > 0, gamma > 0, k(0) > 0",
         verdict=Verdict.PROVED,
         reason="others are refused, and tuning keeps them; (5)",
+    ),
+    Hypothesis(
+        "once settled, the output error is far from the strip no more than finitely often",
+        reason="each time, by a fault or a phi that has grown, lets the gain fall again: watch the trace k; the "
+        "theorem holds from the last fall on",
     ),
     Hypothesis(
         "the gain does not reach its cap",

@@ -1,25 +1,34 @@
 """Which states reach an output, by following dependencies: the others are hidden from it, whatever the inputs are."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from hgogen.algebra.identity import reads
+import sympy as sp
+
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.signal import Signal
+from hgogen.structure.chain import Rows, of_plant
 from hgogen.system import System
 
 
-def outwards(seen: Sequence[tuple[Signal, ...]], needs: Mapping[Signal, tuple[Signal, ...]]) -> list[Signal]:
-    """The states that reach an output, breadth first; `seen` by the outputs, `needs` of each state's derivative."""
-    order = list(dict.fromkeys(x for states in seen for x in states))
+def reached(rows: Rows, *, sure: bool = False) -> list[sp.Symbol]:
+    """The states that reach an output on the box, or may, breadth first; with `sure` those that are proved to."""
+
+    def read(row: sp.Expr) -> tuple[sp.Symbol, ...]:
+        known, maybe = rows.reads(row, rows.states)
+        return tuple(x for x in rows.states if x in known or (x in maybe and not sure))
+
+    order = list(dict.fromkeys(x for row in rows.output for x in read(row)))
     for x in order:  # it grows while it is read
-        order.extend(other for other in needs[x] if other not in order)
+        order.extend(other for other in read(rows.rate(x)) if other not in order)
     return order
 
 
-def connected(maker: str, hidden: Sequence[Signal]) -> Check:
-    """`MAKER.connected`, that no state is `hidden`."""
+def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Symbol] = ()) -> Check:
+    """`MAKER.connected`, that no state is `hidden`; of the `doubtful` ones it is not known."""
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
+    if not hidden and doubtful:
+        names = ", ".join(x.name for x in doubtful)
+        return Check(id, claim, Verdict.UNKNOWN, f"it is not shown that {names} matters where it is read")
     if not hidden:
         return Check(id, claim, Verdict.PROVED, "by following dependencies from the outputs")
     names = ", ".join(x.name for x in hidden)
@@ -29,7 +38,6 @@ def connected(maker: str, hidden: Sequence[Signal]) -> Check:
 
 def cut_off(maker: str, plant: System) -> tuple[Check, ...]:
     """The refuted check `connected` of a plant with hidden states; none of another plant."""
-    needs = {x: reads(rate, plant.states) for x, rate in zip(plant.states, plant.flow, strict=True)}
-    shown = outwards([reads(h, plant.states) for h in plant.output], needs)
+    shown = reached(of_plant(plant))
     hidden = [x for x in plant.states if x not in shown]
     return (connected(maker, hidden),) if hidden else ()

@@ -70,13 +70,17 @@ def checks(change: Change) -> tuple[Check, ...]:
     plain = {dummy: s for s, dummy in signed.items()}
 
     def tidy(maps: Mapping[Signal, sp.Expr]) -> dict[Signal, sp.Expr]:
-        return {s: exact(e.xreplace(fixed)).xreplace(signed).xreplace(plain) for s, e in maps.items()}
+        return {s: e.xreplace(signed).xreplace(plain) for s, e in maps.items()}
 
-    tidied = Change(change.plant, tidy(change.forward), tidy(change.backward))
-    return _inverse(tidied, signed), _range(tidied)
+    maps = ({s: exact(e.xreplace(fixed)) for s, e in maps.items()} for maps in (change.forward, change.backward))
+    written = Change(change.plant, *maps)
+    tidied = Change(change.plant, tidy(written.forward), tidy(written.backward))
+    return _inverse(written, tidied, signed), _range(tidied)
 
 
-def _inverse(change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
+def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
+    """The check `recast.inverse` of a change as it is `written`, which in its ranges is `change`: each map takes what
+    the other gives, and that may be in no range, as -1 of w = |x|, x in [0, 1], x = w, w in [-1, 1]."""
     id = ClaimId("recast", "inverse")
     claim = "the change of coordinates and its inverse are smooth and undo each other on the declared ranges"
     narrow = "Narrow the ranges so that both maps are smooth there, or correct the inverse."
@@ -88,8 +92,8 @@ def _inverse(change: Change, signed: Mapping[Signal, sp.Dummy]) -> Check:
         if point is not None:
             reason = f"{s} = {e} is not a finite real number"
             return Check(id, claim, Verdict.REFUTED, reason, witness(point), narrow)
-    gaps = [(e.xreplace(change.forward) - x, change.old) for x, e, _ in back]
-    gaps += [(e.xreplace(change.backward) - w, change.new) for w, e, _ in there]
+    gaps = [(e.xreplace(written.forward) - x, change.old) for x, e in written.backward.items()]
+    gaps += [(e.xreplace(written.backward) - w, change.new) for w, e in written.forward.items()]
     for gap, signals in gaps:
         point = _where(gap, signals, ("> 0", "< 0"))
         if point is not None:

@@ -11,7 +11,7 @@ import sympy as sp
 
 from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
-from hgogen.analysis.written import if_valued
+from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
@@ -33,7 +33,8 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     The verdicts are
     proved: with L_b, and every part of the plant is finite and real on the box;
     refuted: with a point towards which a slope tends to infinity;
-    where: for some inputs or parameters alone it may be singular; closed parts of the box without them have a bound;
+    where: for some inputs or parameters alone it, or the plant as written, may be singular; closed parts of the box
+    without them have a bound;
     unknown: a range is missing, there may be a jump or a singular state, near which no bound is known, the boxes tried
     give no bound, or a part of the plant may have no value.
     """
@@ -66,9 +67,9 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     if names:
         return answer(Verdict.UNKNOWN, f"no bound without a range for {names}", f"Declare low= and high= for {names}.")
     if poles:
-        conditions = minimal(poles.values())
+        conditions = minimal((*poles.values(), *asked(system)))
         fix = "Narrow the ranges so that it stays away from there."
-        if any(node.has(*system.states) for node in poles):
+        if any(part.has(*system.states) for part in (*poles, *(each.of for each in conditions))):
             there = " or ".join(condition.failure for condition in conditions)
             return answer(Verdict.UNKNOWN, f"no uniform bound is shown; it may be singular {there}", fix)
         holds = " and ".join(map(str, conditions))

@@ -51,7 +51,7 @@ def convergence(context: Context, claim: Claim) -> Shown:
         boxes += more
     _decays(vertices, matrix(evidence, "P", n, n), scalar(evidence, "peak"))
     boxes += slope(context, evidence, scale)[1]
-    above = f"the error converges exponentially for every theta above {short(threshold(observer, claim), 1)}"
+    above = f"{_OUTCOMES[observer.name]} above {short(threshold(observer, claim), 1)}"
     return Shown(f"in continuous time, without noise, {above}{on(box)}", boxes)
 
 
@@ -122,6 +122,10 @@ def _decays(vertices: list[Matrix], P: Matrix, peak: Fraction) -> None:
         demand_positive({"-I - N'P - P N": decaying(N, P)})
 
 
+_OUTCOMES = {  # of a gain that stays; switching is another claim's, of the time that a gain is held
+    "high_gain": "the error converges exponentially for every theta",
+    "switched_gain": "the error decays exponentially between switches, in every gain",
+}
 _KEYS = (*STEEP, "scale", "core", "ranges", "P", "peak")
 OBSERVERS = {
     "high_gain": Built(("theta",), ("gains",)),

@@ -1,0 +1,59 @@
+"""What an expression is at a point: only what is certain of it refutes."""
+
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen.algebra.points import kind
+
+U = hg.Signal("u", low=0.25, high=1)
+NOTHING = sp.sin(U) ** 2 + sp.cos(U) ** 2 - 1  # 0, which SymPy's digits do not show
+SLOW = sp.sin(U) - sp.tan(U) / sp.sqrt(1 + sp.tan(U) ** 2)
+
+
+@pytest.mark.parametrize("nothing", [NOTHING, SLOW])
+@pytest.mark.parametrize(
+    "function",
+    [
+        sp.sign,
+        lambda e: sp.sqrt(sp.Abs(e)),
+        lambda e: e ** sp.Rational(1, 20),
+        lambda e: 1 / e,
+        lambda e: sp.log(sp.Abs(e)),
+        lambda e: sp.acosh(1 + e),
+        lambda e: sp.tan(sp.pi / 2 + e),
+        lambda e: sp.floor(e) + sp.sign(e),
+    ],
+)
+def test_a_function_of_what_may_be_nothing_has_no_certain_sign(nothing: sp.Expr, function: sp.Function) -> None:
+    """The noise of SymPy's digits, 1e-125, has a sign, a root of 1e-7 and an inverse of 1e125."""
+    assert kind(function(nothing), {U: sp.Rational(1, 2)}) == "?"
+
+
+@pytest.mark.parametrize(
+    ("expression", "what"),
+    [
+        (sp.sqrt(sp.sin(U)), "> 0"),
+        (1 / sp.sin(U) - 3, "< 0"),
+        (sp.log(U), "< 0"),
+        (sp.log(sp.sin(U) - 1), "undefined"),
+        (sp.sqrt(sp.sin(U) - 1), "undefined"),
+        (sp.sign(sp.sin(U)), "> 0"),
+        (sp.asin(2 * U), "> 0"),
+        (1 / (2 * U - 1), "undefined"),
+        (NOTHING + 1, "> 0"),
+    ],
+)
+def test_what_is_certain_stays(expression: sp.Expr, what: str) -> None:
+    """Away from the edges of a function its digits tell."""
+    assert kind(expression, {U: sp.Rational(1, 2)}) == what
+
+
+def test_a_number_is_not_refuted_for_the_digits_of_nothing() -> None:
+    """a_2 = 1 + 0**(1/20) is 1."""
+    x1, x2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
+    root = NOTHING ** sp.Rational(1, 20)
+    flow = [x2 * (1 + root), x1]
+    plant = hg.System("p", states=[x1, x2], inputs=[U], outputs=[hg.Signal("y")], flow=flow, output=[x1 + root])
+    refuted = [check for check in hg.forms.triangular(plant).checks if check.verdict == "refuted"]
+    assert not refuted
