@@ -389,10 +389,19 @@ def _guarded(path: str, function: Callable[[], Any]) -> Any:
 
 def _sentence(error: Exception) -> str:
     """What an error says, after its type where it is none of hgogen's."""
-    return str(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {error}"
+    return _text(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {_text(error)}"
 
 
 def ends_python(error: BaseException) -> str:
     """What a model does that raises what is no `Exception`, and the fix."""
-    kind, text = type(error).__name__, f" ({error})" if str(error) else ""
-    return f"raises {kind}{text}, which ends Python; leave it out, or raise an error that says what is wrong"
+    kind, text = type(error).__name__, _text(error)
+    said = f" ({text})" if text else ""
+    return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"
+
+
+def _text(error: BaseException) -> str:
+    """The text of an error; empty where its own `__str__` fails, which is code of the model too."""
+    try:
+        return str(error)
+    except BaseException:
+        return ""

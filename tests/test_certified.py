@@ -301,3 +301,18 @@ def test_gains_on_a_constant_chain_are_those_of_the_poles() -> None:
     assert isinstance(poles, ThetaBound)
     assert float(found.lyapunov.peak) == pytest.approx(1 + 0.5**0.5, rel=1e-6)
     assert poles.theta <= found.theta
+
+
+@pytest.mark.parametrize("name", ["cos", "exp"])
+def test_a_signal_may_have_the_name_of_a_function(name: str) -> None:
+    """The bound on theta is that of the same plant with another name."""
+
+    def bound(b: str) -> str:
+        q, w = hg.Signal("q", low=-4, high=4), hg.Signal("w", low=-20, high=20)
+        k = hg.Signal(b, nominal=1.5, low=1, high=2)
+        flow = [w, -k * sp.sin(q) + sp.exp(-k) * sp.Abs(q)]
+        plant = hg.System("pendulum", states=(q, w), outputs=(hg.Signal("y"),), parameters=(k,), flow=flow, output=[q])
+        observer = hg.observers.high_gain(hg.forms.triangular(plant), theta=20, poles=(-1, -1))
+        return next(check.reason for check in observer.checks if check.id == "high_gain.convergence")
+
+    assert bound(name) == bound("k")

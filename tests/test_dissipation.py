@@ -400,3 +400,14 @@ def test_a_part_of_the_plant_that_a_value_takes_out_must_have_one() -> None:
         signals = {"states": (x1, x2), "inputs": (u, w), "outputs": outputs, "parameters": (k,)}
         plant = hg.System("plant", **signals, flow=flow, output=[x1])
         assert hg.observer_errors(plant, [-x1, -2 * x2], unknown=("w",), along=along).lost is not None
+
+
+def test_a_parameter_may_have_the_name_of_a_function() -> None:
+    """The same verdicts as under another name."""
+
+    def of(name: str) -> dict[str, Verdict]:
+        a = sp.Symbol(name, real=True)
+        system = line(-e - a * sp.sin(e) + e * sp.cos(e) / 10, **{name: (1, 2)})
+        return verdicts(hg.dissipation(system, e**2, mu=3, within=[1]))
+
+    assert of("cos") == of("a")

@@ -70,6 +70,8 @@ def test_ctrl_c_ends_it_by_the_signal_and_without_a_word_of_pythons(moment: str,
         ("raise GeneratorExit('now')", "raises GeneratorExit (now), which"),
         ("import sys; sys.exit(3)", "raises SystemExit (3), which ends Python; leave it out, or raise an error"),
         ("raise type('Odd', (BaseException,), {})", "raises Odd, which ends Python"),
+        ("raise type('Mute', (BaseException,), {'__str__': lambda e: 1/0})", "raises Mute, which ends Python"),
+        ("raise type('Mute', (ValueError,), {'__str__': lambda e: 1/0})", "Mute"),
     ],
 )
 @pytest.mark.parametrize("place", ["file", "step"])

@@ -370,7 +370,7 @@ def _samples(
     n = range(form.n)
     matrix = [scale[i] * slopes[i, j] / scale[j] for i in n for j in n]
     free = [s for s in symbols if s not in fixed(form)]
-    graph = sp.lambdify(free, matrix, "numpy")
+    graph = sp.lambdify(free, matrix, "numpy", dummify=True)  # a signal may be named sin
     columns = np.array([[float(point[s]) for s in free] for point in points(free)]).T.reshape(len(free), -1)
     with np.errstate(all="ignore"):
         rows = np.broadcast_arrays(*graph(*columns), np.zeros(columns.shape[1] or 1))[:-1]

@@ -121,7 +121,8 @@ class _Program:
     def of(cls, claim: SecondOrder) -> "_Program":
         others = sorted(claim.value.free_symbols - {*claim.errors}, key=str)
         symbols = (*claim.errors, *others)
-        return cls(claim, symbols, tape([claim.value], symbols), sp.lambdify(symbols, claim.value, "numpy"))
+        graph = sp.lambdify(symbols, [claim.value], "numpy", dummify=True)  # a list: a symbol may be named cos
+        return cls(claim, symbols, tape([claim.value], symbols), lambda *point: graph(*point)[0])
 
     def violations(self, points: Iterator[Point]) -> Iterator[tuple[Point, float]]:
         """The points where S >= 0 is proved and e is not 0, with the value there."""
@@ -310,7 +311,7 @@ class _Eigenvalues:
     def of(cls, matrix: sp.Matrix, box: Box) -> "_Eigenvalues":
         symbols = tuple(box)
         sides = tuple(_cut(box[s]) for s in symbols)
-        graph = sp.lambdify(symbols, list(matrix), "numpy")
+        graph = sp.lambdify(symbols, list(matrix), "numpy", dummify=True)  # one may be named sin
         rng, size = np.random.default_rng(1), len(symbols)
         corners = rng.integers(0, 2, size=(size, _FEW)) * _GRID
         inner = rng.integers(0, _GRID + 1, size=(size, _FEW))
