@@ -89,6 +89,8 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
         value = ca.SX(symbols[node])  # a float, too: Python's own 1 / 0.0 would raise
     elif isinstance(node, sp.Number | sp.NumberSymbol):
         value = ca.SX(float(node))
+    elif isinstance(node, sp.Add) and node.is_real and not node.free_symbols:
+        value = ca.SX(float(node.evalf(17)))  # by SymPy's digits: exp(pi sqrt 163) - 262537412640768744 is -7.5e-13
     elif isinstance(node, sp.Add):
         value = _sum([(term, inner) for term in node.as_ordered_terms()])
     elif isinstance(node, sp.Mul):

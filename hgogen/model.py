@@ -25,6 +25,7 @@ from hgogen.modelfiles.first import NoFirst, first, places
 from hgogen.modelfiles.parameters import put
 from hgogen.modelfiles.parameters import read as read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
+from hgogen.modelfiles.raised import ends_python, sentence
 from hgogen.modelfiles.recipe import trial_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.modelfiles.storage import stored
@@ -383,25 +384,5 @@ def _guarded(path: str, function: Callable[[], Any]) -> Any:
         raise
     except BaseException as error:
         frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
-        reason = _sentence(error) if isinstance(error, Exception) else ends_python(error)
+        reason = sentence(error) if isinstance(error, Exception) else ends_python(error)
         raise ModelFails(path, frames[-1] or 1 if frames else 1, reason) from error
-
-
-def _sentence(error: Exception) -> str:
-    """What an error says, after its type where it is none of hgogen's."""
-    return _text(error) if isinstance(error, HgogenError) else f"{type(error).__name__}: {_text(error)}"
-
-
-def ends_python(error: BaseException) -> str:
-    """What a model does that raises what is no `Exception`, and the fix."""
-    kind, text = type(error).__name__, _text(error)
-    said = f" ({text})" if text else ""
-    return f"raises {kind}{said}, which ends Python; leave it out, or raise an error that says what is wrong"
-
-
-def _text(error: BaseException) -> str:
-    """The text of an error; empty where its own `__str__` fails, which is code of the model too."""
-    try:
-        return str(error)
-    except BaseException:
-        return ""

@@ -13,6 +13,15 @@ from hgogen.signal import Signal
 x, y, u = Signal("x"), Signal("y"), Signal("u")
 SYMBOLS = {s: ca.SX.sym(s.name) for s in (x, y, u)}
 
+NEARLY = sp.exp(sp.pi * sp.sqrt(163)) - 262537412640768744  # -7.4992740280181e-13, by 50 digits
+
+
+def test_a_constant_is_that_of_its_digits() -> None:
+    """In doubles the difference is 0 or some 100: of 2.6e17 the last bit is 32."""
+    (graph,) = to_casadi([NEARLY * x], {x: SYMBOLS[x]})
+    assert float(ca.Function("f", [SYMBOLS[x]], [graph])(1)) == pytest.approx(-7.4992740280181e-13, rel=1e-12)
+
+
 # Each is defined and well conditioned for x, y in [.2, .9] and u in [-2, 2].
 EXPRESSIONS = [
     sp.Integer(3),

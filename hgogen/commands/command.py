@@ -22,7 +22,8 @@ from hgogen.calling.samples import Engine
 from hgogen.check import Refuted
 from hgogen.commands.process import INTERRUPTED, console, dropped, interrupted, listen, note, printing, results
 from hgogen.errors import HgogenError
-from hgogen.model import Model, ends_python
+from hgogen.model import Model
+from hgogen.modelfiles.raised import ends_python
 from hgogen.modelfiles.scenario import SEEDS
 from hgogen.modelfiles.setting import Setting
 from hgogen.recheck.errors import RecheckError

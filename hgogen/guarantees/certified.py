@@ -202,8 +202,11 @@ class Bound(Protocol):
         ...
 
 
-def checks(maker: str, theta: float, bound: Bound | Nothing, name: str = "theta") -> tuple[Check, Check]:
-    """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta, the gain of that `name`, is above it."""
+def checks(
+    maker: str, theta: float, bound: Bound | Nothing, name: str = "theta", during: str = ""
+) -> tuple[Check, Check]:
+    """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta, the gain of that `name`, is above it, so
+    that the error decays, or does `during` some times alone."""
     exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
     above = f"theta = {theta:g} is above that bound"
     if isinstance(bound, Nothing):
@@ -215,7 +218,8 @@ def checks(maker: str, theta: float, bound: Bound | Nothing, name: str = "theta"
     grounds = Grounds({name: theta, **bound.numbers}, bound)
     convergence = Check(ClaimId(maker, "convergence"), exists, Verdict.PROVED, proof, proofs=(grounds,))
     if Fraction(theta) > bound.theta:
-        rate = f"above {up(bound.theta)}; the error decays at least like exp(-{down(bound.rate(theta), 2)} t)"
+        when = f"{during} " if during else ""
+        rate = f"above {up(bound.theta)}; {when}the error decays at least like exp(-{down(bound.rate(theta), 2)} t)"
         rate += " while the estimate keeps to its outer box"
         return convergence, Check(
             ClaimId(maker, "theta"), above, Verdict.PROVED, rate, proofs=(replace(grounds, fact=None),)

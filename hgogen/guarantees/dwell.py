@@ -38,10 +38,9 @@ class Held:
 def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> tuple[Check, ...]:
     """`MAKER.convergence`, that there is a bound on a gain that stays, `MAKER.theta`, that `low` is above it, and
     `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
-    convergence, above = checks(maker, low, bound, "theta_low")
+    convergence, above = checks(maker, low, bound, "theta_low", "between switches")
     convergence = replace(convergence, claim=_BETWEEN)
-    decays = above.reason.replace("; the error decays", "; between switches the error decays")
-    above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound", reason=decays)
+    above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
     held = _held(ClaimId(maker, "hold"), theta, low, hold, bound)
     if isinstance(bound, Nothing):
         return convergence, above, held
