@@ -142,7 +142,25 @@ def test_white_residuals_count_each_and_others_less() -> None:
     assert alike(follow) == pytest.approx(9, rel=0.25)
 
 
+def test_a_state_that_no_output_shows_is_somewhere_in_its_range() -> None:
+    """Of x1' = -k x1 alone the record tells: what x2 does is in no residual, and a solver must not fail of it."""
+    k, hidden = hg.Signal("k", nominal=2, low=0.1, high=5), hg.Signal("x2", low=-5, high=5)
+    plant = hg.System("half", states=(X, hidden), outputs=(Y,), parameters=(k,), flow=[-k * X, X - hidden], output=[X])
+    y = 3 * np.exp(-0.7 * 0.05 * np.arange(80)) + 0.01 * np.random.default_rng(2).normal(size=80)
+    (estimate,) = hg.fit(plant, hg.Log(np.zeros((80, 0)), y, 0.05), starts=1).parameters
+    assert abs(estimate.value - 0.7) < 4 * estimate.deviation < 0.01
+
+
+def test_what_is_followed_no_better_than_by_its_mean_is_said() -> None:
+    """y in degrees where the plant is in radians, far beyond the range of the state."""
+    record = log(count=100)
+    notes = hg.fit(PLANT, hg.Log(record.u, 57.3 * record.y + 300, DT), starts=1).notes()
+    assert "y is followed no better than by its mean; are its unit, sign and offset right?" in notes
+
+
 BAD = {
+    "between": ({"between": "zoh"}, "between='zoh' is none of hold, line"),
+    "starts": ({"starts": 0}, "starts=0 must be at least 1"),
     "no such": ({"free": ["kk"]}, "parameter 'kk' is unknown; did you mean k?"),
     "offset": ({"offset": ["x"]}, "offset 'x' is unknown"),
 }
@@ -156,8 +174,9 @@ def test_bad_names_are_refused(what: str) -> None:
 
 
 def test_bad_records_are_refused() -> None:
-    with pytest.raises(CannotFit, match="records are missing"):
-        hg.fit(PLANT)
+    for records in ((), (np.zeros(20),)):
+        with pytest.raises(CannotFit, match="records are missing; give logs"):
+            hg.fit(PLANT, *records)
     with pytest.raises(CannotFit, match="record 2 has fewer than 10 samples of y"):
         hg.fit(PLANT, log(count=20), log(count=9))
     with pytest.raises(CannotFit, match="period nan"):

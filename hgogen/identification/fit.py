@@ -21,6 +21,7 @@ from hgogen.system import System
 
 Array = np.ndarray
 Place = Literal["", "low", "high"]
+BETWEEN = ("hold", "line")
 SEGMENTS = 60  # of a record, about
 WIDE = 100.0  # times its nominal value, to which a parameter without a range may go, and the same part of it
 FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
@@ -30,7 +31,8 @@ LEAST = 10  # samples of an output
 PART = 0.05  # of a direction: less of a parameter in it is none
 FOLLOWING = 5.0  # residuals that tell as much as one, of which a note is made
 UNTOLD = 1.0  # of a unit: a direction with a larger standard error is not told by the records
-SAME = 1e-4  # of the cost, by which starts may differ that ended at one minimum
+FINE = 1e-4  # of the spread of an output: smaller residuals are those of the method
+SAME = 1e-2  # of the cost, by which starts may differ that ended at one minimum
 ROUNDED = 1e-10  # of the largest eigenvalue of the information: less is rounding
 AT = 1e-6  # of a unit, from the end of a range
 
@@ -59,9 +61,10 @@ class Fit:
 
     `plant`: with the fitted values; `parameters`, `offsets`: their estimates; `first`: the state of each record at its
     first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`: RMS of each output's
-    residual, in its unit; `unfitted`: that of the plant as it was given, its states fitted alone; `alike`: how many
-    residuals of each output tell as much as one that is independent of the others; `untold`: directions of parameters
-    that the records do not tell, each by its parts in units of ranges; `starts`: how each ended.
+    residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the residual of the plant as
+    it was given, its states fitted alone; `alike`: how many residuals of each output tell as much as one that is
+    independent of the others; `untold`: directions of parameters that the records do not tell, each by its parts in
+    units of ranges; `starts`: how each ended.
     """
 
     plant: System
@@ -70,6 +73,7 @@ class Fit:
     first: tuple[dict[str, float], ...]
     fitted: tuple[Array, ...]
     error: dict[str, float]
+    spread: dict[str, float]
     unfitted: dict[str, float]
     alike: dict[str, float]
     untold: tuple[dict[str, float], ...]
@@ -85,6 +89,7 @@ class Fit:
             "offsets": {one.name: one.value for one in self.offsets},
             "first": list(self.first),
             "error": self.error,
+            "spread": self.spread,
             "unfitted": self.unfitted,
             "alike": self.alike,
             "untold": list(self.untold),
@@ -97,11 +102,12 @@ class Fit:
         lines = [f"{name} lies at the {end} end of its range; widen it, or leave {name} out" for name, end in ends]
         for parts in self.untold:
             total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
-            lines.append(
-                f"the records do not tell {total}, in units of ranges: it stays near its start; fix one of them"
-            )
+            fix = "fix one of them" if len(parts) > 1 else "fix it, or move the plant more"
+            lines.append(f"the records do not tell {total}, in units of ranges: it stays near its start; {fix}")
         for name, tau in self.alike.items():
-            if tau > FOLLOWING:
+            if self.error[name] >= self.spread[name] > 0:
+                lines.append(f"{name} is followed no better than by its mean; are its unit, sign and offset right?")
+            if tau > FOLLOWING and self.error[name] > FINE * self.spread[name]:
                 share = f"{tau:.3g} of them tell as much as one, which the standard errors count"
                 lines.append(f"residuals of {name} follow each other, {share}: the plant does more than the model")
         best = min(one.cost for one in self.starts)
@@ -134,8 +140,12 @@ def fit(
 
     Raises: `CannotFit`; `BadShape`, `BadNames` for records of another shape.
     """
-    if not records:
-        raise CannotFit("records", "are missing; give one at least")
+    if not records or not all(isinstance(record, Log) for record in records):
+        raise CannotFit("records", "are missing; give logs, such as hg.Log(u, y, dt)")
+    if between not in BETWEEN:
+        raise CannotFit(f"between={between!r}", f"is none of {', '.join(BETWEEN)}")
+    if starts < 1:
+        raise CannotFit(f"starts={starts}", "must be at least 1, the one from the nominal values")
     task = _Task(
         plant,
         _free(plant, free),
@@ -219,14 +229,14 @@ class _Task:
 
     def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
         """The fit with what the records tell of it."""
-        known, count = information(self.problem, best.unknowns), len(self.free)
+        known, count = information(self.problem, best.unknowns, self.solver.unit), len(self.free)
         follow = [alike(e) for e in known.outputs]
         deviations, untold = self._deviations(known, max(follow))
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))
         first = (dict(zip(map(str, self.plant.states), at[:, 0].full().ravel().tolist(), strict=True)) for at in nodes)
         still = replace(self, free=(), offset=())
-        before = information(still.problem, still.solver.solve(still.nominal).unknowns)
+        before = information(still.problem, still.solver.solve(still.nominal).unknowns, still.solver.unit)
         return Fit(
             valued(self.plant, {e.name: e.value for e in estimates[:count]}),
             estimates[:count],
@@ -234,6 +244,7 @@ class _Task:
             tuple(first),
             tuple(record.y - e for record, e in zip(self.records, known.residuals, strict=True)),
             self._by_output(map(_rms, known.outputs)),
+            self._by_output(np.nanstd(np.concatenate([record.y for record in self.records]), axis=0).tolist()),
             self._by_output(map(_rms, before.outputs)),
             self._by_output(follow),
             untold,
@@ -246,7 +257,7 @@ class _Task:
         unit = self.solver.unit[: len(names)]
         every = np.concatenate(known.outputs) / np.repeat(self.problem.scale, list(map(len, known.outputs)))
         noise = max(float(np.mean(every**2)) * together, np.finfo(float).tiny)
-        weights, V = np.linalg.eigh(known.M * np.outer(unit, unit) / noise)
+        weights, V = np.linalg.eigh(known.M / noise)
         weights = np.where(weights > ROUNDED * weights.max(), weights, np.finfo(float).tiny)
         errors = 1 / np.sqrt(weights)
         sure = errors <= UNTOLD
@@ -322,8 +333,8 @@ def _demanded(plant: System, record: Log, number: int) -> Log:
     y = table("y", record.y, plant.outputs, None)
     u = table("u", record.u, plant.inputs, len(y))
     name = f"record {number}"
-    if not 0 < record.dt < math.inf:
-        raise CannotFit(name, f"has the period {record.dt:g}; give a positive time")
+    if isinstance(record.dt, str) or not 0 < record.dt < math.inf:
+        raise CannotFit(name, f"has the period {record.dt!s:.60}; give a positive time")
     y = np.where(np.isfinite(y), y, np.nan)
     for signal, column in zip(plant.outputs, y.T, strict=True):
         if np.isfinite(column).sum() < LEAST:

@@ -5,7 +5,8 @@ With J and A the Jacobians of the residuals and of the gaps in (parameters and o
 
     M = J_p'J_p - [J_p'J_s  A_p'] [[J_s'J_s, A_s'], [A_s, 0]]^-1 [[J_s'J_p], [A_p]]
 
-is the information on p that is left when s fits best beside each p with the gaps closed. M^-1 sigma^2 is the
+is the information on p that is left when s fits best beside each p with the gaps closed, all in units of ranges. To
+J_s'J_s 1e-10 is added: a state that no output shows is known to lie somewhere in its range. M^-1 sigma^2 is the
 covariance of p where residuals are white. Where they follow each other, as those of a model that is too simple do, tau
 of them tell as much as one, tau = 1 + 2 sum_k r_k of their autocorrelation r_k up to the first that is not positive.
 
@@ -21,12 +22,13 @@ import numpy as np
 from hgogen.identification.shooting import Shooting
 
 Array = np.ndarray
+SOMEWHERE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """`M` (q, q) of the parameters and offsets, as above with sigma = 1; `residuals` (N, p) of each record, in the
-    units of the outputs, NaN where nothing was measured."""
+    """`M` (q, q) of the parameters and offsets in their units, as above with sigma = 1; `residuals` (N, p) of each
+    record, in the units of the outputs, NaN where nothing was measured."""
 
     M: Array
     residuals: tuple[Array, ...]
@@ -37,14 +39,16 @@ class Information:
         return tuple(column[np.isfinite(column)] for column in np.concatenate(self.residuals).T)
 
 
-def information(problem: Shooting, unknowns: Array) -> Information:
-    """At the unknowns, the residuals' scale as the problem has it."""
+def information(problem: Shooting, unknowns: Array, unit: Array) -> Information:
+    """At the unknowns (v), whose sizes are `unit` (v); the scale of the residuals is the problem's."""
     v, residuals, gaps = problem.graph
     at = ca.Function("at", [v], [residuals, ca.jacobian(residuals, v), ca.jacobian(gaps, v)])
-    r, J, A = at(unknowns)
+    r, *slopes = at(unknowns)
+    J, A = (table @ ca.diag(unit) for table in slopes)
     q = len(problem.free) + len(problem.offset)
     J_p, J_s, A_p, A_s = J[:, :q], J[:, q:], A[:, :q], A[:, q:]
-    K = ca.blockcat([[J_s.T @ J_s, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
+    states = J_s.T @ J_s + SOMEWHERE * ca.DM.eye(J_s.shape[1])
+    K = ca.blockcat([[states, A_s.T], [A_s, ca.DM(A.shape[0], A.shape[0])]])
     side = ca.vertcat(J_s.T @ J_p, A_p)
     M = (J_p.T @ J_p - side.T @ ca.solve(K, side, "qr")).full()
     return Information((M + M.T) / 2, tuple(_tables(problem, r.full().ravel())))
