@@ -151,6 +151,20 @@ def test_a_state_that_no_output_shows_is_somewhere_in_its_range() -> None:
     assert abs(estimate.value - 0.7) < 4 * estimate.deviation < 0.01
 
 
+def test_a_state_at_the_end_of_its_range_is_said() -> None:
+    """The spring goes to 1, and its declared range to 0.7."""
+    tight = hg.Signal("x", nominal=0.5, low=-0.7, high=0.7)
+    new = {X: tight}
+    flow, output = [row.xreplace(new) for row in PLANT.flow], [tight]
+    plant = hg.System(
+        "tight", states=(tight, V), inputs=(U,), outputs=(Y,), parameters=PLANT.parameters, flow=flow, output=output
+    )
+    fit = hg.fit(plant, log(count=100), starts=1)
+    assert fit.confined == ("x",)
+    assert "x lies at an end of its range somewhere; if it may be beyond, widen it" in fit.notes()
+    assert hg.fit(PLANT, log(count=100), starts=1).confined == ()
+
+
 def test_what_is_followed_no_better_than_by_its_mean_is_said() -> None:
     """y in degrees where the plant is in radians, far beyond the range of the state."""
     record = log(count=100)

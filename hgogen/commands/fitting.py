@@ -65,8 +65,8 @@ def fit_(
     JSON keys: model, records (as in `run`), parameters (by name), deviation (standard errors, null where the records do
     not tell), nominal, at_end (low or high end of its range), offsets, first (states at the first row of each record),
     error, spread, unfitted (by output, RMS: of the residual, about the mean, with the values before), alike (residuals
-    that tell as much as one), untold (directions), starts (cost, status, iterations), predictions (of the rows held
-    out: output, ahead, fitted, unfitted, copying), notes, files.
+    that tell as much as one), untold (directions), confined (states), starts (cost, status, iterations), predictions
+    (of the rows held out: output, ahead, fitted, unfitted, copying), notes, files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)

@@ -64,7 +64,7 @@ class Fit:
     residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the residual of the plant as
     it was given, its states fitted alone; `alike`: how many residuals of each output tell as much as one that is
     independent of the others; `untold`: directions of parameters that the records do not tell, each by its parts in
-    units of ranges; `starts`: how each ended.
+    units of ranges; `confined`: the states that lie at an end of their range; `starts`: how each ended.
     """
 
     plant: System
@@ -77,6 +77,7 @@ class Fit:
     unfitted: dict[str, float]
     alike: dict[str, float]
     untold: tuple[dict[str, float], ...]
+    confined: tuple[str, ...]
     starts: tuple[Solution, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -93,6 +94,7 @@ class Fit:
             "unfitted": self.unfitted,
             "alike": self.alike,
             "untold": list(self.untold),
+            "confined": list(self.confined),
             "starts": [{"cost": s.cost, "status": s.status, "iterations": s.iterations} for s in self.starts],
         }
 
@@ -100,6 +102,9 @@ class Fit:
         """What the result is worth, a sentence each."""
         ends = ((one.name, one.at) for one in self.parameters if one.at)
         lines = [f"{name} lies at the {end} end of its range; widen it, or leave {name} out" for name, end in ends]
+        lines += [
+            f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
+        ]
         for parts in self.untold:
             total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
             fix = "fix one of them" if len(parts) > 1 else "fix it, or move the plant more"
@@ -248,6 +253,7 @@ class _Task:
             self._by_output(map(_rms, before.outputs)),
             self._by_output(follow),
             untold,
+            self._confined(best.unknowns),
             tuple(ended),
         )
 
@@ -268,6 +274,11 @@ class _Task:
             {name: float(part) for name, part in zip(names, direction, strict=True) if abs(part) > PART}
             for direction in parts
         )
+
+    def _confined(self, unknowns: Array) -> tuple[str, ...]:
+        room = np.minimum(unknowns - self.solver.low, self.solver.high - unknowns) / self.solver.unit
+        nodes = room[len(self.free) + len(self.offset) :].reshape(-1, self.problem.n)
+        return tuple(x.name for x, least in zip(self.plant.states, nodes.min(axis=0), strict=True) if least <= AT)
 
     def _estimate(self, i: int, value: float, deviation: float) -> Estimate:
         low, high, width = self.solver.low[i], self.solver.high[i], AT * self.solver.unit[i]
