@@ -24,7 +24,8 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.guarantees.dissipation import Dissipation, dissipation
     from hgogen.guarantees.error_system import ErrorSystem, error_system
     from hgogen.guarantees.observer_errors import observer_errors
-    from hgogen.identification.fit import Fit, fit
+    from hgogen.identification.fit import fit
+    from hgogen.identification.result import Fit
     from hgogen.identification.shooting import Log
     from hgogen.kalman import innovation, theta
     from hgogen.model import Model, load
@@ -61,7 +62,8 @@ _NAMES = {  # what else is public, and the file that holds it
     **dict.fromkeys(("ErrorSystem", "error_system"), "guarantees.error_system"),
     "HgogenError": "errors",
     "Form": "form",
-    **dict.fromkeys(("Fit", "fit"), "identification.fit"),
+    "Fit": "identification.result",
+    "fit": "identification.fit",
     "Log": "identification.shooting",
     "gramian": "trials.gramian",
     **dict.fromkeys(("Model", "load"), "model"),

@@ -23,7 +23,8 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.running import Map, Period, Time
-from hgogen.identification.fit import Fit, fit
+from hgogen.identification.fit import fit
+from hgogen.identification.result import Fit
 from hgogen.identification.shooting import Log
 from hgogen.identification.solution import ITERATIONS
 from hgogen.model import Model, load

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from hgogen.check import Check, Verdict
 from hgogen.commands.process import console
-from hgogen.identification.fit import Fit
+from hgogen.identification.result import Fit
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
 from hgogen.program import Bit

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -13,6 +13,7 @@ from hgogen.calling.samples import table
 from hgogen.errors import BadArgument, nearest
 from hgogen.identification.information import Information, alike, information
 from hgogen.identification.motion import rates
+from hgogen.identification.result import Estimate, Fit, Place
 from hgogen.identification.shooting import Log, Shooting
 from hgogen.identification.solution import Solution, Solver
 from hgogen.signal import Signal, resting
@@ -20,7 +21,6 @@ from hgogen.structure.valued import valued
 from hgogen.system import System
 
 Array = np.ndarray
-Place = Literal["", "low", "high"]
 BETWEEN = ("hold", "line")
 SEGMENTS = 60  # of a record, about
 WIDE = 100.0  # times its nominal value, to which a parameter without a range may go, and the same part of it
@@ -29,100 +29,13 @@ MOST_STEPS = 50  # of a sample
 GROWN = 3.0  # of log growth in a segment, at most
 LEAST = 10  # samples of an output
 PART = 0.05  # of a direction: less of a parameter in it is none
-FOLLOWING = 5.0  # residuals that tell as much as one, of which a note is made
 UNTOLD = 1.0  # of a unit: a direction with a larger standard error is not told by the records
-FINE = 1e-4  # of the spread of an output: smaller residuals are those of the method
-SAME = 1e-2  # of the cost, by which starts may differ that ended at one minimum
 ROUNDED = 1e-10  # of the largest eigenvalue of the information: less is rounding
 AT = 1e-6  # of a unit, from the end of a range
 
 
 class CannotFit(BadArgument):
     """Records from which the parameters cannot be fitted, or parameters that cannot be."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter, or the offset of an output: its `value`, the `nominal` one that it had, its standard error
-    `deviation`, infinite where the records do not tell it, its `unit`; `at` the "low" or "high" end of its range, ""
-    within."""
-
-    name: str
-    value: float
-    nominal: float
-    deviation: float
-    unit: str
-    at: Place
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """What `fit` found.
-
-    `plant`: with the fitted values; `parameters`, `offsets`: their estimates; `first`: the state of each record at its
-    first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`: RMS of each output's
-    residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the residual of the plant as
-    it was given, its states fitted alone; `alike`: how many residuals of each output tell as much as one that is
-    independent of the others; `untold`: directions of parameters that the records do not tell, each by its parts in
-    units of ranges; `confined`: the states that lie at an end of their range; `starts`: how each ended.
-    """
-
-    plant: System
-    parameters: tuple[Estimate, ...]
-    offsets: tuple[Estimate, ...]
-    first: tuple[dict[str, float], ...]
-    fitted: tuple[Array, ...]
-    error: dict[str, float]
-    spread: dict[str, float]
-    unfitted: dict[str, float]
-    alike: dict[str, float]
-    untold: tuple[dict[str, float], ...]
-    confined: tuple[str, ...]
-    starts: tuple[Solution, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "parameters": {one.name: one.value for one in self.parameters},
-            "deviation": {one.name: one.deviation for one in self.parameters},
-            "nominal": {one.name: one.nominal for one in self.parameters},
-            "at_end": {one.name: one.at for one in self.parameters if one.at},
-            "offsets": {one.name: one.value for one in self.offsets},
-            "first": list(self.first),
-            "error": self.error,
-            "spread": self.spread,
-            "unfitted": self.unfitted,
-            "alike": self.alike,
-            "untold": list(self.untold),
-            "confined": list(self.confined),
-            "starts": [{"cost": s.cost, "status": s.status, "iterations": s.iterations} for s in self.starts],
-        }
-
-    def notes(self) -> tuple[str, ...]:
-        """What the result is worth, a sentence each."""
-        ends = ((one.name, one.at) for one in self.parameters if one.at)
-        lines = [f"{name} lies at the {end} end of its range; widen it, or leave {name} out" for name, end in ends]
-        lines += [
-            f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
-        ]
-        for parts in self.untold:
-            total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
-            fix = "fix one of them" if len(parts) > 1 else "fix it, or move the plant more"
-            lines.append(f"the records do not tell {total}, in units of ranges: it stays near its start; {fix}")
-        for name, tau in self.alike.items():
-            if self.error[name] >= self.spread[name] > 0:
-                lines.append(f"{name} is followed no better than by its mean; are its unit, sign and offset right?")
-            if tau > FOLLOWING and self.error[name] > FINE * self.spread[name]:
-                share = f"{tau:.3g} of them tell as much as one, which the standard errors count"
-                lines.append(f"residuals of {name} follow each other, {share}: the plant does more than the model")
-        best = min(one.cost for one in self.starts)
-        higher = [one.cost / best for one in self.starts if one.cost > best * (1 + SAME)] if best else []
-        if len(self.starts) > 1:
-            ended = f"{len(self.starts) - len(higher)} of {len(self.starts)} starts ended at this minimum"
-            lines.append(f"{ended}, the others at {min(higher):.3g} times its cost or more" if higher else ended)
-        if not any(one.settled and one.cost <= best * (1 + SAME) for one in self.starts):
-            lines.append("the search did not settle; take more starts, or narrower ranges")
-        return tuple(lines)
 
 
 def fit(
