@@ -196,7 +196,9 @@ class Model:
         own = dt or self.setting.dt or (self._own_period if self.has("step") else None)
         one = first(name, self._places, own)
         if isinstance(one, NoFirst):
-            raise MissingPart(self.path, "tuning", f"{self._untuned(name)}; it has no starting gains: {one.reason}")
+            untuned = f"{self._untuned(name)}; it has no starting gains: {one.reason}"
+            unfit = f"{name} does not take this plant: {one.reason}; `hgogen check {self.path}` names what does"
+            raise MissingPart(self.path, "tuning", untuned if one.ruled else unfit)
         return replace(tuning, tables={**tuning.tables, name: one.table})
 
     @property
