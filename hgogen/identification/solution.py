@@ -92,15 +92,16 @@ class Solver:
 def _heard() -> Iterator[list[Any]]:
     """The Ctrl-C within, which count when it ends: CasADi takes what a handler raises for a model that has no value."""
     heard: list[Any] = []
-    if threading.current_thread() is not threading.main_thread():
+    before = signal.getsignal(signal.SIGINT)
+    if not callable(before) or threading.current_thread() is not threading.main_thread():  # it is ignored, or not ours
         yield heard
         return
-    before = signal.signal(signal.SIGINT, lambda *signalled: heard.append(signalled))
+    signal.signal(signal.SIGINT, lambda *signalled: heard.append(signalled))
     try:
         yield heard
     finally:
         signal.signal(signal.SIGINT, before)
-    if heard and callable(before):
+    if heard:
         before(*heard[-1])
 
 
