@@ -468,6 +468,7 @@ def test_check_says_alike_once(here: Path):
     assert "triangular.a_1  " in shown
     assert "triangular.a_2..a_8 " in shown
     assert "a_2 = 1 <= a_M on the box, and so for each up to a_8" in " ".join(shown.split())
+    assert "triangular.a_1..a_4 " in hgogen("check", str(MODELS / "hyperjerk.py"))[0]  # from four on
     assert len([check for check in as_json("check", "chain.toml")["checks"] if ".a_" in check["id"]]) == 8
 
 

@@ -14,7 +14,8 @@ from test_cli import hgogen
 
 import hgogen as hg
 from hgogen.identification.fit import CannotFit
-from hgogen.identification.information import alike
+from hgogen.identification.information import alike, information
+from hgogen.identification.shooting import Shooting
 from hgogen.modelfiles.parameters import BadParameters, read
 from hgogen.structure.valued import BadValue, valued
 from hgogen.trials.prediction import predictions
@@ -131,6 +132,103 @@ def test_an_end_of_a_range_is_said() -> None:
     assert "k lies at the high end of its range; widen it, or leave k out" in fit.notes()
 
 
+def test_inputs_may_run_on_the_line_between_samples() -> None:
+    """x' = k (u - x) with u = t: on the line the fit is exact, held the ramp lags by half a sample."""
+    k = hg.Signal("k", nominal=1, low=0.1, high=5)
+    plant = hg.System("lag", states=(X,), inputs=(U,), outputs=(Y,), parameters=(k,), flow=[k * (U - X)], output=[X])
+    t = 0.1 * np.arange(50)
+    record = hg.Log(t, t - (1 - np.exp(-2 * t)) / 2, 0.1)  # of k = 2, from x = 0
+    by = {way: hg.fit(plant, record, between=way, starts=1).parameters[0].value for way in ("line", "hold")}
+    assert by["line"] == pytest.approx(2, rel=1e-4)
+    assert by["hold"] > 2.1
+
+
+def test_residuals_that_follow_each_other_tell_less() -> None:
+    """Of first order with r = 0.9, 19 tell as much as one: the standard error is that of white ones times its root."""
+    draw = np.random.default_rng(8)
+    white = 0.01 * draw.normal(size=N)
+    follow = np.zeros(N)
+    for i in range(1, N):
+        follow[i] = 0.9 * follow[i - 1] + np.sqrt(1 - 0.81) * white[i]
+    exact = log()
+    free = ["k", "c", "g"]
+    each, together = (hg.fit(PLANT, hg.Log(exact.u, exact.y + e, DT), free=free, starts=1) for e in (white, follow))
+    ratio = together.alike["y"] * (together.error["y"] / each.error["y"]) ** 2
+    assert each.alike["y"] < 2
+    assert together.alike["y"] > 4
+    for one, other in zip(each.parameters, together.parameters, strict=True):
+        assert other.deviation / one.deviation == pytest.approx(np.sqrt(ratio / each.alike["y"]), rel=0.05)
+
+
+def test_the_information_is_that_of_a_formula() -> None:
+    """x' = -k x from an unknown x(0) = a: with s = -t x, the slope in k, and e = x/a, that in a,
+    M = s's - (s'e)^2/(e'e), times the square of the range of k over that of the output."""
+    k = hg.Signal("k", nominal=0.7, low=0.2, high=1.2)
+    plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[-k * X], output=[X])
+    t = 0.05 * np.arange(80)
+    noise = 0.01 * np.random.default_rng(2).normal(size=80)
+    (found,) = hg.fit(plant, hg.Log(np.zeros((80, 0)), 3 * np.exp(-0.7 * t) + noise, 0.05), starts=1).parameters
+    e = np.exp(-0.7 * t)
+    s = -3 * t * e
+    told = s @ s - (s @ e) ** 2 / (e @ e)
+    assert found.deviation == pytest.approx(0.01 / np.sqrt(told), rel=0.2)  # of 80 draws the spread is known to 8 %
+
+
+@pytest.mark.parametrize("length", [7, 40])
+def test_the_information_is_the_same_however_long_the_segments_are(length: int) -> None:
+    """The gaps between them are closed: of all in one, by a formula, x' = -k x from a, both unknown."""
+    k = hg.Signal("k", nominal=0.7, low=0, high=1)
+    plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[-k * X], output=[X])
+    t = 0.05 * np.arange(80)
+    e = np.exp(-0.7 * t)
+    problem = Shooting(plant, (k,), (hg.Log(np.zeros((80, 0)), 3 * e[:, None], 0.05),), np.ones(1), length, 1)
+    unknowns = np.array([0.7, *(3 * e[::length])])
+    s = -3 * t * e
+    told = s @ s - (s @ e) ** 2 / (e @ e)
+    (M,) = information(problem, unknowns, np.ones(len(unknowns))).M.ravel()
+    assert pytest.approx(told, rel=1e-5) == M
+
+
+def test_what_is_not_told_stays_where_it_was() -> None:
+    """c acts on a state that no output shows."""
+    hidden = hg.Signal("x2", low=-5, high=5)
+    plant = hg.System(
+        "half", states=(X, hidden), outputs=(Y,), parameters=(K, C), flow=[-K * X, X - C * hidden], output=[X]
+    )
+    y = np.exp(-3 * 0.05 * np.arange(60))
+    fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), starts=1)
+    k, c = fit.parameters
+    assert k.value == pytest.approx(3, rel=1e-3)
+    assert np.isfinite(k.deviation)
+    assert c.deviation == float("inf")
+    assert c.value == pytest.approx(1, abs=0.3)
+
+
+def test_a_missing_input_is_the_last_one() -> None:
+    record = log()
+    u = record.u.copy()
+    u[22:38:2] = np.nan  # held for a second each: 20 samples
+    values = [hg.fit(PLANT, hg.Log(each, record.y, DT), starts=1).parameters[0].value for each in (u, record.u)]
+    assert values[0] == values[1]
+
+
+def test_records_may_have_periods_of_their_own() -> None:
+    """The slower asks for two Runge-Kutta steps a sample, as the other does not: by one, k errs by (h w)^4/60, which is
+    2e-3 of it here, and by two a sixteenth of that."""
+    fast, slow = log(count=40), log()
+    slow = hg.Log(slow.u[::4], slow.y[::4], 4 * DT)
+    fit = hg.fit(PLANT, fast, slow, free=["k", "c", "g"], starts=1)
+    assert {one.name: one.value for one in fit.parameters} == pytest.approx(TRUE, rel=5e-4)
+
+
+def test_a_negative_parameter_without_a_range_stays_negative() -> None:
+    k = hg.Signal("k", nominal=-2)
+    plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[k * X], output=[X])
+    y = np.exp(-0.7 * 0.05 * np.arange(60))
+    (found,) = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), free="k", starts=1).parameters
+    assert found.value == pytest.approx(-0.7, rel=1e-4)
+
+
 def test_white_residuals_count_each_and_others_less() -> None:
     """Of a first order with the factor r, 1 + 2 r/(1 - r) tell as much as one."""
     draw = np.random.default_rng(5)
@@ -138,6 +236,10 @@ def test_white_residuals_count_each_and_others_less() -> None:
     follow = np.zeros(20_000)
     for k in range(1, 20_000):
         follow[k] = r * follow[k - 1] + white[k]
+    walk = white[:300].cumsum()
+    away = walk - walk.mean()
+    r = np.correlate(away, away, "full")[299:] / (away @ away)
+    assert alike(walk) == pytest.approx(1 + 2 * r[1 : np.argmax(r <= 0)].sum())
     assert alike(white) == pytest.approx(1, abs=0.1)
     assert alike(follow) == pytest.approx(9, rel=0.25)
 
@@ -298,12 +400,26 @@ def test_a_python_model_has_the_values_wherever_it_reads_the_plant() -> None:
         ("[]", 'has no table "parameters"'),
         ('{"parameters": {"k": "1"}}', "gives 'k' the value '1'; give a finite number"),
         ('{"parameters": {"k": NaN}}', "give a finite number"),
+        ('{"parameters": {"k": true}}', "give a finite number"),
     ],
 )
 def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "values.json").write_text(text)
     with pytest.raises(BadParameters, match=reason):
         read(tmp_path / "values.json")
+
+
+def test_tables_of_a_python_model_have_the_values_too(tmp_path: Path) -> None:
+    """Expressions in tuples, and the parameter itself."""
+    (tmp_path / "own.py").write_text(
+        "import hgogen as hg\n"
+        "x, y, k = hg.Signal('x', low=-1, high=1), hg.Signal('y'), hg.Signal('k', nominal=2)\n"
+        "plant = hg.System('own', states=(x,), outputs=(y,), parameters=(k,), flow=[-k*x], output=[x])\n"
+        "pairs = (1, [k + 1], {'a': (2*k,)})\n"
+    )
+    module = hg.load(tmp_path / "own.py").valued({"k": 5}).module
+    assert module.k.nominal == 5
+    assert module.pairs == (1, [module.k + 1], {"a": (2 * module.k,)})
 
 
 def test_a_value_has_its_place() -> None:

@@ -502,6 +502,12 @@ def test_a_scrambled_plant_is_recovered(
 # The plant in its own coordinates
 
 
+def test_the_levels_are_those_of_the_states_in_their_order() -> None:
+    """Outwards x1, x3, x2: of the order (x3, x2, x1) these are 1, 2, 0, which is not its own inverse."""
+    turned = forms.original(plant([sp.sqrt(X3 + 4) - X1, X1 - X3**2, 2 * u * X2 + X1], X1), ("x3", "x2", "x1"))
+    assert turned.levels == (1, 2, 0)
+
+
 @pytest.mark.parametrize("order", [None, ("x1", X3, "x2")])
 def test_original_keeps_the_order_and_knows_the_way_outwards(order: tuple[Signal | str, ...] | None) -> None:
     form = forms.original(plant([sp.sqrt(X3 + 4) - X1, X1 - X3**2, 2 * u * X2 + X1], X1), order)

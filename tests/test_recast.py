@@ -50,6 +50,8 @@ def maps(text: str, low: float, high: float, inverse: str, *range_of_w: float) -
         ("x1 + k", -1, 3, "w - k", (-2, 4)),
         ("Abs(x1)", 1, 2, "w", (1, 2)),
         ("2*x1", -1, 3, "w/2", ()),
+        ("x1", 0, 0.3, "w", (0, 0.3)),  # the decimal 0.3, not the double below it
+        ("-x1", 1, 3, "-w", (-3, -1)),
     ],
 )
 def test_a_change_of_coordinates_is_proved(
@@ -206,3 +208,19 @@ def test_each_map_takes_what_the_other_gives_as_it_is_written(
     """What a map is in its own ranges says nothing of a value outside of them: |x| is x for x >= 0. The last pair undo
     each other everywhere, and x |x| is not x**2."""
     assert maps(text, *x, inverse, *w)["recast.inverse"].verdict == verdict
+
+
+def test_a_falling_map_leaves_its_range_at_the_other_end() -> None:
+    """-x1 of x1 in [1, 3] goes to -3."""
+    checks = maps("-x1", 1, 3, "-w", -1.5, 5)
+    assert checks["recast.range"].verdict is Verdict.REFUTED
+    assert checks["recast.range"].witness["x1"] > 1.5
+
+
+def test_the_map_back_keeps_a_state_before_the_replaced_one() -> None:
+    """In the order of the new plant's states: first, which stays, then w."""
+    x, w = ranged("x1", 1, 3), ranged("w", 2, 6)
+    moved = recast(plant(x), {w: 2 * x}, {x: w / 2})
+    first = moved.states[0]
+    assert moved.origin is not None
+    assert moved.origin.forward == (first, 2 * x)
