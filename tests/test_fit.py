@@ -115,6 +115,18 @@ def test_what_a_record_does_not_tell_is_said() -> None:
     assert "the records do not tell" in " ".join(fit.notes())
 
 
+def test_a_value_far_above_its_nominal_one_is_told() -> None:
+    """To 10 % of the value that was found, which is more than the nominal one that was guessed 100 times too small."""
+    k = hg.Signal("k", nominal=0.01)
+    plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[-k * X], output=[X])
+    y = 3 * np.exp(-0.7 * 0.05 * np.arange(80)) + 0.3 * np.random.default_rng(2).normal(size=80)
+    fit = hg.fit(plant, hg.Log(np.zeros((80, 0)), y, 0.05), free=["k"], starts=1)
+    (estimate,) = fit.parameters
+    assert fit.untold == ()
+    assert 0.01 < estimate.deviation < 0.2
+    assert abs(estimate.value - 0.7) < 4 * estimate.deviation
+
+
 def test_an_end_of_a_range_is_said() -> None:
     narrow = hg.Signal("k", nominal=6, low=5, high=7)
     plant = hg.System(
