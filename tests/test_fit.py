@@ -82,6 +82,18 @@ def test_the_standard_error_is_that_of_many_records() -> None:
         assert abs(values.mean() - true) < 4 * said / np.sqrt(30) + 2e-4 * true
 
 
+def test_a_short_record_tells_by_the_residuals_that_are_left() -> None:
+    """Of x' = g a straight line is fitted: s^2 = e'e/(N - 2), and the variance of g is s^2/sum (t - mean)^2."""
+    g = hg.Signal("g", nominal=1)
+    plant = hg.System("ramp", states=(X,), outputs=(Y,), parameters=(g,), flow=[g], output=[X])
+    t = 0.2 * np.arange(10)
+    y = 1.5 * t + 0.05 * np.random.default_rng(0).normal(size=10)
+    fit = hg.fit(plant, hg.Log(np.zeros((10, 0)), y, 0.2), free=["g"], starts=1)
+    e = y - np.polyval(np.polyfit(t, y, 1), t)
+    said = np.sqrt(e @ e / 8 * alike(e) / np.sum((t - t.mean()) ** 2))
+    assert fit.parameters[0].deviation == pytest.approx(said, rel=1e-4)
+
+
 def test_several_records_share_the_parameters_and_have_states_of_their_own() -> None:
     fit = hg.fit(PLANT, log(1, count=200), log(2, start=(-1.5, 2.0), count=150), free=["k", "c", "g"], starts=1)
     one, other = fit.first

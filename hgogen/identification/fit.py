@@ -180,7 +180,9 @@ class _Task:
         ranged = [*(p.bounded for p in self.free), *[True] * len(self.offset)]
         unit = np.where(ranged, before, np.maximum(before, np.abs(unknowns[: len(names)])))
         every = np.concatenate(known.outputs) / np.repeat(self.problem.scale, list(map(len, known.outputs)))
-        noise = max(float(np.mean(every**2)) * together, np.finfo(float).tiny)
+        fitted = len(names) + self.problem.n * len(self.records)  # numbers that took a residual each
+        left = len(every) - fitted
+        noise = max(float(every @ every) / left * together, np.finfo(float).tiny) if left > 0 else math.inf
         weights, V = np.linalg.eigh(known.M * np.outer(unit / before, unit / before) / noise)
         weights = np.where(weights > ROUNDED * weights.max(), weights, np.finfo(float).tiny)
         errors = 1 / np.sqrt(weights)
