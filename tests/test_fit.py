@@ -308,6 +308,18 @@ def test_the_command_writes_what_every_command_takes(here: Path) -> None:
     assert json.loads(shown)["model"].endswith("spring.toml")
 
 
+def test_a_fit_is_not_lost_where_no_observer_takes_the_plant(here: Path) -> None:
+    """The slope x**2 of v vanishes at x = 0, so that the plant is not triangular."""
+    (here / "spring.toml").write_text(MODEL.replace('flow = "v"', 'flow = "v*x**2"'))
+    words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--starts", "1", "-o", "out")
+    told, _ = hgogen(*words)
+    assert "nothing judges the fit; no observer estimates the rows held out: spring.toml, observer: refuted" in told
+    result = json.loads((here / "out" / "fitted.json").read_text())
+    assert result["predictions"] == []
+    assert result["unjudged"].startswith("no observer")
+    assert "nothing judges the fit; no rows were held out" in hgogen(*words, "--held-out", "0")[0]
+
+
 def test_a_python_model_has_the_values_wherever_it_reads_the_plant() -> None:
     model = hg.load(FOLDER / "cascaded_tanks.py").valued({"k1": 0.05})
     (k1, *_) = model.plant.parameters
