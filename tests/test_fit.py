@@ -83,6 +83,18 @@ def test_the_standard_error_is_that_of_many_records() -> None:
         assert abs(values.mean() - true) < 4 * said / np.sqrt(30) + 2e-4 * true
 
 
+def test_a_short_record_tells_by_the_residuals_that_are_left() -> None:
+    """Of x' = g a straight line is fitted: s^2 = e'e/(N - 2), and the variance of g is s^2/sum (t - mean)^2."""
+    g = hg.Signal("g", nominal=1)
+    plant = hg.System("ramp", states=(X,), outputs=(Y,), parameters=(g,), flow=[g], output=[X])
+    t = 0.2 * np.arange(10)
+    y = 1.5 * t + 0.05 * np.random.default_rng(0).normal(size=10)
+    fit = hg.fit(plant, hg.Log(np.zeros((10, 0)), y, 0.2), free=["g"], starts=1)
+    e = y - np.polyval(np.polyfit(t, y, 1), t)
+    said = np.sqrt(e @ e / 8 * alike(e) / np.sum((t - t.mean()) ** 2))
+    assert fit.parameters[0].deviation == pytest.approx(said, rel=1e-4)
+
+
 def test_several_records_share_the_parameters_and_have_states_of_their_own() -> None:
     fit = hg.fit(PLANT, log(1, count=200), log(2, start=(-1.5, 2.0), count=150), free=["k", "c", "g"], starts=1)
     one, other = fit.first
@@ -114,6 +126,18 @@ def test_what_a_record_does_not_tell_is_said() -> None:
     assert values[1] * 2 * direction["p"] + values[0] * 0.5 * direction["q"] == pytest.approx(0, abs=1e-3)
     assert all(one.deviation == float("inf") for one in fit.parameters)
     assert "the records do not tell" in " ".join(fit.notes())
+
+
+def test_a_value_far_above_its_nominal_one_is_told() -> None:
+    """To 10 % of the value that was found, which is more than the nominal one that was guessed 100 times too small."""
+    k = hg.Signal("k", nominal=0.01)
+    plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[-k * X], output=[X])
+    y = 3 * np.exp(-0.7 * 0.05 * np.arange(80)) + 0.3 * np.random.default_rng(2).normal(size=80)
+    fit = hg.fit(plant, hg.Log(np.zeros((80, 0)), y, 0.05), free=["k"], starts=1)
+    (estimate,) = fit.parameters
+    assert fit.untold == ()
+    assert 0.01 < estimate.deviation < 0.2
+    assert abs(estimate.value - 0.7) < 4 * estimate.deviation
 
 
 def test_an_end_of_a_range_is_said() -> None:
@@ -384,6 +408,18 @@ def test_the_command_writes_what_every_command_takes(here: Path) -> None:
     k = result["parameters"]["k"]
     assert hg.load(here / "spring.toml").valued({"k": k}).plant.nominal[hg.Signal("k", nominal=k, low=1, high=20)]
     assert json.loads(shown)["model"].endswith("spring.toml")
+
+
+def test_a_fit_is_not_lost_where_no_observer_takes_the_plant(here: Path) -> None:
+    """The slope x**2 of v vanishes at x = 0, so that the plant is not triangular."""
+    (here / "spring.toml").write_text(MODEL.replace('flow = "v"', 'flow = "v*x**2"'))
+    words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--starts", "1", "-o", "out")
+    told, _ = hgogen(*words)
+    assert "nothing judges the fit; no observer estimates the rows held out: spring.toml, observer: refuted" in told
+    result = json.loads((here / "out" / "fitted.json").read_text())
+    assert result["predictions"] == []
+    assert result["unjudged"].startswith("no observer")
+    assert "nothing judges the fit; no rows were held out" in hgogen(*words, "--held-out", "0")[0]
 
 
 def test_a_python_model_has_the_values_wherever_it_reads_the_plant() -> None:

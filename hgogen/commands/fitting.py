@@ -23,6 +23,7 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.running import Map, Period, Time
+from hgogen.errors import HgogenError
 from hgogen.identification.fit import fit
 from hgogen.identification.result import Fit
 from hgogen.identification.shooting import Log
@@ -67,7 +68,8 @@ def fit_(
     not tell), nominal, at_end (low or high end of its range), offsets, first (states at the first row of each record),
     error, spread, unfitted (by output, RMS: of the residual, about the mean, with the values before), alike (residuals
     that tell as much as one), untold (directions), confined (states), starts (cost, status, iterations), predictions
-    (of the rows held out: output, ahead, fitted, unfitted, copying), notes, files.
+    (of the rows held out: record, output, ahead, fitted, unfitted, copying), unjudged (why there are none, or empty),
+    notes, files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -88,7 +90,9 @@ def fit_(
             seed=seed,
             each=lambda start, k: bar.reach(start * ITERATIONS + k),
         )
-    judged = list(_judged(loaded, observer, result, records, cuts)) if held_out else []
+    judged, unjudged = (
+        _judgement(loaded, observer, result, records, cuts) if held_out else ([], "no rows were held out")
+    )
     drawn = {
         f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(plant.outputs)[:cut], y)
         for k, (record, cut, y) in enumerate(zip(records, cuts, result.fitted, strict=True), 1)
@@ -100,11 +104,16 @@ def fit_(
         "records": [record.report.as_dict() for record in records],
         **result.as_dict(),
         "predictions": judged,
+        "unjudged": unjudged,
         "notes": list(result.notes()),
         "files": list(map(str, paths)),
     }
     folder.write({**files, "fitted.json": json_text(report) + "\n"})
-    shown = (*(tables.report(record.report) for record in records), tables.fitted(result), tables.judged(judged))
+    shown = (
+        *(tables.report(record.report) for record in records),
+        tables.fitted(result),
+        tables.judged(judged, unjudged),
+    )
     show(as_json, report, *shown, tables.files(paths))
 
 
@@ -114,6 +123,18 @@ def _names(text: str | None) -> tuple[str, ...]:
 
 def _data(plant: System, record: Record, count: int) -> Log:
     return Log(record.of(plant.inputs)[:count], record.of(plant.outputs)[:count], record.report.dt)
+
+
+def _judgement(
+    model: Model, observer: str | None, result: Fit, records: Sequence[Record], cuts: Sequence[int]
+) -> tuple[list[dict[str, Any]], str]:
+    """The errors, or why there are none: an observer that does not take the plant leaves the fit what it is."""
+    try:
+        return list(_judged(model, observer, result, records, cuts)), ""
+    except HgogenError as error:
+        if observer is not None:  # asked for by name
+            raise
+        return [], f"no observer estimates the rows held out: {error}"
 
 
 def _judged(

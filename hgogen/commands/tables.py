@@ -296,10 +296,10 @@ def _spread(deviation: float) -> str:
     return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"
 
 
-def judged(each: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Prediction errors in the rows held out."""
+def judged(each: Sequence[Mapping[str, Any]], otherwise: str) -> RenderableType:
+    """Prediction errors in the rows held out; `otherwise`: why there are none."""
     if not each:
-        return Text("no rows were held out: nothing judges the fit\n")
+        return Text(f"nothing judges the fit; {otherwise}\n")
     table = _table(
         "RMS prediction error in the rows held out, from an observer's estimate",
         *("output", "samples ahead", "fitted", "before", "copying the last value"),

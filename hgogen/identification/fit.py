@@ -149,7 +149,7 @@ class _Task:
         """The fit with what the records tell of it."""
         known, count = information(self.problem, best.unknowns, self.solver.unit), len(self.free)
         follow = [alike(e) for e in known.outputs]
-        deviations, untold = self._deviations(known, max(follow))
+        deviations, untold = self._deviations(known, max(follow), best.unknowns)
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))
         first = (dict(zip(map(str, self.plant.states), at[:, 0].full().ravel().tolist(), strict=True)) for at in nodes)
@@ -170,13 +170,20 @@ class _Task:
             tuple(ended),
         )
 
-    def _deviations(self, known: Information, together: float) -> tuple[Array, tuple[dict[str, float], ...]]:
-        """The standard errors of parameters and offsets, in their units, and the directions that are not told."""
+    def _deviations(
+        self, known: Information, together: float, unknowns: Array
+    ) -> tuple[Array, tuple[dict[str, float], ...]]:
+        """The standard errors of parameters and offsets, in their units, and the directions that are not told, in units
+        of ranges; of a parameter without a range, in units of the value that is larger, the nominal or the fitted."""
         names = [*map(str, self.free), *(f"offset of {y}" for y in self.offset)]
-        unit = self.solver.unit[: len(names)]
+        before = self.solver.unit[: len(names)]
+        ranged = [*(p.bounded for p in self.free), *[True] * len(self.offset)]
+        unit = np.where(ranged, before, np.maximum(before, np.abs(unknowns[: len(names)])))
         every = np.concatenate(known.outputs) / np.repeat(self.problem.scale, list(map(len, known.outputs)))
-        noise = max(float(np.mean(every**2)) * together, np.finfo(float).tiny)
-        weights, V = np.linalg.eigh(known.M / noise)
+        fitted = len(names) + self.problem.n * len(self.records)  # numbers that took a residual each
+        left = len(every) - fitted
+        noise = max(float(every @ every) / left * together, np.finfo(float).tiny) if left > 0 else math.inf
+        weights, V = np.linalg.eigh(known.M * np.outer(unit / before, unit / before) / noise)
         weights = np.where(weights > ROUNDED * weights.max(), weights, np.finfo(float).tiny)
         errors = 1 / np.sqrt(weights)
         sure = errors <= UNTOLD
