@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from test_cli import hgogen
 
 import hgogen as hg
+from hgogen.commands.fitting import _verdicts
 from hgogen.identification.fit import CannotFit
 from hgogen.identification.information import alike, information
 from hgogen.identification.shooting import Shooting
@@ -153,6 +154,8 @@ def test_an_end_of_a_range_is_said() -> None:
     )
     fit = hg.fit(plant, log(4), starts=1)
     assert (fit.parameters[0].value, fit.parameters[0].at) == (7.0, "high")
+    assert fit.parameters[0].deviation == float("inf")  # held there, it has none
+    assert fit.untold == ()
     assert "k lies at the high end of its range; widen it, or leave k out" in fit.notes()
 
 
@@ -361,6 +364,26 @@ def test_a_chaotic_plant_is_fitted_from_one_output() -> None:
     noisy = x + 0.1 * np.random.default_rng(0).normal(size=500)
     fit = hg.fit(off, hg.Log(np.zeros((500, 0)), noisy, 0.02), free=true, starts=1)
     assert {one.name: one.value for one in fit.parameters} == pytest.approx(true, rel=0.01)
+
+
+def test_a_sign_that_is_wrong_is_named_as_a_doubt() -> None:
+    """Of a parameter without a range that goes as far as it may: y rises where its model can only fall."""
+    k = hg.Signal("k", nominal=2)
+    plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[-k * X], output=[X])
+    y = 0.1 * np.exp(0.7 * 0.05 * np.arange(60))
+    fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), free="k", starts=1)
+    assert fit.parameters[0].at == "low"
+    assert "went as far from 2 as it may without a range; its sign, or that of a column" in fit.notes()[0]
+
+
+def test_what_predicts_worse_than_others_is_said() -> None:
+    row = {"record": "a.csv", "output": "y", "ahead": 5, "fitted": 2.0, "unfitted": 1.0, "copying": 1.0}
+    open_loop = {**row, "ahead": None, "copying": None}
+    assert list(_verdicts([row, {**row, "ahead": 25}, open_loop])) == [
+        "y is predicted worse than by copying the last value, 5, 25 samples ahead, in the rows held out",
+        "y is predicted worse than before the fit, 5, 25 samples ahead, in the rows held out",
+    ]
+    assert list(_verdicts([{**row, "fitted": 1.0}])) == []
 
 
 # --- values from a file -----------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.lost import lost
+from hgogen.intervals.lost import lost, parts
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.slope import lipschitz_bound
@@ -198,8 +198,14 @@ def _bent(chains: Chains, forms: _Forms) -> bool | None:
     links = [link for chain in chains.links for link in chain]
     regular = _signed(map(_slope, links), forms)
     if regular:
-        return None if forms.hole is not None or any(link.jumps for link in links) else True
+        return None if any(link.jumps or _hides(link, forms) for link in links) else True
     return regular if forms.entry.boxed else None
+
+
+def _hides(link: Link, forms: _Forms) -> bool:
+    """Whether what the row reads of its next state may have no value, as the poles of atan(tan x), of slope 1."""
+    own = (part for part in parts(link.row) if part.has(link.state))
+    return lost(own, (), forms.entry.outer) is not None
 
 
 def _slope(link: Link) -> sp.Expr:

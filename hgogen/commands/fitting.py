@@ -1,6 +1,7 @@
 """The command `fit`: parameters of a model from measured records."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,6 +36,7 @@ from hgogen.system import System
 from hgogen.trials.prediction import Prediction, predictions
 
 _AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
+WORSE = 1.05  # times the error of another prediction, of which a note is made
 _JUDGE = "riccati"  # the observer that starts predictions where the model has none
 
 
@@ -62,7 +64,7 @@ def fit_(
     as_json: Json = False,
 ) -> None:
     """Fit parameters of a model to measured records, by multiple shooting. The file `fitted.json` that it writes is
-    what `--parameters` of every command takes.
+    what `--parameters` of every command that makes a step takes.
 
     JSON keys: model, records (as in `run`), parameters (by name), deviation (standard errors, null where the records do
     not tell), nominal, at_end (low or high end of its range), offsets, first (states at the first row of each record),
@@ -93,6 +95,7 @@ def fit_(
     judged, unjudged = (
         _judgement(loaded, observer, result, records, cuts) if held_out else ([], "no rows were held out")
     )
+    verdicts = tuple(_verdicts(judged))
     drawn = {
         f"fitted_{k}": figures.fitted(plant, record.t[:cut], record.of(plant.outputs)[:cut], y)
         for k, (record, cut, y) in enumerate(zip(records, cuts, result.fitted, strict=True), 1)
@@ -105,14 +108,14 @@ def fit_(
         **result.as_dict(),
         "predictions": judged,
         "unjudged": unjudged,
-        "notes": list(result.notes()),
+        "notes": [*result.notes(), *verdicts],
         "files": list(map(str, paths)),
     }
     folder.write({**files, "fitted.json": json_text(report) + "\n"})
     shown = (
         *(tables.report(record.report) for record in records),
         tables.fitted(result),
-        tables.judged(judged, unjudged),
+        tables.judged(judged, verdicts, unjudged),
     )
     show(as_json, report, *shown, tables.files(paths))
 
@@ -154,6 +157,17 @@ def _judged(
                 "unfitted": other.model,
                 "copying": one.copying,
             }
+
+
+def _verdicts(judged: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Where rows held out are predicted worse than by other means."""
+    rivals = {"copying": "than by copying the last value", "unfitted": "than before the fit"}
+    for record, output in dict.fromkeys((one["record"], one["output"]) for one in judged):
+        rows = [one for one in judged if (one["record"], one["output"]) == (record, output) and one["ahead"]]
+        for rival, than in rivals.items():
+            worse = [str(one["ahead"]) for one in rows if one["fitted"] > WORSE * (one[rival] or math.inf)]
+            if worse:
+                yield f"{output} is predicted worse {than}, {', '.join(worse)} samples ahead, in the rows held out"
 
 
 def _step(model: Model, observer: str | None, dt: float) -> CallableStep:

@@ -282,7 +282,8 @@ def fitted(result: Fit) -> RenderableType:
     """Fitted parameters, how well the outputs are followed, and what that is worth."""
     parts = _table("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
     for one in result.parameters:
-        parts.add_row(one.name, f"{one.value:.5g}", _spread(one.deviation), f"{one.nominal:.5g}", Text(one.unit))
+        spread = "at its end" if one.at else _spread(one.deviation)
+        parts.add_row(one.name, f"{one.value:.5g}", spread, f"{one.nominal:.5g}", Text(one.unit))
     for one in result.offsets:
         parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
     along = "RMS error of the outputs along the record, from its first state"
@@ -296,8 +297,8 @@ def _spread(deviation: float) -> str:
     return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"
 
 
-def judged(each: Sequence[Mapping[str, Any]], otherwise: str) -> RenderableType:
-    """Prediction errors in the rows held out; `otherwise`: why there are none."""
+def judged(each: Sequence[Mapping[str, Any]], notes: Iterable[str], otherwise: str) -> RenderableType:
+    """Prediction errors in the rows held out, with what they say; `otherwise`: why there are none."""
     if not each:
         return Text(f"nothing judges the fit; {otherwise}\n")
     table = _table(
@@ -305,11 +306,13 @@ def judged(each: Sequence[Mapping[str, Any]], otherwise: str) -> RenderableType:
         *("output", "samples ahead", "fitted", "before", "copying the last value"),
         numbers=5,
     )
+    paths = {one["record"] for one in each}
     for one in each:
         ahead = "all, open loop" if one["ahead"] is None else str(one["ahead"])
         errors = (one[key] for key in ("fitted", "unfitted", "copying"))
-        table.add_row(one["output"], ahead, *("" if error is None else f"{error:.4g}" for error in errors))
-    return Group(table, "")
+        name = f"{one['output']} in {one['record']}" if len(paths) > 1 else one["output"]
+        table.add_row(name, ahead, *("" if error is None else f"{error:.4g}" for error in errors))
+    return Group(table, *map(Text, notes), "")
 
 
 def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:

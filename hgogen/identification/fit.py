@@ -16,6 +16,7 @@ from hgogen.identification.motion import rates
 from hgogen.identification.result import Estimate, Fit, Place
 from hgogen.identification.shooting import Log, Shooting
 from hgogen.identification.solution import Solution, Solver
+from hgogen.reading.time_unit import plural
 from hgogen.signal import Signal, resting
 from hgogen.structure.valued import valued
 from hgogen.system import System
@@ -99,7 +100,8 @@ class _Task:
         steps = max(1, math.ceil(fastest * period / FOLLOWED))
         if steps > MOST_STEPS:
             reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
-            raise CannotFit(f"plant {self.plant.name!r}", f"{reason}; narrow its ranges, or give a faster record")
+            fix = f"are the times in {plural(self.plant.time)}? Else narrow its ranges, or give a faster record"
+            raise CannotFit(f"plant {self.plant.name!r}", f"{reason}; {fix}")
         samples = max(len(record.y) for record in self.records)
         length = math.ceil(samples / SEGMENTS)
         length = max(1, min(length, int(GROWN / (growing * period)))) if growing else length
@@ -174,21 +176,25 @@ class _Task:
         self, known: Information, together: float, unknowns: Array
     ) -> tuple[Array, tuple[dict[str, float], ...]]:
         """The standard errors of parameters and offsets, in their units, and the directions that are not told, in units
-        of ranges; of a parameter without a range, in units of the value that is larger, the nominal or the fitted."""
-        names = [*map(str, self.free), *(f"offset of {y}" for y in self.offset)]
-        before = self.solver.unit[: len(names)]
-        ranged = [*(p.bounded for p in self.free), *[True] * len(self.offset)]
-        unit = np.where(ranged, before, np.maximum(before, np.abs(unknowns[: len(names)])))
+        of ranges; of a parameter without a range, in units of the value that is larger, the nominal or the fitted. What
+        lies at an end of its range is held there, without a standard error."""
+        every_name = [*map(str, self.free), *(f"offset of {y}" for y in self.offset)]
+        inner = np.array([not self._end(i, value) for i, value in enumerate(unknowns[: len(every_name)])])
+        names = [name for name, within in zip(every_name, inner, strict=True) if within]
+        before = self.solver.unit[: len(inner)][inner]
+        ranged = np.array([*(p.bounded for p in self.free), *[True] * len(self.offset)])[inner]
+        unit = np.where(ranged, before, np.maximum(before, np.abs(unknowns[: len(inner)][inner])))
         every = np.concatenate(known.outputs) / np.repeat(self.problem.scale, list(map(len, known.outputs)))
         fitted = len(names) + self.problem.n * len(self.records)  # numbers that took a residual each
         left = len(every) - fitted
         noise = max(float(every @ every) / left * together, np.finfo(float).tiny) if left > 0 else math.inf
-        weights, V = np.linalg.eigh(known.M * np.outer(unit / before, unit / before) / noise)
-        weights = np.where(weights > ROUNDED * weights.max(), weights, np.finfo(float).tiny)
+        weights, V = np.linalg.eigh(known.M[np.ix_(inner, inner)] * np.outer(unit / before, unit / before) / noise)
+        weights = np.where(weights > ROUNDED * weights.max(initial=0.0), weights, np.finfo(float).tiny)
         errors = 1 / np.sqrt(weights)
         sure = errors <= UNTOLD
-        deviations = np.sqrt(V[:, sure] ** 2 @ errors[sure] ** 2) * unit
-        deviations[(np.abs(V[:, ~sure]) > PART).any(axis=1)] = math.inf
+        spread = np.sqrt(V[:, sure] ** 2 @ errors[sure] ** 2) * unit
+        deviations = np.full(len(inner), math.inf)
+        deviations[inner] = np.where((np.abs(V[:, ~sure]) > PART).any(axis=1), math.inf, spread)
         parts = (V[:, k] * np.sign(V[np.argmax(np.abs(V[:, k])), k]) for k in np.flatnonzero(~sure))
         return deviations, tuple(
             {name: float(part) for name, part in zip(names, direction, strict=True) if abs(part) > PART}
@@ -201,14 +207,17 @@ class _Task:
         return tuple(x.name for x, least in zip(self.plant.states, nodes.min(axis=0), strict=True) if least <= AT)
 
     def _estimate(self, i: int, value: float, deviation: float) -> Estimate:
-        low, high, width = self.solver.low[i], self.solver.high[i], AT * self.solver.unit[i]
-        at: Place = "low" if value <= low + width else "high" if value >= high - width else ""
+        at = self._end(i, value)
         if i >= len(self.free):
             y = self.offset[i - len(self.free)]
             return Estimate(y.name, float(value), 0.0, float(deviation), y.unit, at)
         p = self.free[i]
         within = float(np.clip(value, *_bounds(p)))
         return Estimate(p.name, within, float(p.nominal or 0.0), float(deviation), p.unit, at)
+
+    def _end(self, i: int, value: float) -> Place:
+        low, high, width = self.solver.low[i], self.solver.high[i], AT * self.solver.unit[i]
+        return "low" if value <= low + width else "high" if value >= high - width else ""
 
     def _by_output(self, values: Iterable[float]) -> dict[str, float]:
         return dict(zip(map(str, self.plant.outputs), values, strict=True))

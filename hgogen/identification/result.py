@@ -18,8 +18,8 @@ SAME = 1e-2  # of the cost, by which starts may differ that ended at one minimum
 @dataclass(frozen=True)
 class Estimate:
     """A parameter, or the offset of an output: its `value`, the `nominal` one that it had, its standard error
-    `deviation`, infinite where the records do not tell it, its `unit`; `at` the "low" or "high" end of its range, ""
-    within."""
+    `deviation`, infinite where the records do not tell it or it is held at an end, its `unit`; `at` the "low" or "high"
+    end of its range, "" within."""
 
     name: str
     value: float
@@ -74,8 +74,14 @@ class Fit:
 
     def notes(self) -> tuple[str, ...]:
         """What the result is worth, a sentence each."""
-        ends = ((one.name, one.at) for one in self.parameters if one.at)
-        lines = [f"{name} lies at the {end} end of its range; widen it, or leave {name} out" for name, end in ends]
+        ranged = {p.name: p.bounded for p in self.plant.parameters}
+        lines = []
+        for one in self.parameters:
+            if one.at and ranged[one.name]:
+                lines.append(f"{one.name} lies at the {one.at} end of its range; widen it, or leave {one.name} out")
+            elif one.at:
+                doubt = "its sign, or that of a column, or a unit may be wrong"
+                lines.append(f"{one.name} went as far from {one.nominal:g} as it may without a range; {doubt}")
         lines += [
             f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
         ]
@@ -88,7 +94,10 @@ class Fit:
                 lines.append(f"{name} is followed no better than by its mean; are its unit, sign and offset right?")
             if tau > FOLLOWING and self.error[name] > FINE * self.spread[name]:
                 share = f"{tau:.3g} of them tell as much as one, which the standard errors count"
-                lines.append(f"residuals of {name} follow each other, {share}: the plant does more than the model")
+                lines.append(
+                    f"residuals of {name} follow each other, {share}: the plant does more than the model, or "
+                    "the noise is slow, as that of a coarse encoder"
+                )
         best = min(one.cost for one in self.starts)
         higher = [one.cost / best for one in self.starts if one.cost > best * (1 + SAME)] if best else []
         if len(self.starts) > 1:
