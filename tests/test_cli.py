@@ -8,17 +8,21 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from typer.testing import CliRunner
 
 import hgogen as hg
 from hgogen import cli
 from hgogen.calling import native
-from hgogen.commands import building, jobs
+from hgogen.check import Check, ClaimId, Verdict
+from hgogen.commands import building, jobs, tables
 from hgogen.commands import process as process_
 from hgogen.model import summary
 from hgogen.modelfiles.setting import UnknownCase
@@ -456,6 +460,19 @@ def test_check_begins_with_its_answer(here: Path):
     )
     told = hgogen("check", str(MODELS / "pendulum.py"))[0].split("\n")[0]
     assert "; triangular, uniform, state_affine, proved; convergence proved in continuous time, for a l" in told
+
+
+def test_what_is_accepted_or_said_in_another_way_is_not_gathered() -> None:
+    """Of four that are alike."""
+    alike = tuple(Check(ClaimId("f", "a", i), f"a_{i}", Verdict.PROVED, "it is 1", subject=sp.S.One) for i in range(4))
+
+    def called(checks: Sequence[Check], accepted: Sequence[str] = ()) -> list[str]:
+        return [name for name, _ in tables._gathered(checks, accepted)]
+
+    assert called(alike) == ["f.a_0..a_3"]
+    assert called(alike[:3]) == ["f.a_0", "f.a_1", "f.a_2"]
+    assert called(alike, ["f.a_1"]) == ["f.a_0", "f.a_1", "f.a_2", "f.a_3"]
+    assert called([*alike[:3], replace(alike[3], reason="it is more than 0")]) == ["f.a_0", "f.a_1", "f.a_2", "f.a_3"]
 
 
 def test_check_says_alike_once(here: Path):

@@ -32,6 +32,12 @@ def test_as_it_is_told_it_is_proved(period: Any) -> None:
     assert persistent(SHOWN, turned(), {"u": sp.sin(t)}, period).verdict is Verdict.PROVED
 
 
+def test_an_input_outside_of_its_range_when_it_is_asked_shows_nothing() -> None:
+    """Of a period of 2 pi the input is in [-1, 1] around t = 0.3 alone; it is asked at 0.9, 2.5 and 4.7."""
+    assert persistent(SHOWN, turned(), {"u": "10 - 9.9*cos(t - 3/10)"}, "2*pi").verdict is Verdict.UNKNOWN
+    assert persistent(SHOWN, turned(), {"u": "10 - 9.9*cos(t - 9/10)"}, "2*pi").verdict is Verdict.PROVED
+
+
 def test_the_times_asked_are_shares_of_a_period_however_short() -> None:
     """At t = 0, to which three decimals of a second would round them, sin shows nothing."""
     check = persistent(SHOWN, turned(), {"u": "sin(20000*pi*t)"}, "1/10000")

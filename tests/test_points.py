@@ -21,6 +21,8 @@ SLOW = sp.sin(U) - sp.tan(U) / sp.sqrt(1 + sp.tan(U) ** 2)
         lambda e: 1 / e,
         lambda e: sp.log(sp.Abs(e)),
         lambda e: sp.acosh(1 + e),
+        lambda e: sp.asin(1 + e),
+        lambda e: sp.asin(e - 1),
         lambda e: sp.tan(sp.pi / 2 + e),
         lambda e: sp.floor(e) + sp.sign(e),
     ],

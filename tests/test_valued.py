@@ -55,6 +55,15 @@ def test_the_singular_set_names_what_new_coordinates_lost(recast: hg.System) -> 
         assert "w != 0" in check.reason
 
 
+def test_what_the_first_of_two_recasts_lost_is_asked_for_as_well(recast: hg.System) -> None:
+    """The plant in between has lost it."""
+    again = hg.Signal("z", low=-2, high=2)
+    (w, *_) = recast.states
+    for check in hg.singularity(hg.recast(recast, {again: 2 * w}, {w: again / 2})).checks:
+        assert check.verdict == "where"
+        assert "z != 0" in check.reason
+
+
 def test_the_inverse_under_a_condition_names_what_new_coordinates_lost(recast: hg.System) -> None:
     """Phi has no value there."""
     check = next(check for check in hg.forms.phase(recast).checks if check.id == "phase.inverse")
