@@ -1,6 +1,7 @@
 """The phase form on plants whose maps and inverses are known, and observers on it that converge, in C as in Python."""
 
 import importlib
+import itertools
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -437,13 +438,13 @@ def test_a_form_says_nothing_of_a_plant_without_a_value(low: float, verdict: Ver
 
 
 def test_a_map_that_is_undefined_on_the_box_has_no_rank_there() -> None:
-    """Phi = (x1, x2 + log x1) has the determinant 1, and no value at x1 = 0."""
+    """Phi = (x1, x2 + log x1) has the determinant 1, and no value at x1 = 0; with a root in its place, no slope."""
     ranks = []
-    for low in (0, 0.1):
+    for low, function in itertools.product((0, 0.1), (sp.log, sp.sqrt)):
         x = states((low, 1), (-1, 1))
-        form = hg.forms.phase(plant("log", x, [x[1] + sp.log(x[0]), 0], x[0]), original=True)
+        form = hg.forms.phase(plant("log", x, [x[1] + function(x[0]), 0], x[0]), original=True)
         ranks += [check.verdict for check in form.checks if check.id == "phase.rank"]
-    assert ranks == [Verdict.UNKNOWN, Verdict.PROVED]
+    assert ranks == [Verdict.UNKNOWN, Verdict.UNKNOWN, Verdict.PROVED, Verdict.PROVED]
 
 
 def test_a_derivative_of_an_input_wants_a_range() -> None:
