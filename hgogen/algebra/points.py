@@ -45,13 +45,8 @@ def kind(expression: sp.Expr, point: Point) -> str:
     """What it is there, by exact zero tests and guaranteed digits: "> 0", "< 0", "= 0", "undefined" or "?"."""
     try:
         return _kind(expression.xreplace(dict(point)))
-    except (
-        ValueError,
-        TypeError,
-        NotImplementedError,
-        ArithmeticError,
-    ):  # SymPy compares what is not real
-        return "?"
+    except (ValueError, TypeError, NotImplementedError, ArithmeticError):
+        return "?"  # SymPy compares what is not real, or gives up
 
 
 def _kind(value: sp.Expr) -> str:

@@ -191,6 +191,12 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     return np.ascontiguousarray(array)
 
 
+def held_last(values: np.ndarray) -> np.ndarray:
+    """Each column (N, c) with a missing number replaced by the last one; NaN before the first."""
+    rows = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
+    return np.take_along_axis(values, np.maximum.accumulate(rows, axis=0), axis=0)
+
+
 def demand_given(name: str, value: Any, signals: Sequence[Signal]) -> None:
     """Raise `BadShape` for the empty tuple that stands for nothing, where there are signals."""
     if isinstance(value, tuple) and not value and signals:

@@ -9,7 +9,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from hgogen.calling.samples import table
+from hgogen.calling.samples import held_last, table
 from hgogen.errors import BadArgument, nearest
 from hgogen.identification.information import Information, alike, information
 from hgogen.identification.motion import rates
@@ -279,6 +279,5 @@ def _demanded(plant: System, record: Log, number: int) -> Log:
     for signal, column in zip(plant.outputs, y.T, strict=True):
         if np.isfinite(column).sum() < LEAST:
             raise CannotFit(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
-    rows = np.maximum.accumulate(np.where(np.isfinite(u), np.arange(len(u))[:, None], 0), axis=0)
-    held = np.take_along_axis(u, rows, axis=0)
+    held = held_last(u)
     return Log(np.where(np.isfinite(held), held, [resting(s) for s in plant.inputs]), y, float(record.dt))

@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hgogen.calling.samples import Run
+from hgogen.calling.samples import Run, held_last
 from hgogen.discretisation.runge_kutta import RK4, advance
 from hgogen.graph import Graph, to_casadi
 from hgogen.part import on_line
@@ -56,7 +56,7 @@ def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Itera
     move, read, enter = _functions(step)
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
     z = np.array(enter(x.T))
-    last = _held(y)
+    last = held_last(y)
     wanted, errors = sorted(set(ahead)), []
     for h in range(1, max(wanted, default=0) + 1):
         now, after = _shifted(u, h - 1), _shifted(u, h)
@@ -126,18 +126,12 @@ def _nominal(step: Step, graph: Graph) -> Graph:
 
 def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:
     """A missing input is the last one there was; each lies in its range."""
-    held = _held(u)
+    held = held_last(u)
     for i, signal in enumerate(inputs):
         low, high = signal.interval
         resting = signal.nominal if signal.nominal is not None else min(max(0.0, low), high)
         held[:, i] = np.clip(np.where(np.isnan(held[:, i]), resting, held[:, i]), low, high)
     return held
-
-
-def _held(values: np.ndarray) -> np.ndarray:
-    """Each column (N, c) with a missing number replaced by the last one; NaN before the first."""
-    rows = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
-    return np.take_along_axis(values, np.maximum.accumulate(rows, axis=0), axis=0)
 
 
 def _shifted(u: np.ndarray, by: int) -> np.ndarray:
