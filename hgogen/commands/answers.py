@@ -26,7 +26,7 @@ from hgogen.analysis.singular_set import singular_set
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import bound
-from hgogen.intervals.lost import lost, parts
+from hgogen.intervals.lost import doubtful, parts
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.slope import lipschitz_bound
@@ -109,9 +109,9 @@ class _Forms:
         return (*(link.rest for link in links[1:]), self.rows.rate(links[-1].state))
 
     @cached_property
-    def hole(self) -> sp.Expr | None:
-        """A part of the model that is not shown to have a value on the box."""
-        return lost((*self.entry.flow, *self.entry.output), (), self.entry.outer)
+    def hole(self) -> bool:
+        """Whether a part of the model is not shown to have a value on the box."""
+        return bool(doubtful((*self.entry.flow, *self.entry.output), self.entry.outer))
 
 
 def _ranks(forms: _Forms) -> Iterator[Answer]:
@@ -205,7 +205,7 @@ def _bent(chains: Chains, forms: _Forms) -> bool | None:
 def _hides(link: Link, forms: _Forms) -> bool:
     """Whether what the row reads of its next state may have no value, as the poles of atan(tan x), of slope 1."""
     own = (part for part in parts(link.row) if part.has(link.state))
-    return lost(own, (), forms.entry.outer) is not None
+    return bool(doubtful(own, forms.entry.outer))
 
 
 def _slope(link: Link) -> sp.Expr:
@@ -280,7 +280,7 @@ def _singular(forms: _Forms) -> Iterator[Answer]:
 def _lipschitz(forms: _Forms) -> Iterator[Answer]:
     if forms.measured and forms.entry.boxed:
         answer = _is_lipschitz(forms.rests, forms.entry)
-        yield "lipschitz", None if answer and forms.hole is not None else answer
+        yield "lipschitz", None if answer and forms.hole else answer
 
 
 def _is_lipschitz(rests: Sequence[sp.Expr], entry: Entry) -> bool | None:
