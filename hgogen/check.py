@@ -64,8 +64,9 @@ class Check:
 
     `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is
     the point that refutes; `fix` says what a user can do about it; `consequence` what follows for him who accepts a
-    refuted claim; `proofs`: what was proved, for a certificate: `Proof` by bisection, or what the check's own case
-    proves with; `subject`: the expression that the claim is about, such as a_i, where it is about one.
+    refuted claim; `proofs`: what proves it, and `disproof`: what refutes it, values whose
+    evidence a certificate holds (`evidence.grounds`); `subject`: the expression that the claim is about, such as a_i,
+    where it is about one.
     """
 
     id: ClaimId
@@ -76,6 +77,7 @@ class Check:
     fix: str = ""
     consequence: str = ""
     proofs: tuple[Any, ...] = field(default=(), compare=False, repr=False)
+    disproof: Any = field(default=None, compare=False, repr=False)
     subject: Any = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -25,9 +25,9 @@ from typer.testing import CliRunner
 import hgogen as hg
 from hgogen import cli
 from hgogen.certificates.certificate import NotCertifiable, certificate
-from hgogen.certificates.of_forms import outward
 from hgogen.check import Check, Verdict
 from hgogen.commands import jobs
+from hgogen.evidence.grammar import outward
 from hgogen.model import load
 from hgogen.recheck.file import VERSION, digest, model_digest
 from hgogen.recheck.verification import NoCertificate, Unreadable, read, recheck

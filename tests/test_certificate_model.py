@@ -120,8 +120,7 @@ def test_the_banner_computes_no_evidence(monkeypatch: pytest.MonkeyPatch) -> Non
         raise AssertionError
 
     file = sys.modules["hgogen.certificates.certificate"]  # hgogen.certificate is the function
-    monkeypatch.setattr(file, "of_form", never)
-    monkeypatch.setattr(file, "of_observer", never)
+    monkeypatch.setattr(file, "texts", never)
     monkeypatch.setattr(file, "recheck", never)
     text = hg.targets.c99(emitted.step("pendulum"), check=False)["pendulum.h"]
     assert "Model: " in text

@@ -12,9 +12,9 @@ import pytest
 
 import hgogen as hg
 from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
+from hgogen.evidence.grounds import Grounds
 from hgogen.guarantees.certified import checks
 from hgogen.guarantees.certified_core import CoreBound
-from hgogen.intervals.proof import Grounds
 from hgogen.recheck.verification import recheck
 
 
@@ -36,8 +36,7 @@ class Renamed:
 
     bound: CoreBound
 
-    @property
-    def evidence(self) -> Mapping[str, Any]:
+    def evidence(self, form: hg.Form) -> Mapping[str, Any]:
         """The matrix P, |P G| and the bound of dc/dw."""
         return {"P": self.bound.lyapunov.P, "push": self.bound.push, "slope": self.bound.steep}
 

@@ -19,10 +19,9 @@ from hgogen.recheck.errors import RecheckError
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hgogen"
 COLUMN = (  # the folders, each standing on those before it only
-    *("algebra", "intervals", "recheck", "reading", "analysis", "structure", "discretisation", "forms", "kalman"),
-    *("chains", "guarantees", "stepping", "methods", "observers", "certificates", "emit", "targets", "calling"),
-    "identification",
-    *("modelfiles", "trials", "commands"),
+    *("algebra", "intervals", "recheck", "reading", "analysis", "evidence", "structure", "discretisation", "forms"),
+    *("kalman", "chains", "guarantees", "stepping", "methods", "observers", "certificates", "emit", "targets"),
+    *("calling", "identification", "modelfiles", "trials", "commands"),
 )
 FOLDERS = ("forms", "observers", "methods", "targets")  # of cases; the contract is the singular file
 CONTRACTS = ("form", "observer", "method", "target", "step")

@@ -40,17 +40,12 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.certificates.of_errors import evidence as of_error
-from hgogen.certificates.of_errors import made_elsewhere
-from hgogen.certificates.of_forms import end, text
-from hgogen.certificates.of_forms import evidence as of_form
-from hgogen.certificates.of_observers import evidence as of_observer
-from hgogen.certificates.of_observers import exactly
 from hgogen.check import Check, Verdict
 from hgogen.errors import BadArgument
+from hgogen.evidence.grammar import end, exactly, text
+from hgogen.evidence.grounds import Grounds, texts
 from hgogen.form import Form
 from hgogen.intervals.box import box
-from hgogen.intervals.proof import Grounds
 from hgogen.recheck.file import FORMAT, VERSION, digest, model_digest
 from hgogen.recheck.rules import OBSERVERS
 from hgogen.recheck.text import Unreadable
@@ -207,12 +202,13 @@ def _ranges(signals: Iterable[Signal], nominal: Mapping[Signal, sp.Rational] | N
 
 def _claim(form: Form, check: Check) -> dict[str, Any]:
     """The claim of a check with its evidence; of a verdict without evidence that can be verified, the reason."""
-    evidence = of_form(form, check)
-    evidence = of_observer(form, check) if evidence is None else evidence
-    evidence = of_error(check) if evidence is None else evidence
+    shown = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
+    if shown is None:
+        return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": check.reason}}
+    by = next(filter(None, shown), None)
+    evidence = by and texts(form, by)
     if evidence is None:
-        open_ = check.verdict not in (Verdict.PROVED, Verdict.REFUTED)
-        verdict, prefix = (str(check.verdict), "") if open_ else ("stated", f"{check.verdict}: ")
-        of = ", of an error system that is given and not made of the plant" if made_elsewhere(check) else ""
-        return {"id": check.id, "verdict": verdict, "evidence": {"reason": f"{prefix}{check.reason}{of}"}}
+        of = getattr(by, "unwritten", "")
+        reason = f"{check.verdict}: {check.reason}{of and f', {of}'}"
+        return {"id": check.id, "verdict": "stated", "evidence": {"reason": reason}}
     return {"id": check.id, "verdict": str(check.verdict), "evidence": evidence}

@@ -22,6 +22,7 @@ import sympy as sp
 
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
+from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Form
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
@@ -113,8 +114,10 @@ def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
 def _structure(name: str, verdict: Verdict, why: str) -> Check:
     reads = _ALIGNMENTS[name][1]
     claim = f"each row brings in the next state of its chain, linearly, and reads {reads} ({name})"
-    fix = "" if verdict is Verdict.PROVED else f"Try another alignment; {ELSEWHERE}"
-    return Check(ClaimId("block_triangular", "structure"), claim, verdict, why, fix=fix)
+    id = ClaimId("block_triangular", "structure")
+    if verdict is Verdict.PROVED:
+        return Check(id, claim, verdict, why, proofs=(ByForm(),))
+    return Check(id, claim, verdict, why, fix=f"Try another alignment; {ELSEWHERE}")
 
 
 def _signed(links: tuple[Link, ...], plant: System) -> _Chain:

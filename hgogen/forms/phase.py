@@ -25,6 +25,8 @@ from hgogen.analysis.on_box import on_box
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
+from hgogen.evidence.enclosing import enclosure
+from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.digits import down
@@ -62,6 +64,40 @@ class _Map:
     jacobian: sp.ImmutableDenseMatrix
     determinant: sp.Expr
     shown: sp.Expr
+
+
+class Derivatives:
+    """The chain of y and its derivatives."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Phi = (y, y', ..), in the plant's states, its inputs and their derivatives."""
+        Phi = _derivatives(form)
+        return {"chain": Phi} if Phi else None
+
+
+class FullRank:
+    """det dPhi/dx away from zero."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The range of the determinant on the box of the plant."""
+        Phi, system = _derivatives(form), form.system
+        if Phi is None:
+            return None
+        det = exact(determinant([[entry.diff(x) for x in system.states] for entry in Phi]).value)
+        known = [u.derivative(k) for u in system.inputs for k in range(form.n)]
+        every = box((*known, *system.signals), system.nominal)
+        where = {s: every[s] for s in sorted(det.free_symbols, key=str)}
+        return enclosure(form, det, nonzero(det, where).range, where)
+
+
+def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
+    """Phi of the plant as it was declared; None of one in other coordinates."""
+    system = form.system
+    if system.origin is not None:
+        return None
+    derived = {u.derivative(k).name for u in system.inputs for k in range(1, form.n + 1)}
+    plant = replace(system, inputs=tuple(u for u in system.inputs if u.name not in derived))
+    return derivatives(exact(system.output[0]), rates(plant, form.n), form.n)
 
 
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
@@ -172,7 +208,8 @@ def _in_plant_coordinates(whole: _Map, checks: tuple[Check, ...]) -> Form:
 def _chain() -> Check:
     """The check that Phi is y with its derivatives, where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3,
     x3' = 0, but not at x3 = 0."""
-    return Check(ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)", Verdict.PROVED, "by construction")
+    id, claim = ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)"
+    return Check(id, claim, Verdict.PROVED, "by construction", proofs=(Derivatives(),))
 
 
 def _inputs(whole: _Map) -> Check:
@@ -213,7 +250,8 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
         return Check(id, claim, Verdict.UNKNOWN, f"{undefined} was not shown to be finite on the box"), unknown
     if sign.verdict is Verdict.PROVED:
-        return Check(id, claim, Verdict.PROVED, f"|det| >= {down(sign.margin)} on the box, {sign.reason}"), sign
+        reason = f"|det| >= {down(sign.margin)} on the box, {sign.reason}"
+        return Check(id, claim, Verdict.PROVED, reason, proofs=(FullRank(),)), sign
     read = tuple(s for s in whole.plant.signals if s in whole.determinant.free_symbols)
     if any(kind(whole.determinant, point) in ("> 0", "< 0") for point in points(read)):
         reason = f"it is not 0 identically; zeros on the box are not excluded: {sign.reason}"

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import sympy as sp
 
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Form
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
@@ -70,7 +71,7 @@ def _structure(output: Sequence[Affine], flow: Sequence[Affine], measured: Seque
     wrong = next((row for wanted in (False, None) for row in (*output, *flow) if row.answer is wanted), None)
     if wrong is None:
         known = listed(measured) if measured else "no state alone"
-        return Check(id, _CLAIM, Verdict.PROVED, f"by exact algebra; the outputs show {known}")
+        return Check(id, _CLAIM, Verdict.PROVED, f"by exact algebra; the outputs show {known}", proofs=(ByForm(),))
     if wrong.answer is False and (wrong in output or (single and shown == len(measured))):
         return Check(id, _CLAIM, Verdict.REFUTED, wrong.why, fix=_FIX)
     return Check(id, _CLAIM, Verdict.UNKNOWN, wrong.why, fix=_TOGETHER if wrong.answer is False else _FIX)

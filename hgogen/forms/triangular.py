@@ -19,6 +19,7 @@ import sympy as sp
 
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
+from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Form
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
@@ -116,7 +117,9 @@ def _unordered(plant: System, structure: Check) -> Form:
 
 def _structure(verdict: Verdict, reason: str, fix: str) -> Check:
     id, claim = ClaimId("triangular", "structure"), "each row brings in one new state, linearly"
-    return Check(id, claim, verdict, reason, fix="" if verdict is Verdict.PROVED else fix)
+    if verdict is Verdict.PROVED:
+        return Check(id, claim, verdict, reason, proofs=(ByForm(),))
+    return Check(id, claim, verdict, reason, fix=fix)
 
 
 def _fix(chains: Chains, shape: Shape, plant: System) -> str:

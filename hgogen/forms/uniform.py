@@ -14,17 +14,67 @@ rates. This form stays in z: A z are the terms that are linear in a state, b the
 H. Hammouri, M. Farza, "Nonlinear observers for locally uniformly observable systems", ESAIM: COCV 9 (2003).
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
+import sympy as sp
+
+from hgogen.algebra.kinks import slope
+from hgogen.algebra.points import exact
 from hgogen.analysis.written import if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
+from hgogen.evidence.enclosing import enclosure, point, sides
+from hgogen.evidence.grounds import ByForm, Evidence
 from hgogen.form import ELSEWHERE, Form
+from hgogen.intervals.bounds import bound
+from hgogen.intervals.sign import Cause, nonzero
 from hgogen.structure.apart import apart
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.lipschitz import lipschitz
 from hgogen.system import System
+
+
+@dataclass(frozen=True)
+class Slope:
+    """dh/dz_1 for `index` 1, else dF_(index-1)/dz_index."""
+
+    index: int
+
+    def of(self, form: Form) -> sp.Expr:
+        """The slope, exactly."""
+        rate = form.output[0] if self.index == 1 else form.flow[self.index - 2]
+        return exact(slope(sp.sympify(rate), form.states[self.index - 1]))
+
+
+class AwayFromZero(Slope):
+    """A slope that is away from zero on the box of states, inputs and parameters."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Its range."""
+        dF = self.of(form)
+        where = sides(form, dF.free_symbols)
+        bounds = bound(dF, where)
+        return enclosure(form, dF, bounds if bounds.low > 0 or bounds.high < 0 else nonzero(dF, where).range)
+
+
+class Vanishing(Slope):
+    """A slope that is zero somewhere, or has both signs."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """A point where it is zero, or two where it has opposite signs; None where no such point is exact."""
+        dF = self.of(form)
+        where = sides(form, dF.free_symbols)
+        sign = nonzero(dF, where)
+        least, most = sign.range.least, sign.range.most
+        points: dict[str, Mapping[Any, Any]] = {}
+        if least is not None and most is not None and least.value < 0 < most.value:
+            points = {"witness": least.point, "other": most.point}
+        elif sign.cause is Cause.ZERO:
+            points = {"witness": sign.witness}
+        return {"expression": dF, **{key: point(at, where) for key, at in points.items()}} if points else None
 
 
 @dataclass(eq=False)
@@ -62,9 +112,10 @@ def uniform(plant: System) -> Form:
 
 
 def _structure(verdict: Verdict, why: str) -> Check:
-    fix = "" if verdict is Verdict.PROVED else f"Measure another output; {ELSEWHERE}"
     id, claim = ClaimId("uniform", "structure"), "y shows one state, each row brings in one new one"
-    return Check(id, claim, verdict, why, fix=fix)
+    if verdict is Verdict.PROVED:
+        return Check(id, claim, verdict, why, proofs=(ByForm(),))
+    return Check(id, claim, verdict, why, fix=f"Measure another output; {ELSEWHERE}")
 
 
 def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
@@ -76,7 +127,8 @@ def _claims(chains: Chains, plant: System) -> tuple[Check, ...]:
 def _slope(i: int, link: Link, plant: System) -> Check:
     """The slope keeps off zero; it is not known of a row that may jump, which is not one-to-one for its slope alone,
     nor of a plant that may have no value, which the slope does not show."""
-    check = if_valued(apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant), plant)
+    alone = apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant)
+    check = if_valued(replace(alone, proofs=(AwayFromZero(i),), disproof=Vanishing(i)), plant)
     if check.verdict is not Verdict.PROVED or not link.jumps:
         return check
     reason = f"{link.name} may jump with {link.state}, at a step of {link.jumps}, where it has no slope"

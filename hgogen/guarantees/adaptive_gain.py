@@ -50,9 +50,11 @@ from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.guarantees.certified import Nothing, Steep, slope
+from hgogen.evidence.enclosing import LOOSE, Steep
+from hgogen.evidence.grounds import Evidence, Grounds
+from hgogen.form import Form
+from hgogen.guarantees.certified import Nothing, slope
 from hgogen.intervals.digits import down, up
-from hgogen.intervals.proof import Grounds
 from hgogen.reading.given import BadGain, reals
 from hgogen.structure.polytope import chains
 
@@ -71,6 +73,10 @@ class Candidate:
     def n(self) -> int:
         """Number of states."""
         return len(self.K)
+
+    def evidence(self, form: Form) -> Evidence:
+        """The matrix P."""
+        return {"P": self.P}
 
     @cached_property
     def shrink(self) -> Any:
@@ -139,10 +145,29 @@ class Adapting:
     candidate: Candidate
     assumptions: Given
 
+    def evidence(self, form: Form) -> Evidence | None:
+        """The matrix P, lambda_max(P), lambda, and the bound k of dc/dw."""
+        one, steep = self.candidate, self.assumptions.steep
+        return {"P": one.P, "peak": one.peak, "decay": one.decay, "slope": steep} if steep else None
+
 
 @dataclass(frozen=True)
 class Attenuating(Adapting):
     """The proof of a claim about the L2 gain, under the same assumptions."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """That of convergence with the disturbance in place of lambda, and s of (87) and mu for the k that is written,
+        which is a little more than the proof's."""
+        one, disturbed, steep = self.candidate, self.assumptions.disturbance, self.assumptions.steep
+        slope = steep.evidence(form) if steep else None
+        if slope is None or disturbed is None:
+            return None
+        assumptions = replace(self.assumptions, slope=slope["bound"])
+        share, mu = assumed_share(one, assumptions), gain(one, assumptions)
+        if share is None or mu is None:
+            return None
+        matrices = {"P": one.P, "peak": one.peak, "G_1": disturbed.plant, "G_2": disturbed.measurement}
+        return {**matrices, "delta_1": disturbed.deltas[0], "share": share, "mu": mu, **slope}
 
 
 def candidate(K: Any, P: Any, sigma: Any, n: int | None = None) -> Candidate:
@@ -187,7 +212,7 @@ def steepness(chain: Integrators, gamma: float) -> Steep | Nothing:
     (a,) = chains(chain.form)
     scale = tuple(sp.Rational(x) * sp.Mul(*a[: i + 1]) for i, x in enumerate(units))
     bound = slope(chain.form, scale)
-    return bound if isinstance(bound, Nothing) else Steep(units, scale, bound)
+    return bound if isinstance(bound, Nothing) else Steep(units, scale, bound, LOOSE)
 
 
 def attenuation(candidate: Candidate, decay: Fraction, alpha_1: Fraction, alpha_2: Fraction) -> Any:

@@ -32,11 +32,13 @@ import sympy as sp
 from hgogen.algebra.definite import Matrix, root
 from hgogen.algebra.points import exact, points
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.enclosing import enclosure, steep
+from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.lmi import STATES, Lyapunov, common
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
-from hgogen.intervals.proof import Grounds, Proof
+from hgogen.intervals.proof import Proof
 from hgogen.reading.door import Misfit
 from hgogen.structure.polytope import Corner, chains, corners, extents, fixed, signals, span
 from hgogen.structure.scaling import ALIGNED, exponents
@@ -73,6 +75,17 @@ class ThetaBound:
         """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
         peak = self.lyapunov.peak
         return float((Fraction(theta) - 2 * peak * self.lipschitz) / (2 * peak))
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The matrix P for A - K C in scaled coordinates, and the bound of db/dz in them."""
+        slope, core = steep(form, (*form.b, *self.scale), self.slope), self.lyapunov.vertices
+        if slope is None:
+            return None
+        known: Evidence = {"core": core[0]}
+        if len(core) > 1:
+            gains = (a for chain in chains(form) for a in chain)
+            known = {"ranges": [enclosure(form, a, within) for a, within in zip(gains, self.ranges, strict=True)]}
+        return {"scale": self.scale, **known, "P": self.lyapunov.P, "peak": self.lyapunov.peak, **slope}
 
     def __str__(self) -> str:
         return (
@@ -171,20 +184,10 @@ def _exactly(what: str, values: Iterable[float], form: Form) -> list[Fraction]:
     return fractions
 
 
-@dataclass(frozen=True)
-class Steep:
-    """How |S dc/dw S^-1| was bounded on the box, S = diag(`units`) in the coordinates w of integrators; `scale` (n):
-    the same from z, of parameters."""
-
-    units: tuple[Fraction, ...]
-    scale: tuple[sp.Expr, ...]
-    proof: Proof
-
-
 class Bound(Protocol):
     """Every theta above `theta` converges, the error at the `rate` (1/s) of a theta above it.
 
-    One of a new kind has `evidence` beside these, of which `certificates.of_observers` makes that of its certificate.
+    One with `evidence` beside these gives a certificate what `hgogen recheck` verifies (`evidence.grounds`).
     """
 
     @property

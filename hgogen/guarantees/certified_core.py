@@ -25,7 +25,10 @@ import sympy as sp
 
 from hgogen.algebra.definite import Matrix, exact, number, positive, rationals, unit
 from hgogen.chains.integrators import Integrators
-from hgogen.guarantees.certified import GROWTHS, Nothing, Steep, slope
+from hgogen.evidence.enclosing import Steep
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
+from hgogen.guarantees.certified import GROWTHS, Nothing, slope
 from hgogen.guarantees.lmi import Lyapunov, NoSolver, common
 from hgogen.intervals.digits import up
 from hgogen.structure.polytope import chains
@@ -59,8 +62,7 @@ class CoreBound:
     steep: Steep
     numbers: Mapping[str, Any]
 
-    @property
-    def evidence(self) -> Mapping[str, Any]:
+    def evidence(self, form: Form) -> Evidence:
         """The matrix P for the core in scaled coordinates, |P G|, and the bound of dc/dw in them."""
         return {"P": self.lyapunov.P, "push": self.push, "slope": self.steep}
 

@@ -26,6 +26,7 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.points import exact, kind
 from hgogen.algebra.symmetric import symmetric, unsymmetric
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.guarantees.dissipates import Dissipates
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem, error_box
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box
@@ -37,20 +38,6 @@ from hgogen.reading.named import names_of, quadratic
 
 LIMIT = 4000
 _SHARP = 1e-2  # of V's range on a face
-
-
-@dataclass(frozen=True)
-class Dissipates:
-    """What a claim of (38) is about, and what was found of it: the `answer`, of the `left` side or of V, or `floor`,
-    below which {V <= c} keeps off the faces of the box `within` of the errors."""
-
-    system: ErrorSystem
-    V: sp.Expr
-    mu: sp.Rational
-    within: Box = field(hash=False)
-    answer: Answer | None = field(default=None, hash=False)
-    left: sp.Expr | None = None
-    floor: Fraction | None = None
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,10 @@ from flint import arb
 
 from hgogen.algebra.definite import exact, number, smallest
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import Evidence, Grounds
+from hgogen.form import Form
 from hgogen.guarantees.certified import Nothing, ThetaBound, checks
 from hgogen.intervals.digits import up
-from hgogen.intervals.proof import Grounds
 
 _BETWEEN = (
     "in continuous time, without noise, the error decays exponentially between switches, in every gain above a bound"
@@ -33,6 +34,10 @@ class Held:
     """What shows that a time is long enough: `least` <= lambda_min(P)."""
 
     least: Fraction
+
+    def evidence(self, form: Form) -> Evidence:
+        """The lower bound of the P in the claim of convergence."""
+        return {"least": self.least}
 
 
 def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> tuple[Check, ...]:

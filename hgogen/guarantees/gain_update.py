@@ -18,12 +18,14 @@ from hgogen.algebra.tape import NoTape
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.guarantees.certified import Steep
+from hgogen.evidence.enclosing import LOOSE, Steep
+from hgogen.evidence.grounds import Evidence, Grounds
+from hgogen.form import Form
 from hgogen.guarantees.lmi import Lyapunov, lyapunov
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import down, up
-from hgogen.intervals.proof import Grounds, Proof
+from hgogen.intervals.proof import Proof
 from hgogen.reading.given import BadGain
 
 BOXES = 500  # sup Gamma need not be the least
@@ -59,6 +61,10 @@ class Weighted:
     P: Matrix
     b: Fraction
     peak: Fraction | None = None
+
+    def evidence(self, form: Form) -> Evidence:
+        """The matrix P and the b of D."""
+        return {"P": self.P, "b": self.b, **({} if self.peak is None else {"peak": self.peak})}
 
 
 def checks(
@@ -127,5 +133,6 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
     if above > 0 and above**2 > most:
         steep = Proof(form.b, None, root(most), squares.variables, squares.tree)
         reason = f"Gamma(cap) <= {gamma}, by outward-rounded intervals"
-        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=(Steep(units, scale, steep),))
+        proofs = (Steep(units, scale, steep, LOOSE),)
+        return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
     return replace(unknown, reason=f"Gamma(cap) may be {gamma}")

@@ -36,10 +36,12 @@ from hgogen.algebra.definite import Matrix, exact, smallest
 from hgogen.chains.injection import companion
 from hgogen.chains.integrators import Integrators
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.guarantees.certified import GROWTHS, Nothing, Steep, slope
+from hgogen.evidence.enclosing import Steep
+from hgogen.evidence.grounds import Evidence, Grounds
+from hgogen.form import Form
+from hgogen.guarantees.certified import GROWTHS, Nothing, slope
 from hgogen.guarantees.lmi import STATES, lyapunov
 from hgogen.intervals.digits import down, up
-from hgogen.intervals.proof import Grounds
 from hgogen.structure.polytope import chains
 
 FEW = 6  # states up to which several g are tried
@@ -153,6 +155,12 @@ class Decay:
         """lambda_max(P) + m."""
         return self.peak + self.adaptation.shape.share * self.mu
 
+    def evidence(self, form: Form) -> Evidence:
+        """The matrix P and the multipliers of the quadratic form, in scaled coordinates of integrators, the units of
+        which are powers of their growth."""
+        units = [self.growth**i for i in range(len(self.P))]
+        return {"units": units, "P": self.P, "mu": self.mu, "tau": self.tau}
+
     def least(self, lipschitz: Fraction) -> Fraction:
         """The bound on l."""
         return max(Fraction(1), 2 * lipschitz * max(self.weight / self.margin, self.peak))
@@ -177,6 +185,11 @@ class SectorBound:
         one, level = self.decay, Fraction(theta)
         left = (level * one.margin - 2 * one.weight * self.lipschitz) / one.weight
         return float(min(left, one.adaptation.shape.rest(one, level, self.lipschitz)) / 2)
+
+    def evidence(self, form: Form) -> Evidence:
+        """The evidence of the decay with its margin, and the bound of dc/dw."""
+        one = self.decay
+        return {**one.evidence(form), "peak": one.peak, "margin": one.margin, "slope": self.steep}
 
     def __str__(self) -> str:
         one = self.decay

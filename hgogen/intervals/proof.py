@@ -1,6 +1,5 @@
 """What was proved by bisection, so that another arithmetic can verify it again."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -24,15 +23,6 @@ class Proof:
     high: Fraction | None
     variables: tuple[sp.Symbol, ...]
     tree: Any = field(hash=False, repr=False)
-
-
-@dataclass(frozen=True)
-class Grounds:
-    """What a claim about an observer stands on: the `numbers` by name that it is built with (numbers, expressions of
-    parameters, sequences of them), and the `fact` that was established; None where it follows from another claim's."""
-
-    numbers: Mapping[str, Any] = field(hash=False)
-    fact: Any = field(hash=False)
 
 
 def ends(low: Fraction | float, high: Fraction | float) -> tuple[Fraction | None, Fraction | None]:

@@ -27,6 +27,8 @@ from hgogen.algebra.tape import NoTape
 from hgogen.analysis.determinant import determinant
 from hgogen.analysis.written import if_valued, written
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grammar import spelled
+from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.lost import doubtful
@@ -51,6 +53,12 @@ class Persistent:
     inputs: Mapping[str, sp.Expr] = field(hash=False)
     at: sp.Expr = sp.S.Zero
     period: sp.Expr | None = None
+
+    def evidence(self, form: Form) -> Evidence:
+        """The inputs as functions of time, and a time at which they show every state."""
+        period = {} if self.period is None else {"period": spelled(self.period, set())}
+        inputs = {name: spelled(e, {"t"}) for name, e in self.inputs.items()}
+        return {"inputs": inputs, "at": spelled(self.at, set()), **period}
 
 
 def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None, period: Any = None) -> Check:

@@ -13,6 +13,7 @@ import sympy as sp
 
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.enclosing import Slopes
 from hgogen.form import Form
 from hgogen.intervals.box import box
 from hgogen.intervals.digits import up
@@ -32,7 +33,7 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
         return ()
     verdict, reason, *proofs = _bounded_slope(form, boxes)
     claim = "b is Lipschitz in z on the whole box of z, to which its argument is clamped"
-    return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(proofs)),)
+    return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(map(Slopes, proofs))),)
 
 
 def _bounded_slope(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, Proof]:

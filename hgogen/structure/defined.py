@@ -1,15 +1,33 @@
 """The hypothesis that a known function of inputs and parameters is a finite real number on the whole box."""
 
+from dataclasses import dataclass
+
 import sympy as sp
 
 from hgogen.algebra.points import exact, kind, points, settled, witness
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.enclosing import enclosure, sides
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
 from hgogen.intervals.bounds import bound, box
 from hgogen.intervals.singular import minimal, singular
 from hgogen.system import System
 
 _BOXES = 2000
+
+
+@dataclass(frozen=True)
+class Offset:
+    """The known part of an output, that of chain `chain`, which has a value."""
+
+    chain: int
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Its range."""
+        z = form.states[form.heads[self.chain - 1]]
+        c = exact(sp.sympify(form.output[self.chain - 1])).subs(z, 0)
+        return enclosure(form, c, bound(c, sides(form, c.free_symbols)))
 
 
 def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
@@ -26,7 +44,8 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
     except NoTape as missing:
         return Check(id, claim, Verdict.UNKNOWN, str(missing))
     if extent.defined:
-        return Check(id, claim, Verdict.PROVED, "outward-rounded intervals find no singular point")
+        reason = "outward-rounded intervals find no singular point"
+        return Check(id, claim, Verdict.PROVED, reason, proofs=(Offset(*id.at or (1,)),))
     loose = ", ".join(s.name for s in signals if not s.bounded)
     if loose:
         fix = f"Declare low= and high= for {loose}."

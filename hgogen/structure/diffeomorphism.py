@@ -16,6 +16,7 @@ from sympy.core.evalf import PrecisionExhausted
 
 from hgogen.algebra.points import Point, exact, kind, points, witness
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.grounds import ByForm
 from hgogen.intervals.box import Box
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.digits import down, up
@@ -101,9 +102,8 @@ def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy])
     doubt = _roughness(maps) or next((f"{g} was not shown to be 0" for g, _ in gaps if not _zero(g, signed)), "")
     if doubt:
         return Check(id, claim, Verdict.UNKNOWN, doubt, fix=narrow)
-    return Check(
-        id, claim, Verdict.PROVED, "outward-rounded intervals find no singular point, exact substitution both ways"
-    )
+    reason = "outward-rounded intervals find no singular point, exact substitution both ways"
+    return Check(id, claim, Verdict.PROVED, reason, proofs=(ByForm(),))
 
 
 def _zero(gap: sp.Expr, signed: Mapping[Signal, sp.Dummy]) -> bool:
@@ -152,7 +152,7 @@ def _range(change: Change) -> Check:
         names = ", ".join(sorted(loose))
         fix = f"Declare low= and high= for {names}." if names else "Widen its range."
         return Check(id, claim, Verdict.UNKNOWN, wide[0], fix=fix)
-    return Check(id, claim, Verdict.PROVED, "outward-rounded intervals, exact at the ends")
+    return Check(id, claim, Verdict.PROVED, "outward-rounded intervals, exact at the ends", proofs=(ByForm(),))
 
 
 def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:

@@ -13,6 +13,7 @@ from hgogen.algebra.kinks import bent
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.enclosing import Slopes
 from hgogen.intervals.bounds import box as box_of
 from hgogen.intervals.digits import up
 from hgogen.intervals.one_sided import one_sided
@@ -53,7 +54,7 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
         )
     if steepest.verdict is Verdict.PROVED:
         proof = Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree)
-        return if_valued(replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(proof,)), system)
+        return if_valued(replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(Slopes(proof),)), system)
     if steepest.verdict is Verdict.REFUTED:
         return _refuted(
             answer(Verdict.REFUTED, steepest.reason, "Narrow the ranges so that it stays away from there."), steepest

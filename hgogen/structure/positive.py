@@ -1,21 +1,65 @@
 """The hypothesis 0 < a_m <= a <= a_M on the closed box of what a varies with, and the sign of a."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import sympy as sp
 
 from hgogen.algebra.points import exact, kind, points, settled
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.evidence.enclosing import enclosure, point, sides
+from hgogen.evidence.grounds import Evidence
+from hgogen.form import Form
 from hgogen.intervals.bounds import Range, bound, box
 from hgogen.intervals.box import End
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.proof import Proof, ends
-from hgogen.intervals.sign import Sign, nonzero
+from hgogen.intervals.sign import Cause, Sign, nonzero
 from hgogen.signal import Signal
 from hgogen.system import System
 
 _FEW = 200  # boxes for a sign that only chooses coordinates
+
+
+@dataclass(frozen=True)
+class Gain:
+    """The place of a gain: a_i of the one chain by (i), a_(i,j) of chain i by (i, j)."""
+
+    at: tuple[int, ...]
+
+    def of(self, form: Form) -> sp.Expr:
+        """The gain, exactly."""
+        chain, index = self.at if len(self.at) == 2 else (1, *self.at)
+        return exact(sp.sympify(form.gains[chain - 1][index - 1]))
+
+
+@dataclass(frozen=True)
+class Bounded(Gain):
+    """A `proof` of 0 < a_m <= a <= a_M."""
+
+    proof: Proof = field(hash=False)
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """The range of the gain."""
+        return enclosure(form, self.of(form), self.proof)
+
+
+class NotPositive(Gain):
+    """A gain that is zero, negative or undefined somewhere."""
+
+    def evidence(self, form: Form) -> Evidence | None:
+        """Such a point, exactly; None where what is known is next to a zero only."""
+        a = self.of(form)
+        where = sides(form, a.free_symbols)
+        sign = nonzero(a, where)
+        least = sign.range.least
+        if sign.cause in (Cause.ZERO, Cause.UNDEFINED, Cause.PART):
+            witness = sign.witness
+        elif least is not None and least.value < 0:
+            witness = least.point
+        else:
+            return None
+        return {"expression": a, "witness": point(witness, where)}
 
 
 def sign(a: sp.Expr, system: System) -> int:
@@ -55,7 +99,7 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
     at = {s.name: float(value) for s, value in witness.items()}
     fix, consequence = _fix(name, signals, system)
     refuted = replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at)
-    return replace(refuted, fix=fix, consequence=consequence)
+    return replace(refuted, fix=fix, consequence=consequence, disproof=NotPositive(id.at))
 
 
 def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], system: System) -> Check:
@@ -67,7 +111,8 @@ def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], 
     tightest = extent if extent.low > 0 else first.range
     sure = first.exact or (tightest.low, tightest.high)
     proof = Proof((a,), *ends(*sure), tightest.variables, tightest.tree)
-    return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, extent, first), proofs=(proof,))
+    proofs = (Bounded(check.id.at, proof),)
+    return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, extent, first), proofs=proofs)
 
 
 def _range(a: sp.Expr, low: End, high: End, extent: Range, first: Sign) -> str:
