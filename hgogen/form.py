@@ -5,8 +5,10 @@ argument clamped to the declared box, because a proof about the plant holds on t
 it while it peaks.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import sympy as sp
 
@@ -14,8 +16,35 @@ from hgogen.check import Check, Verdict
 from hgogen.signal import Signal
 from hgogen.system import System
 
+Make = TypeVar("Make", bound=Callable[..., Any])
+
 # what every form can say to whom it does not suit; which others do is not known to it
 ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form original is for any plant with finite slopes."
+
+
+@dataclass(frozen=True)
+class Asking:
+    """How a form is asked whether it takes a plant: its `place` among the others, the narrowest first; the options of
+    each variant, the least and most outputs it is for (0: any number), whether it takes seconds, whether it may be the
+    best: one that says nothing of observability may not."""
+
+    place: int = 100
+    options: tuple[Mapping[str, Any], ...] = ({},)
+    least: int = 1
+    most: int = 0
+    costly: bool = False
+    candidate: bool = True
+
+    def refusal(self, outputs: int) -> str:
+        """Why a plant with so many outputs is not asked, "" if it is."""
+        if outputs < self.least:
+            return f"for {self.least} outputs or more"
+        return f"for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
+
+    def __call__(self, form: Make) -> Make:
+        """The form, which is asked in this way."""
+        vars(form)["asking"] = self
+        return form
 
 
 @dataclass(frozen=True)

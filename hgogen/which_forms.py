@@ -6,7 +6,6 @@ real input and does not know of the box. What one says of the plant as a whole i
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import sympy as sp
@@ -15,42 +14,16 @@ from hgogen import forms
 from hgogen.analysis.gauthier_bornard import RANGES_APART, of_plant
 from hgogen.check import Check, Verdict, worst
 from hgogen.errors import HgogenError
-from hgogen.form import Form
+from hgogen.form import Asking, Form
 from hgogen.reading.door import asks_a_plant
 from hgogen.system import System
 
 NOT_ASKED = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
 
 
-@dataclass(frozen=True)
-class Case:
-    """How a form is asked: the options of each variant, the least and most outputs it is for (0: any number), whether
-    it takes seconds, whether it may be the best: one that says nothing of observability may not."""
-
-    options: tuple[Mapping[str, Any], ...] = ({},)
-    least: int = 1
-    most: int = 0
-    costly: bool = False
-    candidate: bool = True
-
-    def refusal(self, outputs: int) -> str:
-        """Why a plant with so many outputs is not asked, "" if it is."""
-        if outputs < self.least:
-            return f"for {self.least} outputs or more"
-        return f"for {self.most} output{'s' * (self.most > 1)}" if 0 < self.most < outputs else ""
-
-
-# The narrowest form first; a form of the folder that is not named here comes after them, as it is.
-CASES: Mapping[str, Case] = MappingProxyType(
-    {
-        "triangular": Case(({}, {"measured": True}), most=1),
-        "uniform": Case(most=1),
-        "block_triangular": Case(({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2),
-        "phase": Case(most=1, costly=True),
-        "state_affine": Case(candidate=False),
-        "original": Case(costly=True),  # its Lipschitz constant takes seconds, and no theorem covers it
-    }
-)
+def asking(name: str) -> Asking:
+    """How the form of that name is asked, by default as one that does not say."""
+    return getattr(getattr(forms, name, None), "asking", Asking())
 
 
 @dataclass(frozen=True)
@@ -109,21 +82,21 @@ class Survey:
     def candidates(self) -> tuple[Row, ...]:
         """The rows of forms that say something of observability and whose structure the plant has, proved ones
         first."""
-        rows = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        rows = [row for row in self.answered if asking(row.kind).candidate]
         shaped = [row for row in rows if row.form and row.form.structured]
         return tuple(sorted(shaped, key=lambda row: row.verdict is not Verdict.PROVED))
 
     @property
     def silent(self) -> tuple[Row, ...]:
         """The rows of forms that say nothing of observability and whose structure the plant has."""
-        rows = [row for row in self.answered if not CASES.get(row.kind, Case()).candidate]
+        rows = [row for row in self.answered if not asking(row.kind).candidate]
         return tuple(row for row in rows if row.form and row.form.structured)
 
     @property
     def best(self) -> Form:
         """The first form that is proved, else the first whose structure the plant has, else the first that takes it,
         else its own coordinates."""
-        answering = [row for row in self.answered if CASES.get(row.kind, Case()).candidate]
+        answering = [row for row in self.answered if asking(row.kind).candidate]
         rows = (*self.candidates, *answering)
         return next((row.form for row in rows if row.form), None) or forms.original(self.plant)
 
@@ -139,12 +112,12 @@ class Survey:
 @asks_a_plant
 def survey(plant: System, *, deep: bool = False) -> Survey:
     """Every form of the plant on its declared box; those that take seconds only if `deep`."""
-    names = (*CASES, *(name for name in forms.__all__ if name not in CASES))
-    rows = [row for name in names for row in _rows(name, CASES.get(name, Case()), plant, deep)]
+    names = sorted(forms.__all__, key=lambda name: asking(name).place)
+    rows = [row for name in names for row in _rows(name, asking(name), plant, deep)]
     return Survey(plant, (*rows, _gauthier_bornard(plant)))
 
 
-def _rows(name: str, case: Case, plant: System, deep: bool) -> Iterator[Row]:
+def _rows(name: str, case: Asking, plant: System, deep: bool) -> Iterator[Row]:
     refusal = case.refusal(len(plant.outputs))
     if refusal or (case.costly and not deep):
         yield Row(name, None, (), refusal or NOT_ASKED)

@@ -30,7 +30,7 @@ from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
 from hgogen.trial import Trial, try_out
-from hgogen.which_forms import CASES, Case
+from hgogen.which_forms import asking
 
 FOLDER = Path(__file__).resolve().parents[1] / "models"
 FIRST = "pendulum"  # small, and with nearly every observer: its pairs run always
@@ -218,7 +218,7 @@ def test_no_number_harms_it(model: str, name: str) -> None:
 
 
 FORMS = (
-    *((name, options) for name in hg.forms.__all__ for options in CASES.get(name, Case()).options),
+    *((name, options) for name in hg.forms.__all__ for options in asking(name).options),
     ("phase", {"original": True}),
 )
 

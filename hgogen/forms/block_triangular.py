@@ -23,7 +23,7 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
-from hgogen.form import ELSEWHERE, Form
+from hgogen.form import ELSEWHERE, Asking, Form
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.connected import cut_off
@@ -72,6 +72,7 @@ class _Chain:
         return [s * link.rest for s, link in zip((1, *self.signs), self.links, strict=False)]
 
 
+@Asking(3, ({"align": "top"}, {"align": "end"}, {"align": "cascade"}), least=2)
 def block_triangular(plant: System, align: str | None = None) -> Form:
     """The plant in block-triangular form, by permutation and sign.
 

@@ -19,7 +19,7 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.kinks import slope
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
-from hgogen.form import Form
+from hgogen.form import Asking, Form
 from hgogen.signal import Signal
 from hgogen.structure.chain import Rows, of_plant
 from hgogen.structure.connected import connected, reached
@@ -42,6 +42,7 @@ class BadOrder(HgogenError):
         return f"system {self.system!r}: the order {of} must hold each of the states {', '.join(self.states)} once"
 
 
+@Asking(6, costly=True)  # its Lipschitz constant takes seconds, and no theorem covers it
 def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form:
     """The plant in its own coordinates, its states in `order`, signals or their names; by default as declared.
 

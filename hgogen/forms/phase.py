@@ -27,7 +27,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import BadArgument
 from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grounds import Evidence
-from hgogen.form import Form
+from hgogen.form import Asking, Form
 from hgogen.intervals.bounds import Box, bound, box
 from hgogen.intervals.digits import down
 from hgogen.intervals.sign import Sign, nonzero
@@ -100,6 +100,7 @@ def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
     return derivatives(exact(system.output[0]), rates(plant, form.n), form.n)
 
 
+@Asking(4, most=1, costly=True)
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
     """The plant in phase form, or with the Jacobian of the map to it.
 

@@ -18,7 +18,7 @@ import sympy as sp
 
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import ByForm
-from hgogen.form import ELSEWHERE, Form
+from hgogen.form import ELSEWHERE, Asking, Form
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
 from hgogen.structure.chain import listed, of_plant
@@ -33,6 +33,7 @@ _TOGETHER = "Make what an output shows a state of its own, by hgogen.recast."
 _FIX = f"Measure the states that enter nonlinearly; {ELSEWHERE}"
 
 
+@Asking(5, candidate=False)
 def state_affine(plant: System) -> Form:
     """The plant in state-affine form, in its own coordinates.
 

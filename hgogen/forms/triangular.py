@@ -20,7 +20,7 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
-from hgogen.form import ELSEWHERE, Form
+from hgogen.form import ELSEWHERE, Asking, Form
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.coordinates import coordinates, form_in
@@ -46,6 +46,7 @@ class OneOutput(HgogenError):
         )
 
 
+@Asking(1, ({}, {"measured": True}), most=1)
 def triangular(plant: System, *, measured: bool = False) -> Form:
     """The plant in triangular form, by permutation and sign.
 

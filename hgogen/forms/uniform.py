@@ -27,7 +27,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.enclosing import enclosure, point, sides
 from hgogen.evidence.grounds import ByForm, Evidence
-from hgogen.form import ELSEWHERE, Form
+from hgogen.form import ELSEWHERE, Asking, Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.sign import Cause, nonzero
 from hgogen.structure.apart import apart
@@ -91,6 +91,7 @@ class OneOutputOnly(HgogenError):
         )
 
 
+@Asking(2, most=1)
 def uniform(plant: System) -> Form:
     """The plant in uniform form, by permutation.
 

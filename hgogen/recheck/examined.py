@@ -16,12 +16,9 @@ from .box import NotShown
 from .context import Context, algebra_of, letters_of, short
 from .file import words
 from .interval import intervals, point
+from .rules import FORMS
 from .rules.phase import box_of_rates
 
-KINDS = (
-    *("triangular", "uniform", "block_triangular", "state_affine"),
-    *("phase", "phase.recovered", "phase, original coordinates", "original"),
-)
 _OWN = ("phase, original coordinates", "original")  # the plant's own coordinates
 UNMODELLED = "lambda_tracking"  # an observer that may have no model of the last row, whose b is then 0
 _POINTS = 5
@@ -39,7 +36,7 @@ def faults(context: Context) -> Iterator[str]:
 def unexamined(context: Context, verified: Iterable[str]) -> Iterator[str]:
     """Sentences on what no verified claim is about, and what is not shown."""
     form, observer = context.form, context.file.observer
-    if form.kind not in KINDS:
+    if form.kind not in FORMS:
         yield f"no rule knows the form {words(form.kind)}: that the plant is in it"
     if not _shown(context) and (reason := _unshown(context)):
         yield f"the form's equations: {reason}"

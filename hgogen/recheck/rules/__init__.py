@@ -16,6 +16,7 @@ _FILES = [import_module(f"{__name__}.{each.name}") for each in iter_modules(__pa
 RULES: tuple[Rule, ...] = rules_of(_FILES)
 OBSERVERS: Mapping[str, Built] = merged(_FILES, "OBSERVERS")
 NEEDED: Mapping[str, Needed] = merged(_FILES, "NEEDED")
+FORMS = frozenset((*NEEDED, *(kind for rule in RULES for kind in rule.kinds)))  # of which a rule says something
 
 
 def rule_of(kind: str, claim: Claim) -> Rule | None:
