@@ -131,6 +131,18 @@ def claim_of(content: dict[str, Any], id: str) -> dict[str, Any]:
 # --- what is written is verified ------------------------------------------------------------------------------------
 
 
+def test_the_sentence_of_an_L2_gain_names_its_disturbance() -> None:
+    """G_1 and G_2 stand in the claim alone: of a weaker disturbance the claim is true, and it is another claim."""
+    content, sentences = written("adaptive_lmi"), []
+    for weak in ("1", "1/1000"):
+        claim_of(content, "adaptive_lmi.attenuation")["evidence"]["G_1"] = [["0"], [weak]]
+        (row,) = (row for row in recheck(sealed(content)).rows if row.id == "adaptive_lmi.attenuation")
+        assert row.found == "verified"
+        sentences.append(row.sentence)
+    assert all(f"G_1 = [0; {weak}], G_2 = [{Fraction(0.1)}] on " in told for weak, told in zip(("1", "1/1000"), sentences, strict=True))
+    assert sentences[0] != sentences[1]
+
+
 @pytest.mark.parametrize("case", BUILT)
 def test_all_claims_of_an_observer_are_verified(case: str) -> None:
     content = written(case)

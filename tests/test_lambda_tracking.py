@@ -166,6 +166,35 @@ def test_a_phi_that_grows_again_and_again_keeps_the_gain_moving() -> None:
     assert row.verdict is None
 
 
+def test_an_error_within_a_wide_strip_is_no_fault() -> None:
+    """x'' = -x without a model, in a strip of more than a tenth of what y spans, without fault or noise: the error at
+    the first gain that settles is 1/(1 + k^2), between a fifth and the strip. By the theorem the gain never falls."""
+    x, v = (hg.Signal(name, low=-1, high=1) for name in ("x", "v"))
+    plant = hg.System("swinging", states=[x, v], outputs=[hg.Signal("y")], flow=[v, -x], output=[x])
+    gains = {"k_0": 0.5, "k_max": 20, "gamma": 500, "strip": 0.3, "reach": 0.6, "poles": (-1, -1)}
+    observer = hg.observers.lambda_tracking(hg.forms.phase(plant), **gains, initial={"x": -1, "v": 1})
+    t = np.arange(0, 60, 2e-3)
+    run = hg.sample(observer, hg.methods.rk4, dt=2e-3).run(u=np.zeros((t.size, 0)), y=np.cos(t))
+    assert (np.diff(np.asarray(run.traces["k"]).ravel()) >= 0).all()
+    assert np.abs(run.x[t > 30, 0] - np.cos(t[t > 30])).max() < gains["strip"]
+
+
+def test_the_bound_of_phi_is_that_of_the_chain_of_integrators() -> None:
+    """x1' = 100 x2, x2' = u: y'' = 100 u, and a constant u leaves an error of 100 (1, 2 k)/k^2. The corrected bound of
+    theorem 3 with the mu that is said holds for it."""
+    x1, x2, u = hg.Signal("x1", low=-5, high=5), hg.Signal("x2", low=-1, high=1), hg.Signal("u", low=-1, high=1)
+    plant = hg.System("long", states=[x1, x2], inputs=[u], outputs=[hg.Signal("y")], flow=[100 * x2, u], output=[x1])
+    gains: dict[str, Any] = {"k_0": 10, "k_max": 99, "gamma": 1, "strip": 5, "reach": 6, "poles": (-1, -1)}
+    made = hg.observers.lambda_tracking(hg.forms.triangular(plant), **gains)
+    (check,) = (check for check in made.checks if check.id == "lambda_tracking.phi")
+    mu, k = float(check.reason.split()[2].rstrip(",")), 10
+    assert mu == 100
+    solution = lyapunov(tuple(map(tuple, companion(np.array([sp.Rational(2), sp.Rational(1)])))))
+    assert solution is not None
+    bound = 2 * mu * float(solution.peak) * np.sqrt(solution.condition) / np.array([k**2, k])
+    assert (np.array([100 / k**2, 200 / k]) < bound).all()
+
+
 def test_the_factor_that_theorem_3_misses() -> None:
     """sqrt(cond P) = 3.18 for p = (1, .2)."""
     solution = lyapunov(tuple(map(tuple, companion(np.array([sp.Rational(1), sp.Rational(1, 5)])))))

@@ -14,10 +14,11 @@ inverse of the form, and rests where that is no number. Without phi the error is
 The gain of the paper never falls, so that what one fault has raised amplifies the noise for ever. Here it falls by
 halves when the error has stayed in the strip for twice the time in which the core at k, whose slowest rate is k mu,
 brings an error as wide as the outer box, r times the declared one, down to a hundredth. It does so only after a fault:
-an error that is far, beyond lambda_hat or a tenth of what y can span, once it has been in the strip while the integral
-of k grew by 1/mu; and no more often for each than it takes from k_max to k_0. Without such an error the law is the
-paper's, and after the last one the theorem holds from the last fall on. A phi that grows again after long calms makes
-such errors without any fault: then the gain may rise and fall for ever.
+an error that is far, beyond lambda_hat, or beyond twice the strip and a tenth of what y can span, once it has been in
+the strip while the integral of k grew by 1/mu; and no more often for each than it takes from k_max to k_0. Without such
+an error the law is the paper's, and after the last one the theorem holds from the last fall on. A phi that grows again
+after long calms, or that asks for the gain from which it has just fallen, makes such errors without any fault: then the
+gain may rise and fall for ever.
 
 Source: Bullinger, Ilchmann, Allgoewer, "A simple adaptive observer for nonlinear systems", NOLCOS 1998, (2), (4), (5);
 the paper's (14) lacks the factor sqrt(cond P), which its own (11) brings in. The variant with phi, the cap k_max on the
@@ -79,8 +80,9 @@ _LAW = (
     ),
     Hypothesis(
         "once settled, the output error is far from the strip no more than finitely often",
-        reason="each time, by a fault or a phi that has grown, lets the gain fall again: watch the trace k; the "
-        "theorem holds from the last fall on",
+        reason="far is beyond reach, or beyond twice the strip and a tenth of what y can span; each time, by a fault, "
+        "a phi that has grown, or a fall of the gain, lets the gain fall again: watch the trace k; the theorem holds "
+        "from the last fall on",
     ),
     Hypothesis(
         "the gain does not reach its cap",
@@ -162,7 +164,7 @@ def lambda_tracking(
     """
     accept = founded("lambda_tracking", form, accept, takes=integrators)
     chain = integrators("lambda_tracking", form)
-    checks = (bounded(ClaimId("lambda_tracking", "phi"), form),)
+    checks = (bounded(ClaimId("lambda_tracking", "phi"), form, chain.products),)
     if not model:
         chain = integrators("lambda_tracking", _unmodelled(form))
     p = injection_gains("lambda_tracking", poles, gains, chain.n)
@@ -219,8 +221,8 @@ def _falls(clock: Clock, chain: Integrators, w: Field, p: np.ndarray, k: Field) 
     needed, times = 2 * log(FINE * max(3.0, most ** (chain.n - 1))) / slowest, float(ceil(log2(most / least)))
     e, quiet, falls = ca.fabs(last_error(chain, w, clock)), sym("state", "quiet"), sym("state", "falls")
     level, seen = sym("state", "k"), sym("state", "y_valid") > 0
-    low, high = readings(chain.form)[0]
-    far = ca.fmin(sym("gain", "reach"), SHARE * (high - low)) if high - low < INF else sym("gain", "reach")
+    (low, high), reach = readings(chain.form)[0], sym("gain", "reach")
+    far = ca.fmin(reach, ca.fmax(2 * sym("gain", "strip"), SHARE * (high - low))) if high - low < INF else reach
     counted = ca.if_else(e <= sym("gain", "strip"), ca.fmin(quiet + level * clock.dt, needed), 0)
     known = ca.fmax(sym("state", "settled"), quiet >= 1 / slowest)
     may = ca.if_else(ca.logic_and(e > far, sym("state", "settled") > 0), times, falls)

@@ -1,10 +1,16 @@
-"""Whether what is nonlinear in a form is bounded on the declared ranges: |b_i| <= mu.
+"""Whether what is nonlinear in a form is bounded on the declared ranges: |a_1 .. a_i b_i| <= mu.
+
+phi of a theorem on x_i' = x_(i+1), x_n' = phi is that of the chain of integrators, c_i = a_1 .. a_i b_i, and not b_n.
 
 The law asks for no slope of phi, so the plant as it is written is asked here: (u x + u)/u is x + 1 in a form, and has
 no value at u = 0.
 
 phi of a phase form, at its place in b, is taken as a function of the plant's states where it has poles in the box of z.
 """
+
+from collections.abc import Sequence
+
+import sympy as sp
 
 from hgogen.algebra.tape import NoTape
 from hgogen.analysis.written import if_valued
@@ -17,8 +23,11 @@ from hgogen.intervals.digits import up
 BOXES = 500  # mu need not be the least
 
 
-def bounded(id: ClaimId, form: Form) -> Check:
-    """The check that every row of b is bounded: it is proved with the bound mu, or unknown."""
+def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
+    """The check that every row of b is bounded: it is proved with the bound mu of a_1 .. a_i b_i, or unknown.
+
+    `products` (n): a_1 .. a_i.
+    """
     claim = "phi is bounded on the declared ranges of states and inputs"
     rows = form.b if form.behind is None else form.behind
     states = form.states if form.behind is None else form.system.states
@@ -30,7 +39,7 @@ def bounded(id: ClaimId, form: Form) -> Check:
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
-        ranges = [bound(row, around, boxes=BOXES) for row in rows if row != 0]
+        ranges = [bound(a * row, around, boxes=BOXES) for a, row in zip(products, rows, strict=True) if row != 0]
     except NoTape as missing:
         return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
     if not all(values.finite and values.defined for values in ranges):

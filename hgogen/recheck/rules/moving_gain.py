@@ -114,7 +114,14 @@ def attenuation(context: Context, claim: Claim) -> Shown:
     if low < 1 or mu**2 < 2 * share * high ** (2 * n):
         raise NotShown("its mu is too small")
     _, boxes = _at(context, claim, low)
-    return Shown(f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {short(mu, 1)}", boxes)
+    where = f"G_1 = {_printed(G)}, G_2 = {_printed(g)}{on(context.form.box)}"
+    gain = f"the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w is at most {short(mu, 1)}"
+    return Shown(f"in continuous time, {gain}, {where}", boxes)
+
+
+def _printed(M: Matrix) -> str:
+    """A matrix for a sentence, exactly: the claim is about no other."""
+    return f"[{'; '.join(' '.join(map(str, row)) for row in M)}]"
 
 
 def _bounds(context: Context, claim: Claim) -> tuple[Fraction, Fraction, Fraction, Fraction]:
