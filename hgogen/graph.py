@@ -54,14 +54,18 @@ _FUNCTIONS: dict[type, Callable[..., Graph]] = {
     sp.Min: lambda *args: reduce(ca.fmin, args),
     sp.Max: lambda *args: reduce(ca.fmax, args),
 }
-_RELATIONS: dict[type, Callable[[Graph, Graph], Graph]] = {
+_CONDITIONS: dict[type, Callable[..., Graph]] = {
     sp.StrictLessThan: lambda a, b: a < b,
     sp.LessThan: lambda a, b: a <= b,
     sp.StrictGreaterThan: lambda a, b: a > b,
     sp.GreaterThan: lambda a, b: a >= b,
     sp.Equality: lambda a, b: a == b,
     sp.Unequality: lambda a, b: a != b,
+    sp.And: lambda *args: reduce(ca.logic_and, args),
+    sp.Or: lambda *args: reduce(ca.logic_or, args),
+    sp.Not: ca.logic_not,
 }
+_OPERATIONS = {**_FUNCTIONS, **_CONDITIONS}  # of all arguments at once
 
 
 def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
@@ -92,35 +96,25 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
     elif isinstance(node, sp.Add) and node.is_real and not node.free_symbols:
         value = ca.SX(float(node.evalf(17)))  # by SymPy's digits: exp(pi sqrt 163) - 262537412640768744 is -7.5e-13
     elif isinstance(node, sp.Add):
-        value = _sum([(term, inner) for term in node.as_ordered_terms()])
+        value = _sum(node, inner)
     elif isinstance(node, sp.Mul):
         value = _product(node, inner)
     elif isinstance(node, sp.Pow):
         value = _power(node, inner)
     elif isinstance(node, sp.Piecewise):
-        value = ca.SX.nan()
-        for branch, condition in reversed(node.args):
-            value = inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
-    elif type(node) in _RELATIONS:
-        value = _RELATIONS[type(node)](inner(node.args[0]), inner(node.args[1]))
-    elif isinstance(node, sp.And):
-        value = reduce(ca.logic_and, map(inner, node.args))
-    elif isinstance(node, sp.Or):
-        value = reduce(ca.logic_or, map(inner, node.args))
-    elif isinstance(node, sp.Not):
-        value = ca.logic_not(inner(node.args[0]))
-    elif type(node) in _FUNCTIONS:
-        value = _FUNCTIONS[type(node)](*map(inner, node.args))
+        value = _piecewise(node, inner)
+    elif type(node) in _OPERATIONS:
+        value = _OPERATIONS[type(node)](*map(inner, node.args))
     else:
         raise NoGraph(f"{type(node).__name__}({', '.join(map(str, node.args))})", str(whole))
     memo[node] = value
     return value
 
 
-def _sum(terms: list[tuple[sp.Expr, Callable[[sp.Basic], Graph]]]) -> Graph:
+def _sum(node: sp.Add, inner: Callable[[sp.Basic], Graph]) -> Graph:
     """a - b stays a subtraction, so that the C reads as the formula does."""
     total: Graph = None
-    for term, inner in terms:
+    for term in node.as_ordered_terms():
         negative = term.could_extract_minus_sign()
         value = inner(-term if negative else term)
         if total is None:
@@ -157,6 +151,14 @@ def _power(node: sp.Pow, inner: Callable[[sp.Basic], Graph]) -> Graph:
         whole = _repeated(inner(base), abs(int(exponent.p)) // 2) * root
         return whole if exponent.p > 0 else 1 / whole
     return ca.power(inner(base), inner(exponent))
+
+
+def _piecewise(node: sp.Piecewise, inner: Callable[[sp.Basic], Graph]) -> Graph:
+    """The first branch whose condition holds, as nested choices; NaN where none does."""
+    value = ca.SX.nan()
+    for branch, condition in reversed(node.args):
+        value = inner(branch) if condition == sp.true else ca.if_else(inner(condition), inner(branch), value)
+    return value
 
 
 def _repeated(base: Graph, times: int) -> Graph:

@@ -269,7 +269,8 @@ def _validate(plant: System, trial: Trial, dt: float) -> None:
         raise BadTrial(trial.name, reason)
 
 
-def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
+def _too_long_or_short(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
+    """Why the trial cannot last as long as it says."""
     if not dt <= trial.duration < math.inf:
         yield f"duration = {trial.duration!r} must be a time in {plural(unit)}, at least dt = {dt:g}"
     elif (rows := trial.duration / dt) * width > MEMORY / 8:
@@ -279,6 +280,10 @@ def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
             f"{8 * rows * width / 2**30:.3g} GiB of memory; take a duration of at most {longest:.2g} {unit}, or a "
             "longer dt"
         )
+
+
+def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
+    yield from _too_long_or_short(trial, dt, unit, width)
     if not 0 <= trial.steady_from <= trial.duration:
         yield f"steady = {trial.steady_from:g} must lie within 0..{trial.duration:g} {unit}"
     if not trial.seeds:
@@ -295,8 +300,7 @@ def _faults(trial: Trial, dt: float, unit: str, width: int) -> Iterator[str]:
         if not all(0 <= number < math.inf for number in astuple(noise)):
             yield f"{noise} of {name} must have finite numbers, not negative"
     for name, value in trial.inputs.items():
-        strangers = sp.sympify(value).free_symbols - {t}
-        if strangers:
+        if strangers := sp.sympify(value).free_symbols - {t}:
             yield f"input {name} uses {min(map(str, strangers))}; write it as an expression of hgogen.trial.t"
 
 

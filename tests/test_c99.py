@@ -227,6 +227,15 @@ def test_a_count_beyond_16_bits_is_refused_where_int_has_no_more(periods: int) -
     assert [line in source for line in guard] == [periods > 65535] * 3
 
 
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("name", ["no_input", "window_held", "bank"])
+def test_counters_are_computed_in_whole_numbers(name: str, real: str) -> None:
+    """No place in a ring, member's number or time of a sample is read as a real number to be counted with."""
+    source = files(name, real)[f"{step(name).name}.c"]
+    assert "const unsigned t1 = " in source
+    assert not re.search(rf"= \({real}\)[a-z]", source)
+
+
 def test_few_bits_are_unsigned_and_many_have_32() -> None:
     assert len(step("fitzhugh_nagumo").bits) <= 16 < len(step("wide").bits)
     assert "unsigned fitzhugh_nagumo_step(" in files("fitzhugh_nagumo")["fitzhugh_nagumo.h"]

@@ -391,6 +391,28 @@ def test_a_part_of_the_plant_that_cancels_in_the_error_must_have_a_value(place: 
     assert found == {-1: {Verdict.UNKNOWN}, 1: {Verdict.PROVED}}
 
 
+@pytest.mark.parametrize(
+    ("part", "beside", "shown"),
+    [
+        (sp.log, lambda u: sp.atan2(2, u), False),
+        (lambda u: sp.atanh(1 - u), lambda u: sp.asin(1 - u), False),
+        (lambda u: 1 / u, sp.sqrt, False),
+        (lambda u: 1 / sp.sqrt(u), sp.log, True),
+        (lambda u: 1 / u, lambda u: u**-2, True),
+        (lambda u: sp.atanh(1 - u), lambda u: sp.atanh(1 - u), True),
+    ],
+)
+def test_what_the_error_still_reads_shows_a_part_only_where_it_has_no_value_itself(
+    part: Any, beside: Any, shown: bool
+) -> None:
+    """atan2(2, u), asin(1 - u) and sqrt(u) have a value at u = 0, where log(u), atanh(1 - u) and 1/u have none."""
+    x1, x2 = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2"))
+    u, outputs = hg.Signal("u", low=0, high=0.5), (hg.Signal("y"),)
+    flow = [x2 * beside(u) + part(u), -x1]
+    plant = hg.System("plant", states=(x1, x2), inputs=(u,), outputs=outputs, flow=flow, output=[x1])
+    assert (hg.error_system(plant, [1, 1]).lost is None) is shown
+
+
 def test_a_part_of_the_plant_that_a_value_takes_out_must_have_one() -> None:
     """0 log(u), and sqrt(x2)/x1 along x2 = x1**2, are 0 and 1 to SymPy, and the plant has no value at u = 0, x1 = 0."""
     x1, x2, u = (hg.Signal(name, low=0, high=1) for name in ("x1", "x2", "u"))

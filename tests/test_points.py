@@ -7,6 +7,7 @@ import hgogen as hg
 from hgogen.algebra.points import kind
 
 U = hg.Signal("u", low=0.25, high=1)
+HALF = sp.Rational(1, 2)
 NOTHING = sp.sin(U) ** 2 + sp.cos(U) ** 2 - 1  # 0, which SymPy's digits do not show
 SLOW = sp.sin(U) - sp.tan(U) / sp.sqrt(1 + sp.tan(U) ** 2)
 
@@ -40,6 +41,8 @@ def test_a_function_of_what_may_be_nothing_has_no_certain_sign(nothing: sp.Expr,
         (sp.log(U), "< 0"),
         (sp.log(sp.sin(U) - 1), "undefined"),
         (sp.sqrt(sp.sin(U) - 1), "undefined"),
+        (sp.sqrt(U - HALF - sp.Rational(1, 10**40)), "undefined"),  # 1e-20 i
+        (sp.sqrt(U - HALF - sp.Rational(1, 10**40)) + 1, "undefined"),
         (sp.sign(sp.sin(U)), "> 0"),
         (sp.asin(2 * U), "> 0"),
         (1 / (2 * U - 1), "undefined"),

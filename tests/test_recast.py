@@ -176,12 +176,14 @@ def test_what_cancels_in_new_coordinates_stays_where_it_may_have_no_value(place:
     assert any(row.has(u) for row in (*moved.flow, *moved.output)) is (low < 0)
 
 
+@pytest.mark.parametrize("branched", [False, True])
 @pytest.mark.parametrize("high", [-0.5, 1])
-def test_no_form_is_proved_where_the_new_states_lose_what_has_no_value(high: float) -> None:
-    """(a - b)/(2 a - 2 b) is 1/2 at once with a = w + b, and has no value where a = b."""
+def test_no_form_is_proved_where_the_new_states_lose_what_has_no_value(high: float, branched: bool) -> None:
+    """(a - b)/(2 a - 2 b) is 1/2 at once with a = w + b, and has no value where a = b; in a branch as well."""
     a, b, c = (Signal(name, low=low, high=top) for name, low, top in (("a", -1, high), ("b", 0, 1), ("c", -1, 1)))
-    part, w = (a - b) / (2 * a - 2 * b), Signal("w", low=-2, high=1 if high > 0 else -0.5)
-    flow, outputs = [b + c * part, c * part - b, -c], (Signal("y"),)
+    part, w = c * (a - b) / (2 * a - 2 * b), Signal("w", low=-2, high=1 if high > 0 else -0.5)
+    part = sp.Piecewise((part, c > 0), (c / 2, True)) if branched else part
+    flow, outputs = [b + part, part - b, -c], (Signal("y"),)
     plant = System("plant", states=(a, b, c), outputs=outputs, flow=flow, output=[a - b])
     moved = recast(plant, {w: a - b}, {a: w + b})
     assert moved.flow == (2 * b, c / 2 - b, -c)

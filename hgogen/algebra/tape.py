@@ -16,13 +16,13 @@ from hgogen.algebra.kinks import Direction, Norm
 from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.errors import HgogenError
 
-_FUNCTIONS = {
+_FUNCTIONS = {  # of their arguments alone, in order
     getattr(sp, name): name.lower()
     for name in (
         *("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
-        *("Abs", "sign", "atan2", "Heaviside", "floor", "ceiling"),
+        *("Abs", "sign", "atan2", "Heaviside", "floor", "ceiling", "Piecewise", "Not"),
     )
-}
+} | {type(sp.true): "true", type(sp.false): "false"}
 _CONSTANTS = {sp.pi: "pi", sp.E: "e"}
 _FOLDED = {sp.Add: "add", sp.Mul: "mul", sp.Min: "min", sp.Max: "max", sp.And: "and", sp.Or: "or"}
 _RELATIONS = {
@@ -135,12 +135,6 @@ class _Writer:
             return self._put("norm" if len(args) > 1 else "abs", tuple(args))
         if kind is Direction:
             return self._put("direction", tuple(args), int(node.args[0]))
-        if kind is sp.Piecewise:
-            return self._put("piecewise", tuple(args))
-        if node in (sp.true, sp.false):
-            return self._put("true" if node == sp.true else "false")
-        if kind is sp.Not:
-            return self._put("not", tuple(args))
         raise NoTape(str(node), str(whole))
 
     def _power(self, node: sp.Pow, args: list[int]) -> int:

@@ -90,8 +90,7 @@ def _emitted(step: CallableStep, model: Model, observer: str | None, target: str
     words = ["hgogen generate", model.name, *(["--observer", observer] if observer else []), *model.setting.words]
     words += [f"--target {target}"] if target != C99 else []
     files: Sources = getattr(targets, target)(step, real=model.setting.real or "float", command=" ".join(words))
-    for sentence in files.notes:
-        note(sentence)
+    note(*files.notes)
     return files
 
 
@@ -125,8 +124,7 @@ def build_(
     claims = jobs.checked(loaded, name=observer)
     if not as_json:
         console().print(tables.checks(claims.head, claims.checks, claims.accepted))
-    for sentence in claims.notes:
-        note(sentence)
+    note(*claims.notes)
     files = _emitted(step, loaded, observer, target)
     engine = engine_here()
     self_check = _checked(files, engine)
@@ -194,8 +192,7 @@ def generate_(
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
     steps, codes, written = [], [], []
     for one, folder in zip(loaded, folders, strict=True):  # of all of them, before anything is tried or written
-        for sentence in one.notes:
-            note(sentence)
+        note(*one.notes)
         steps.append(one.step(observer))
         codes.append(_emitted(steps[-1], one, observer, target))
         folder.demand(*codes[-1])
@@ -204,8 +201,7 @@ def generate_(
         files: dict[str, str | bytes] = {**code}
         if one.has("trial"):
             done = _tried(step, one.trials(), engine, 1)
-            for sentence in jobs.departures(done, step.time):
-                note(sentence)
+            note(*jobs.departures(done, step.time))
             files |= rendered(jobs.figures(step, done))
         else:
             note(f"{one.path} defines no trial(), so there are no figures of it")

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +10,7 @@ from rich.table import Table
 from typer.core import TyperCommand
 
 import hgogen as hg
-from hgogen.check import Refuted, demand
+from hgogen.check import Refuted
 from hgogen.commands import findings, jobs, library, tables
 from hgogen.commands.advice import advice
 from hgogen.commands.answers import FIELDS
@@ -147,8 +146,7 @@ def _one(
     plant, folded = loaded.plant, loaded.notes
     if observer is not None:
         loaded.tuned(observer)
-    for sentence in folded:  # before anything is called proved
-        note(sentence)
+    note(*folded)  # before anything is called proved
 
     def say(*parts: Any) -> None:
         """Print at once what is known, so that a model whose next part takes long, or fails, shows the others."""
@@ -185,16 +183,11 @@ def _one(
         whole |= {"singular": singular.as_dict(), **(take.as_dict() if take else {})}
         file = _file(as_json)
         _written(whole, file) if file else show(True, whole)
-    for sentence in claims.notes:
-        if sentence not in folded:
-            note(sentence)
+    note(*(sentence for sentence in claims.notes if sentence not in folded))
     if certificate is not None:
         _certify(claims, certificate)
-    if claims.demanded:
-        try:
-            demand(claims.checks, claims.accepted, claims.form)
-        except Refuted as error:
-            raise replace(error, plain=loaded.plain) from None
+    if claims.demanded and claims.open:
+        raise Refuted(claims.open, claims.form, claims.accepted, plain=loaded.plain)
 
 
 def _least(model: Model) -> Sight | None:

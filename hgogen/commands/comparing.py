@@ -81,8 +81,7 @@ def compare_(
             each = steps[one.name].items()
             tried.append((one, [measured(name, step, one, engine, counts[one.name], bar.tick) for name, step in each]))
             _note_no_error(loaded.plant, one)
-            for sentence in notes(one.name, _left(loaded.plant, tried[-1][1]), unit):
-                note(sentence)
+            note(*notes(one.name, _left(loaded.plant, tried[-1][1]), unit))
     paths = folder.write(rendered({f"{one.name}_errors": jobs.errors(each, unit) for one, each in tried}))
     shown = [
         tables.compared(

@@ -31,9 +31,10 @@ class _Results(io.FileIO):
             raise
 
 
-def note(sentence: str) -> None:
-    """Say something on the standard error stream."""
-    print(f"hgogen: {sentence}", file=sys.stderr)
+def note(*sentences: str) -> None:
+    """Say something on the standard error stream, each sentence in a line of its own."""
+    for sentence in sentences:
+        print(f"hgogen: {sentence}", file=sys.stderr)
 
 
 def listen() -> None:

@@ -68,6 +68,7 @@ CALLS: dict[int, str] = {
     ca.OP_LOG1P: "log1p",
     ca.OP_HYPOT: "hypot",
 }
+_PATTERNS: dict[int, str] = {CLAMP: "clamp", WITHIN: "within", KEEP: "keep"}
 
 
 def _binding(node: Node) -> float:
@@ -235,12 +236,8 @@ class Printer:
             operand = self.inputs(*node.source)
             self.uses.append(operand.uses)
             return operand.text, operand.binds
-        if op == CLAMP:
-            return self.call("clamp", *args)
-        if op == WITHIN:
-            return self.call("within", *args)
-        if op == KEEP:
-            return self.call("keep", *args)
+        if op in _PATTERNS:
+            return self.call(_PATTERNS[op], *args)
         if op == CHOOSE:
             test, yes, no = args
             return self.choice(test, yes, no)
