@@ -70,8 +70,8 @@ def _observers(old: Words) -> str:
 
 def _cases(kind: str) -> Callable[[Words], str]:
     def made(old: Words) -> str:
-        told = summaries(f"hgogen.{kind}", getattr(hg, kind).__all__)
-        return table((kind.removesuffix("s"), "what it is"), ((f"`{name}`", text) for name, text in told.items()))
+        texts = summaries(f"hgogen.{kind}", getattr(hg, kind).__all__)
+        return table((kind.removesuffix("s"), "what it is"), ((f"`{name}`", text) for name, text in texts.items()))
 
     return made
 

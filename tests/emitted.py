@@ -172,10 +172,10 @@ def files(name: str, real: str = "float") -> Mapping[str, str]:
 
 def tool(name: str) -> str:
     """The path of a tool; the test is skipped where it is absent."""
-    found = shutil.which(name)
-    if found is None:
+    path = shutil.which(name)
+    if path is None:
         pytest.skip(f"there is no {name}")
-    return found
+    return path
 
 
 def run(command: list[str], folder: Path, timeout: float = 300) -> str:

@@ -17,7 +17,7 @@ from mpmath import mp, mpf
 Values = dict[str, Any]
 POINTS = 6
 STEP = mpf(10) ** -15
-NEAR = mpf(10) ** -12
+TOLERANCE = mpf(10) ** -12
 _NUMBER = re.compile(r"(?<![A-Za-z_\d.])\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 _KNOWN = {name: getattr(mpmath, name) for name in ("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh")}
 _KNOWN |= {name: getattr(mpmath, name) for name in ("cosh", "tanh", "asinh", "acosh", "atanh", "atan2", "sign", "pi")}
@@ -49,8 +49,8 @@ def falsehood(content: dict[str, Any], verified: Sequence[str]) -> str:
     with mp.workdps(40):
         sampled = _Sampled(content)
         for claim in content["claims"]:
-            if claim["id"] in verified and (told := _said(sampled, claim)):
-                return f"{claim['id']}: {told}"
+            if claim["id"] in verified and (contradiction := _said(sampled, claim)):
+                return f"{claim['id']}: {contradiction}"
     return ""
 
 
@@ -114,7 +114,7 @@ def _ranged(s: _Sampled, claim: Any, place: Any) -> str:
     for at in s.points(s.outer):
         for name, row in zip(s.z, s.form["to_form"], strict=True):
             low, high = end(s.inner[name].get("low"), -1e300), end(s.inner[name].get("high"), 1e300)
-            if not low - NEAR <= value(row, at) <= high + NEAR:
+            if not low - TOLERANCE <= value(row, at) <= high + TOLERANCE:
                 return f"{name} leaves its range"
     return ""
 
@@ -130,37 +130,37 @@ def _inverse(s: _Sampled, claim: Any, place: Any) -> str:
         pairs = [*zip(s.rates(z), speeds, strict=True)]
         pairs += [(value(a, z), value(b, at)) for a, b in zip(s.form["output"], s.plant["output"], strict=True)]
         pairs += [(value(row, z), at[x]) for row, x in zip(s.form["from_form"], s.x, strict=True)]
-        if any(abs(a - b) > NEAR * (1 + abs(a)) * 10 for a, b in pairs):
+        if any(abs(a - b) > TOLERANCE * (1 + abs(a)) * 10 for a, b in pairs):
             return "the form is not the plant"
     return ""
 
 
 def _equations(s: _Sampled, claim: Any, place: Any) -> str:
     """The form is the plant, in ranges that hold it; of ranges a recast claims itself."""
-    apart = any(claim["id"] == "recast.range" for claim in s.content["claims"])
-    return _inverse(s, claim, place) or ("" if apart else _ranged(s, claim, place))
+    recast = any(claim["id"] == "recast.range" for claim in s.content["claims"])
+    return _inverse(s, claim, place) or ("" if recast else _ranged(s, claim, place))
 
 
 def _triangular(s: _Sampled, claim: Any, place: Any) -> str:
     """b_i reads z_1 .. z_i, an a_i no state but z_1; of a uniform form row i reads one state more."""
-    if told := _equations(s, claim, place):
-        return told
+    if contradiction := _equations(s, claim, place):
+        return contradiction
     n, uniform = len(s.z), s.form["kind"] == "uniform"
     for at in s.points(s.inner):
         at = s.away(at, s.inner)
         J = s.slope(s.rates if uniform else lambda p: [value(row, p) for row in s.form["b"]], at, s.z)
-        if any(abs(J[i][j]) > NEAR for i in range(n) for j in range(i + 1 + uniform, n)):
+        if any(abs(J[i][j]) > TOLERANCE for i in range(n) for j in range(i + 1 + uniform, n)):
             return "a row reads a state too early"
         if not uniform and n > 1:
             flat = s.slope(lambda p: [value(entry, p) for row in s.form["A"] for entry in row], at, s.z[1:])
-            if any(abs(x) > NEAR for row in flat for x in row):
+            if any(abs(x) > TOLERANCE for row in flat for x in row):
                 return "a gain reads an unmeasured state"
     return ""
 
 
 def _blocks(s: _Sampled, claim: Any, place: Any) -> str:
-    if told := _equations(s, claim, place):
-        return told
+    if contradiction := _equations(s, claim, place):
+        return contradiction
     sizes = [int(size) for size in s.form["blocks"]]
     places = [(k, i) for k, size in enumerate(sizes) for i in range(size)]
     for at in s.points(s.inner, 3):
@@ -170,7 +170,7 @@ def _blocks(s: _Sampled, claim: Any, place: Any) -> str:
                 beyond = deep > level if k == other or s.form["alignment"] == "top" else False
                 if s.form["alignment"] == "end" and k != other:
                     beyond = deep > level + sizes[other] - sizes[k]
-                if beyond and abs(J[i][j]) > NEAR:
+                if beyond and abs(J[i][j]) > TOLERANCE:
                     return "b reads a state that the alignment forbids"
     return ""
 
@@ -188,14 +188,14 @@ def _coefficient(s: _Sampled, place: tuple[int, ...], at: Values) -> Any:
 
 
 def _gain(s: _Sampled, claim: Any, place: tuple[int, ...]) -> str:
-    told = claim["evidence"]
+    evidence = claim["evidence"]
     if claim["verdict"] == "refuted":
-        at = {**next(s.points(s.inner, 1)), **{name: end(x, 0) for name, x in told["witness"].items()}}
-        return "it is positive at its witness" if _coefficient(s, place, at) > NEAR else ""
-    low, high = end(told["low"], 0), end(told["high"], 0)
+        at = {**next(s.points(s.inner, 1)), **{name: end(x, 0) for name, x in evidence["witness"].items()}}
+        return "it is positive at its witness" if _coefficient(s, place, at) > TOLERANCE else ""
+    low, high = end(evidence["low"], 0), end(evidence["high"], 0)
     for at in s.points(s.inner):
         a = _coefficient(s, place, s.away(at, s.inner))
-        if not (low > 0 and low - NEAR * (1 + abs(a)) <= a <= high + NEAR * (1 + abs(a))):
+        if not (low > 0 and low - TOLERANCE * (1 + abs(a)) <= a <= high + TOLERANCE * (1 + abs(a))):
             return f"{a} is outside of [{low}, {high}]"
     return ""
 
@@ -206,7 +206,7 @@ def _offset(s: _Sampled, claim: Any, place: tuple[int, ...]) -> str:
     low, high = (end(claim["evidence"][key], 0) for key in ("low", "high"))
     for at in s.points(s.inner):
         c = value(s.form["output"][chain - 1], {**at, head: mpf(0)})
-        if not low - NEAR <= c <= high + NEAR:
+        if not low - TOLERANCE <= c <= high + TOLERANCE:
             return f"{c} is outside of [{low}, {high}]"
     return ""
 
@@ -242,29 +242,29 @@ def _steep(which: str) -> Callable[[_Sampled, Any, Any], str]:
 
 def _uniform_slope(s: _Sampled, claim: Any, place: tuple[int, ...]) -> str:
     (i,) = place
-    told = claim["evidence"]
+    evidence = claim["evidence"]
 
     def rate(at: Values) -> list[Any]:
         return [value(s.form["output"][0], at) if i == 1 else s.rates(at)[i - 2]]
 
     if claim["verdict"] == "refuted":
-        found = []
+        rates = []
         for key in ("witness", "other"):
-            if key in told:
-                at = {**next(s.points(s.inner, 1)), **{name: end(x, 0) for name, x in told[key].items()}}
+            if key in evidence:
+                at = {**next(s.points(s.inner, 1)), **{name: end(x, 0) for name, x in evidence[key].items()}}
                 z = s.z[i - 1]
                 for side in (-1, 1):  # a kink has two slopes, and neither is the mean
                     there = {**at, z: at[z] + side * STEP}
-                    found.append((rate(there)[0] - rate(at)[0]) / (side * STEP))
-        if len(found) == 2 and max(map(abs, found)) > mpf("1e-6"):
-            return f"the slopes at its witness are {found}"
-        if len(found) == 4 and min(found) * max(found) > 0:
-            return f"the slopes have one sign: {found}"
+                    rates.append((rate(there)[0] - rate(at)[0]) / (side * STEP))
+        if len(rates) == 2 and max(map(abs, rates)) > mpf("1e-6"):
+            return f"the slopes at its witness are {rates}"
+        if len(rates) == 4 and min(rates) * max(rates) > 0:
+            return f"the slopes have one sign: {rates}"
         return ""
-    low, high = end(told["low"], 0), end(told["high"], 0)
+    low, high = end(evidence["low"], 0), end(evidence["high"], 0)
     for at in s.points(s.inner):
         x = s.slope(rate, s.away(at, s.inner), [s.z[i - 1]])[0][0]
-        if not (low * high > 0 and low - NEAR * (1 + abs(x)) <= x <= high + NEAR * (1 + abs(x))):
+        if not (low * high > 0 and low - TOLERANCE * (1 + abs(x)) <= x <= high + TOLERANCE * (1 + abs(x))):
             return f"{x} is outside of [{low}, {high}]"
     return ""
 
@@ -273,14 +273,14 @@ def _chain(s: _Sampled, claim: Any, place: Any) -> str:
     """Each entry is the derivative of the one before along the plant's flow."""
     Phi, n = claim["evidence"]["chain"], len(s.x)
     for at in s.points(_with_rates(s, n), 4):
-        if abs(value(Phi[0], at) - value(s.plant["output"][0], at)) > NEAR:
+        if abs(value(Phi[0], at) - value(s.plant["output"][0], at)) > TOLERANCE:
             return "it does not begin with the output"
         speeds = {x: value(row, at) for x, row in zip(s.x, s.plant["flow"], strict=True)}
         speeds |= {name: at[after] for name, after in _after(s, n) if after in at}
         for before, after in pairwise(Phi):
             there = [{**at, **{name: at[name] + side * STEP * v for name, v in speeds.items()}} for side in (-1, 1)]
             speed = (value(before, there[1]) - value(before, there[0])) / (2 * STEP)
-            if abs(value(after, at) - speed) > NEAR * 100 * (1 + abs(speed)):
+            if abs(value(after, at) - speed) > TOLERANCE * 100 * (1 + abs(speed)):
                 return "an entry is not the derivative of the one before"
     return ""
 
@@ -306,81 +306,81 @@ def _rank(s: _Sampled, claim: Any, place: Any) -> str:
     for at in s.points(ranges, 4):
         J = s.slope(lambda p: [value(row, p) for row in Phi], s.away(at, ranges), s.x)
         d = mpmath.det(mpmath.matrix(J))
-        if not (low * high > 0 and low - NEAR * 100 * (1 + abs(d)) <= d <= high + NEAR * 100 * (1 + abs(d))):
+        if not (low * high > 0 and low - TOLERANCE * 100 * (1 + abs(d)) <= d <= high + TOLERANCE * 100 * (1 + abs(d))):
             return f"{d} is outside of [{low}, {high}]"
     return ""
 
 
 def _dissipates(what: str) -> Callable[[_Sampled, Any, Any], str]:
     def says(s: _Sampled, claim: Any, place: Any) -> str:
-        told = claim["evidence"]["system"]
-        errors = {e["name"]: e for e in told["errors"]}
-        names, mu = list(errors), end(told["mu"], 0)
+        system = claim["evidence"]["system"]
+        errors = {e["name"]: e for e in system["errors"]}
+        names, mu = list(errors), end(system["mu"], 0)
         if names != [f"e_{x}" for x in s.x]:
             return "its errors are not the plant's"
         for at in s.points({**s.outer, **errors}, 40):
             e = mpmath.matrix([at[name] for name in names])
             behind = {**at, **{x: at[x] - at[f"e_{x}"] for x in s.x}}
-            V = value(told["V"], at)
+            V = value(system["V"], at)
             edge = any(at[name] in (end(r["low"], 0), end(r["high"], 0)) for name, r in errors.items())
             size = mpmath.norm(e)
             if what == "positive" and V <= 0 < size:
                 return f"V = {V}"
-            if what == "level" and edge and end(claim["evidence"]["floor"], 0) > V + NEAR:
+            if what == "level" and edge and end(claim["evidence"]["floor"], 0) > V + TOLERANCE:
                 return f"V = {V} on a face"
             if what == "inequality" and size:
                 try:
-                    F, G = (_observed if "observer" in told else _injected)(s, told, at, behind)
+                    F, G = (_observed if "observer" in system else _injected)(s, system, at, behind)
                 except ZeroDivisionError:  # the observer has no value there
                     continue
-                p = mpmath.matrix(s.slope(lambda q: [value(told["V"], q)], at, names))
+                p = mpmath.matrix(s.slope(lambda q: [value(system["V"], q)], at, names))
                 left = (p * F)[0] + size**2 / 2 + (mpmath.norm(p * G) ** 2 / (2 * mu**2) if G.cols else 0)
-                if left >= NEAR * size**2:
+                if left >= TOLERANCE * size**2:
                     return f"the left side is {left}"
         return ""
 
     return says
 
 
-def _injected(s: _Sampled, told: Any, at: Values, behind: Values) -> tuple[Any, Any]:
+def _injected(s: _Sampled, system: Any, at: Values, behind: Values) -> tuple[Any, Any]:
     """F and G of an observer with a gain."""
     f, h = ([value(row, at) - value(row, behind) for row in s.plant[key]] for key in ("flow", "output"))
-    gain = mpmath.matrix([[value(cell, behind) for cell in row] for row in told["gain"]])
+    gain = mpmath.matrix([[value(cell, behind) for cell in row] for row in system["gain"]])
     F = mpmath.matrix(f) - gain * mpmath.matrix(h)
-    if not told["G1"][0]:
+    if not system["G1"][0]:
         return F, mpmath.matrix(len(f), 0)
-    G1, G2 = (mpmath.matrix([[value(c, at) for c in row] for row in told[k]]) for k in ("G1", "G2"))
+    G1, G2 = (mpmath.matrix([[value(c, at) for c in row] for row in system[k]]) for k in ("G1", "G2"))
     return F, G1 - gain * G2
 
 
-def _observed(s: _Sampled, told: Any, at: Values, behind: Values) -> tuple[Any, Any]:
+def _observed(s: _Sampled, system: Any, at: Values, behind: Values) -> tuple[Any, Any]:
     """F and G of an observer of any equations, by its error's rate at w = 0 and at unit vectors, on the told set."""
-    at = {**at, **{x: value(text, at) for x, text in told["along"].items()}}
+    at = {**at, **{x: value(text, at) for x, text in system["along"].items()}}
 
     def rate(w: Values) -> Any:
         here = {**at, **w}
         y = {f"y_{k}": value(row, here) for k, row in enumerate(s.plant["output"], 1)}
         there = {**here, **y, **{x: here[x] - at[f"e_{x}"] for x in s.x}}
-        rows = zip(s.plant["flow"], told["observer"], strict=True)
+        rows = zip(s.plant["flow"], system["observer"], strict=True)
         return mpmath.matrix([value(f, here) - value(g, there) for f, g in rows])
 
-    none = dict.fromkeys(told["unknown"], mpf(0))
+    none = dict.fromkeys(system["unknown"], mpf(0))
     F = rate(none)
-    columns = [rate({**none, w: mpf(1)}) - F for w in told["unknown"]]
+    columns = [rate({**none, w: mpf(1)}) - F for w in system["unknown"]]
     return F, mpmath.matrix([[column[i] for column in columns] for i in range(len(F))])
 
 
 def _shows(s: _Sampled, claim: Any, place: Any) -> str:
     """The Gramian of the told inputs over two periods."""
-    told = claim["evidence"]
-    T, n, count = 2 * value(told.get("period", "1"), {}), len(s.z), 400
+    evidence = claim["evidence"]
+    T, n, count = 2 * value(evidence.get("period", "1"), {}), len(s.z), 400
     for at in s.points({p["name"]: p for p in s.plant["parameters"]}, 2):
         Phi, W, h = np.eye(n), np.zeros((n, n)), float(T) / count
         for k in range(count):
             A, C = [], []
             for share in (0.0, 0.5):
                 now = {"t": mpf(h * (k + share))}
-                here = {**at, **{name: value(text, now) for name, text in told["inputs"].items()}}
+                here = {**at, **{name: value(text, now) for name, text in evidence["inputs"].items()}}
                 here |= dict.fromkeys(s.z, mpf(0))
                 A.append(np.array([[value(entry, here) for entry in row] for row in s.form["A"]], dtype=float))
                 C = C or s.slope(lambda p: [value(row, p) for row in s.form["output"]], here, s.z)

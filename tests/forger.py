@@ -69,12 +69,12 @@ def places(value: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
 
 def forged(draw: random.Random, content: Content, others: Sequence[Content]) -> tuple[str, Content]:
     """One to three changes of a certificate, and what they are."""
-    result, told = copy.deepcopy(content), []
+    result, applied = copy.deepcopy(content), []
     for _ in range(draw.choice((1, 1, 1, 2, 3))):
         change = draw.choice(CHANGES)
-        told.append(change.__name__)
+        applied.append(change.__name__)
         change(draw, result, others)
-    return ", ".join(told), result
+    return ", ".join(applied), result
 
 
 def put(content: Content, path: Path, value: Any) -> None:
@@ -89,9 +89,9 @@ def _pick(draw: random.Random, content: Content, wanted: Callable[[Path, Any], b
     """A place that is wanted: of the plant, form and observer, or of the claims, equally often."""
     parts = draw.sample(("plant", "form", "observer", "claims", "claims"), 5)
     for part in parts:
-        found = [(path, value) for path, value in places(content.get(part), (part,)) if wanted(path, value)]
-        if found:
-            return draw.choice(found)
+        candidates = [(path, value) for path, value in places(content.get(part), (part,)) if wanted(path, value)]
+        if candidates:
+            return draw.choice(candidates)
     return ("hgogen",), content.get("hgogen")
 
 
@@ -112,10 +112,10 @@ def number(draw: random.Random, content: Content, others: Sequence[Content]) -> 
 def name(draw: random.Random, content: Content, others: Sequence[Content]) -> None:
     """A name in a text is another of the file."""
     path, text = _pick(draw, content, lambda path, value: isinstance(value, str) and bool(NAME.search(value)))
-    found = list(NAME.finditer(str(text)))
+    matches = list(NAME.finditer(str(text)))
     names = [value for at, value in places(content) if at[-1] == "name" and isinstance(value, str)]
-    if found and names:
-        match = draw.choice(found)
+    if matches and names:
+        match = draw.choice(matches)
         put(content, path, f"{text[: match.start()]}{draw.choice(names)}{text[match.end() :]}")
 
 

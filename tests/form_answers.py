@@ -11,8 +11,8 @@ def verdicts(form: Form) -> dict[str, str]:
 
 
 def check(form: Form, name: str) -> Check:
-    (found,) = (check for check in form.checks if check.id == f"{form.kind}.{name}")
-    return found
+    (claim,) = (check for check in form.checks if check.id == f"{form.kind}.{name}")
+    return claim
 
 
 def assert_same_plant(form: Form) -> None:

@@ -64,11 +64,11 @@ def mutations() -> tuple[Mutation, ...]:
 def functions() -> dict[str, list[tuple[Path, int, int]]]:
     """Where the functions of a qualified name stand: the file below `ROOT`, the first line, and the one after the last,
     from 0."""
-    found: dict[str, list[tuple[Path, int, int]]] = {}
+    spans: dict[str, list[tuple[Path, int, int]]] = {}
     for path in sorted((ROOT / "hgogen").rglob("*.py")):
         for name, node in _defined(ast.parse(path.read_text()), ""):
-            found.setdefault(name, []).append((path.relative_to(ROOT), node.lineno - 1, node.end_lineno or 0))
-    return found
+            spans.setdefault(name, []).append((path.relative_to(ROOT), node.lineno - 1, node.end_lineno or 0))
+    return spans
 
 
 def _defined(node: ast.AST, above: str) -> Iterator[tuple[str, ast.FunctionDef]]:
@@ -82,15 +82,15 @@ def _defined(node: ast.AST, above: str) -> Iterator[tuple[str, ast.FunctionDef]]
 
 def changed(mutation: Mutation) -> tuple[Path, str]:
     """The file below `ROOT` that changes, and its text. Raises: `NotOnce`."""
-    found = []
+    matches = []
     for path, first, last in functions().get(mutation.function, []):
         lines = (ROOT / path).read_text().splitlines(keepends=True)
         before, inner, after = ("".join(part) for part in (lines[:first], lines[first:last], lines[last:]))
         text = before + inner.replace(mutation.pattern, mutation.replacement) + after
-        found += [(path, text)] * inner.count(mutation.pattern)
-    if len(found) != 1:
-        raise NotOnce(f"{mutation.pattern!r} is {len(found)} times in {mutation.function}; it must be there once")
-    return found[0]
+        matches += [(path, text)] * inner.count(mutation.pattern)
+    if len(matches) != 1:
+        raise NotOnce(f"{mutation.pattern!r} is {len(matches)} times in {mutation.function}; it must be there once")
+    return matches[0]
 
 
 def copied(folder: Path) -> Path:
@@ -133,11 +133,11 @@ def _write(path: Path, text: str) -> None:
     Path(cache_from_source(str(path))).unlink(missing_ok=True)  # Python takes it for that of a text of the same second
 
 
-def _found(mutation: Mutation, folder: Path) -> bool:
+def _detected(mutation: Mutation, folder: Path) -> bool:
     with mutated(mutation, folder):
-        found = fail(mutation.tests, folder)
-    print(f"{'found   ' if found else 'SURVIVES'} {mutation}", flush=True)
-    return found
+        detected = fail(mutation.tests, folder)
+    print(f"{'found   ' if detected else 'SURVIVES'} {mutation}", flush=True)
+    return detected
 
 
 def survivors(rows: Iterable[Mutation], workers: int = 1) -> list[Mutation]:
@@ -162,8 +162,8 @@ def survivors(rows: Iterable[Mutation], workers: int = 1) -> list[Mutation]:
         for tests, failed in zip(each, pool.map(lent, (partial(fail, tests) for tests in each)), strict=True):
             if failed:
                 raise NotRun(f"without a change, one fails of {' '.join(tests)}")
-        found = list(pool.map(lent, (partial(_found, row) for row in rows)))
-    return [row for row, was in zip(rows, found, strict=True) if not was]
+        detected = list(pool.map(lent, (partial(_detected, row) for row in rows)))
+    return [row for row, was in zip(rows, detected, strict=True) if not was]
 
 
 def main() -> None:
@@ -171,9 +171,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Seeded bugs, and the tests that must find them.")
     parser.add_argument("--only", default="", help="rows whose function holds this text")
     parser.add_argument("--workers", type=int, default=2, help="copies that are tested at a time")
-    given = parser.parse_args()
-    rows = [row for row in mutations() if given.only in row.function]
-    run, left = [row for row in rows if not row.equivalent], survivors(rows, given.workers)
+    options = parser.parse_args()
+    rows = [row for row in mutations() if options.only in row.function]
+    run, left = [row for row in rows if not row.equivalent], survivors(rows, options.workers)
     share = 100 * (1 - len(left) / len(run)) if run else 100.0
     print(f"{len(run) - len(left)} of {len(run)} are found, {share:.1f} %; {len(rows) - len(run)} are equivalent")
     for row in left:

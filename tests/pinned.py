@@ -17,5 +17,5 @@ def versions(file: Path = CONSTRAINTS) -> dict[str, str]:
 def differing(installed: Callable[[str], str] = metadata.version) -> str:
     """A sentence that names the packages whose versions are others; empty where there are none."""
     others = {name: (there, made) for name, made in versions().items() if (there := installed(name)) != made}
-    told = ", ".join(f"{name} {there} (made with {made})" for name, (there, made) in others.items())
-    return f"installed are other versions than made generated/: {told}" if told else ""
+    differences = ", ".join(f"{name} {there} (made with {made})" for name, (there, made) in others.items())
+    return f"installed are other versions than made generated/: {differences}" if differences else ""

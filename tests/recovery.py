@@ -359,8 +359,8 @@ def corrupted(step: CallableStep, how: Any, rng: np.random.Generator) -> bytes:
                     values.append(low + share * (high - low))
             target[...] = np.reshape(values, (-1,)) if field.size > 1 else values[0]
 
-    def groups(view: Any, found: Iterable[Any]) -> None:
-        for group in found:
+    def groups(view: Any, children: Iterable[Any]) -> None:
+        for group in children:
             put(view[group.name], group.fields)
             groups(view[group.name], group.groups)
 
@@ -376,10 +376,10 @@ def judge(pair: Pair, fault: Fault, warm: bytes) -> Outcome | None:
     count = max(5, round(fault.length * pair.settling)) if fault.length else 0
     truth, u, y = pair.truth, pair.u, pair.y
     if fault.kind == "jump":
-        found = motion(pair.name, step.dt, truth.t[-1], (truth.t[begin], fault.value))
-        if found is None:
+        simulated = motion(pair.name, step.dt, truth.t[-1], (truth.t[begin], fault.value))
+        if simulated is None:
             return None
-        truth = found
+        truth = simulated
         u, y = (values[: len(pair.y)] for values in record(pair.name, step, truth))
     if fault.kind == "inputs" and not u.shape[1]:
         return None
@@ -493,7 +493,7 @@ def survey(name: str, tuning: str, faults: Iterable[Fault] = FAULTS) -> tuple[Pa
     step.reset()
     step.run(u=pair.u[: pair.begin], y=pair.y[: pair.begin], engine="c")
     warm = step.save()
-    return pair, [found for fault in faults if (found := judge(pair, fault, warm))]
+    return pair, [outcome for fault in faults if (outcome := judge(pair, fault, warm))]
 
 
 def line(pair: Pair, outcomes: list[Outcome]) -> str:
@@ -501,12 +501,12 @@ def line(pair: Pair, outcomes: list[Outcome]) -> str:
     lost = [o for o in outcomes if o.lost and o.enough]
     short = [o for o in outcomes if o.lost and not o.enough]
     worst = max((o.after for o in outcomes if not o.lost), default=0.0)
-    told = ", ".join(f"{o.fault.name} [{'+'.join(o.flags)}]" for o in lost)
+    causes = ", ".join(f"{o.fault.name} [{'+'.join(o.flags)}]" for o in lost)
     if short:
-        told += f"; record too short to tell: {', '.join(o.fault.name for o in short)}"
+        causes += f"; record too short to tell: {', '.join(o.fault.name for o in short)}"
     head = f"{pair.name:20} {pair.tuning:20} T {pair.settling * pair.step.dt:9.3g} s {pair.settling:7d}"
     kinds = "" if pair.settles else " (its trial does not settle)"
-    return f"{head} faults {len(outcomes):3d} lost {len(lost):3d} worst {worst:5.2f} T{kinds} {told}"
+    return f"{head} faults {len(outcomes):3d} lost {len(lost):3d} worst {worst:5.2f} T{kinds} {causes}"
 
 
 def main() -> None:
@@ -514,14 +514,14 @@ def main() -> None:
     parser.add_argument("--models", default="")
     parser.add_argument("--observers", default="")
     parser.add_argument("--tenth", type=int, default=-1, help="only every tenth pair, from this one on")
-    given = parser.parse_args()
+    options = parser.parse_args()
     wanted = list(pairs())
-    if given.models:
-        wanted = [p for m in given.models.split(",") for p in wanted if p[0] == m]
-    if given.observers:
-        wanted = [p for p in wanted if p[1] in given.observers.split(",")]
-    if given.tenth >= 0:
-        wanted = wanted[given.tenth :: 10]
+    if options.models:
+        wanted = [p for m in options.models.split(",") for p in wanted if p[0] == m]
+    if options.observers:
+        wanted = [p for p in wanted if p[1] in options.observers.split(",")]
+    if options.tenth >= 0:
+        wanted = wanted[options.tenth :: 10]
     totals: dict[str, list[int]] = {"design": [0, 0], "held out": [0, 0]}
     for name, tuning in wanted:
         begun = time.process_time()

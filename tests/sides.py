@@ -118,8 +118,8 @@ def asked(folder: Path, models: list[str]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as empty:
         done = subprocess.run(command, cwd=empty, env=environment, stdout=subprocess.PIPE, check=True)
     text = done.stdout.decode().replace(str(folder), "")
-    found: dict[str, Any] = json.loads(text)
-    return found
+    by_model: dict[str, Any] = json.loads(text)
+    return by_model
 
 
 def before(revision: str, models: list[str]) -> dict[str, Any]:
@@ -134,9 +134,9 @@ def before(revision: str, models: list[str]) -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:
             with tarfile.open(fileobj=BytesIO(_git("archive", commit))) as archive:
                 archive.extractall(folder, filter="data")
-            found = asked(Path(folder).resolve(), models)
+            by_model = asked(Path(folder).resolve(), models)
         store.parent.mkdir(parents=True, exist_ok=True)
-        store.write_text(json.dumps(found))
+        store.write_text(json.dumps(by_model))
     stored: dict[str, Any] = json.loads(store.read_text())
     return stored
 
@@ -183,9 +183,9 @@ def main() -> None:
         old, new = before(options.revision, models), asked(ROOT, models)
     except Unknown as error:
         parser.error(str(error))
-    told = list(differences(old, new, options.sentences))
-    print("\n".join([*told, f"{len(new)} answers, {len(told)} differences from {options.revision}"]))
-    raise SystemExit(bool(told))
+    lines = list(differences(old, new, options.sentences))
+    print("\n".join([*lines, f"{len(new)} answers, {len(lines)} differences from {options.revision}"]))
+    raise SystemExit(bool(lines))
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ class Pair:
         (run,) = try_out(step, self.trial, engine, [0])
         return all(response.settled is not None for response in metrics(step, run).responses)
 
-    def told(self) -> tuple[float, float]:
+    def lengths(self) -> tuple[float, float]:
         """(refused, take), inf where nothing is said; both from the same sentence where there is one."""
         dt = self.fitted(LONG * self.own)
         try:
@@ -79,8 +79,8 @@ class Pair:
                 hg.sample(self.observer, self.method, dt, **self.options)
         except StepTooLong as error:
             return error.limit, error.take
-        told = (float(str(warning.message).split("take dt <= ")[1].split()[0]) for warning in caught)
-        return math.inf, min(told, default=math.inf)
+        admitted = (float(str(warning.message).split("take dt <= ")[1].split()[0]) for warning in caught)
+        return math.inf, min(admitted, default=math.inf)
 
 
 class TooMany(Exception):
@@ -113,7 +113,7 @@ class Row:
 
 def row(pair: Pair) -> Row:
     """Tried at `take`, and beyond. Raises: `TooMany`."""
-    refused, take = pair.told()
+    refused, take = pair.lengths()
     half = pair.trial.settled.hold / 2 if pair.trial.settled else math.inf
     top = min(refused, max(half, pair.own))
     at = pair.fitted(min(take, top))
@@ -166,17 +166,17 @@ def main(names: list[str]) -> None:
             continue
         model = load(path)
         try:
-            found = pairs(model) if model.trials() else ()
+            tunings = pairs(model) if model.trials() else ()
         except HgogenError:
             continue
-        for pair in found:
+        for pair in tunings:
             try:
-                told = row(pair)
+                verdict = row(pair)
             except TooMany as error:
                 print(error, flush=True)
                 continue
-            failed += not told.holds
-            print(told, flush=True)
+            failed += not verdict.holds
+            print(verdict, flush=True)
     print(f"{failed} rows in which take fails, or is less than a quarter of the longest")
 
 

@@ -36,8 +36,8 @@ def lyapunov() -> np.ndarray:
     return (P + P.T) / 2
 
 
-def by_id(found: tuple[Check, ...]) -> dict[str, Check]:
-    return {check.id.fact: check for check in found}
+def by_id(claims: tuple[Check, ...]) -> dict[str, Check]:
+    return {check.id.fact: check for check in claims}
 
 
 # --- signs --------------------------------------------------------------------------------------------------
@@ -89,12 +89,12 @@ def test_an_eigenvalue_that_no_float_resolves_keeps_its_sign() -> None:
 
 
 def test_the_numbers_of_the_printed_design() -> None:
-    found, torque = paper(), disturbance(TORQUE, 3)
-    assert float(found.peak) == pytest.approx(2.0552748, abs=5e-8)
-    assert float(smallest(found.shrink)[0]) == pytest.approx(0.0570, abs=5e-5)
+    design, torque = paper(), disturbance(TORQUE, 3)
+    assert float(design.peak) == pytest.approx(2.0552748, abs=5e-8)
+    assert float(smallest(design.shrink)[0]) == pytest.approx(0.0570, abs=5e-5)
     assert torque.deltas == (2, 1)
     for slope, gamma, mu in ((SLOPE, 20.519, 31364), (Fraction(0.5**0.5), 20.448, 31038)):
-        bound = found.least(slope, Fraction(LAMBDA))
+        bound = design.least(slope, Fraction(LAMBDA))
         assert float(bound) == pytest.approx(gamma, abs=5e-4)
         worst = max(delta * Fraction(alpha) for delta, alpha in zip(torque.deltas, ALPHAS, strict=True))
         assert float(root(2 * worst) * bound**3) == pytest.approx(mu, abs=0.5)
@@ -110,15 +110,15 @@ def test_the_rate_of_one_state_is_the_closed_one() -> None:
 
 
 def test_the_printed_design_is_proved() -> None:
-    found = by_id(hg.design.verified(K, P, SIGMA, LAMBDA, ALPHAS))
-    assert set(found) == {"definite", "shrink", "decay", "attenuation"}
-    assert {check.verdict for check in found.values()} == {Verdict.PROVED}
-    assert "the largest eigenvalue is at most -0.1576" in found["decay"].reason
-    assert "the largest eigenvalue is at most -0.09314" in found["attenuation"].reason
+    claims = by_id(hg.design.verified(K, P, SIGMA, LAMBDA, ALPHAS))
+    assert set(claims) == {"definite", "shrink", "decay", "attenuation"}
+    assert {check.verdict for check in claims.values()} == {Verdict.PROVED}
+    assert "the largest eigenvalue is at most -0.1576" in claims["decay"].reason
+    assert "the largest eigenvalue is at most -0.09314" in claims["attenuation"].reason
     assert by_id(hg.design.verified(K, P, SIGMA, alphas=ALPHAS))["attenuation"].verdict is Verdict.PROVED
-    told = str(hg.design.verified(K, P, SIGMA)).split("\n")
-    assert len(told) == len(hg.design.verified(K, P, SIGMA))
-    assert all(line.startswith("proved   adaptive_gain.") for line in told)
+    lines = str(hg.design.verified(K, P, SIGMA)).split("\n")
+    assert len(lines) == len(hg.design.verified(K, P, SIGMA))
+    assert all(line.startswith("proved   adaptive_gain.") for line in lines)
 
 
 def test_what_fails_is_refuted_with_its_eigenvalue() -> None:
@@ -141,42 +141,42 @@ def test_what_fails_is_refuted_with_its_eigenvalue() -> None:
 
 def test_an_eigenvalue_of_0_is_enough_for_gamma_to_rise_and_not_for_decay() -> None:
     """P = [[1, x], [x, 1]]: D P + P D = [[2, 3x], [3x, 4]] is singular at x^2 = 8/9, as with P = [[9, 8], [8, 8]]."""
-    found = by_id(hg.design.verified((3.0, 1.0), ((9, 8), (8, 8)), 0))
+    claims = by_id(hg.design.verified((3.0, 1.0), ((9, 8), (8, 8)), 0))
     assert np.linalg.det(np.array([[18, 24], [24, 32]])) == pytest.approx(0)
-    assert found["shrink"].verdict is Verdict.PROVED
+    assert claims["shrink"].verdict is Verdict.PROVED
     assert by_id(hg.design.verified((3.0, 1.0), ((9, 8.0001), (8.0001, 8)), 0))["shrink"].verdict is Verdict.REFUTED
 
 
 # --- what follows from them ---------------------------------------------------------------------------------
 
 
-def given_(low: float = 20.53, high: float = 80, slope: Fraction | None = SLOPE, **more: Any) -> Given:
+def adapted(low: float = 20.53, high: float = 80, slope: Fraction | None = SLOPE, **more: Any) -> Given:
     return Given(Fraction(low), Fraction(high), slope, disturbance=disturbance(TORQUE, 3), **more)
 
 
 def test_the_checks_of_an_observer() -> None:
     """The largest lambda of (54) is 0.1666 + 0.1576: gamma_inf above 2 0.71 2.05527/0.32424 = 9.0012."""
-    found = by_id(checks("it", paper(), given_()))
-    assert {check.verdict for check in found.values()} == {Verdict.PROVED}
-    assert found["convergence"].reason.startswith("gamma_inf = 20.53 is above 9.002 = max(")
-    low = by_id(checks("it", paper(), given_(low=9.0)))
+    claims = by_id(checks("it", paper(), adapted()))
+    assert {check.verdict for check in claims.values()} == {Verdict.PROVED}
+    assert claims["convergence"].reason.startswith("gamma_inf = 20.53 is above 9.002 = max(")
+    low = by_id(checks("it", paper(), adapted(low=9.0)))
     assert (low["convergence"].verdict, low["attenuation"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
     assert "gamma_inf = 9 is not above 9.002" in low["convergence"].reason
-    assert by_id(checks("it", paper(), given_(low=9.01)))["convergence"].verdict is Verdict.PROVED
-    blind = by_id(checks("it", paper(), given_(slope=None, reason="b may jump")))
+    assert by_id(checks("it", paper(), adapted(low=9.01)))["convergence"].verdict is Verdict.PROVED
+    blind = by_id(checks("it", paper(), adapted(slope=None, reason="b may jump")))
     assert [blind[name].verdict for name in ("convergence", "attenuation")] == [Verdict.UNKNOWN] * 2
     assert blind["convergence"].reason == "b may jump"
-    wrong = by_id(checks("it", candidate(K, lyapunov(), SIGMA), given_()))
+    wrong = by_id(checks("it", candidate(K, lyapunov(), SIGMA), adapted()))
     assert [wrong[name].verdict for name in ("decay", "shrink")] == [Verdict.PROVED, Verdict.REFUTED]
     assert [wrong[name].verdict for name in ("convergence", "attenuation")] == [Verdict.UNKNOWN] * 2
 
 
 def test_the_gain_is_no_larger_than_the_papers() -> None:
     """At gamma_inf = gamma_sup = 20.519 (89) gives 31364 with the paper's alphas; the best for K and P is below."""
-    mu = gain(paper(), given_(20.53, 20.53))
+    mu = gain(paper(), adapted(20.53, 20.53))
     assert mu is not None
     assert mu < 31364
-    doubled = gain(paper(), given_(20.53, 41.06))
+    doubled = gain(paper(), adapted(20.53, 41.06))
     assert doubled == pytest.approx(8 * mu, rel=1e-12)
 
 
@@ -184,10 +184,10 @@ def test_the_gain_is_no_larger_than_the_papers() -> None:
 def skewed() -> tuple[Candidate, Given, float]:
     """A disturbance whose G_1 G_1' is not diagonal, for which (79) fails."""
     G = (np.array([[1.0, 0, 0], [2.0, 1.0, 0], [-1.0, 1.0, 0]]), np.array([0.5, 0, 1.0]))
-    given = Given(Fraction(25), Fraction(30), SLOPE, disturbance=disturbance(G, 3))
-    mu = gain(paper(), given)
+    adaptation = Given(Fraction(25), Fraction(30), SLOPE, disturbance=disturbance(G, 3))
+    mu = gain(paper(), adaptation)
     assert mu is not None
-    return paper(), given, float(mu)
+    return paper(), adaptation, float(mu)
 
 
 def test_79_fails_where_the_bound_by_the_norm_holds() -> None:
@@ -206,22 +206,22 @@ def test_79_fails_where_the_bound_by_the_norm_holds() -> None:
 def test_the_dissipation_inequality_holds(share: float, speed: float, slopes: list[float]) -> None:
     """(84) at every e, v, with gamma in its range, gamma' >= -sigma gamma^2 and any slope of norm k: what is left of
     V' + |w - what|^2/2 - mu^2 |v|^2/2 after the worst v is a quadratic form, not above 0."""
-    found, given, mu = skewed()
-    assert given.disturbance is not None
-    low, high = float(given.low), float(given.high)
+    design, adaptation, mu = skewed()
+    assert adaptation.disturbance is not None
+    low, high = float(adaptation.low), float(adaptation.high)
     gamma = low + share * (high - low)
     J = np.zeros((3, 3))
     J[np.tril_indices(3)] = slopes
     J *= float(SLOPE) / max(np.linalg.norm(J, 2), 1e-9)
     T = np.diag([gamma, gamma**2, gamma**3])
-    G = np.array([[float(x) for x in row] for row in given.disturbance.plant])
-    g = np.array([[float(x) for x in given.disturbance.measurement]])
+    G = np.array([[float(x) for x in row] for row in adaptation.disturbance.plant])
+    g = np.array([[float(x) for x in adaptation.disturbance.measurement]])
     moved = gamma * core(K) - speed * SIGMA * gamma * D + np.linalg.inv(T) @ J @ T
     B = np.linalg.inv(T) @ G - K[:, None] @ g
     weight = high**6
     form = weight * (moved.T @ P + P @ moved) + T @ T / 2 * 1.0 + 2 * weight**2 / mu**2 * P @ B @ B.T @ P
     assert np.linalg.eigvalsh(form).max() <= 0
-    assert found.sigma == Fraction(SIGMA)
+    assert design.sigma == Fraction(SIGMA)
 
 
 @given(st.lists(st.floats(-9, 9), min_size=10, max_size=10), st.floats(1, 50), st.floats(1, 10))
@@ -255,7 +255,7 @@ def test_bad_candidates(changes: dict[str, Any], said: str) -> None:
         hg.design.verified(**{"K": K, "P": P, "sigma": SIGMA, **changes})
 
 
-@pytest.mark.parametrize("given", [np.eye(3), (np.eye(2), (1, 1)), (np.eye(3), (1, 1)), (np.eye(3), (1, 1, np.inf))])
-def test_bad_disturbances(given: Any) -> None:
+@pytest.mark.parametrize("matrices", [np.eye(3), (np.eye(2), (1, 1)), (np.eye(3), (1, 1)), (np.eye(3), (1, 1, np.inf))])
+def test_bad_disturbances(matrices: Any) -> None:
     with pytest.raises(BadGain, match=r"^disturbance must be a pair|^G_1 of shape|^G_1 and G_2 must be finite"):
-        disturbance(given, 3)
+        disturbance(matrices, 3)

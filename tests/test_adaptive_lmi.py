@@ -24,7 +24,7 @@ from hgogen.trial import Trial, simulate
 from hgogen.trials import figures as figure
 
 NAN = float("nan")
-GIVEN: dict[str, Any] = {
+TUNING: dict[str, Any] = {
     "gamma": (oracle.LOW, oracle.HIGH),
     "K": oracle.K,
     "P": oracle.P,
@@ -40,7 +40,7 @@ def form() -> hg.Form:
 
 
 def observer(**changes: Any) -> hg.Observer:
-    return hg.observers.adaptive_lmi(form(), **{**GIVEN, "initial": (1, 1, 1), **changes})
+    return hg.observers.adaptive_lmi(form(), **{**TUNING, "initial": (1, 1, 1), **changes})
 
 
 @cache
@@ -59,12 +59,12 @@ def continuous() -> oracle.Continuous:
 
 def test_the_paper_in_continuous_time() -> None:
     """The peaks of the errors that stand in the literature of this model are of a sampled path, 1e-4 below."""
-    found = continuous()
-    assert found.turns == pytest.approx((0.00757026, 0.01507874, 0.01900230), abs=5e-9)
-    assert found.back == pytest.approx(0.438668, abs=5e-7)
-    assert found.peak == pytest.approx(36.0673, abs=5e-5)
-    assert found.errors == pytest.approx([1, 36.199, 457.03], rel=1e-4)
-    assert found.last == pytest.approx((0.4829, 0.5814), abs=1e-4)
+    simulation = continuous()
+    assert simulation.turns == pytest.approx((0.00757026, 0.01507874, 0.01900230), abs=5e-9)
+    assert simulation.back == pytest.approx(0.438668, abs=5e-7)
+    assert simulation.peak == pytest.approx(36.0673, abs=5e-5)
+    assert simulation.errors == pytest.approx([1, 36.199, 457.03], rel=1e-4)
+    assert simulation.last == pytest.approx((0.4829, 0.5814), abs=1e-4)
 
 
 def test_the_step_converges_to_continuous_time_as_its_switches_do() -> None:
@@ -120,9 +120,9 @@ def lyapunov(K: np.ndarray, sigma: float) -> np.ndarray:
 @settings(deadline=None, max_examples=20)
 def test_the_core_has_its_poles_times_the_largest_gamma(n: int, poles: list[float], high: float) -> None:
     K = np.poly(-np.array(poles[:n]))[1:]
-    given = {**GIVEN, "K": K, "P": lyapunov(K, 0.01), "sigma": 0.01, "gamma": (1, high)}
-    found = hg.observers.adaptive_lmi(chains(n), **given, accept="adaptive_lmi.shrink")
-    core = core_numbers(found.parts[0], 1, nominal(found))
+    tuning = {**TUNING, "K": K, "P": lyapunov(K, 0.01), "sigma": 0.01, "gamma": (1, high)}
+    built = hg.observers.adaptive_lmi(chains(n), **tuning, accept="adaptive_lmi.shrink")
+    core = core_numbers(built.parts[0], 1, nominal(built))
     scale = high ** np.arange(n)
     assert core == pytest.approx(
         high * np.outer(scale, 1 / scale) * (np.diag(np.ones(n - 1), 1) - np.outer(K, np.eye(n)[0])), rel=1e-12
@@ -186,12 +186,12 @@ def test_its_gamma_is_drawn() -> None:
 
 def test_the_hypotheses_of_its_theorem() -> None:
     """k = |T^-1 db/dx T| at gamma = 20.53 is |(0.5/20.53, 0.5)| = 0.50059."""
-    found = observer(disturbance=(((0, 0), (0, 0), (0, 1)), (1, 0)))
-    known = {check.id: check for check in found.checks}
+    built = observer(disturbance=(((0, 0), (0, 0), (0, 1)), (1, 0)))
+    known = {check.id: check for check in built.checks}
     for name in ("definite", "decay", "shrink", "convergence", "attenuation"):
         assert known[f"adaptive_lmi.{name}"].verdict is Verdict.PROVED
     assert "k <= 0.5006" in known["adaptive_lmi.convergence"].reason
-    proved = {row.claim: row.verdict for row in rows(found.theorem, found.checks)}
+    proved = {row.claim: row.verdict for row in rows(built.theorem, built.checks)}
     assert proved["gamma_inf > max(1, 2 k lambda_max(P)/lambda)"] is Verdict.PROVED
     assert proved["D P + P D >= 0"] is Verdict.PROVED
     assert proved["the L2 gain from the declared disturbance to the error in w is at most mu"] is Verdict.PROVED
@@ -211,13 +211,13 @@ def geared() -> hg.Form:
 def test_a_chain_with_gains_and_a_parameter() -> None:
     """w = (5 z_1, 5 a z_2, 15 a z_3): |T^-1 dc/dw T|^2 = (a cos z_1/gamma)^2 + (z_1^2/10)^2 +
     (0.6 a z_1 z_3/gamma^2)^2, the largest at z = 4, a = 4, gamma = 20.53."""
-    found = hg.observers.adaptive_lmi(geared(), **GIVEN)
+    built = hg.observers.adaptive_lmi(geared(), **TUNING)
     k = np.hypot(1.6, np.hypot(4 * np.cos(4) / 20.53, 0.6 * 4**3 / 20.53**2))
-    (check,) = (check for check in found.checks if check.id == "adaptive_lmi.convergence")
+    (check,) = (check for check in built.checks if check.id == "adaptive_lmi.convergence")
     assert check.verdict is Verdict.PROVED
     said = float(check.reason.split("k <= ")[1].split(",")[0])
     assert k < said < k + 1e-3
-    step = hg.sample(found, hg.methods.rk4, dt=5e-4)
+    step = hg.sample(built, hg.methods.rk4, dt=5e-4)
     start = Trial("it", 1.0, {"x1": 1, "x2": 0.5, "x3": -0.5}, {"u": 0.2})
     true = simulate(geared().system, start, 5e-4)
     run = step.run(u=true.u, y=true.y, engine="python")
@@ -229,9 +229,9 @@ def test_from_a_form_to_a_proved_observer() -> None:
     pytest.importorskip("clarabel")
     k = slope(geared(), 10)
     assert k < slope(geared(), 1)
-    found = adaptive_gain(3, slope=k)
-    given = {**GIVEN, "K": found.K, "P": found.P, "gamma": (max(10, float(found.gamma)), 80)}
-    checks = {check.id: check.verdict for check in hg.observers.adaptive_lmi(geared(), **given).checks}
+    design = adaptive_gain(3, slope=k)
+    tuning = {**TUNING, "K": design.K, "P": design.P, "gamma": (max(10, float(design.gamma)), 80)}
+    checks = {check.id: check.verdict for check in hg.observers.adaptive_lmi(geared(), **tuning).checks}
     assert checks["adaptive_lmi.convergence"] is Verdict.PROVED
     with pytest.raises(BadGain, match=r"^gamma = 0\.5 must be a finite number, at least 1"):
         slope(geared(), 0.5)
@@ -291,7 +291,7 @@ def test_a_gain_that_does_not_decay() -> None:
 
 def test_forms_that_are_no_chain() -> None:
     with pytest.raises(BadGain, match=r"^adaptive_lmi takes one output, two has 2"):
-        hg.observers.adaptive_lmi(hg.forms.original(two_outputs()), **GIVEN)
+        hg.observers.adaptive_lmi(hg.forms.original(two_outputs()), **TUNING)
     driven = fitzhugh_nagumo().form
     with pytest.raises(BadGain, match=r"^a_2 = -u depends on the input"):
-        hg.observers.adaptive_lmi(driven, **GIVEN, accept="triangular.a_2")
+        hg.observers.adaptive_lmi(driven, **TUNING, accept="triangular.a_2")

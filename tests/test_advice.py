@@ -21,9 +21,9 @@ RULES = {kind: rule(getattr(hg.observers, kind)) for kind in hg.observers.__all_
 
 def asked(path: Path, *, deep: bool = False) -> tuple[Model, Advice]:
     model = load(path)
-    found = hg.survey(model.plant, deep=deep)
-    claims = jobs.checked(model, found)
-    return model, advice(model, hg.observability(model.plant), found, claims, deep=deep)
+    survey = hg.survey(model.plant, deep=deep)
+    claims = jobs.checked(model, survey)
+    return model, advice(model, hg.observability(model.plant), survey, claims, deep=deep)
 
 
 def made(model: Model, one: Admitted, folder: Path) -> CallableStep:
@@ -53,24 +53,24 @@ def write(folder: Path, flow: dict[str, str], output: str, name: str = "plant.to
     [pytest.param(f, marks=() if f.stem in QUICK else (pytest.mark.slow,), id=f.stem) for f in FILES],
 )
 def test_every_line_of_a_shipped_model_makes_its_step(file: Path, tmp_path: Path) -> None:
-    model, found = asked(file)
-    assert found.admitted or found.notes
-    for one in found.admitted:
+    model, advised = asked(file)
+    assert advised.admitted or advised.notes
+    for one in advised.admitted:
         step = made(model, one, tmp_path)
         assert (step.observer.name, step.observer.accepted) == (one.observer, ())
         assert cost(step) == one.cost
         assert (one.known == "no theorem") == (step.observer.form.kind == "original")
-    assert len({one.observer for one in found.admitted}) == len(found.admitted)
+    assert len({one.observer for one in advised.admitted}) == len(advised.admitted)
 
 
 def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
     ranks = ("proved", "proved for its theta", "proved for a larger theta", "open", "no theorem")
-    model, found = asked(MODELS / "duffing.toml")
-    order = [(max(1, ranks.index(one.known)), one.cost.operations) for one in found.admitted]
+    model, advised = asked(MODELS / "duffing.toml")
+    order = [(max(1, ranks.index(one.known)), one.cost.operations) for one in advised.admitted]
     assert order == sorted(order)
-    assert {"high_gain", "cascade", "riccati"} <= {one.observer for one in found.admitted}
-    assert all(one.proposed == (one.observer not in model.tuning.tables) for one in found.admitted)
-    assert any("--deep" in note and "peaking_free" in note for note in found.notes)
+    assert {"high_gain", "cascade", "riccati"} <= {one.observer for one in advised.admitted}
+    assert all(one.proposed == (one.observer not in model.tuning.tables) for one in advised.admitted)
+    assert any("--deep" in note and "peaking_free" in note for note in advised.notes)
 
 
 def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None:
@@ -80,12 +80,12 @@ def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None
 
 
 def test_first_gains_of_a_plain_text_model_without_an_observer(tmp_path: Path) -> None:
-    model, found = asked(write(tmp_path, {"x1": "x2", "x2": "-sin(x1) - x2"}, "x1"))
+    model, advised = asked(write(tmp_path, {"x1": "x2", "x2": "-sin(x1) - x2"}, "x1"))
     quick = {kind for kind, each in RULES.items() if each.quick}
-    assert {one.observer for one in found.admitted} == quick - {"bank"}
-    assert all(one.proposed for one in found.admitted)
-    assert {note.partition(" has no first gains: ")[0] for note in found.notes} == {"bank"}
-    (one,) = (one for one in found.admitted if one.observer == "high_gain")
+    assert {one.observer for one in advised.admitted} == quick - {"bank"}
+    assert all(one.proposed for one in advised.admitted)
+    assert {note.partition(" has no first gains: ")[0] for note in advised.notes} == {"bank"}
+    (one,) = (one for one in advised.admitted if one.observer == "high_gain")
     assert one.line.startswith('tuning.high_gain = {form = "triangular", theta = ')
     assert made(model, one, tmp_path).observer.name == "high_gain"
     x = made(model, one, tmp_path).run(y=[0.5] * 3000).x  # from 0, to where y is held
@@ -102,9 +102,9 @@ def test_what_is_said_of_none_is_said_where_it_may_be_taken(tmp_path: Path) -> N
 
 def test_several_outputs(tmp_path: Path) -> None:
     path = write(tmp_path, {"x1": "x2", "x2": "-x1 + x3", "x3": "-x3"}, "x1", z="x3")
-    model, found = asked(path)
-    assert {"high_gain", "riccati", "hamilton_jacobi", "kalman_like"} <= {one.observer for one in found.admitted}
-    for one in found.admitted:
+    model, advised = asked(path)
+    assert {"high_gain", "riccati", "hamilton_jacobi", "kalman_like"} <= {one.observer for one in advised.admitted}
+    for one in advised.admitted:
         assert made(model, one, tmp_path).observer.name == one.observer
 
 
@@ -115,8 +115,8 @@ def test_a_python_model_without_a_tuning(tmp_path: Path) -> None:
         "import hgogen as hg\nx1, x2 = (hg.Signal(f'x{i}', low=-1, high=1) for i in (1, 2))\n"
         "plant = hg.System('p', states=(x1, x2), outputs=(hg.Signal('y'),), flow=[x2, -x1], output=[x1])\n"
     )
-    model, found = asked(path)
-    (one,) = (one for one in found.admitted if one.observer == "riccati")
+    model, advised = asked(path)
+    (one,) = (one for one in advised.admitted if one.observer == "riccati")
     assert one.line.startswith("hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q=")
     assert made(model, one, tmp_path).observer.form.kind == "triangular"
 
@@ -129,49 +129,49 @@ def test_first_gains_of_an_output_without_a_range_are_those_of_what_its_equation
         rows = ['states.x1 = {low = -100, high = 100, flow = "x2"}']
         rows += ['states.x2 = {low = -100, high = 100, flow = "-x1"}', f'outputs.y = {{{ends}equation = "x1"}}']
         path.write_text("\n".join(['name = "wide"', *rows, ""]))
-        _, found = asked(path)
-        lines.append({one.observer: one.line for one in found.admitted})
+        _, advised = asked(path)
+        lines.append({one.observer: one.line for one in advised.admitted})
     assert lines[0] == lines[1]
     assert "strip = 2.0, reach = 50.0" in lines[0]["lambda_tracking"]
     assert "threshold = 5.0" in lines[0]["switched_gain"]
 
 
 def test_first_gains_beyond_a_double_are_not_offered(tmp_path: Path) -> None:
-    _, found = asked(write(tmp_path, {"x1": "x2", "x2": "1e300*x1"}, "x1"))
-    told = {one.observer for one in found.admitted}
-    assert not told & {"high_gain", "lambda_tracking"}
+    _, advised = asked(write(tmp_path, {"x1": "x2", "x2": "1e300*x1"}, "x1"))
+    observers = {one.observer for one in advised.admitted}
+    assert not observers & {"high_gain", "lambda_tracking"}
 
 
 def test_no_form_at_all(tmp_path: Path) -> None:
     """y shows x1 and x2 together: measured alone either begins a chain; the plant's own coordinates take it."""
-    _, found = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))
-    assert [one.observer for one in found.admitted] == ["riccati", "hamilton_jacobi"]
-    assert {one.known for one in found.admitted} == {"no theorem"}
-    assert "x1 in place of y (triangular)" in found.notes[0]
-    assert any("write the model in those" in note for note in found.notes)
+    _, advised = asked(write(tmp_path, {"x1": "x2 - x1", "x2": "x1 - 2*x2"}, "x1 + x2**3 + x2"))
+    assert [one.observer for one in advised.admitted] == ["riccati", "hamilton_jacobi"]
+    assert {one.known for one in advised.admitted} == {"no theorem"}
+    assert "x1 in place of y (triangular)" in advised.notes[0]
+    assert any("write the model in those" in note for note in advised.notes)
 
 
 def test_what_is_hidden_is_named(tmp_path: Path) -> None:
-    _, found = asked(write(tmp_path, {"x1": "-x1", "x2": "x1 - x2"}, "x1"))
-    assert found.notes[0].startswith("No observer tells x2 from these outputs: measure x2 as well, or leave it out")
+    _, advised = asked(write(tmp_path, {"x1": "-x1", "x2": "x1 - x2"}, "x1"))
+    assert advised.notes[0].startswith("No observer tells x2 from these outputs: measure x2 as well, or leave it out")
     _, tied = asked(write(tmp_path, {"x1": "-x1 + x2 - x3", "x2": "0", "x3": "0"}, "x1"))
     assert tied.notes[0] == "No observer tells x2, x3 from these outputs: measure x2 or x3 as well."
 
 
 def test_what_is_only_accepted_is_not_admitted(tmp_path: Path) -> None:
     """A proposal in the plant's own coordinates stands in the place of a tuning that accepts a refutation."""
-    model, found = asked(MODELS / "fitzhugh_nagumo.py")
-    told = {one.observer: one for one in found.admitted}
-    assert told["riccati"].proposed
-    assert (told["riccati"].form, told["riccati"].known) == ("original", "no theorem")
-    assert made(model, told["riccati"], tmp_path).observer.accepted == ()
-    assert told["kalman_like"].name == "kalman_like"
-    assert any("riccati is built only by accepting what is refuted: triangular.a_2" in note for note in found.notes)
+    model, advised = asked(MODELS / "fitzhugh_nagumo.py")
+    admitted = {one.observer: one for one in advised.admitted}
+    assert admitted["riccati"].proposed
+    assert (admitted["riccati"].form, admitted["riccati"].known) == ("original", "no theorem")
+    assert made(model, admitted["riccati"], tmp_path).observer.accepted == ()
+    assert admitted["kalman_like"].name == "kalman_like"
+    assert any("riccati is built only by accepting what is refuted: triangular.a_2" in note for note in advised.notes)
 
 
 def test_many_states_are_asked_for_little(tmp_path: Path) -> None:
     """Eight states: what would search for a bound is left to --deep, and said."""
     flow = {f"x{i}": f"x{i + 1}" for i in range(1, 8)} | {"x8": "-sin(x1)"}
-    _, found = asked(write(tmp_path, flow, "x1"))
-    assert [one.observer for one in found.admitted] == ["cascade", "riccati"]
-    assert found.notes == ("Of so many states, other observers are built with first gains by --deep.",)
+    _, advised = asked(write(tmp_path, flow, "x1"))
+    assert [one.observer for one in advised.admitted] == ["cascade", "riccati"]
+    assert advised.notes == ("Of so many states, other observers are built with first gains by --deep.",)

@@ -50,8 +50,8 @@ def adaptive(theta_1: float, mu: Any = (GAMMA_0, 2 * GAMMA_0), innovation: Any =
 
 def tried(theta: Any, trial: Trial = TRIAL) -> Summary:
     made = step(theta)
-    (told,) = jobs.summaries(made, [jobs.tried(made, trial, "c", trial.seeds, lambda: None)], "c", lambda said: None)
-    return told
+    (summary,) = jobs.summaries(made, [jobs.tried(made, trial, "c", trial.seeds, lambda: None)], "c", lambda said: None)
+    return summary
 
 
 @needs_compiler
@@ -59,21 +59,21 @@ def test_the_neuron_has_about_a_half() -> None:
     """Alone, each of six seeds gives .39 to .65: over 50 s, some 50 windows, a mean varies by a seventh, and more where
     the input vanishes at theta = 8. The median of three lies well within. At theta = 1 it would be .25: sigma^2 d is a
     quarter of gamma_0."""
-    found = alarm.ratio(NEURON.step(), NEURON.trials()[0], "c", range(3))
-    assert found is not None
-    assert 0.35 <= found <= 0.65
+    ratio = alarm.ratio(NEURON.step(), NEURON.trials()[0], "c", range(3))
+    assert ratio is not None
+    assert 0.35 <= ratio <= 0.65
 
 
 @needs_compiler
 def test_a_theta_that_latches_has_a_large_ratio_and_a_sentence() -> None:
-    told = tried(adaptive(8.0))
-    assert told.alarm_ratio is not None
-    assert told.alarm_ratio > 5
-    assert told.latched == told.seeds == 3
-    assert told.loud == (1.0, 1.0)
-    (said,) = alarm.complaints([told])
+    summary = tried(adaptive(8.0))
+    assert summary.alarm_ratio is not None
+    assert summary.alarm_ratio > 5
+    assert summary.latched == summary.seeds == 3
+    assert summary.loud == (1.0, 1.0)
+    (said,) = alarm.complaints([summary])
     assert said == (
-        f"trial 'one_jump': theta does not come back in 3 of 3 seeds: alarm ratio {told.alarm_ratio:.2g}; "
+        f"trial 'one_jump': theta does not come back in 3 of 3 seeds: alarm ratio {summary.alarm_ratio:.2g}; "
         "lower theta_1 or Q, or raise gamma_0"
     )
 
@@ -81,13 +81,13 @@ def test_a_theta_that_latches_has_a_large_ratio_and_a_sentence() -> None:
 @needs_compiler
 def test_a_theta_that_comes_back_has_a_small_ratio_and_no_sentence() -> None:
     """More than noise alone, sigma^2 d, would give: theta is held at 4."""
-    told = tried(adaptive(2.0))
-    assert told.alarm_ratio is not None
-    assert 1.25 * SIGMA**2 * D / GAMMA_0 < told.alarm_ratio <= 1.5
-    assert told.peak[1] is not None
-    assert told.peak[1][1] > 3  # there was an alarm to come back from
-    assert (told.latched, told.loud) == (0, (0.0, 0.0))
-    assert list(alarm.complaints([told])) == []
+    summary = tried(adaptive(2.0))
+    assert summary.alarm_ratio is not None
+    assert 1.25 * SIGMA**2 * D / GAMMA_0 < summary.alarm_ratio <= 1.5
+    assert summary.peak[1] is not None
+    assert summary.peak[1][1] > 3  # there was an alarm to come back from
+    assert (summary.latched, summary.loud) == (0, (0.0, 0.0))
+    assert list(alarm.complaints([summary])) == []
 
 
 @needs_compiler
@@ -122,9 +122,9 @@ def test_it_starts_at_the_truth_and_leaves_the_step_alone() -> None:
     made, quiet = step(adaptive(8.0)), replace(TRIAL, duration=2 * D, noise={}, jumps=())
     made(u=0.1, y=0.2)
     before = made.save(), made._kept.places[Place("gain", "rate")].copy()
-    found = alarm.ratio(made, quiet, "python", (0,))
-    assert found is not None
-    assert 0 < found < DT**4 * D / GAMMA_0
+    ratio = alarm.ratio(made, quiet, "python", (0,))
+    assert ratio is not None
+    assert 0 < ratio < DT**4 * D / GAMMA_0
     assert made.save() == before[0]
     assert np.array_equal(made._kept.places[Place("gain", "rate")], before[1])
 
@@ -132,8 +132,8 @@ def test_it_starts_at_the_truth_and_leaves_the_step_alone() -> None:
 @needs_compiler
 def test_too_little_time_is_told_from_an_alarm_that_feeds_itself() -> None:
     """A second after its start theta has had no time to come back, whatever the tuning."""
-    told = tried(adaptive(2.0, mu=(1.5 * GAMMA_0, 3 * GAMMA_0)), replace(TRIAL, jumps=(Jump(1.0, "p", -0.5),)))
-    (said,) = alarm.complaints([told])
+    summary = tried(adaptive(2.0, mu=(1.5 * GAMMA_0, 3 * GAMMA_0)), replace(TRIAL, jumps=(Jump(1.0, "p", -0.5),)))
+    (said,) = alarm.complaints([summary])
     assert said.endswith("so it needs more time between the events")
 
 

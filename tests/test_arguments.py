@@ -36,7 +36,7 @@ def tuned(folder: Path, text: str) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("given", "chains", "meant"),
+    ("listed", "chains", "meant"),
     [
         ([-1, -2], 1, [-1, -2]),
         ([[-1, 0.5], [-1, -0.5]], 1, [-1 + 0.5j, -1 - 0.5j]),
@@ -49,8 +49,8 @@ def tuned(folder: Path, text: str) -> Any:
         ("-1", 1, "-1"),
     ],
 )
-def test_a_pair_of_a_chains_list_is_two_real_poles(given: Any, chains: int, meant: Any) -> None:
-    assert poles(given, chains) == meant
+def test_a_pair_of_a_chains_list_is_two_real_poles(listed: Any, chains: int, meant: Any) -> None:
+    assert poles(listed, chains) == meant
 
 
 def test_real_poles_of_two_chains(tmp_path: Path) -> None:

@@ -21,11 +21,11 @@ X1, X2 = (hg.Signal(f"x{i}", low=-1, high=1) for i in (1, 2))
 def test_functions_stay_as_they_are_written(flow: tuple[sp.Expr, ...], output: sp.Expr, text: str) -> None:
     """tanh is no quotient of exponentials, in any text; what is proved does not change."""
     plant = hg.System("p", states=(X1, X2), outputs=(hg.Signal("y"),), flow=flow, output=[output])
-    found = hg.singularity(plant)
-    (check,) = found.checks[:1]
+    singularity = hg.singularity(plant)
+    (check,) = singularity.checks[:1]
     assert f"their Jacobian is {text}, which" in check.reason or check.reason.endswith(f"their Jacobian is {text}")
-    assert found.as_dict()["determinants"][0] == text
-    assert "exp" not in found.latex().replace("e^{", "exp") or text.startswith("exp")
+    assert singularity.as_dict()["determinants"][0] == text
+    assert "exp" not in singularity.latex().replace("e^{", "exp") or text.startswith("exp")
     at = {X1: sp.Rational(3, 7), X2: sp.Rational(-2, 5)}
     gradients = [
         [e.diff(x) for x in (X1, X2)]

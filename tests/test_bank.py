@@ -185,11 +185,11 @@ def test_c_runs_any_member_as_python_does(name: str) -> None:
     """Restarts and switches among them; the two differ by their sine only."""
     made = around(name)
     made.reset()
-    given_ = waves(made, 300)
-    python = made.run(**given_, engine="python")
+    samples = waves(made, 300)
+    python = made.run(**samples, engine="python")
     saved = made.save()
     made.reset()
-    c = made.run(**given_, engine="c")
+    c = made.run(**samples, engine="c")
     assert np.array_equal(python.status, c.status)
     assert c.x == pytest.approx(python.x, abs=1e-9 * np.abs(python.x).max())
     assert np.array_equal(python.traces["selected"], c.traces["selected"])
@@ -211,9 +211,9 @@ def test_a_bank_that_never_switches_is_its_member(name: str) -> None:
     """Before the first restart all members are alike, to the last bit."""
     build, _ = MEMBERS[name]
     alone, made = hg.sample(build(), dt=0.01), around(name)
-    given_ = waves(made, 40)
+    samples = waves(made, 40)
     made.reset()
-    one, bank = alone.run(**given_, engine="python"), made.run(**given_, engine="python")
+    one, bank = alone.run(**samples, engine="python"), made.run(**samples, engine="python")
     assert np.array_equal(one.x, bank.x)
     assert [alone.flags(s) for s in one.status] == [made.flags(s) for s in bank.status]
 
@@ -229,8 +229,8 @@ def test_every_observer_of_the_pendulum_can_be_a_member(name: str) -> None:
     alone = load(MODELS / "pendulum.py").step(name)
     around_ = hg.observers.bank(alone.observer, count=2, period=10 * alone.dt, selection="newest")
     made = hg.sample(around_, alone.method, dt=alone.dt, between=alone.between)
-    given_ = waves(made, 10)
-    assert np.array_equal(made.run(**given_, engine="python").x, alone.run(**given_, engine="python").x)
+    samples = waves(made, 10)
+    assert np.array_equal(made.run(**samples, engine="python").x, alone.run(**samples, engine="python").x)
     made(0.1, 0.2)
     memory, n = made._kept.places, made.observer.form.n
     assert (memory[Place("state", "oldest")][0], memory[Place("state", "selected")][0]) == (1, 1)
@@ -300,14 +300,14 @@ def test_the_predictors_of_a_member_restart_from_its_estimate() -> None:
 
 def test_a_member_beyond_the_last_is_the_first() -> None:
     """Of a state that was worn: no index reaches beyond the array. Hardly a member is better by such a hysteresis."""
-    made, found = step(count=3, period=0.4, hysteresis=1e-3), []
+    made, estimates = step(count=3, period=0.4, hysteresis=1e-3), []
     made.run(**waves(made, 100))
-    kept = made.save()
+    saved = made.save()
     for selected in (0, 1, 3):
-        made.restore(kept)
+        made.restore(saved)
         made._kept.places[Place("state", "selected")][0] = selected
-        found.append(made(0.1, 0.2).x.tolist())
-    assert found[0] == found[2] != found[1]
+        estimates.append(made(0.1, 0.2).x.tolist())
+    assert estimates[0] == estimates[2] != estimates[1]
 
 
 # --- its C --------------------------------------------------------------------------------------------------

@@ -27,8 +27,8 @@ def test_charge_and_relaxation_are_seen_but_at_one_current() -> None:
     """A nearly empty cell (5%) that is charged with 3.096 A: there the slope of the open-circuit voltage falls as fast
     as the relaxation does."""
     by_name = {s: sp.Symbol(s.name) for s in PLANT.signals}
-    found = hg.singularity(PLANT).jets[0].determinant.xreplace(by_name)
-    assert sp.simplify(found**2 - determinant() ** 2) == 0
+    jet = hg.singularity(PLANT).jets[0].determinant.xreplace(by_name)
+    assert sp.simplify(jet**2 - determinant() ** 2) == 0
     at = {"soc": 0.05, "Q": 7200, "tau": 60}
     (current,) = sp.solve(determinant().subs(at), sp.Symbol("i"))
     assert float(current) == pytest.approx(-3.0963, abs=1e-4)
@@ -43,7 +43,7 @@ def test_the_charge_is_found_on_a_drive_cycle(name: str) -> None:
     """From an estimate of 5% at a true 90%: within 1% of the capacity after ten minutes, ten of the relaxation's time
     constants, whose decay alone tells charge from relaxation."""
     step = MODEL.step(name)
-    (found,) = try_out(step, MODEL.trials()[0], "c", seeds=(1,))
-    assert abs(found.error[0, 0]) > 0.5
-    late = np.abs(found.error[found.truth.t >= 600, 0])
+    (trajectory,) = try_out(step, MODEL.trials()[0], "c", seeds=(1,))
+    assert abs(trajectory.error[0, 0]) > 0.5
+    late = np.abs(trajectory.error[trajectory.truth.t >= 600, 0])
     assert late.max() < 0.01

@@ -86,17 +86,17 @@ def test_known_ranges_come_out_tight(
 ) -> None:
     """At most 5% wider than true in one and two variables, 20% in up to five."""
     there = UNIT | {s: (Fraction(a), Fraction(b)) for s, (a, b) in other.items()}
-    found = bound(expression, there)
-    assert found.defined
-    assert found.note == "" or least == most
+    enclosure = bound(expression, there)
+    assert enclosure.defined
+    assert enclosure.note == "" or least == most
     slack = 1e-4 * abs(most - least) + 1e-12  # some known values have few digits
-    assert found.low <= least + slack
-    assert found.high >= most - slack
+    assert enclosure.low <= least + slack
+    assert enclosure.high >= most - slack
     share = 0.05 if len(expression.free_symbols) <= 2 else 0.20
-    assert found.high - found.low <= (1 + share) * (most - least) + (2e-2 if least == most else 1e-12)
-    assert found.least is not None
-    assert found.most is not None
-    for attained, sense in ((found.least, 1), (found.most, -1)):
+    assert enclosure.high - enclosure.low <= (1 + share) * (most - least) + (2e-2 if least == most else 1e-12)
+    assert enclosure.least is not None
+    assert enclosure.most is not None
+    for attained, sense in ((enclosure.least, 1), (enclosure.most, -1)):
         assert all(there[s][0] <= value <= there[s][1] for s, value in attained.point.items())
         value = expression.subs({s: R(t.numerator, t.denominator) for s, t in attained.point.items()})
         assert sense * float(value.evalf(30)) <= sense * attained.value + 1e-12
@@ -118,10 +118,10 @@ PROVED = [
 
 @pytest.mark.parametrize(("expression", "sign", "least"), PROVED, ids=lambda x: str(x))
 def test_a_sign_is_proved_with_a_margin(expression: sp.Expr, sign: int, least: float) -> None:
-    found = nonzero(expression, UNIT)
-    assert (found.verdict, found.sign) == (Verdict.PROVED, sign)
-    assert 0 < found.margin <= least
-    assert found.range.defined
+    answer = nonzero(expression, UNIT)
+    assert (answer.verdict, answer.sign) == (Verdict.PROVED, sign)
+    assert 0 < answer.margin <= least
+    assert answer.range.defined
 
 
 REFUTED = [
@@ -146,11 +146,11 @@ REFUTED = [
 
 @pytest.mark.parametrize("expression", REFUTED, ids=str)
 def test_a_zero_or_a_pole_is_found(expression: sp.Expr) -> None:
-    found = nonzero(expression, UNIT)
-    assert found.verdict is Verdict.REFUTED
-    assert set(found.witness) == expression.free_symbols
-    assert all(UNIT[s][0] <= value <= UNIT[s][1] for s, value in found.witness.items())
-    value = expression.subs({s: R(t.numerator, t.denominator) for s, t in found.witness.items()}).evalf(30)
+    sign = nonzero(expression, UNIT)
+    assert sign.verdict is Verdict.REFUTED
+    assert set(sign.witness) == expression.free_symbols
+    assert all(UNIT[s][0] <= value <= UNIT[s][1] for s, value in sign.witness.items())
+    value = expression.subs({s: R(t.numerator, t.denominator) for s, t in sign.witness.items()}).evalf(30)
     assert not value.is_real or abs(value) < 1e-13 or abs(value) > 1e13
 
 
@@ -164,9 +164,9 @@ def test_a_zero_or_a_pole_is_found(expression: sp.Expr) -> None:
     ids=str,
 )
 def test_what_neither_proof_nor_point_decides_stays_unknown(expression: sp.Expr) -> None:
-    found = nonzero(expression, UNIT, boxes=300)
-    assert found.verdict is Verdict.UNKNOWN
-    assert "decide it" in found.reason
+    sign = nonzero(expression, UNIT, boxes=300)
+    assert sign.verdict is Verdict.UNKNOWN
+    assert "decide it" in sign.reason
 
 
 def test_the_closed_box_counts_with_its_ends() -> None:
@@ -190,10 +190,10 @@ def test_unbounded_boxes() -> None:
     assert nonzero(u, line).verdict is Verdict.REFUTED
     assert nonzero(u**3 - 2, line).verdict is Verdict.REFUTED
     assert nonzero(sp.exp(u), line).verdict is Verdict.UNKNOWN  # no margin
-    found = bound(1 + u**2, line)
-    assert (found.low, found.high, found.defined) == (1.0, math.inf, True)
-    found = bound(sp.atan(u), line)
-    assert (found.low, found.high) == pytest.approx((-pi / 2, pi / 2))
+    enclosure = bound(1 + u**2, line)
+    assert (enclosure.low, enclosure.high, enclosure.defined) == (1.0, math.inf, True)
+    enclosure = bound(sp.atan(u), line)
+    assert (enclosure.low, enclosure.high) == pytest.approx((-pi / 2, pi / 2))
 
 
 # --- hostile --------------------------------------------------------------------------------------------------------
@@ -229,17 +229,20 @@ HOSTILE = [
 @pytest.mark.parametrize(("expression", "other"), HOSTILE, ids=lambda x: str(x)[:40])
 def test_hostile_expressions_are_enclosed(expression: sp.Expr, other: dict[sp.Symbol, tuple[object, object]]) -> None:
     there = UNIT | {s: (Fraction(str(a)), Fraction(str(b))) for s, (a, b) in other.items()}
-    found = bound(expression, there, boxes=2000)
+    enclosure = bound(expression, there, boxes=2000)
     names = sorted(expression.free_symbols, key=str)
     with mpmath.workdps(60):
         for k in range(1, 60):
             at = {s: _between(there[s], Fraction(k * (i + 7) % 61, 61)) for i, s in enumerate(names)}
             value = _value(expression, at)
             if value is None:
-                assert not found.defined
+                assert not enclosure.defined
                 continue
-            assert found.low <= value * (1 + mpmath.mpf(10) ** -40 * (1 if value < 0 else -1)) or found.low <= value
-            assert value <= found.high
+            assert (
+                enclosure.low <= value * (1 + mpmath.mpf(10) ** -40 * (1 if value < 0 else -1))
+                or enclosure.low <= value
+            )
+            assert value <= enclosure.high
 
 
 @pytest.mark.parametrize(
@@ -255,9 +258,9 @@ def test_hostile_expressions_are_enclosed(expression: sp.Expr, other: dict[sp.Sy
     ids=str,
 )
 def test_poles_are_not_defined(expression: sp.Expr, there: dict[sp.Symbol, tuple[object, object]]) -> None:
-    found = bound(expression, UNIT | there)
-    assert not found.defined
-    assert found.note
+    enclosure = bound(expression, UNIT | there)
+    assert not enclosure.defined
+    assert enclosure.note
 
 
 def test_an_empty_box_is_refused() -> None:
@@ -267,9 +270,9 @@ def test_an_empty_box_is_refused() -> None:
 
 
 def test_constants_and_points() -> None:
-    found = bound(sp.pi, {})
-    assert found.low <= pi <= found.high
-    assert found.high - found.low < 1e-15
+    enclosure = bound(sp.pi, {})
+    assert enclosure.low <= pi <= enclosure.high
+    assert enclosure.high - enclosure.low < 1e-15
     assert bound(u / 3, {u: (Fraction(3), Fraction(3))}).high == 1.0
     assert nonzero(sp.Integer(0), {}).verdict is Verdict.REFUTED
     assert nonzero(1 / u, {u: (Fraction(0), Fraction(0))}).verdict is Verdict.REFUTED
@@ -278,20 +281,20 @@ def test_constants_and_points() -> None:
 
 def test_the_limit_counts_boxes_and_the_note_says_so() -> None:
     expression = sp.sin(9 * u * v) * sp.cos(8 * v * w) - sp.sin(7 * w * p) * sp.cos(11 * p * q) * u
-    found = bound(expression, UNIT, boxes=100)
-    assert found.boxes <= 100
-    assert "it is not within 2% of values that are attained" in found.note
+    enclosure = bound(expression, UNIT, boxes=100)
+    assert enclosure.boxes <= 100
+    assert "it is not within 2% of values that are attained" in enclosure.note
     again = bound(expression, UNIT, boxes=100)
-    assert (found.low, found.high, found.tree) == (again.low, again.high, again.tree)
+    assert (enclosure.low, enclosure.high, enclosure.tree) == (again.low, again.high, again.tree)
 
 
 def test_the_tree_has_a_leaf_for_every_box_that_was_not_cut() -> None:
     def leaves(tree: object) -> int:
         return 1 if tree == "leaf" else leaves(tree[2]) + leaves(tree[3])  # type: ignore[index]
 
-    found: Range = bound(u * v - v * w + w * p - p * q + q * u, UNIT)
-    assert leaves(found.tree) == (found.boxes + 1) // 2
-    assert found.variables == tuple(sorted(NAMES, key=str))
+    enclosure: Range = bound(u * v - v * w + w * p - p * q + q * u, UNIT)
+    assert leaves(enclosure.tree) == (enclosure.boxes + 1) // 2
+    assert enclosure.variables == tuple(sorted(NAMES, key=str))
 
 
 def test_the_box_of_signals() -> None:
@@ -332,14 +335,14 @@ def test_every_value_on_the_box_lies_in_the_range(expression: sp.Expr, s: Fracti
     there = {u: (Fraction(-3, 2), Fraction(2)), v: (Fraction(1, 10), Fraction(3))}
     if expression.has(sp.nan, sp.zoo, sp.I):
         reject()
-    found = bound(expression, there, boxes=60)
+    enclosure = bound(expression, there, boxes=60)
     with mpmath.workdps(60):
         value = _value(expression, {u: _between(there[u], s), v: _between(there[v], t)})
         if value is None:
-            assert not found.defined
-        elif found.defined:
+            assert not enclosure.defined
+        elif enclosure.defined:
             tiny = (1 + abs(value)) * mpmath.mpf(10) ** -30
-            assert found.low - tiny <= value <= found.high + tiny
+            assert enclosure.low - tiny <= value <= enclosure.high + tiny
 
 
 def _between(ends: tuple[Fraction, Fraction], t: Fraction) -> Fraction:
@@ -393,7 +396,7 @@ def test_what_has_no_value_at_a_closed_end_is_not_defined(expression: sp.Expr, l
 
 def test_a_fraction_that_is_too_long_is_shortened_outward() -> None:
     low, high = Fraction(10**200 + 1, 3**400), Fraction(7**300, 10**190 + 3)
-    found = multiplied((low, high), (low, high))
-    assert found[0] < low * low < high * high < found[1]
-    assert max(end.numerator.bit_length() for end in found) < (low * low).numerator.bit_length()
-    assert found == pytest.approx((low * low, high * high), rel=1e-100)
+    product = multiplied((low, high), (low, high))
+    assert product[0] < low * low < high * high < product[1]
+    assert max(end.numerator.bit_length() for end in product) < (low * low).numerator.bit_length()
+    assert product == pytest.approx((low * low, high * high), rel=1e-100)

@@ -304,8 +304,8 @@ def test_the_self_check_catches_what_is_mistyped(tmp_path: Path) -> None:
         assert right in source, right
         texts = {**files(name), f"{name}.c": source.replace(right, wrong, 1)}
         program = compiled(tool("gcc"), texts, tmp_path, "-O1", exact(name))
-        found = subprocess.run([program], check=False).returncode
-        assert found == 1, f"{right} became {wrong}"
+        returncode = subprocess.run([program], check=False).returncode
+        assert returncode == 1, f"{right} became {wrong}"
 
 
 def test_fast_math_is_refused(tmp_path: Path) -> None:

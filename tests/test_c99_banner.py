@@ -51,16 +51,18 @@ def test_what_was_accepted_without_another_consequence_leaves_no_theorem() -> No
 
 
 def test_theta_below_the_bound_contradicts_nothing() -> None:
-    told = words(pendulum(theta=20))
-    assert "unknown: high_gain.theta: theta = 20 is above that bound; not shown: 20 is below the certified 44.3" in told
+    banner = words(pendulum(theta=20))
+    assert (
+        "unknown: high_gain.theta: theta = 20 is above that bound; not shown: 20 is below the certified 44.3" in banner
+    )
 
 
 def test_a_step_length_is_not_said_to_be_good() -> None:
     """Between the two lengths that are named it may fail, and at other gains so."""
     with pytest.warns(StepMayFail):
-        told = words(pendulum(theta=20), 0.08)
-    assert "admitted" not in told
-    assert "judged with gains and parameters at their nominal values, which proves nothing" in told
+        banner = words(pendulum(theta=20), 0.08)
+    assert "admitted" not in banner
+    assert "judged with gains and parameters at their nominal values, which proves nothing" in banner
 
 
 # --- the theorem --------------------------------------------------------------------------------------------
@@ -70,19 +72,19 @@ def test_a_step_length_is_not_said_to_be_good() -> None:
 def test_what_no_claim_settles_is_listed(name: str) -> None:
     """Each hypothesis that is left to the user, unknown or refuted, once; one that a check knows is a claim."""
     step = emitted.step(name)
-    told = " ".join(emitted.files(name)[f"{step.name}.h"].split("#ifndef")[0].replace("\n *", "\n").split())
+    banner = " ".join(emitted.files(name)[f"{step.name}.h"].split("#ifndef")[0].replace("\n *", "\n").split())
     listed = rows(step.observer.theorem, step.observer.checks)
     assert len(listed) >= 5
     for row in listed:
         wanted = not row.checks and row.verdict is not Verdict.PROVED
-        assert told.count(f"{row.claim}; {row.reason}") == wanted, row.claim
-        assert not wanted or f"Hypotheses of the theorem, {row.standing} " in told
+        assert banner.count(f"{row.claim}; {row.reason}") == wanted, row.claim
+        assert not wanted or f"Hypotheses of the theorem, {row.standing} " in banner
 
 
 def test_a_hypothesis_that_the_gains_refute_is_told() -> None:
     """mu = 0 up to gamma_0: not by a logistic."""
-    told = words(adaptive(mu=hg.theta.logistic(0.1, 100)), 0.01)
-    assert "Hypotheses of the theorem, refuted mu = 0 up to gamma_0" in told
+    banner = words(adaptive(mu=hg.theta.logistic(0.1, 100)), 0.01)
+    assert "Hypotheses of the theorem, refuted mu = 0 up to gamma_0" in banner
     assert "Hypotheses of the theorem, refuted" not in words(adaptive(), 0.01)
 
 
@@ -102,9 +104,9 @@ LIMITED: dict[str, tuple[Callable[[], hg.Observer], str]] = {
 @pytest.mark.parametrize("name", LIMITED)
 def test_a_gain_is_to_be_lowered_only_where_there_is_one_to_lower(name: str) -> None:
     make, advice = LIMITED[name]
-    told = words(make(), 0.01 if name == "adaptive" else 1e-3)
+    banner = words(make(), 0.01 if name == "adaptive" else 1e-3)
     suspended = "the convergence theorem, where it applies, is suspended"
-    assert f"{suspended}. To do: none if brief; if it stays, {advice}" in told
+    assert f"{suspended}. To do: none if brief; if it stays, {advice}" in banner
 
 
 @pytest.mark.parametrize(
@@ -151,9 +153,9 @@ def test_the_lines_of_a_paragraph_are_full(name: str) -> None:
 def test_the_banner_holds_what_makes_the_same_c_again() -> None:
     """Gains and a dt that six digits do not hold."""
     first = pendulum(theta=20 + 1 / 3, poles=(-1 / 3, -1 / 7))
-    told = words(first, dt=1 / 3000).split("Claims")[0]
-    K = re.search(r"K = \((\S+), (\S+)\)", told)
-    theta, dt = (float(re.search(rf"\b{name} = (\S+)", told)[1]) for name in ("theta", "dt"))
+    head = words(first, dt=1 / 3000).split("Claims")[0]
+    K = re.search(r"K = \((\S+), (\S+)\)", head)
+    theta, dt = (float(re.search(rf"\b{name} = (\S+)", head)[1]) for name in ("theta", "dt"))
     again = pendulum(theta=theta, poles=None, gains=(float(K[1]), float(K[2])))
     made = [hg.targets.c99(hg.sample(o, dt=dt), real="double", check=False)["pendulum.c"] for o in (first, again)]
     assert made[0] == made[1]

@@ -98,14 +98,14 @@ def nasty(name: str, real: Real, rounds: int) -> Mapping[str, str]:
         for sign, end in ((">=", e.low), ("<=", e.high))
         if (e.field.kind, sign) != ("index", ">=")
     ]
-    given = [*(f"in.{s.name}" for s in made.inputs), *(f"out.{s.name}" for s in made.outputs)]
+    members = [*(f"in.{s.name}" for s in made.inputs), *(f"out.{s.name}" for s in made.outputs)]
     text = _NASTY.substitute(
         name=made.name,
         real=real,
         rounds=rounds,
         values=", ".join(f"({real}){value!r}" for value in NASTY if np.isfinite(value)),
         input=f"        {made.name}_input in;" if made.inputs else "",
-        fill="\n".join(f"            {member} = nasty();" for member in given),
+        fill="\n".join(f"            {member} = nasty();" for member in members),
         call="&s, &p, &in, &out" if made.inputs else "&s, &p, &out",
         box="\n                && ".join(sides),
         finite=" && ".join(f"isfinite(x.{s.name})" for s in made.states),
@@ -214,11 +214,11 @@ def test_from_any_state_python_computes_the_same_bits(name: str) -> None:
         ):
             for signal, value in row:
                 reader.memory[Place(place, signal.name)][0] = value
-        status, found = reader.call(), compiled.run(u, y)
-        assert found.status[0] == status
+        status, result = reader.call(), compiled.run(u, y)
+        assert result.status[0] == status
         seen |= status
         x = [reader.memory[Place("estimate", s.name)][0] for s in made.states]
-        np.testing.assert_array_equal(found.x[0], x)
+        np.testing.assert_array_equal(result.x[0], x)
         again = {place: array.copy() for place, array in reader.memory.items()}
         unpack_state(made, compiled.state, again)
         for place, array in again.items():
@@ -291,13 +291,13 @@ def test_the_estimate_recovers_from_absurd_samples(signal: str, value: float, re
     compiled, u, y = NativeStep(made, real), np.sin(t), truth[:, 0].copy()
     lost = (t >= 25) & (t < 25.5)
     {"u": u, "y": y}[signal][lost] = value
-    found = compiled.run(u, y)
-    assert np.isfinite(found.x).all()
-    names = {made.bits[k].name for k in range(len(made.bits)) for s in found.status[lost] if s >> k & 1}
+    result = compiled.run(u, y)
+    assert np.isfinite(result.x).all()
+    names = {made.bits[k].name for k in range(len(made.bits)) for s in result.status[lost] if s >> k & 1}
     wanted = {"y": "REJECTED_y" if np.isfinite(value) else "MISSING_y", "u": "REUSED_u"}[signal]
     assert wanted in names
-    assert np.abs(found.x[t < 25] - truth[t < 25])[-1].max() < 0.3
-    assert np.abs(found.x - truth)[t >= 25 + 13].max() < 0.3
+    assert np.abs(result.x[t < 25] - truth[t < 25])[-1].max() < 0.3
+    assert np.abs(result.x - truth)[t >= 25 + 13].max() < 0.3
 
 
 @needs_compiler
@@ -310,6 +310,6 @@ def test_a_state_of_random_bytes_recovers(real: Real) -> None:
     draw = np.random.default_rng(6)
     for _ in range(20):
         compiled.state.view(np.uint8)[:] = draw.integers(0, 256, compiled.state.nbytes, np.uint8)
-        found = compiled.run(np.sin(t), truth[:, 0])
-        assert np.isfinite(found.x[1:]).all()
-        assert np.abs(found.x - truth)[t >= 38].max() < 0.3
+        result = compiled.run(np.sin(t), truth[:, 0])
+        assert np.isfinite(result.x[1:]).all()
+        assert np.abs(result.x - truth)[t >= 38].max() < 0.3

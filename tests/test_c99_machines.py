@@ -122,9 +122,9 @@ def on_the_board(
     made = step(name)
     kinds = (("input", "in", made.inputs), ("output", "out", made.outputs))
     lines = [f"{made.name}_{kind} {short};" for kind, short, signals in kinds if signals]
-    given = calmly(made) if calm else {}
+    calm_values = calmly(made) if calm else {}
     for _, short, signals in kinds:
-        lines += [f"{short}.{s.name} = {C.literal(given[s.name], real) if calm else 'wave'};" for s in signals]
+        lines += [f"{short}.{s.name} = {C.literal(calm_values[s.name], real) if calm else 'wave'};" for s in signals]
     lines += ["(void)wave;"]
     program = _BOARD.substitute(
         name=made.name,
@@ -189,9 +189,9 @@ BUDGET = {"text": 10400, "stack": 128, "instructions": 3450, "state": 184, "para
 
 @pytest.mark.slow
 def test_the_neuron_s_observer_keeps_to_its_budget_on_a_cortex_m4f(tmp_path: Path) -> None:
-    found = on_the_board("fitzhugh_nagumo", "float", tmp_path, "mps2-an386", *M4F, "-ffp-contract=off")
-    print(found)
-    assert all(found[key] <= most for key, most in BUDGET.items()), found
+    counts = on_the_board("fitzhugh_nagumo", "float", tmp_path, "mps2-an386", *M4F, "-ffp-contract=off")
+    print(counts)
+    assert all(counts[key] <= most for key, most in BUDGET.items()), counts
 
 
 @pytest.mark.slow
@@ -205,10 +205,10 @@ def test_recovery_costs_no_more_than_twenty_instructions_where_nothing_is_wrong(
     stub = f"unsigned {check}(void);\nunsigned {check}(void)\n{{\n    return 0u;\n}}\n"  # the record is of the law
     counts = []
     for text in (files(name)[source], without):
-        found = {**files(name), source: text, f"{check}.c": stub}
+        texts = {**files(name), source: text, f"{check}.c": stub}
         folder = tmp_path / str(len(counts))
         folder.mkdir()
-        board = on_the_board(name, "float", folder, "mps2-an386", *M4F, "-ffp-contract=off", texts=found, calm=True)
+        board = on_the_board(name, "float", folder, "mps2-an386", *M4F, "-ffp-contract=off", texts=texts, calm=True)
         counts.append(board["instructions"])
     print(counts)
     assert 0 < counts[0] - counts[1] <= 20
@@ -230,9 +230,9 @@ def test_checked_with_misra_s_rules(name: str, tmp_path: Path) -> None:
     options = ["--addon=misra", "--enable=style,warning,performance,portability", "--std=c99", "--inline-suppr"]
     # work values stand at the top of their function and start at 0
     hidden = [f"--suppress={kind}" for kind in ("missingIncludeSystem", "unreadVariable", "variableScope")]
-    found = run([tool("cppcheck"), *options, *hidden, firmware(name, tmp_path)], tmp_path)
-    assert set(re.findall(r"misra-c2012-([\d.]+)", found)) <= MISRA.keys()
-    assert not re.findall(r"\[(?!misra)[a-zA-Z]+\]$", found, re.MULTILINE), found
+    report = run([tool("cppcheck"), *options, *hidden, firmware(name, tmp_path)], tmp_path)
+    assert set(re.findall(r"misra-c2012-([\d.]+)", report)) <= MISRA.keys()
+    assert not re.findall(r"\[(?!misra)[a-zA-Z]+\]$", report, re.MULTILINE), report
 
 
 _DRIVER = Template("""

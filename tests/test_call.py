@@ -88,10 +88,10 @@ def same(a: hg.Run, b: hg.Run, slack: float = 0.0) -> None:
 @pytest.mark.parametrize("name", STEPS)
 def test_a_run_is_repeated_calls(name: str) -> None:
     step = fresh(name)
-    given_ = record(step)
-    run = step.run(**given_, engine="python")
+    data = record(step)
+    run = step.run(**data, engine="python")
     step.reset()
-    samples = [step(u=u, y=y) for u, y in zip(given_["u"], given_["y"], strict=True)]
+    samples = [step(u=u, y=y) for u, y in zip(data["u"], data["y"], strict=True)]
     assert np.array_equal(run.x, [sample.x for sample in samples])
     assert np.array_equal(run.status, [sample.status for sample in samples])
     for trace, values in run.traces.items():
@@ -104,10 +104,10 @@ def test_a_run_is_repeated_calls(name: str) -> None:
 def test_c_and_python_agree(name: str) -> None:
     """Some 1e3 operations a sample, each 1e-16, forgotten within 1e2 samples: 1e-11 of the peak."""
     step = fresh(name)
-    given_ = record(step)
-    python = step.run(**given_, engine="python")
+    samples = record(step)
+    python = step.run(**samples, engine="python")
     step.reset()
-    c = step.run(**given_)
+    c = step.run(**samples)
     assert (c.engine, python.engine) == ("c", "python")
     assert np.ptp(c.x[:, 0]) > 0.1
     same(c, python, 1e-11)
@@ -118,11 +118,11 @@ def test_c_and_python_agree(name: str) -> None:
 def test_a_run_goes_on_where_the_last_one_stopped(name: str) -> None:
     """In either engine, and from one to the other."""
     step = fresh(name)
-    given_ = record(step)
-    whole = step.run(**given_, engine="c")
+    samples = record(step)
+    whole = step.run(**samples, engine="c")
     step.reset()
     parts = [
-        step.run(**{key: value[begin:end] for key, value in given_.items()}, engine=engine)
+        step.run(**{key: value[begin:end] for key, value in samples.items()}, engine=engine)
         for begin, end, engine in ((0, 100, "c"), (100, 101, "python"), (101, 180, "c"), (180, 300, "python"))
     ]
     joined = hg.Run(
@@ -141,12 +141,12 @@ def test_a_run_goes_on_where_the_last_one_stopped(name: str) -> None:
 @pytest.mark.parametrize("name", STEPS)
 def test_reset_forgets(name: str, engine: str) -> None:
     step = fresh(name)
-    given_, new = record(step), BUILD[name]().save()
-    first = step.run(**given_, engine=engine)
+    samples, new = record(step), BUILD[name]().save()
+    first = step.run(**samples, engine=engine)
     assert step.save() != new
     step.reset()
     assert step.save() == new
-    again = step.run(**given_, engine=engine)
+    again = step.run(**samples, engine=engine)
     same(again, first)
     assert again.t[0] == 0
 
@@ -156,12 +156,12 @@ def test_reset_forgets(name: str, engine: str) -> None:
 def test_a_restored_state_is_the_saved_one(name: str, engine: str) -> None:
     """Into another step of the same program, whichever engine filled it."""
     step, other = fresh(name), BUILD[name]()
-    given_ = record(step)
-    step.run(**given_, engine=engine)
+    samples = record(step)
+    step.run(**samples, engine=engine)
     saved = step.save()
     other.restore(saved)
     assert other.save() == saved
-    same(other.run(**given_, engine="python"), step.run(**given_, engine="python"))
+    same(other.run(**samples, engine="python"), step.run(**samples, engine="python"))
     assert other.save() == step.save()
 
 
@@ -190,10 +190,10 @@ def test_in_float_every_reader_has_the_bits_of_the_emitted_c(name: str) -> None:
 def test_both_engines_leave_the_same_bytes() -> None:
     """A plant without elementary functions: the same operations in the same order."""
     step = fresh("no_input")
-    given_, saved = record(step), {}
+    samples, saved = record(step), {}
     for engine in ENGINES:
         step.reset()
-        step.run(**given_, engine=engine)
+        step.run(**samples, engine=engine)
         saved[engine] = step.save()
     assert saved["c"] == saved["python"]
 
@@ -210,24 +210,24 @@ def test_a_state_of_another_step_is_refused() -> None:
 
 def test_times_begin_anew_after_a_restored_state() -> None:
     step = fresh("no_input")
-    given_, saved = record(step), step.save()
-    step.run(**given_, engine="python")
+    samples, saved = record(step), step.save()
+    step.run(**samples, engine="python")
     step.restore(memoryview(saved))
     assert step.save() == saved
-    assert step.run(**given_, engine="python").t[0] == 0
+    assert step.run(**samples, engine="python").t[0] == 0
 
 
 def test_tuned_gains_hold_in_c() -> None:
     step = BUILD["held"]()
-    given_ = record(step)
-    before = step.run(**given_).x
+    samples = record(step)
+    before = step.run(**samples).x
     for engine in ENGINES:
         step.reset()
         step.tune(R=10.0)
-        after = step.run(**given_, engine=engine).x
+        after = step.run(**samples, engine=engine).x
         assert np.abs(after - before).max() > 0.01
     other = hg.sample(kalman(scalar_plant(), R=10.0), dt=0.01, between="hold")
-    assert after == pytest.approx(other.run(**given_, engine="python").x, abs=1e-15)
+    assert after == pytest.approx(other.run(**samples, engine="python").x, abs=1e-15)
 
 
 def test_an_empty_record() -> None:
@@ -244,8 +244,8 @@ def test_an_empty_record() -> None:
 @pytest.mark.parametrize("name", ["staggered", "window", "decaying", "two_outputs", "no_input"])
 def test_sections_one_after_the_other_are_one_call(name: str) -> None:
     step, other = fresh(name), BUILD[name]()
-    given_ = record(step, 120)
-    for u, y in zip(given_["u"], given_["y"], strict=True):
+    samples = record(step, 120)
+    for u, y in zip(samples["u"], samples["y"], strict=True):
         whole = step(u=u, y=y)
         status = other.predict(u=u).status
         status |= other.update(**dict(zip((s.name for s in other.outputs), y, strict=True))).status
@@ -261,8 +261,8 @@ def test_an_output_without_a_sample_is_left_out() -> None:
     for k in range(20):
         whole = step(u=0.1, y=(0.5, NAN if k % 3 else 0.2))
         other.predict(u=0.1)
-        apart = other.update(y1=0.5) if k % 3 else other.update(y1=0.5, y2=0.2)
-        assert np.array_equal(apart.x, whole.x)
+        partial = other.update(y1=0.5) if k % 3 else other.update(y1=0.5, y2=0.2)
+        assert np.array_equal(partial.x, whole.x)
     with pytest.raises(BadShape, match=r"update\(y3=\) names no output; the outputs are y1, y2"):
         other.update(y3=0.0)
 
@@ -282,10 +282,10 @@ def test_what_integrates_with_the_measurement_cannot_be_taken_apart(name: str) -
 def test_a_missing_sample_predicts_and_says_so(name: str) -> None:
     """An implausible sample is worth as much as none."""
     step = fresh(name)
-    given_ = record(step, 30)
-    step.run(**given_, engine="python")
+    samples = record(step, 30)
+    step.run(**samples, engine="python")
     state = step.save()
-    u, missing = given_["u"][-1], np.full(len(step.outputs), NAN)
+    u, missing = samples["u"][-1], np.full(len(step.outputs), NAN)
     sample = step(u=u, y=missing)
     assert sample.flags[: len(step.outputs)] == tuple(f"MISSING_{s.name}" for s in step.outputs)
     assert np.isfinite(sample.x).all()
@@ -383,10 +383,10 @@ def test_the_estimate_recovers(name: str, engine: str) -> None:
     """Ten seconds of nonsense, then a record that the undisturbed step had, too: both end at the same estimate."""
     step, other = fresh(name), BUILD[name]()
     absurd = np.resize([NAN, INF, -INF, 1e30, -1e30, 1e300, 1e6, -4.0], 1000)
-    given_ = record(step, 5000)
+    samples = record(step, 5000)
     step.run(u=np.tile(absurd[::-1, None], len(step.inputs)), y=absurd[:, None], engine=engine)
     assert finite(step)
-    disturbed, calm = step.run(**given_, engine=engine), other.run(**given_, engine=engine)
+    disturbed, calm = step.run(**samples, engine=engine), other.run(**samples, engine=engine)
     away = np.abs(disturbed.x - calm.x).max(axis=1)
     assert away[0] > 0.05
     assert away[-1] < 0.05 * away[0]
@@ -412,13 +412,15 @@ def test_a_sample_has_names_and_a_text() -> None:
 
 
 def test_one_value_or_an_array_of_one() -> None:
-    found = [fresh("staggered")(u=u, y=y).x for u, y in ((0.1, 0.5), ([0.1], (0.5,)), (np.float32(0.1), np.array(0.5)))]
-    assert np.array_equal(found[0], found[1])
-    assert found[2] == pytest.approx(found[0], abs=1e-7)
+    estimates = [
+        fresh("staggered")(u=u, y=y).x for u, y in ((0.1, 0.5), ([0.1], (0.5,)), (np.float32(0.1), np.array(0.5)))
+    ]
+    assert np.array_equal(estimates[0], estimates[1])
+    assert estimates[2] == pytest.approx(estimates[0], abs=1e-7)
 
 
 @pytest.mark.parametrize(
-    ("name", "given_", "said"),
+    ("name", "sample", "said"),
     [
         ("staggered", {"u": 0.1}, r"y is missing; give y=, the values of y$"),
         ("staggered", {"y": 0.1}, r"u is missing; give u=, the values of u$"),
@@ -429,15 +431,15 @@ def test_one_value_or_an_array_of_one() -> None:
         ("staggered", {"u": 0.1, "y": 1j}, r"y = 1j is not an array of numbers$"),
     ],
 )
-def test_a_sample_of_the_wrong_shape_is_refused(name: str, given_: dict[str, Any], said: str) -> None:
+def test_a_sample_of_the_wrong_shape_is_refused(name: str, sample: dict[str, Any], said: str) -> None:
     step = fresh(name)
     with pytest.raises(BadShape, match=f"^{said}"):
-        step(**given_)
+        step(**sample)
     assert step.save() == BUILD[name]().save()
 
 
 @pytest.mark.parametrize(
-    ("name", "given_", "said"),
+    ("name", "data", "said"),
     [
         ("staggered", {"u": [0, 0], "y": [0]}, r"u of shape \(2,\) must have shape \(1, 1\) or \(1,\)$"),
         ("staggered", {"u": [0], "y": [[0, 0]]}, r"y of shape \(1, 2\) must have shape \(N, 1\) or \(N,\)$"),
@@ -449,20 +451,20 @@ def test_a_sample_of_the_wrong_shape_is_refused(name: str, given_: dict[str, Any
         ("staggered", {"u": [0], "y": [0], "engine": "fortran"}, r"engine = 'fortran' must be"),
     ],
 )
-def test_a_record_of_the_wrong_shape_is_refused(name: str, given_: dict[str, Any], said: str) -> None:
+def test_a_record_of_the_wrong_shape_is_refused(name: str, data: dict[str, Any], said: str) -> None:
     step = fresh(name)
     with pytest.raises(BadShape, match=f"^{said}"):
-        step.run(**given_)
+        step.run(**data)
     assert step.save() == BUILD[name]().save()
     assert step.run(u=np.zeros((1, 1)), y=np.zeros((1, len(step.outputs))), engine="python").t[0] == 0
 
 
 def test_records_without_inputs() -> None:
-    step, found = fresh("no_input"), []
+    step, estimates = fresh("no_input"), []
     for u in ((), [], np.zeros((5, 0)), None):
         step.reset()
-        found.append(step.run(**({} if u is None else {"u": u}), y=np.ones(5), engine="python").x)
-    assert all(np.array_equal(x, found[0]) for x in found)
+        estimates.append(step.run(**({} if u is None else {"u": u}), y=np.ones(5), engine="python").x)
+    assert all(np.array_equal(x, estimates[0]) for x in estimates)
     assert step(y=1.0).names == ("x1", "x2")
 
 
@@ -475,16 +477,16 @@ def test_tuning_names_what_can_be_tuned() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given_", "said"),
+    ("arguments", "said"),
     [
         (lambda: (pendulum(), 0.01), r"method = 0\.01 is no method; take one of hg\.methods, and the time as dt="),
         (lambda: (pendulum(), "rk4"), r"method = 'rk4' is no method"),
         (lambda: (hg.forms.triangular(van_der_pol()),), "Form given to sample is no observer"),
     ],
 )
-def test_sample_wants_an_observer_and_a_method(given_: Callable[[], tuple[Any, ...]], said: str) -> None:
+def test_sample_wants_an_observer_and_a_method(arguments: Callable[[], tuple[Any, ...]], said: str) -> None:
     with pytest.raises(BadStep, match=f"^{said}"):
-        hg.sample(*given_())
+        hg.sample(*arguments())
 
 
 # --- no compiler --------------------------------------------------------------------------------------------
@@ -499,13 +501,13 @@ def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("no_compiler")
 def test_without_a_compiler_python_runs_and_says_so() -> None:
     step = BUILD["held"]()
-    given_ = record(step, 20)
+    samples = record(step, 20)
     with pytest.warns(NoCompilerWarning, match="no C compiler"):
-        run = step.run(**given_)
+        run = step.run(**samples)
     assert run.engine == "python"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        again = fresh("held").run(**given_, engine="python")
+        again = fresh("held").run(**samples, engine="python")
     same(run, again)
 
 

@@ -90,8 +90,8 @@ def demand_same_as_machine(made: CallableStep) -> None:
     """Which reads the program block by block, by CasADi's own evaluation: no operation is moved."""
     u, y = faulty(made)
     x, _, status = Machine(made).record(u, y)
-    _, mine, told = called(hg.targets.casadi(made), u, y)
-    assert np.array_equal(told, status)
+    _, mine, flags = called(hg.targets.casadi(made), u, y)
+    assert np.array_equal(flags, status)
     assert np.array_equal(mine, x)
 
 
@@ -162,8 +162,8 @@ def test_parameters_are_limited_as_by_tune() -> None:
     made = copy(emitted.step("tunable"))
     f = hg.targets.casadi(made, bundled=True)
     u, y = faulty(made)
-    given = {"plant.R": 7.0, "R": NAN, "Q": [2.0, 3.0]}  # beyond its range, not a number, new
-    _, x, status = (r.full().T for r in f.step.mapaccum(N)(f.memory.initial, u.T, y.T, f.p.filled(given)))
+    values = {"plant.R": 7.0, "R": NAN, "Q": [2.0, 3.0]}  # beyond its range, not a number, new
+    _, x, status = (r.full().T for r in f.step.mapaccum(N)(f.memory.initial, u.T, y.T, f.p.filled(values)))
     made.reset()
     made._kept.places[Place("plant", "R")][:] = 7.0
     limited = made.tune(R=NAN, Q=[2.0, 3.0])
@@ -200,14 +200,14 @@ def test_a_kernel_is_that_of_numbers_bit_for_bit(name: str, n: int) -> None:
         arguments = matrices(name, n, seed)
         columns = [each for each in arguments if each.ndim == 2]
         graph = kernel_graph(name, n, tuple(each.size for each in arguments[len(columns) :]))
-        *mine, told = (result.full() for result in graph.call([ca.DM(each.T) for each in arguments]))
+        *mine, last = (result.full() for result in graph.call([ca.DM(each.T) for each in arguments]))
         with np.errstate(all="ignore"):
             result = KERNELS[name](*arguments) or 0
         wanted = [each.T if each.ndim == 2 else each[:, None] for each in arguments]
         skipped = 1 if name in ("exponential", "resolvent") else 0  # what is left of X
         same = (np.array_equal(a, b, equal_nan=True) for a, b in zip(mine, wanted, strict=True))
         assert all(list(same)[skipped:])
-        assert float(told[0, 0]) == result
+        assert float(last[0, 0]) == result
         returned.add(bool(result))
     assert len(returned) == (2 if name in ("cap", "renew") else 1)
 
@@ -285,9 +285,9 @@ def test_every_integrator_follows_the_reference() -> None:
 
     by_scipy = solve_ivp(rate, (0, END), start, t_eval=AT[1:], rtol=TOLERANCE, atol=TOLERANCE).y.T
     system = nonlinear(f)
-    given = np.array([0 * AT, np.sin(SWING * AT)])
+    signals = np.array([0 * AT, np.sin(SWING * AT)])
     by_control = control.input_output_response(
-        system, AT, given, start, solve_ivp_kwargs={"rtol": TOLERANCE, "atol": TOLERANCE}
+        system, AT, signals, start, solve_ivp_kwargs={"rtol": TOLERANCE, "atol": TOLERANCE}
     )
     made.reset()
     run = hg.reference(made, u=np.zeros((501, 1)), y=np.sin(SWING * AT)[:, None])
@@ -301,11 +301,11 @@ def test_every_integrator_follows_the_reference() -> None:
 def nonlinear(f: Functions) -> Any:
     """The continuous observer as a system of python-control, from (tau, y) to the estimate."""
 
-    def rate(t: float, x: np.ndarray, given: np.ndarray, parameters: Any) -> np.ndarray:
-        return f.derivative(x, given[:1], given[1:], f.p.initial).full()[:, 0]
+    def rate(t: float, x: np.ndarray, signals: np.ndarray, parameters: Any) -> np.ndarray:
+        return f.derivative(x, signals[:1], signals[1:], f.p.initial).full()[:, 0]
 
-    def shown(t: float, x: np.ndarray, given: np.ndarray, parameters: Any) -> np.ndarray:
-        return f.estimate(x, given[:1], f.p.initial).full()[:, 0]
+    def shown(t: float, x: np.ndarray, signals: np.ndarray, parameters: Any) -> np.ndarray:
+        return f.estimate(x, signals[:1], f.p.initial).full()[:, 0]
 
     names = {"states": f.continuous.names, "inputs": f.u.names + f.y.names, "outputs": f.x.names}
     return control.nlsys(rate, shown, **names)
@@ -402,13 +402,13 @@ def test_the_files_are_the_functions(tmp_path: Path) -> None:
     assert set(f) == {*(f"pendulum_{name}.casadi" for name in named), "pendulum_entries.json"}
     for name, function in named.items():
         read = ca.Function.deserialize((tmp_path / f"pendulum_{name}.casadi").read_text())
-        given = [np.linspace(0.1, 0.4, read.numel_in(k)) for k in range(read.n_in())]
-        pairs = zip(read.call(given), function.call(given), strict=True)
+        arguments = [np.linspace(0.1, 0.4, read.numel_in(k)) for k in range(read.n_in())]
+        pairs = zip(read.call(arguments), function.call(arguments), strict=True)
         assert all(np.array_equal(a.full(), b.full()) for a, b in pairs)
-    told = json.loads((tmp_path / "pendulum_entries.json").read_text())
-    assert [each["name"] for each in told["continuous"]] == ["z[0]", "z[1]"]
-    assert told["x"][1] == {"name": "w", "initial": 0.0, "unit": "rad/s", "meaning": "rate"}
-    assert [each["name"] for each in told["status"]] == [bit.name for bit in made.bits]
+    entries = json.loads((tmp_path / "pendulum_entries.json").read_text())
+    assert [each["name"] for each in entries["continuous"]] == ["z[0]", "z[1]"]
+    assert entries["x"][1] == {"name": "w", "initial": 0.0, "unit": "rad/s", "meaning": "rate"}
+    assert [each["name"] for each in entries["status"]] == [bit.name for bit in made.bits]
     assert "pendulum_step.casadi" in repr(f)
     assert "bank_derivative.casadi" not in hg.targets.casadi(emitted.step("bank"))
 

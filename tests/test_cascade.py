@@ -65,9 +65,9 @@ def orbit(dt: float, duration: float) -> np.ndarray:
 @settings(deadline=None, max_examples=25)
 def test_the_core_has_the_poles_it_was_given(stages: list[float], x: float, y: float, theta: float) -> None:
     poles = [complex(-x, y), complex(-x, -y), *(-p for p in stages)]
-    found = core(build(str(len(poles)), theta=theta, poles=poles))
+    matrix = core(build(str(len(poles)), theta=theta, poles=poles))
     expected = np.poly(theta * np.array(poles)).real
-    assert np.poly(found) == pytest.approx(expected, rel=1e-8, abs=1e-10 * np.abs(expected).max())
+    assert np.poly(matrix) == pytest.approx(expected, rel=1e-8, abs=1e-10 * np.abs(expected).max())
 
 
 def test_the_default_puts_every_pole_at_minus_theta() -> None:
@@ -93,12 +93,12 @@ def test_the_error_halves_with_mu_and_is_i_mu_times_the_rate() -> None:
     x = orbit(dt, 6.0)[round(2 / dt) :]
     phi = -x[:, 3] - 5.2 * x[:, 2] - 2.7 * x[:, 1] + 4.5 * (x[:, 0] ** 2 - 1)
     largest = np.abs(np.column_stack([x[:, 1:], phi])).max(axis=0)
-    found = {mu: errors(1 / mu) for mu in (0.02, 0.01, 0.005)}
-    for mu, error in found.items():
+    by_mu = {mu: errors(1 / mu) for mu in (0.02, 0.01, 0.005)}
+    for mu, error in by_mu.items():
         assert error[1:] == pytest.approx(mu * np.array([2, 3, 4]) * largest[1:], rel=5 * mu)
         assert error[0] == pytest.approx(mu**2 * largest[1], rel=5 * mu)
     for coarse, fine in ((0.02, 0.01), (0.01, 0.005)):
-        assert found[coarse][1:] / found[fine][1:] == pytest.approx(2, rel=0.05)
+        assert by_mu[coarse][1:] / by_mu[fine][1:] == pytest.approx(2, rel=0.05)
 
 
 def test_no_estimate_leaves_its_range() -> None:
@@ -106,9 +106,9 @@ def test_no_estimate_leaves_its_range() -> None:
     x = orbit(1e-4, 0.5)
     for theta in (50, 500):
         step = hg.sample(build(theta=theta, initial=(-3, 4, -6, 12)), hg.methods.rk4, dt=1e-4)
-        found = step.run(y=x[:, 0]).x
-        assert (np.abs(found[:, 1:]) <= [4, 6, 12]).all()
-        assert np.abs(found[-1] - x[-1]).max() < 20 / theta
+        estimates = step.run(y=x[:, 0]).x
+        assert (np.abs(estimates[:, 1:]) <= [4, 6, 12]).all()
+        assert np.abs(estimates[-1] - x[-1]).max() < 20 / theta
 
 
 # --- agreement with the oracle ------------------------------------------------------------------------------
@@ -133,17 +133,17 @@ def test_the_step_is_the_oracles(name: str) -> None:
     u = np.cos(np.arange(samples) * dt)[:, None] if n == 3 else np.zeros((samples, 0))
     y[[100, 101, 300], 0] = NAN
     step = hg.sample(build(name, theta=theta, gains=alpha, initial=tuple(at)), hg.methods.rk4, dt=dt)
-    found = step.run(y=y[:, 0], **({"u": u[:, 0]} if n == 3 else {}), engine="python")
+    result = step.run(y=y[:, 0], **({"u": u[:, 0]} if n == 3 else {}), engine="python")
     rate = oracle.cascade(alpha, 1 / theta, c, low, high)
     begin = oracle.start(scale * at, alpha, 1 / theta, c, np.zeros(u.shape[1]))
     states = run(lambda z, y_, valid, u_: rate(z, y_ - u_.sum(), valid, u_), begin, y, dt, u)
     every = zip(states, u, strict=True)
     expected = np.array([oracle.estimate(z, alpha, 1 / theta, c, low, high, v) for z, v in every]) / scale
-    assert not any("LIMITED" in flag for status in set(found.status.tolist()) for flag in step.flags(status))
-    assert found.x == pytest.approx(expected, abs=1e-9)
+    assert not any("LIMITED" in flag for status in set(result.status.tolist()) for flag in step.flags(status))
+    assert result.x == pytest.approx(expected, abs=1e-9)
     assert (expected * scale == high).any()
     if n == 4:  # the input of the other is not at rest at first
-        assert found.x[0] == pytest.approx(at, abs=1e-9)
+        assert result.x[0] == pytest.approx(at, abs=1e-9)
 
 
 @pytest.mark.parametrize("real", ["float", "double"])
@@ -170,8 +170,8 @@ def test_a_large_first_row_does_not_meet_the_outer_box() -> None:
 def test_the_theorem_says_that_the_error_stays() -> None:
     observer = build()
     assert "never 0" in observer.theorem.conclusion
-    found = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
-    assert found["every alpha_i is positive"] == "proved"
+    standings = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
+    assert standings["every alpha_i is positive"] == "proved"
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def verified(text: str) -> bool:
         return False
 
 
-def found(text: str) -> dict[str, str]:
+def findings(text: str) -> dict[str, str]:
     return {row.id: row.found for row in recheck(text).rows}
 
 
@@ -115,7 +115,7 @@ def test_a_slope_is_that_of_the_rows_as_they_are_given() -> None:
     form = hg.forms.triangular(plant)
     content = certificate(form, form.checks)
     assert claim_of(content, "triangular.lipschitz")["evidence"]["box"].keys() == {"u", "z1"}
-    assert set(found(json.dumps(content)).values()) == {"verified"}
+    assert set(findings(json.dumps(content)).values()) == {"verified"}
 
 
 def test_bisections_and_signs(bent: dict[str, Any]) -> None:
@@ -140,7 +140,7 @@ def test_a_refutation_carries_its_point() -> None:
     (refuted,) = [claim for claim in content["claims"] if claim["verdict"] == "refuted"]
     assert refuted["evidence"] == {"expression": "-u", "witness": {"u": "0"}}
     refuted["evidence"]["witness"]["u"] = "-1/2"  # a_2 = 1/2 there
-    assert found(sealed(content))["triangular.a_2"] == "fails"
+    assert findings(sealed(content))["triangular.a_2"] == "fails"
 
 
 def test_a_wrong_proof_is_not_written() -> None:
@@ -148,8 +148,8 @@ def test_a_wrong_proof_is_not_written() -> None:
     form = hg.forms.triangular(load(ROOT / "models" / "fitzhugh_nagumo.py").plant)
     content = certificate(form, claimed(form))
     assert claim_of(content, "triangular.a_2")["verdict"] == "stated"
-    assert found(json.dumps(content))["triangular.a_2"] == "stated"
-    assert found(json.dumps(content))["triangular.a_3"] == "verified"
+    assert findings(json.dumps(content))["triangular.a_2"] == "stated"
+    assert findings(json.dumps(content))["triangular.a_3"] == "verified"
 
 
 def uniform_plant() -> hg.System:
@@ -164,26 +164,26 @@ def test_a_uniform_form() -> None:
     """The slope 3 u x2^2 has the range [3, 24]."""
     form = hg.forms.uniform(uniform_plant())
     content = certificate(form, form.checks)
-    assert set(found(json.dumps(content)).values()) == {"verified"}
+    assert set(findings(json.dumps(content)).values()) == {"verified"}
     slope = claim_of(content, "uniform.slope_2")["evidence"]
     for end, value in (("low", "3000001/1000000"), ("high", "23999999/1000000"), ("low", "0")):
         forged = copy.deepcopy(content)
         claim_of(forged, "uniform.slope_2")["evidence"][end] = value
-        assert found(sealed(forged))["uniform.slope_2"] == "fails"
+        assert findings(sealed(forged))["uniform.slope_2"] == "fails"
     assert Fraction(slope["low"]) > Fraction(29, 10)
     claim_of(content, "uniform.lipschitz")["evidence"]["bound"] = "24"  # |dF/dx| at (2, 2, 2) is 24.06
-    assert found(sealed(content))["uniform.lipschitz"] == "fails"
+    assert findings(sealed(content))["uniform.lipschitz"] == "fails"
 
 
 def test_a_slope_that_changes_its_sign() -> None:
     content = of_model(ROOT / "models" / "haldane.toml")
     claim = claim_of(content, "uniform.slope_2")
-    assert (claim["verdict"], found(json.dumps(content))["uniform.slope_2"]) == ("refuted", "verified")
+    assert (claim["verdict"], findings(json.dumps(content))["uniform.slope_2"]) == ("refuted", "verified")
     lies = ({"other": claim["evidence"]["witness"]}, {"expression": "1"}, {"witness": {"z2": "-100"}}, {"other": {}})
     for lie in lies:
         forged = copy.deepcopy(content)
         claim_of(forged, "uniform.slope_2")["evidence"].update(lie)
-        assert found(sealed(forged))["uniform.slope_2"] == "fails", lie
+        assert findings(sealed(forged))["uniform.slope_2"] == "fails", lie
 
 
 def measured_plant() -> hg.System:
@@ -196,11 +196,11 @@ def measured_plant() -> hg.System:
 def test_gains_that_vary_with_the_measured_state() -> None:
     form = hg.forms.triangular(measured_plant(), measured=True)
     content = certificate(form, form.checks)
-    assert set(found(json.dumps(content)).values()) == {"verified"}
+    assert set(findings(json.dumps(content)).values()) == {"verified"}
     assert claim_of(content, "triangular.a_2")["evidence"]["box"] == {"z1": ["-2", "2"]}
     other = copy.deepcopy(content)  # a gain may not vary with z2
     other["form"]["A"][0][1], other["form"]["b"][0] = "sin(z1) + 2 + z2", "-z1 - z2**2"
-    assert found(sealed(other))["triangular.structure"] == "fails"
+    assert findings(sealed(other))["triangular.structure"] == "fails"
 
 
 # --- convergence ----------------------------------------------------------------------------------------------------
@@ -225,7 +225,7 @@ def observed(name: str, theta: float = 1e4) -> dict[str, Any]:
 @pytest.mark.parametrize("name", OBSERVED)
 def test_the_convergence_of_an_observer(name: str) -> None:
     content = observed(name)
-    assert set(found(json.dumps(content)).values()) == {"verified"}
+    assert set(findings(json.dumps(content)).values()) == {"verified"}
     assert Fraction(content["observer"]["theta"]) == 10_000
     assert not falsehood(content)
 
@@ -263,7 +263,7 @@ CONVERGENCE_LIES = {
 def test_a_lie_about_convergence_fails(name: str, lie: str) -> None:
     content = observed(name)
     CONVERGENCE_LIES[lie](content["observer"], claim_of(content, "high_gain.convergence")["evidence"])
-    result = found(sealed(content))
+    result = findings(sealed(content))
     assert result["high_gain.convergence"] == result["high_gain.theta"] == "fails"
 
 
@@ -274,7 +274,7 @@ def test_an_unstable_core_has_no_proof() -> None:
         evidence = {**shown, "core": [[N]], "P": [[P]]}
         content = plain(claims=[{"id": "high_gain.convergence", "verdict": "proved", "evidence": evidence}])
         content["observer"] = {"name": "high_gain", "theta": "3", "gains": [K]}
-        assert (found(sealed(content))["high_gain.convergence"] == "verified") is holds
+        assert (findings(sealed(content))["high_gain.convergence"] == "verified") is holds
 
 
 def test_theta_counts() -> None:
@@ -284,7 +284,7 @@ def test_theta_counts() -> None:
     bound = 2 * Fraction(evidence["peak"]) * Fraction(evidence["bound"])
     for theta, verdict in ((bound, "fails"), (bound + Fraction(1, 10**6), "verified")):
         content["observer"]["theta"] = str(theta)
-        assert found(sealed(content))["high_gain.theta"] == verdict
+        assert findings(sealed(content))["high_gain.theta"] == verdict
     assert claim_of(observed("pendulum", float(bound) / 2), "high_gain.theta")["verdict"] == "unknown"
     for change in (
         lambda c: c.update(observer=None),
@@ -292,7 +292,7 @@ def test_theta_counts() -> None:
     ):
         forged = copy.deepcopy(content)
         change(forged)
-        result = found(sealed(forged))
+        result = findings(sealed(forged))
         assert result["high_gain.convergence"] == result["high_gain.theta"] == "fails"
 
 
@@ -322,10 +322,10 @@ def several(align: str) -> dict[str, Any]:
 def test_chains_of_several_outputs(align: str, others: list[str]) -> None:
     """Chains of one length are aligned at both ends."""
     content = several(align)
-    assert set(found(json.dumps(content)).values()) == {"verified"}
+    assert set(findings(json.dumps(content)).values()) == {"verified"}
     for other in (*others, "middle", ""):
         content["form"]["alignment"] = other
-        assert found(sealed(content))["block_triangular.structure"] == "fails", other
+        assert findings(sealed(content))["block_triangular.structure"] == "fails", other
 
 
 def test_lies_about_several_outputs() -> None:
@@ -342,13 +342,13 @@ def test_lies_about_several_outputs() -> None:
     for id, end, value in (("a_1_2", "low", "1001/1000"), ("a_2_2", "high", "2999/1000"), ("a_2_2", "low", "0")):
         forged = copy.deepcopy(content)
         claim_of(forged, f"block_triangular.{id}")["evidence"][end] = value
-        assert found(sealed(forged))[f"block_triangular.{id}"] == "fails"
+        assert findings(sealed(forged))[f"block_triangular.{id}"] == "fails"
     for id in ("a_1_1", "a_2_2", "lipschitz", "structure"):
         forged = copy.deepcopy(content)
         forged["claims"] = [claim for claim in forged["claims"] if claim["id"] != f"block_triangular.{id}"]
-        assert found(sealed(forged))[f"block_triangular.{id}"] == "fails"
+        assert findings(sealed(forged))[f"block_triangular.{id}"] == "fails"
     claim_of(content, "block_triangular.a_1_2")["id"] = "block_triangular.a_3_1"
-    assert found(sealed(content))["block_triangular.a_3_1"] == "fails"
+    assert findings(sealed(content))["block_triangular.a_3_1"] == "fails"
 
 
 def test_a_cascade_has_no_circle() -> None:
@@ -363,19 +363,19 @@ def test_a_changed_file_tells_what_still_holds() -> None:
     """The digest is one row of it, and fails."""
     content = of_model(ROOT / "models" / "pendulum.py")
     claim_of(content, "triangular.a_1")["evidence"]["high"] = "2"
-    result = found(json.dumps(content))
+    result = findings(json.dumps(content))
     assert result.pop("digest") == "fails"
     assert result["triangular.a_1"] == result["triangular.lipschitz"] == "verified"
     claim_of(content, "triangular.a_1")["evidence"]["low"] = "3/2"
-    assert found(json.dumps(content))["triangular.a_1"] == "fails"
+    assert findings(json.dumps(content))["triangular.a_1"] == "fails"
 
 
 def test_a_refuted_structure_leaves_nothing_to_verify() -> None:
     form = hg.forms.triangular(uniform_plant())
     content = certificate(form, form.checks)
-    assert found(json.dumps(content)) == {"triangular.structure": "stated"}
+    assert findings(json.dumps(content)) == {"triangular.structure": "stated"}
     claim_of(content, "triangular.structure").update(verdict="proved")
-    result = found(sealed(content))
+    result = findings(sealed(content))
     assert set(result.values()) == {"fails"}
     assert len(result) == 4
 
@@ -392,7 +392,7 @@ def driven_plant() -> hg.System:
 def test_the_rank_of_a_phase_form(original: bool) -> None:
     form = hg.forms.phase(driven_plant(), original=original)
     content = certificate(form, form.checks)
-    result = found(json.dumps(content))
+    result = findings(json.dumps(content))
     assert result["phase.chain"] == result["phase.rank"] == "verified", recheck(json.dumps(content)).rows
     chain, rank = claim_of(content, "phase.chain")["evidence"], claim_of(content, "phase.rank")["evidence"]
     assert "u_dot" in chain["chain"][2]
@@ -409,13 +409,13 @@ def test_the_rank_of_a_phase_form(original: bool) -> None:
         (chain, "chain", [*chain["chain"][:2], chain["chain"][2].replace("u_dot", "u")], ["phase.chain"]),
     ):
         before, holder[key] = holder[key], value
-        result = found(sealed(content))
+        result = findings(sealed(content))
         assert {result[id] for id in failing} == {"fails"}, (key, value)
         holder[key] = before
     content["plant"]["flow"][2] += " + x1"  # seen by the third derivative first
-    assert found(sealed(content))["phase.rank"] == "verified"
+    assert findings(sealed(content))["phase.rank"] == "verified"
     content["plant"]["flow"][1] += " + x1"
-    assert found(sealed(content))["phase.chain"] == "fails"
+    assert findings(sealed(content))["phase.chain"] == "fails"
 
 
 @pytest.mark.parametrize(("form", "verified"), [("block_triangular", set()), ("original", {"original.lipschitz"})])
@@ -553,9 +553,9 @@ def falsehood(content: dict[str, Any]) -> str:
         for claim in content["claims"]:
             if "core" in claim["evidence"]:
                 if sample < 3 and (
-                    told := no_convergence(content, claim["evidence"], symbols, at, np.array(slopes(*values)))
+                    contradiction := no_convergence(content, claim["evidence"], symbols, at, np.array(slopes(*values)))
                 ):
-                    return told
+                    return contradiction
             elif steep > float(Fraction(claim["evidence"].get("bound", 1e300))) + 1e-9:
                 return f"{claim['id']}: the slope is {steep}"
     for claim in content["claims"]:
@@ -569,7 +569,7 @@ def falsehood(content: dict[str, Any]) -> str:
     return ""
 
 
-def no_convergence(content: dict[str, Any], told: dict[str, Any], symbols: Any, at: Any, J: np.ndarray) -> str:
+def no_convergence(content: dict[str, Any], evidence: dict[str, Any], symbols: Any, at: Any, J: np.ndarray) -> str:
     """What floats say against the bound on theta at one point, or ""."""
     form, observer = content["form"], content["observer"]
     point = {symbols[name]: value for name, value in at.items()}
@@ -577,12 +577,12 @@ def no_convergence(content: dict[str, Any], told: dict[str, Any], symbols: Any, 
     def numbers(value: Any) -> np.ndarray:
         return np.array(sp.Matrix(value).applyfunc(lambda t: sp.sympify(t, symbols).subs(point)), dtype=float)
 
-    A, K, S = numbers(form["A"]), numbers(observer["gains"]), np.diag(numbers(told["scale"]).ravel())
+    A, K, S = numbers(form["A"]), numbers(observer["gains"]), np.diag(numbers(evidence["scale"]).ravel())
     C = np.array(
         [[sp.sympify(form["output"][0], symbols).diff(symbols[s["name"]]).subs(point) for s in form["states"]]]
     )
-    N, P = numbers(told["core"]), numbers(told["P"])
-    one, peak, steep = np.eye(len(P)), float(Fraction(told["peak"])), float(Fraction(told["bound"]))
+    N, P = numbers(evidence["core"]), numbers(evidence["P"])
+    one, peak, steep = np.eye(len(P)), float(Fraction(evidence["peak"])), float(Fraction(evidence["bound"]))
     if not np.allclose(S @ (A - K @ C.astype(float)) @ np.linalg.inv(S), N):
         return "the core is another"
     if max(np.linalg.eigvalsh(M).max() for M in (-P, P - peak * one, N.T @ P + P @ N + one)) > 1e-9:
@@ -608,23 +608,23 @@ def test_a_bound_may_touch_the_range_and_not_enter_it(bent: dict[str, Any], end:
     content = copy.deepcopy(bent)
     evidence = claim_of(content, "triangular.a_2")["evidence"]
     evidence[end] = str(true)
-    assert found(sealed(content))["triangular.a_2"] == "verified"
+    assert findings(sealed(content))["triangular.a_2"] == "verified"
     evidence[end] = str(true + Fraction(1, 10**6) * (1 if end == "low" else -1))
-    assert found(sealed(content))["triangular.a_2"] == "fails"
+    assert findings(sealed(content))["triangular.a_2"] == "fails"
 
 
 def test_a_lipschitz_bound_below_the_slope_fails(bent: dict[str, Any]) -> None:
     content = copy.deepcopy(bent)
     evidence = claim_of(content, "triangular.lipschitz")["evidence"]
     evidence["bound"] = scaled(evidence["bound"], Fraction(97, 100))  # it is within 2% of a slope
-    assert found(sealed(content))["triangular.lipschitz"] == "fails"
+    assert findings(sealed(content))["triangular.lipschitz"] == "fails"
 
 
 @pytest.mark.parametrize("tree", ["", "u .", "u . . .", "x1 . .", "u u . .", "0 . .", ". ."])
 def test_a_bisection_with_a_gap_fails(bent: dict[str, Any], tree: str) -> None:
     content = copy.deepcopy(bent)
     claim_of(content, "triangular.a_2")["evidence"]["tree"] = tree
-    assert found(sealed(content))["triangular.a_2"] == "fails"
+    assert findings(sealed(content))["triangular.a_2"] == "fails"
 
 
 def edit(content: dict[str, Any], what: str) -> None:
@@ -704,14 +704,14 @@ def plain(**changes: Any) -> dict[str, Any]:
     one = {"expression": "1", "box": {}, "low": "1", "high": "1", "tree": "."}
     steep = {"box": {"u": ["-1", "1"], "z": ["-1", "1"]}, "bound": "1", "tree": "."} | changes.get("steep", {})
     evidence = {"structure": {}, "a_1": one | changes.get("a_1", {}), "lipschitz": steep}
-    claims = [{"id": f"triangular.{id}", "verdict": "proved", "evidence": told} for id, told in evidence.items()]
+    claims = [{"id": f"triangular.{id}", "verdict": "proved", "evidence": content} for id, content in evidence.items()]
     claims += changes.get("claims", [])
     head = {"format": "hgogen certificate", "version": VERSION, "hgogen": "0"}
     return {**head, "plant": plant, "form": form, "observer": None, "claims": claims}
 
 
 def test_a_certificate_by_hand() -> None:
-    assert set(found(sealed(plain())).values()) == {"verified"}
+    assert set(findings(sealed(plain())).values()) == {"verified"}
 
 
 ALL = ("structure", "a_1", "lipschitz")
@@ -782,7 +782,7 @@ TRICKS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
 @pytest.mark.parametrize("trick", TRICKS)
 def test_a_trick_fails(trick: str) -> None:
     changes, failing = TRICKS[trick]
-    result = found(sealed(plain(**changes)))
+    result = findings(sealed(plain(**changes)))
     assert "fails" in result.values()
     assert {id for id in failing if result[f"triangular.{id}"] == "verified"} == set()
 
@@ -793,9 +793,9 @@ def test_a_gain_that_is_only_written_badly_is_not_refuted() -> None:
         content = plain(form={"output": ["(u**2 + 1)*z"]}, plant={"output": ["(u**2 + 1)*x"]})
         evidence = {"expression": text, "witness": {"u": "0", "z": "0"}}
         claim_of(content, "triangular.a_1").update(verdict="refuted", evidence=evidence)
-        assert found(sealed(content))["triangular.a_1"] == "fails"
+        assert findings(sealed(content))["triangular.a_1"] == "fails"
         content["form"]["output"] = [f"{text}*z"]
-        assert found(sealed(content))["triangular.a_1"] == "fails"
+        assert findings(sealed(content))["triangular.a_1"] == "fails"
 
 
 # --- the file -------------------------------------------------------------------------------------------------------
@@ -897,8 +897,8 @@ def test_the_command_line(tmp_path: Path) -> None:
     shown = command("recheck", str(file))
     assert shown.exit_code == 0
     assert "triangular.lipschitz" in shown.stdout
-    told = json.loads(command("recheck", str(file), "--json").stdout)
-    assert told["verified"] is True
+    answer = json.loads(command("recheck", str(file), "--json").stdout)
+    assert answer["verified"] is True
     file.write_text(file.read_text().replace('"high": "20"', '"high": "21"'))
     shown = command("recheck", str(file))
     assert shown.exit_code == 1
@@ -941,11 +941,11 @@ def test_a_sign_of_the_row_itself_is_0_at_the_edge() -> None:
     plant = hg.System("edge", states=x, inputs=(u,), outputs=(hg.Signal("y"),), flow=flow, output=[x[0]])
     form = hg.forms.uniform(plant)
     content = certificate(form, form.checks)
-    assert found(sealed(content))["uniform.slope_2"] == "verified"
+    assert findings(sealed(content))["uniform.slope_2"] == "verified"
     content = json.loads(json.dumps(content).replace("sign(u) + 2", "sign(u)"))
     claim = next(claim for claim in content["claims"] if claim["id"] == "uniform.slope_2")
     claim["evidence"] |= {"low": "2", "high": "2"}
-    assert found(sealed(content))["uniform.slope_2"] == "fails"
+    assert findings(sealed(content))["uniform.slope_2"] == "fails"
 
 
 def alone(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -989,16 +989,16 @@ def test_the_verifier_runs_alone(tmp_path: Path, forge: Callable[[dict[str, Any]
     if status == 2:
         assert by_itself.stdout == by_command.stdout == ""
         return
-    told = json.loads(by_itself.stdout)
-    assert told == json.loads(by_command.stdout)
+    answer = json.loads(by_itself.stdout)
+    assert answer == json.loads(by_command.stdout)
     text = alone(tmp_path, str(file))
     assert text.returncode == status
-    assert all(row["sentence"] in text.stdout for row in told["claims"])
+    assert all(row["sentence"] in text.stdout for row in answer["claims"])
 
 
 def test_the_verifier_says_which_format_it_reads(tmp_path: Path) -> None:
-    told = alone(tmp_path, "--version")
-    assert told.stdout.strip() == f"it reads hgogen certificates of format version {VERSION}"
+    output = alone(tmp_path, "--version")
+    assert output.stdout.strip() == f"it reads hgogen certificates of format version {VERSION}"
 
 
 def test_a_reader_that_stops_early_leaves_the_verifier_without_a_traceback(tmp_path: Path) -> None:

@@ -49,10 +49,10 @@ CASES: dict[str, Callable[[], tuple[hg.System, hg.Dissipation]]] = {
 
 @cache
 def _written(case: str) -> str:
-    plant, found = CASES[case]()
-    assert found.proved, found
+    plant, dissipation = CASES[case]()
+    assert dissipation.proved, dissipation
     form = hg.forms.original(plant)
-    return json.dumps(certificate(form, (*form.checks, *found.checks)))
+    return json.dumps(certificate(form, (*form.checks, *dissipation.checks)))
 
 
 def written(case: str) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def sealed(content: dict[str, Any]) -> str:
     return json.dumps({**content, "digest": digest(content)})
 
 
-def found(content: dict[str, Any]) -> dict[str, str]:
+def findings(content: dict[str, Any]) -> dict[str, str]:
     """What was found of the three claims."""
     rows = recheck(sealed(content)).rows
     return {row.id: row.found for row in rows if row.id.startswith("dissipation")}
@@ -76,7 +76,7 @@ def found(content: dict[str, Any]) -> dict[str, str]:
 def test_the_inequality_is_verified(case: str) -> None:
     content = written(case)
     ids = [f"dissipation.{what}" for what in ("positive", "inequality", "level")]
-    assert found(content) == dict.fromkeys(ids, "verified"), recheck(sealed(content)).rows
+    assert findings(content) == dict.fromkeys(ids, "verified"), recheck(sealed(content)).rows
     assert not falsehood(content)
 
 
@@ -84,20 +84,20 @@ def falsehood(content: dict[str, Any]) -> str:
     """What sampling says of the file's plant against what is told, or ""."""
     plant, p = content["plant"], len(content["plant"]["outputs"])
     for claim in content["claims"]:
-        told = claim["evidence"]["system"]
-        every = told["errors"] + plant["states"] + plant["inputs"] + plant["parameters"]
+        system = claim["evidence"]["system"]
+        every = system["errors"] + plant["states"] + plant["inputs"] + plant["parameters"]
         symbols = {s["name"]: sp.Symbol(s["name"]) for s in every}
-        states, errors = ([symbols[s["name"]] for s in part] for part in (plant["states"], told["errors"]))
+        states, errors = ([symbols[s["name"]] for s in part] for part in (plant["states"], system["errors"]))
         behind = {x: x - e for x, e in zip(states, errors, strict=True)}
         f, h = (sp.Matrix([sp.sympify(row, symbols) for row in plant[part]]) for part in ("flow", "output"))
         gain, G1, G2 = (
-            sp.Matrix([[sp.sympify(cell, symbols) for cell in row] for row in told[part]])
+            sp.Matrix([[sp.sympify(cell, symbols) for cell in row] for row in system[part]])
             for part in ("gain", "G1", "G2")
         )
         assert gain.shape == (len(f), p)
         F = f - f.xreplace(behind) - gain.xreplace(behind) * (h - h.xreplace(behind))
         G = G1 - gain.xreplace(behind) * G2
-        V, mu = sp.sympify(told["V"], symbols), sp.Rational(told["mu"])
+        V, mu = sp.sympify(system["V"], symbols), sp.Rational(system["mu"])
         slope = sp.Matrix([[V.diff(each) for each in errors]])
         left = (slope * F)[0] + (slope * G * G.T * slope.T)[0] / (2 * mu**2) + sum(x**2 for x in errors) / 2
         graph = sp.lambdify(list(symbols.values()), [V, left], "math")
@@ -153,7 +153,7 @@ def test_a_forger_gets_only_true_statements_through(case: str, factor: str) -> N
         if forged == content:
             continue
         try:
-            result = found(forged)
+            result = findings(forged)
         except (NoCertificate, Unreadable):
             failed += 1
             continue
@@ -165,25 +165,27 @@ def test_a_forger_gets_only_true_statements_through(case: str, factor: str) -> N
 
 
 LIES: dict[str, Callable[[dict[str, Any]], object]] = {
-    "V does not vanish": lambda told: told["system"].update(V="e_x**2 + 1"),
-    "V has a slope at 0": lambda told: told["system"].update(V="e_x**2 + e_x/10"),
-    "V has a kink": lambda told: told["system"].update(V="e_x**2 + Abs(e_x)"),
-    "a box beside 0": lambda told: told["system"]["errors"][0].update(low="1/2"),
-    "a box at 0": lambda told: told["system"]["errors"][0].update(low="0"),
-    "no box": lambda told: told["system"]["errors"][0].update(low=None),
-    "a share above 1": lambda told: told.update(share="2"),
-    "a smaller share": lambda told: told.update(share="1/2"),
-    "an unknown part": lambda told: told["system"].update(approved_by="nobody"),
-    "a system of its own": lambda told: told["system"].update(flow=["-3*e_x"]),
-    "a basis of zero": lambda told: told.update(basis=[["0"]]),
-    "no noise": lambda told: told["system"].update(G1=[None]),
-    "more noise": lambda told: told["system"].update(G1=[["10", "0"]]),
-    "noise of another size": lambda told: told["system"].update(G2=[["1"]]),
-    "a gain that does not correct": lambda told: told["system"].update(gain=[["-1"]]),
-    "a gain with a kink": lambda told: told["system"].update(gain=[["2 + Abs(x)/1000"]]),
-    "a gain that reads the error": lambda told: told["system"].update(gain=[["2 + e_x"]]),
-    "an error of another name": lambda told: told["system"]["errors"][0].update(name="e"),
-    "an error too many": lambda told: told["system"]["errors"].append({"name": "e_y", "low": "-1", "high": "1"}),
+    "V does not vanish": lambda evidence: evidence["system"].update(V="e_x**2 + 1"),
+    "V has a slope at 0": lambda evidence: evidence["system"].update(V="e_x**2 + e_x/10"),
+    "V has a kink": lambda evidence: evidence["system"].update(V="e_x**2 + Abs(e_x)"),
+    "a box beside 0": lambda evidence: evidence["system"]["errors"][0].update(low="1/2"),
+    "a box at 0": lambda evidence: evidence["system"]["errors"][0].update(low="0"),
+    "no box": lambda evidence: evidence["system"]["errors"][0].update(low=None),
+    "a share above 1": lambda evidence: evidence.update(share="2"),
+    "a smaller share": lambda evidence: evidence.update(share="1/2"),
+    "an unknown part": lambda evidence: evidence["system"].update(approved_by="nobody"),
+    "a system of its own": lambda evidence: evidence["system"].update(flow=["-3*e_x"]),
+    "a basis of zero": lambda evidence: evidence.update(basis=[["0"]]),
+    "no noise": lambda evidence: evidence["system"].update(G1=[None]),
+    "more noise": lambda evidence: evidence["system"].update(G1=[["10", "0"]]),
+    "noise of another size": lambda evidence: evidence["system"].update(G2=[["1"]]),
+    "a gain that does not correct": lambda evidence: evidence["system"].update(gain=[["-1"]]),
+    "a gain with a kink": lambda evidence: evidence["system"].update(gain=[["2 + Abs(x)/1000"]]),
+    "a gain that reads the error": lambda evidence: evidence["system"].update(gain=[["2 + e_x"]]),
+    "an error of another name": lambda evidence: evidence["system"]["errors"][0].update(name="e"),
+    "an error too many": lambda evidence: evidence["system"]["errors"].append(
+        {"name": "e_y", "low": "-1", "high": "1"}
+    ),
 }
 
 
@@ -192,7 +194,7 @@ def test_a_lie_fails(lie: str) -> None:
     content = written("whole")
     for claim in content["claims"]:
         LIES[lie](claim["evidence"])
-    assert found(content)["dissipation.inequality"] == "fails"
+    assert findings(content)["dissipation.inequality"] == "fails"
 
 
 PLANTS: dict[str, Callable[[dict[str, Any]], object]] = {
@@ -212,7 +214,7 @@ def test_the_system_is_that_of_the_files_plant(change: str) -> None:
     """Whatever form the file has: no claim rests on it."""
     content = written("pendulum")
     PLANTS[change](content)
-    result = found(content)
+    result = findings(content)
     assert result["dissipation.inequality"] == "fails", change
     if change.endswith(("order", "claims", "signal", "kink")):
         assert set(result.values()) == {"fails"}
@@ -221,10 +223,10 @@ def test_the_system_is_that_of_the_files_plant(change: str) -> None:
 def test_an_invented_system_is_not_verified() -> None:
     """e' = -e, with all of its evidence, as the first version of the format had it."""
     content = written("whole")
-    told = {"errors": [{"name": "e", "low": "-1", "high": "1"}], "signals": [], "flow": ["-e"], "noise": [["0"]]}
+    system = {"errors": [{"name": "e", "low": "-1", "high": "1"}], "signals": [], "flow": ["-e"], "noise": [["0"]]}
     for claim in content["claims"]:
-        claim["evidence"]["system"] = {**told, "V": "e**2", "mu": "1"}
-    assert set(found(content).values()) == {"fails"}
+        claim["evidence"]["system"] = {**system, "V": "e**2", "mu": "1"}
+    assert set(findings(content).values()) == {"fails"}
 
 
 def test_a_system_that_is_given_is_only_stated() -> None:
@@ -235,20 +237,20 @@ def test_a_system_that_is_given_is_only_stated() -> None:
     assert own.proved
     form = hg.forms.original(plant)
     content = certificate(form, own.checks)
-    assert set(found(content).values()) == {"stated"}
+    assert set(findings(content).values()) == {"stated"}
     assert "is given and not made of the plant" in content["claims"][0]["evidence"]["reason"]
 
 
 def test_the_sentence_says_whose_error_it_is() -> None:
     rows = {row.id: row.sentence for row in recheck(sealed(written("pendulum"))).rows}
-    told = "xhat' = f(xhat, u) + gain (y - h(xhat, u)), gain = (6; 9), G1 = (1, 0, 0; 0, 1, 0), G2 = (0, 0, 1)"
-    assert all(told in sentence for id, sentence in rows.items() if id.startswith("dissipation"))
+    equations = "xhat' = f(xhat, u) + gain (y - h(xhat, u)), gain = (6; 9), G1 = (1, 0, 0; 0, 1, 0), G2 = (0, 0, 1)"
+    assert all(equations in sentence for id, sentence in rows.items() if id.startswith("dissipation"))
 
 
 def test_the_claims_are_of_one_system() -> None:
     content = written("whole")
     content["claims"][1]["evidence"]["system"]["V"] = "2*e_x**2"
-    assert set(found(content).values()) == {"fails"}
+    assert set(findings(content).values()) == {"fails"}
 
 
 def test_the_left_side_is_that_of_the_system() -> None:
@@ -256,4 +258,4 @@ def test_the_left_side_is_that_of_the_system() -> None:
     evidence = content["claims"][1]["evidence"]
     assert len(evidence["slabs"]) == 2
     evidence["left"] = f"{evidence['left']} - e_x**2"
-    assert found(content)["dissipation.inequality"] == "fails"
+    assert findings(content)["dissipation.inequality"] == "fails"

@@ -33,8 +33,8 @@ def _written() -> str:
 
 def written() -> dict[str, Any]:
     """A certificate all of whose claims are verified."""
-    found: dict[str, Any] = json.loads(_written())
-    return found
+    content: dict[str, Any] = json.loads(_written())
+    return content
 
 
 def sealed(content: dict[str, Any]) -> str:
@@ -61,10 +61,10 @@ def command(*arguments: str) -> Any:
 def test_the_header_the_certificate_and_the_verifier_name_one_model(name: str) -> None:
     step = emitted.step(name)
     content = of(step.observer)
-    found = recheck(json.dumps(content))
-    assert content["observer"]["name"] == found.observer == step.observer.name
-    assert found.model == content["model"] == fingerprint(step.observer.form, step.observer.checks, found.observer)
-    line = f" * Model: {found.model[:SHOWN]}, as `hgogen recheck` prints it for the model's certificate\n"
+    report = recheck(json.dumps(content))
+    assert content["observer"]["name"] == report.observer == step.observer.name
+    assert report.model == content["model"] == fingerprint(step.observer.form, step.observer.checks, report.observer)
+    line = f" * Model: {report.model[:SHOWN]}, as `hgogen recheck` prints it for the model's certificate\n"
     assert line in emitted.files(name)[f"{step.name}.h"]
 
 
@@ -110,9 +110,9 @@ def test_what_is_found_of_a_model_does_not_count() -> None:
 def test_a_file_that_names_another_model_fails() -> None:
     content = written()
     content["model"] = "0" * 64
-    found = recheck(json.dumps({**content, "digest": digest(content)}))
-    assert [(row.id, row.found) for row in found.failed] == [("model", "fails")]
-    assert found.model == model_digest(content)
+    report = recheck(json.dumps({**content, "digest": digest(content)}))
+    assert [(row.id, row.found) for row in report.failed] == [("model", "fails")]
+    assert report.model == model_digest(content)
 
 
 def test_the_banner_computes_no_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,17 +190,17 @@ ROWS: dict[str, Callable[[dict[str, Any]], object]] = {
 def test_a_malformed_row_fails_alone(fault: str) -> None:
     content = written()
     ROWS[fault](claim_of(content, "triangular.lipschitz")["evidence"])
-    found = rows(content)
-    assert [id for id, row in found.items() if row.found == "fails"] == ["triangular.lipschitz"]
-    assert found["triangular.lipschitz"].sentence
-    assert "hgogen check" not in found["triangular.lipschitz"].sentence  # the advice stands once, below the table
+    by_claim = rows(content)
+    assert [id for id, row in by_claim.items() if row.found == "fails"] == ["triangular.lipschitz"]
+    assert by_claim["triangular.lipschitz"].sentence
+    assert "hgogen check" not in by_claim["triangular.lipschitz"].sentence  # the advice stands once, below the table
 
 
 def test_an_unknown_verdict_and_an_unknown_reason_fail_alone() -> None:
     content = written()
     claim_of(content, "triangular.lipschitz")["verdict"] = "certain"
-    found = rows(content)
-    assert (found["triangular.lipschitz"].found, found["triangular.a_2"].found) == ("fails", "verified")
+    by_claim = rows(content)
+    assert (by_claim["triangular.lipschitz"].found, by_claim["triangular.a_2"].found) == ("fails", "verified")
     claim_of(content, "triangular.lipschitz").update(verdict="unknown", evidence={"reason": "", "bound": "1"})
     assert rows(content)["triangular.lipschitz"].found == "fails"
 
@@ -213,8 +213,8 @@ def test_the_last_line_counts(tmp_path: Path) -> None:
     command("check", str(ROOT / "models" / "pendulum.py"), "--certificate", str(file))
     assert command("recheck", str(file)).stdout.splitlines()[-1] == "5 verified, 1 open, 0 stated, 0 failed"
     content = json.loads(file.read_text())
-    told = json.loads(command("recheck", str(file), "--json").stdout)
-    assert (told["model"], told["observer"], told["verified"]) == (content["model"], "high_gain", True)
+    answer = json.loads(command("recheck", str(file), "--json").stdout)
+    assert (answer["model"], answer["observer"], answer["verified"]) == (content["model"], "high_gain", True)
     claim_of(content, "triangular.lipschitz")["evidence"]["bound"] = "1"
     file.write_text(sealed(content))
     assert command("recheck", str(file)).stdout.splitlines()[-1] == "4 verified, 1 open, 0 stated, 1 failed"
@@ -229,5 +229,5 @@ def test_a_file_of_which_nothing_is_verified_does_not_pass(tmp_path: Path) -> No
     assert shown.exit_code == 1
     assert shown.stdout.splitlines()[-1] == "0 verified, 0 open, 1 stated, 0 failed"
     assert "nothing of sir is verified" in shown.stderr
-    told = json.loads(command("recheck", str(file), "--json").stdout)
-    assert (told["verified"], told["observer"]) == (False, None)
+    answer = json.loads(command("recheck", str(file), "--json").stdout)
+    assert (answer["verified"], answer["observer"]) == (False, None)

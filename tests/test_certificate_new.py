@@ -55,9 +55,9 @@ def test_what_no_rule_verifies_is_stated() -> None:
     content = written(proved())
     assert [id for id, _ in stated(content)] == ["newcomer.convergence", "newcomer.theta"]
     assert content["observer"] == {"name": "newcomer"}
-    found = {row.id: row.found for row in recheck(json.dumps(content)).rows}
-    assert found.pop("newcomer.convergence") == found.pop("newcomer.theta") == "stated"
-    assert set(found.values()) == {"verified"}
+    findings = {row.id: row.found for row in recheck(json.dumps(content)).rows}
+    assert findings.pop("newcomer.convergence") == findings.pop("newcomer.theta") == "stated"
+    assert set(findings.values()) == {"verified"}
 
 
 def test_its_c_is_emitted() -> None:

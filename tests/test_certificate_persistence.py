@@ -55,8 +55,8 @@ CASES: dict[str, tuple[Callable[[], hg.Form], dict[str, Any] | None, Any]] = {
 @cache
 def _written(case: str) -> str:
     form, inputs, period = CASES[case]
-    found = form()
-    return json.dumps(certificate(found, (*found.checks, persistent(ID, found, inputs, period))))
+    affine = form()
+    return json.dumps(certificate(affine, (*affine.checks, persistent(ID, affine, inputs, period))))
 
 
 def written(case: str) -> dict[str, Any]:
@@ -64,11 +64,11 @@ def written(case: str) -> dict[str, Any]:
     return content
 
 
-def told(content: dict[str, Any]) -> dict[str, Any]:
+def evidence_of(content: dict[str, Any]) -> dict[str, Any]:
     return next(claim["evidence"] for claim in content["claims"] if claim["id"] == ID)
 
 
-def found(content: dict[str, Any]) -> str:
+def finding(content: dict[str, Any]) -> str:
     content = {**content, "model": model_digest(content)}
     rows = recheck(json.dumps({**content, "digest": digest(content)})).rows
     return next(f"{row.found}: {row.sentence}" for row in rows if row.id == ID)
@@ -77,13 +77,13 @@ def found(content: dict[str, Any]) -> str:
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_proved_is_verified(case: str) -> None:
     content = written(case)
-    assert found(content).startswith("verified"), found(content)
+    assert finding(content).startswith("verified"), finding(content)
     assert least(content) > 0
 
 
 def least(content: dict[str, Any]) -> float:
     """The smallest eigenvalue of the Gramian over two periods, by Runge and Kutta's steps, at corners of a."""
-    evidence, form = told(content), content["form"]
+    evidence, form = evidence_of(content), content["form"]
     names = {name: sp.Symbol(name) for name in ("t", "a", "u", "v", *(s["name"] for s in form["states"]))}
     inputs = {names[name]: sp.sympify(text, names) for name, text in evidence["inputs"].items()}
     z = [names[s["name"]] for s in form["states"]]
@@ -125,16 +125,16 @@ LIES: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
 def test_a_lie_fails(lie: str) -> None:
     case, change = LIES[lie]
     content = copy.deepcopy(written(case))
-    change(told(content))
-    assert found(content).startswith("fails"), found(content)
+    change(evidence_of(content))
+    assert finding(content).startswith("fails"), finding(content)
 
 
 def test_other_inputs_that_show_the_states_are_verified() -> None:
     """The gramian says so, too."""
     content = written("sine")
     for text, period in (("3/2*cos(6*t)", "2*pi/3"), ("sin(3*t)", "4*pi/3"), ("sin(3*t)**3", "2*pi")):
-        told(content)["inputs"]["u"], told(content)["period"] = text, period
-        assert found(content).startswith("verified"), found(content)
+        evidence_of(content)["inputs"]["u"], evidence_of(content)["period"] = text, period
+        assert finding(content).startswith("verified"), finding(content)
         assert least(content) > 0
 
 
@@ -144,11 +144,11 @@ def test_a_parameter_that_hides_a_state_somewhere() -> None:
     for part, states in (("plant", "x"), ("form", "z")):
         holder = json.dumps(content[part]).replace(f'"a*{states}2 + u"', f'"(a - 1)*{states}2 + u"')
         content[part] = json.loads(holder.replace('"a"', '"a - 1"').replace('{"name": "a - 1"', '{"name": "a"'))
-    assert found(content).startswith("fails: it does not"), found(content)
+    assert finding(content).startswith("fails: it does not"), finding(content)
 
 
 @pytest.mark.parametrize("name", ["pendulum", "fitzhugh_nagumo"])
 def test_the_claims_of_a_shipped_model_are_verified(name: str) -> None:
     claims = jobs.checked(load(ROOT / "models" / f"{name}.py"), None, "kalman_like")
     content = certificate(claims.form, claims.checks, claims.observer)
-    assert found(content).startswith("verified")
+    assert finding(content).startswith("verified")

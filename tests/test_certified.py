@@ -20,9 +20,9 @@ from tests.sweep import sweep
 
 
 def bound(plant: hg.System, poles: tuple[complex, ...]) -> ThetaBound:
-    found = of_poles(hg.forms.triangular(plant), coefficients(poles, len(plant.states)))
-    assert isinstance(found, ThetaBound), found
-    return found
+    theta_bound = of_poles(hg.forms.triangular(plant), coefficients(poles, len(plant.states)))
+    assert isinstance(theta_bound, ThetaBound), theta_bound
+    return theta_bound
 
 
 def plant(flow: Any, x: Any, inputs: Any = (), parameters: Any = (), output: Any = None) -> hg.System:
@@ -61,17 +61,17 @@ def test_a_row_that_reads_too_much_has_no_bound() -> None:
     form = hg.forms.triangular(plant([x[1], -x[0]], x))
     z1, z2 = form.states
     assert isinstance(of_poles(form, (2, 1)), ThetaBound)
-    found = of_poles(replace(form, b=(sp.sin(z2), -z1)), (2, 1))
-    assert isinstance(found, Nothing)
-    assert found.reason == f"b_1 = sin({z2}) reads more than z_1..z_1"
+    theta_bound = of_poles(replace(form, b=(sp.sin(z2), -z1)), (2, 1))
+    assert isinstance(theta_bound, Nothing)
+    assert theta_bound.reason == f"b_1 = sin({z2}) reads more than z_1..z_1"
 
 
 def test_the_rate_by_hand() -> None:
     """e' = -p theta e + ..|e| L: the error of one state decays like exp(-(p theta - L) t), and of P nothing is left."""
     for p, theta in ((1.0, 5.0), (0.25, 20.0)):
-        found = bound(chain(1), (-p,))
-        assert found.rate(theta) == pytest.approx(p * theta - 2, rel=1e-2)
-        assert found.rate(theta) <= p * theta - 2
+        theta_bound = bound(chain(1), (-p,))
+        assert theta_bound.rate(theta) == pytest.approx(p * theta - 2, rel=1e-2)
+        assert theta_bound.rate(theta) <= p * theta - 2
 
 
 def test_the_core_of_several_outputs_has_the_gains_of_each() -> None:
@@ -79,15 +79,15 @@ def test_the_core_of_several_outputs_has_the_gains_of_each() -> None:
     x = states(3)
     data = {"states": x, "outputs": (hg.Signal("y1"), hg.Signal("y2")), "output": [x[0], x[1]]}
     form = hg.forms.block_triangular(hg.System("two", **data, flow=[-x[0], x[2], -x[1]]), "top")
-    found = of_gains(form, (5, 2, 1))
-    assert isinstance(found, ThetaBound), found
-    assert found.lyapunov.vertices == (((-5, 0, 0), (0, -2, 1), (0, -1, 0)),)
+    theta_bound = of_gains(form, (5, 2, 1))
+    assert isinstance(theta_bound, ThetaBound), theta_bound
+    assert theta_bound.lyapunov.vertices == (((-5, 0, 0), (0, -2, 1), (0, -1, 0)),)
 
 
 def test_two_states_by_hand() -> None:
     """x1' = x2, x2' = -3 x1: L_b = 3 d, the core [[-2, 1/d], [-d, 0]] in (x1, d x2); the best d, by a fine search."""
     x1, x2 = states(2)
-    found = bound(plant([x2, -3 * x1], (x1, x2)), (-1, -1))
+    theta_bound = bound(plant([x2, -3 * x1], (x1, x2)), (-1, -1))
 
     def value(d: float) -> float:
         N = np.array([[-2, 1 / d], [-d, 0]])
@@ -96,7 +96,7 @@ def test_two_states_by_hand() -> None:
 
     assert value(1.0) == pytest.approx(6 * (1 + 0.5**0.5), rel=1e-12)
     best = min(value(d) for d in np.linspace(0.05, 2, 400))
-    assert best * (1 - 1e-3) <= float(found.theta) <= 1.1 * best
+    assert best * (1 - 1e-3) <= float(theta_bound.theta) <= 1.1 * best
 
 
 def test_a_linear_b_of_zero_needs_no_more_than_1() -> None:
@@ -109,8 +109,10 @@ def test_the_gains_of_parameters_cancel() -> None:
     x1, x2 = states(2)
     for low, high in ((0.5, 2.0), (1e-3, 1e3)):
         a = hg.Signal("a", "", "", 1.0, low=low, high=high)
-        found = bound(plant([a * x2, -x1 / a], (x1, x2), parameters=(a,)), (-1, -2))
-        assert float(found.lipschitz) == pytest.approx(float(bound(plant([x2, -x1], (x1, x2)), (-1, -2)).lipschitz))
+        theta_bound = bound(plant([a * x2, -x1 / a], (x1, x2), parameters=(a,)), (-1, -2))
+        assert float(theta_bound.lipschitz) == pytest.approx(
+            float(bound(plant([x2, -x1], (x1, x2)), (-1, -2)).lipschitz)
+        )
 
 
 # --- against eigenvalues ------------------------------------------------------------------------------------
@@ -130,9 +132,9 @@ def test_the_lyapunov_function_decays_above_the_bound(name: str) -> None:
     bound; and the search for S has not made the bound worse than S = I."""
     plant, poles = PLANTS[name]
     form, n = hg.forms.triangular(plant), len(plant.states)
-    found = bound(plant, poles)
-    P = np.array([[float(x) for x in row] for row in found.lyapunov.P])
-    S = np.array([float(s) for s in found.scale])
+    theta_bound = bound(plant, poles)
+    P = np.array([[float(x) for x in row] for row in theta_bound.lyapunov.P])
+    S = np.array([float(s) for s in theta_bound.scale])
     N = np.diag(np.ones(n - 1), 1)
     N[:, 0] -= coefficients(poles, n)
     N = S[:, None] * N / S
@@ -144,11 +146,11 @@ def test_the_lyapunov_function_decays_above_the_bound(name: str) -> None:
     for _ in range(300):
         J = np.array(slope(*(rng.uniform(*s.interval) for s in free)), dtype=float)
         worst = max(worst, np.linalg.norm(S[:, None] * J / S, 2))
-        for theta in (float(found.theta) * 1.0001, float(found.theta) * 3):
+        for theta in (float(theta_bound.theta) * 1.0001, float(theta_bound.theta) * 3):
             Delta = theta ** -np.arange(n) * S
             E = Delta[:, None] * J / Delta
             assert np.linalg.eigvalsh(theta * (N.T @ P + P @ N) + P @ E + E.T @ P).max() < 0
-    assert worst <= found.lipschitz <= 1.5 * worst
+    assert worst <= theta_bound.lipschitz <= 1.5 * worst
 
 
 def test_the_search_finds_a_smaller_bound() -> None:
@@ -170,8 +172,8 @@ def test_the_error_decays_as_proved(n: int, seed: int, driven: bool) -> None:
     row = [sum(float(c[i, j]) * sp.sin(float(w[i, j]) * x[j] + u) for j in range(i + 1)) for i in range(n)]
     flow = [row[i] + (x[i + 1] if i + 1 < n else 0) for i in range(n)]
     poles = tuple(-rng.uniform(0.5, 2, size=n))
-    found = bound(plant(flow, x, inputs=(u,)), poles)
-    theta = float(found.theta) * (1.001 if driven else 2)
+    theta_bound = bound(plant(flow, x, inputs=(u,)), poles)
+    theta = float(theta_bound.theta) * (1.001 if driven else 2)
     K = coefficients(poles, n) * theta ** np.arange(1, n + 1)
 
     def both(t: float, state: np.ndarray) -> np.ndarray:
@@ -186,11 +188,11 @@ def test_the_error_decays_as_proved(n: int, seed: int, driven: bool) -> None:
     t = np.linspace(0, 5 / theta, 40)
     run = solve_ivp(both, (0, t[-1]), start, method="DOP853", t_eval=t, rtol=1e-10, atol=1e-10)
     assert np.abs(run.y[:n]).max() < 1e3
-    S = np.array([float(s) for s in found.scale]) * theta ** -np.arange(n)
-    P = np.array([[float(v) for v in r] for r in found.lyapunov.P])
+    S = np.array([float(s) for s in theta_bound.scale]) * theta ** -np.arange(n)
+    P = np.array([[float(v) for v in r] for r in theta_bound.lyapunov.P])
     e = S[:, None] * (run.y[n:] - run.y[:n])
     V = np.einsum("it,ij,jt->t", e, P, e)
-    assert (np.exp(-2 * found.rate(theta) * t) * V[0] * (1 + 1e-5) + 1e-8 * V[0] >= V).all()
+    assert (np.exp(-2 * theta_bound.rate(theta) * t) * V[0] * (1 + 1e-5) + 1e-8 * V[0] >= V).all()
 
 
 # --- verdicts -----------------------------------------------------------------------------------------------
@@ -219,15 +221,15 @@ def test_theta_above_the_bound_is_proved_and_below_it_unknown() -> None:
 def test_no_bound_without_its_hypotheses(flow: Any, why: str) -> None:
     x1, x2 = states(2)
     u = hg.Signal("u", low=-1, high=1)
-    found = of_poles(hg.forms.triangular(plant(flow(x1, x2, u), (x1, x2), inputs=(u,))), (2, 1))
-    assert isinstance(found, Nothing)
-    assert why in found.reason
+    theta_bound = of_poles(hg.forms.triangular(plant(flow(x1, x2, u), (x1, x2), inputs=(u,))), (2, 1))
+    assert isinstance(theta_bound, Nothing)
+    assert why in theta_bound.reason
 
 
 def test_no_bound_where_b_is_not_bounded_or_the_form_is_another() -> None:
     x1, x2 = hg.Signal("x1"), hg.Signal("x2")
-    found = of_poles(hg.forms.triangular(plant([x2, -(x1**3)], (x1, x2))), (2, 1))
-    assert isinstance(found, Nothing)
+    theta_bound = of_poles(hg.forms.triangular(plant([x2, -(x1**3)], (x1, x2))), (2, 1))
+    assert isinstance(theta_bound, Nothing)
     assert isinstance(of_poles(hg.forms.original(van_der_pol()), (2, 1)), Nothing)
     assert isinstance(of_poles(fitzhugh_nagumo().form, (3, 3, 1)), Nothing)
 
@@ -237,21 +239,21 @@ def test_no_bound_for_an_observer_in_other_coordinates() -> None:
     form = hg.forms.triangular(van_der_pol())
     assert isinstance(of_poles(form, (2, 1)), ThetaBound)
     object.__setattr__(form, "jacobian", sp.ImmutableDenseMatrix(sp.eye(2)))
-    found = of_poles(form, (2, 1))
-    assert isinstance(found, Nothing)
-    assert "stays in the plant's" in found.reason
+    theta_bound = of_poles(form, (2, 1))
+    assert isinstance(theta_bound, Nothing)
+    assert "stays in the plant's" in theta_bound.reason
 
 
 def test_no_bound_for_poles_that_are_not_stable() -> None:
-    found = of_poles(hg.forms.triangular(van_der_pol()), (2, -1))
-    assert isinstance(found, Nothing)
-    assert "no P" in found.reason
+    theta_bound = of_poles(hg.forms.triangular(van_der_pol()), (2, -1))
+    assert isinstance(theta_bound, Nothing)
+    assert "no P" in theta_bound.reason
 
 
 def test_many_states_are_left_alone() -> None:
-    found = of_poles(hg.forms.triangular(chain(14)), np.poly([-1] * 14)[1:])
-    assert isinstance(found, Nothing)
-    assert "up to 12 states" in found.reason
+    theta_bound = of_poles(hg.forms.triangular(chain(14)), np.poly([-1] * 14)[1:])
+    assert isinstance(theta_bound, Nothing)
+    assert "up to 12 states" in theta_bound.reason
 
 
 @settings(max_examples=200)
@@ -274,33 +276,33 @@ def test_a_constant_gain_serves_an_input_driven_chain() -> None:
     )
     K = hg.design.constant_gain(form, largest=20.0)
     assert not isinstance(K, Nothing)
-    found = of_gains(form, K)
-    assert isinstance(found, ThetaBound), found
-    assert len(found.lyapunov.vertices) == 4
-    P = np.array([[float(v) for v in r] for r in found.lyapunov.P])
+    theta_bound = of_gains(form, K)
+    assert isinstance(theta_bound, ThetaBound), theta_bound
+    assert len(theta_bound.lyapunov.vertices) == 4
+    P = np.array([[float(v) for v in r] for r in theta_bound.lyapunov.P])
     rng = np.random.default_rng(3)
     for a1, a2 in rng.uniform(1, 1.5, size=(200, 2)):
         N = np.array([[-K[0] * a1, a2], [-K[1] * a1, 0]])
         assert np.linalg.eigvalsh(N.T @ P + P @ N).max() <= -1 + 1e-6
-    assert float(found.lipschitz) == pytest.approx(1, rel=1e-2)
-    assert float(found.theta) == pytest.approx(max(1, 2 * np.linalg.eigvalsh(P).max()), rel=1e-2)
+    assert float(theta_bound.lipschitz) == pytest.approx(1, rel=1e-2)
+    assert float(theta_bound.theta) == pytest.approx(max(1, 2 * np.linalg.eigvalsh(P).max()), rel=1e-2)
 
 
 def test_too_many_vertices_are_left_alone() -> None:
     x, u = states(10), hg.Signal("u", low=0, high=1)
     form = hg.forms.triangular(plant([*((1 + u) * s for s in x[1:]), 0], x, inputs=(u,)))
-    found = of_gains(form, (1.0,) * 10)
-    assert isinstance(found, Nothing)
-    assert "more than 8 of the a_i vary" in found.reason
+    theta_bound = of_gains(form, (1.0,) * 10)
+    assert isinstance(theta_bound, Nothing)
+    assert "more than 8 of the a_i vary" in theta_bound.reason
 
 
 def test_gains_on_a_constant_chain_are_those_of_the_poles() -> None:
     form = hg.forms.triangular(chain(2))
-    found, poles = of_gains(form, (2, 1)), of_poles(form, (2, 1))
-    assert isinstance(found, ThetaBound)
+    theta_bound, poles = of_gains(form, (2, 1)), of_poles(form, (2, 1))
+    assert isinstance(theta_bound, ThetaBound)
     assert isinstance(poles, ThetaBound)
-    assert float(found.lyapunov.peak) == pytest.approx(1 + 0.5**0.5, rel=1e-6)
-    assert poles.theta <= found.theta
+    assert float(theta_bound.lyapunov.peak) == pytest.approx(1 + 0.5**0.5, rel=1e-6)
+    assert poles.theta <= theta_bound.theta
 
 
 @pytest.mark.parametrize("name", ["cos", "exp"])

@@ -61,9 +61,9 @@ def bound_of(kind: str, name: str) -> CoreBound:
     """As the observers find it, for its numbers."""
     gains, index, _, fed, _ = parts(kind, form(name).n)
     layout, cores = Layout(tuple(index), tuple(map(bool, fed))), vertices(kind, name, 1.0)
-    found = of_core(integrators(kind, form(name)), layout, cores, {})
-    assert isinstance(found, CoreBound), (found, gains)
-    return found
+    core_bound = of_core(integrators(kind, form(name)), layout, cores, {})
+    assert isinstance(core_bound, CoreBound), (core_bound, gains)
+    return core_bound
 
 
 @cache
@@ -73,15 +73,15 @@ def vertices(kind: str, name: str, theta: float) -> list[np.ndarray]:
     core = core_numbers(build(kind, name, theta).parts[0], 1, {Place("gain", "theta"): np.array([theta])})
     if kind != "peaking_free":
         return [core]
-    found = []
+    corners = []
     for shares in product((1.0, 0.0), repeat=n - 1):
         cut = core.copy()
         for i, share in enumerate(shares, 1):
-            kept = cut[i - 1, n + i - 1] if i < n else 0.0
+            entry = cut[i - 1, n + i - 1] if i < n else 0.0
             cut[:, n + i - 1] *= share
-            cut[i - 1, n + i - 1] = kept  # p_i' has q_i as it is
-        found.append(cut)
-    return found
+            cut[i - 1, n + i - 1] = entry  # p_i' has q_i as it is
+        corners.append(cut)
+    return corners
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -101,15 +101,15 @@ def test_the_lyapunov_function_decays_above_the_bound(kind: str, name: str) -> N
     """e'P e falls by the error's matrix at points of the box, clamps and saturations at random shares."""
     plant = form(name)
     n, (_, index, power, fed, read) = plant.n, parts(kind, plant.n)
-    found = bound_of(kind, name)
-    P = np.array([[float(x) for x in row] for row in found.lyapunov.P])
-    scale = np.array([float(found.steep.units[i]) for i in index])
+    core_bound = bound_of(kind, name)
+    P = np.array([[float(x) for x in row] for row in core_bound.lyapunov.P])
+    scale = np.array([float(core_bound.steep.units[i]) for i in index])
     products = integrators(kind, plant).nominal
     b = sp.Matrix([sp.sympify(row).subs(plant.system.nominal) for row in plant.b])
     free = (*plant.states, *plant.system.inputs)
     slope = sp.lambdify(free, b.jacobian(sp.Matrix(plant.states)), "numpy")
     rng = np.random.default_rng(1)
-    for theta in (float(found.theta) * 1.0001, float(found.theta) * 3):
+    for theta in (float(core_bound.theta) * 1.0001, float(core_bound.theta) * 3):
         ends = np.array(vertices(kind, name, theta))
         D = scale * theta ** -np.array(power, dtype=float)
         for _ in range(150):
@@ -124,29 +124,29 @@ def test_the_lyapunov_function_decays_above_the_bound(kind: str, name: str) -> N
 
 def test_a_pair_is_the_standard_observer() -> None:
     """n = 2: the low-power observer is the standard one with K = (2, 1), and so is its bound, scaled or not."""
-    found, standard = bound_of("low_power", "2"), of_gains(form("2"), (2, 1))
-    assert float(found.push) == pytest.approx(float(found.lyapunov.peak), rel=1e-4)
+    core_bound, standard = bound_of("low_power", "2"), of_gains(form("2"), (2, 1))
+    assert float(core_bound.push) == pytest.approx(float(core_bound.lyapunov.peak), rel=1e-4)
     assert not isinstance(standard, Nothing)
-    assert found.theta <= standard.theta * 1.001
+    assert core_bound.theta <= standard.theta * 1.001
 
 
 def test_only_what_is_fed_counts() -> None:
     """|P G| in floats: of the filtered observer the columns of w; of the low-power one p_2 and q_1 get c_2 together."""
     for kind, groups in (("filtered", [[0], [1], [2]]), ("low_power", [[0], [1, 2], [3]])):
-        found = bound_of(kind, "3")
-        P = np.array([[float(x) for x in row] for row in found.lyapunov.P])
+        core_bound = bound_of(kind, "3")
+        P = np.array([[float(x) for x in row] for row in core_bound.lyapunov.P])
         G = np.array([[float(k in group) for group in groups] for k in range(len(P))])
-        assert float(found.push) == pytest.approx(np.linalg.norm(P @ G, 2), rel=1e-4)
-        assert float(found.push) >= np.linalg.norm(P @ G, 2)
-        theta = 2 * float(found.theta)  # V' <= -(theta - 2 push L) |e|^2 with V <= lambda_max(P) |e|^2
-        room = theta - 2 * float(found.push) * float(found.lipschitz)
-        assert found.rate(theta) == pytest.approx(room / (2 * np.linalg.eigvalsh(P).max()), rel=1e-3)
+        assert float(core_bound.push) == pytest.approx(np.linalg.norm(P @ G, 2), rel=1e-4)
+        assert float(core_bound.push) >= np.linalg.norm(P @ G, 2)
+        theta = 2 * float(core_bound.theta)  # V' <= -(theta - 2 push L) |e|^2 with V <= lambda_max(P) |e|^2
+        room = theta - 2 * float(core_bound.push) * float(core_bound.lipschitz)
+        assert core_bound.rate(theta) == pytest.approx(room / (2 * np.linalg.eigvalsh(P).max()), rel=1e-3)
 
 
 def test_the_error_decays_as_proved_through_saturations() -> None:
     """The peaking-free observer of the pendulum, from the far corner of the box: V(t) <= exp(-2 r t) V(0)."""
-    found = bound_of("peaking_free", "pendulum")
-    theta = 1.5 * float(found.theta)
+    core_bound = bound_of("peaking_free", "pendulum")
+    theta = 1.5 * float(core_bound.theta)
     low, high = np.array([-4.0, -20]), np.array([4.0, 20])
 
     def c(w: np.ndarray) -> float:
@@ -162,10 +162,10 @@ def test_the_error_decays_as_proved_through_saturations() -> None:
     t = np.linspace(0, 12 / theta, 80)
     solved = solve_ivp(both, (0, t[-1]), [1, 0, -3, 20, 20], t_eval=t, rtol=1e-10, atol=1e-10, max_step=t[-1] / 2000).y
     assert np.abs(solved[4]).max() > 25
-    scale = np.array([float(found.steep.units[i]) for i in (0, 1, 1)]) / np.array([1, theta, theta])
+    scale = np.array([float(core_bound.steep.units[i]) for i in (0, 1, 1)]) / np.array([1, theta, theta])
     e = scale[:, None] * (solved[2:] - solved[[0, 1, 1]])
-    V = np.einsum("it,ij,jt->t", e, np.array([[float(x) for x in row] for row in found.lyapunov.P]), e)
-    assert (np.exp(-2 * found.rate(theta) * t) * V[0] * (1 + 1e-5) + 1e-8 * V[0] >= V).all()
+    V = np.einsum("it,ij,jt->t", e, np.array([[float(x) for x in row] for row in core_bound.lyapunov.P]), e)
+    assert (np.exp(-2 * core_bound.rate(theta) * t) * V[0] * (1 + 1e-5) + 1e-8 * V[0] >= V).all()
 
 
 # --- what is said -------------------------------------------------------------------------------------------
@@ -176,9 +176,9 @@ def test_theta_above_the_bound_is_proved_and_below_it_unknown(kind: str) -> None
     top = float(bound_of(kind, "pendulum").theta)
     for share, verdict in ((0.999, Verdict.UNKNOWN), (1.001, Verdict.PROVED)):
         observer = build(kind, "pendulum", top * share)
-        found = {check.id: check.verdict for check in observer.checks}
-        assert found[f"{kind}.convergence"] is Verdict.PROVED
-        assert found[f"{kind}.theta"] is verdict
+        verdicts = {check.id: check.verdict for check in observer.checks}
+        assert verdicts[f"{kind}.convergence"] is Verdict.PROVED
+        assert verdicts[f"{kind}.theta"] is verdict
         claims = {row.claim: row.verdict for row in rows(observer.theorem, observer.checks)}
         assert claims["theta is large enough"] is verdict
 
@@ -187,14 +187,14 @@ def test_no_bound_without_its_hypotheses() -> None:
     x1, x2 = hg.Signal("x1", low=-4, high=4), hg.Signal("x2", low=-4, high=4)
     rough = hg.System("rough", states=(x1, x2), outputs=[hg.Signal("y")], flow=[x2, sp.sqrt(x1 + 4)], output=[x1])
     observer = hg.observers.low_power(hg.forms.triangular(rough), theta=5, accept="triangular.lipschitz")
-    (found,) = (check for check in observer.checks if check.id == "low_power.convergence")
-    assert (found.verdict, found.reason) == (
+    (claim,) = (check for check in observer.checks if check.id == "low_power.convergence")
+    assert (claim.verdict, claim.reason) == (
         Verdict.UNKNOWN,
         "the bound rests on triangular.lipschitz, which is not proved",
     )
     many = build("low_power", "9", 2)
-    (found,) = (check for check in many.checks if check.id == "low_power.convergence")
-    assert "up to 14 fields" in found.reason
+    (claim,) = (check for check in many.checks if check.id == "low_power.convergence")
+    assert "up to 14 fields" in claim.reason
     unstable = of_core(
         integrators("low_power", form("2")), Layout((0, 1), (True, True)), [np.array([[1.0, 1], [0, 1]])], {}
     )
@@ -209,6 +209,6 @@ def test_without_a_solver_nothing_is_proved_and_nothing_breaks(monkeypatch: pyte
     driven = hg.forms.triangular(hg.System("driven", **data, flow=[(1 + u) * x[1], -sp.sin(x[0])]))
     observers = build("peaking_free", "pendulum", 100), hg.observers.high_gain(driven, theta=5, gains=(3, 1))
     for observer in observers:
-        found = {check.id: check for check in observer.checks}[f"{observer.name}.convergence"]
-        assert found.verdict is Verdict.UNKNOWN
-        assert "install" in found.reason
+        convergence = {check.id: check for check in observer.checks}[f"{observer.name}.convergence"]
+        assert convergence.verdict is Verdict.UNKNOWN
+        assert "install" in convergence.reason

@@ -71,15 +71,15 @@ def test_one_output(flow: list[sp.Expr], output: sp.Expr, expected: tuple[bool |
     ],
 )
 def test_terms_that_cancel_do_not_count(hidden: sp.Expr) -> None:
-    found = levelwise(rows([u * X2 + hidden, X3, X4, 0], X1 + hidden - hidden, k=(0.5, 0.5)))
-    assert found.order == (X1, X2, X3, X4)
-    assert answers(found) == (True, True, True)
-    assert found.links[0][1].gain == u
-    assert not found.links[0][1].rest.has(X3, X4)
+    chains = levelwise(rows([u * X2 + hidden, X3, X4, 0], X1 + hidden - hidden, k=(0.5, 0.5)))
+    assert chains.order == (X1, X2, X3, X4)
+    assert answers(chains) == (True, True, True)
+    assert chains.links[0][1].gain == u
+    assert not chains.links[0][1].rest.has(X3, X4)
 
 
 @pytest.mark.parametrize(
-    ("near", "says"),
+    ("term", "says"),
     [
         (sp.Rational(1, 10**30) * X3, "x1' brings in x2, x3 together"),
         (sp.sin(X3) ** 2 + sp.cos(X3) ** 2 + X3 / 10**40, "x1' brings in x2, x3 together"),
@@ -91,8 +91,8 @@ def test_terms_that_cancel_do_not_count(hidden: sp.Expr) -> None:
         (-X2, "x1' brings in no new state, so the output never shows x2, x3, x4"),
     ],
 )
-def test_near_misses_are_refused_with_the_reason(near: sp.Expr, says: str) -> None:
-    answer, why = levelwise(rows([X2 + near, X3, X4, 0])).answer(Shape.CONSTANT)
+def test_near_misses_are_refused_with_the_reason(term: sp.Expr, says: str) -> None:
+    answer, why = levelwise(rows([X2 + term, X3, X4, 0])).answer(Shape.CONSTANT)
     assert answer is False
     assert says in why
 
@@ -136,13 +136,13 @@ def test_a_scramble_is_recognised_and_a_spoiled_one_refused(n: int, draw: random
             rate += draw.choice(_SPOILERS)(z[draw.randrange(i + 2, n)])
         rate += draw.choice(_DISGUISES)(*draw.sample(order, 2))
         flow[s] = rate / scale[s]
-    found = levelwise(rows([flow[s] for s in x[:n]], z[0] * draw.choice((1, k, -3))))
+    chains = levelwise(rows([flow[s] for s in x[:n]], z[0] * draw.choice((1, k, -3))))
     if at is None:
-        assert found.order == tuple(order)
-        assert answers(found) == (True, True, True)
+        assert chains.order == tuple(order)
+        assert answers(chains) == (True, True, True)
     else:
-        assert answers(found) == (False, False, False)
-        assert f"{order[at]}' brings in" in found.answer(Shape.CONSTANT)[1]
+        assert answers(chains) == (False, False, False)
+        assert f"{order[at]}' brings in" in chains.answer(Shape.CONSTANT)[1]
 
 
 # Several outputs
@@ -176,9 +176,9 @@ def test_several_outputs(
 
 def test_levels_with_nonlinear_slopes() -> None:
     plant = rows([X3 + X3**3, sp.exp(X4) + X1, X1 * X2, X3], [X1, sp.sinh(X2)])
-    found = levelwise(plant)
-    assert found.blocks == (2, 2)
-    assert answers(found) == (False, False, True)
+    chains = levelwise(plant)
+    assert chains.blocks == (2, 2)
+    assert answers(chains) == (False, False, True)
 
 
 @pytest.mark.parametrize("outputs", [5, pytest.param(10, marks=pytest.mark.slow)])
@@ -200,9 +200,9 @@ def test_many_states_and_outputs_are_quick(outputs: int) -> None:
     chain = [(s[i + 1] if i % 6 < 5 else 0) + sum(s[: i + 1]) ** 2 for i in range(n)]
     names, heads = tuple(f"y{j}" for j in range(outputs)), tuple(s[6 * j] for j in range(outputs))
     assert levelwise(Rows(s, tuple(level), names, heads, {})).blocks == (6,) * outputs
-    found = cascade(Rows(s, tuple(chain), names, heads[::-1], {}))
-    assert found.answer(Shape.CONSTANT)[0] is True
-    assert found.order[:6] == s[n - 6 :]
+    chains = cascade(Rows(s, tuple(chain), names, heads[::-1], {}))
+    assert chains.answer(Shape.CONSTANT)[0] is True
+    assert chains.order[:6] == s[n - 6 :]
     assert time.process_time() - start < 60
 
 

@@ -92,10 +92,10 @@ def record(outputs: int, dt: float, duration: float) -> dict[str, np.ndarray]:
 def test_it_is_the_factored_step_but_for_rounding(name: str) -> None:
     """With samples missing for 2 s; 1e3 operations in each of 600 steps, forgotten within 1 s."""
     observer = OBSERVERS[name]()
-    given_ = record(len(observer.form.output), 0.01, 6.0)
-    given_["y"][200:400] = NAN
+    samples = record(len(observer.form.output), 0.01, 6.0)
+    samples["y"][200:400] = NAN
     runs = [
-        hg.sample(observer, how, dt=0.01).run(**given_, engine="python")
+        hg.sample(observer, how, dt=0.01).run(**samples, engine="python")
         for how in (hg.methods.cholesky, hg.methods.continuous_discrete)
     ]
     assert runs[0].x == pytest.approx(runs[1].x, abs=1e-9 * np.abs(runs[1].x).max())
@@ -104,13 +104,13 @@ def test_it_is_the_factored_step_but_for_rounding(name: str) -> None:
 
 def test_all_views_agree_at_constant_theta(monkeypatch: pytest.MonkeyPatch) -> None:
     """S, P, L D L' and S S' of one observer against its continuous equations: orders 4, 4, 1, 1 with one constant."""
-    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *arguments: [Limit(np.inf, "not asked")])
     observer, errors = fitzhugh_nagumo(theta=3.0), {}
     for dt in (0.02, 0.01):
-        given_ = record(1, dt, 1.0)
-        exact = hg.reference(observer, **given_, dt=dt).x
+        samples = record(1, dt, 1.0)
+        exact = hg.reference(observer, **samples, dt=dt).x
         for how in ("rk4", "rk4_covariance", "continuous_discrete", "cholesky"):
-            run = hg.sample(observer, getattr(hg.methods, how), dt=dt).run(**given_, engine="python")
+            run = hg.sample(observer, getattr(hg.methods, how), dt=dt).run(**samples, engine="python")
             errors.setdefault(how, []).append(np.abs(run.x - exact).max())
     orders = {how: np.log2(coarse / fine) for how, (coarse, fine) in errors.items()}
     assert [round(orders[how]) for how in ("rk4", "rk4_covariance", "continuous_discrete", "cholesky")] == [4, 4, 1, 1]

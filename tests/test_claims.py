@@ -96,9 +96,9 @@ def test_what_bounds_a_slope_in_x_is_no_evidence_of_one_in_z() -> None:
 def test_every_claim_of_a_form_is_a_name_with_parts() -> None:
     plants = [load(MODELS / name).plant for name in ("pendulum.py", "geared_motor.py", "battery.toml")]
     rows = [row for plant in plants for row in hg.survey(plant, deep=True).rows]
-    found = {check.id for row in rows if row.form for check in row.form.checks}
-    assert {id.maker for id in found} == {*hg.forms.__all__}
-    assert all(type(id) is ClaimId for id in found)
+    ids = {check.id for row in rows if row.form for check in row.form.checks}
+    assert {id.maker for id in ids} == {*hg.forms.__all__}
+    assert all(type(id) is ClaimId for id in ids)
 
 
 def test_a_claim_that_is_made_later_may_be_accepted() -> None:

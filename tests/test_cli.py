@@ -69,10 +69,10 @@ def documented(command: str) -> str:
 
 def as_json(*arguments: str, status: int = 0) -> dict[str, Any]:
     """The JSON a command prints; every key of it stands in the command's help."""
-    found: dict[str, Any] = json.loads(hgogen(*arguments, "--json", status=status)[0])
+    answer: dict[str, Any] = json.loads(hgogen(*arguments, "--json", status=status)[0])
     text = documented(arguments[0])
-    assert [key for key in found if key not in text] == []
-    return found
+    assert [key for key in answer if key not in text] == []
+    return answer
 
 
 def files(folder: Path) -> list[str]:
@@ -85,25 +85,25 @@ LOG = ("--data", "log.csv", "--map", "y=potential", "--map", "u=drive")
 
 
 def test_list(here: Path):
-    found = as_json("list")
-    assert found["models"][0] == str(Path("models/neuron.py"))
-    assert {"pendulum", "battery"} <= set(found["models"])  # which come with hgogen
-    assert {"triangular"} <= set(found["forms"])
-    assert {"riccati", "high_gain"} <= set(found["observers"])
-    assert {"rk4", "continuous_discrete"} <= set(found["methods"])
-    assert "c99" in found["targets"]
-    assert {kind: list(told) for kind, told in found["summaries"].items()} == {
-        kind: names for kind, names in found.items() if kind != "summaries"
+    answer = as_json("list")
+    assert answer["models"][0] == str(Path("models/neuron.py"))
+    assert {"pendulum", "battery"} <= set(answer["models"])  # which come with hgogen
+    assert {"triangular"} <= set(answer["forms"])
+    assert {"riccati", "high_gain"} <= set(answer["observers"])
+    assert {"rk4", "continuous_discrete"} <= set(answer["methods"])
+    assert "c99" in answer["targets"]
+    assert {kind: list(summaries) for kind, summaries in answer["summaries"].items()} == {
+        kind: names for kind, names in answer.items() if kind != "summaries"
     }
-    assert found["summaries"]["observers"]["high_gain"] == "Standard high-gain observer with a constant gain."
-    models = found["summaries"].pop("models")
+    assert answer["summaries"]["observers"]["high_gain"] == "Standard high-gain observer with a constant gain."
+    models = answer["summaries"].pop("models")
     assert models[str(Path("models/neuron.py"))].startswith("Modified FitzHugh-Nagumo neuron")
-    assert all(len(text) > 40 for told in found["summaries"].values() for text in told.values())
+    assert all(len(text) > 40 for summaries in answer["summaries"].values() for text in summaries.values())
     assert "models/neuron.py" in hgogen("list")[0]
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "told"),
+    ("file", "text", "sentence"),
     [
         ("a.py", '"""One tank.\n\nIts level."""\nraise SystemExit', "One tank"),
         ("a.py", '"""A tank, its level\nmeasured. By hand."""', "A tank, its level measured"),
@@ -114,30 +114,30 @@ def test_list(here: Path):
         ("a.json", "[1]", ""),
     ],
 )
-def test_a_model_says_what_it_is_without_being_run(tmp_path: Path, file: str, text: str, told: str):
+def test_a_model_says_what_it_is_without_being_run(tmp_path: Path, file: str, text: str, sentence: str):
     (tmp_path / file).write_text(text)
-    assert summary(str(tmp_path / file)) == told
+    assert summary(str(tmp_path / file)) == sentence
 
 
 def test_check(here: Path):
-    found = as_json("check", "neuron")
-    verdicts = {check["id"]: (check["verdict"], check["accepted"]) for check in found["checks"]}
+    answer = as_json("check", "neuron")
+    verdicts = {check["id"]: (check["verdict"], check["accepted"]) for check in answer["checks"]}
     assert verdicts["triangular.a_2"] == ("refuted", True)
-    assert found["refuted"] == []
-    assert found["notes"] == []
-    assert found["coordinates"] == {"z1": "x1", "z2": "x2", "z3": "-eta"}
-    assert found["flow"]["z3"] == "0"
-    assert found["outputs"] == {"y": "z1"}
+    assert answer["refuted"] == []
+    assert answer["notes"] == []
+    assert answer["coordinates"] == {"z1": "x1", "z2": "x2", "z3": "-eta"}
+    assert answer["flow"]["z3"] == "0"
+    assert answer["outputs"] == {"y": "z1"}
     shown, said = hgogen("check", "neuron")
     assert said == ""
     assert "z1 = x1, z2 = x2, z3 = -eta" in shown
-    assert f"  z2' = {found['flow']['z2']}\n" in shown
+    assert f"  z2' = {answer['flow']['z2']}\n" in shown
     assert "  y = z1\n" in shown
     assert "accepted" in shown
     assert "u = 0" in shown
     assert "Theorem: the estimate converges exponentially from any initial state (theorem 5)" in shown
     assert "left to you" in shown
-    known = {row["claim"]: row for row in found["theorem"]["hypotheses"]}
+    known = {row["claim"]: row for row in answer["theorem"]["hypotheses"]}
     driven = known["0 < a_m <= a_i <= a_M for every input and parameter in its range"]
     assert (driven["verdict"], "triangular.a_2" in driven["checks"]) == ("refuted", True)
 
@@ -152,22 +152,22 @@ def test_check_of_a_plant_without_an_observer_asks_only(here: Path):
     """What is refuted is an answer: there is no observer that needs it."""
     text = NEURON.read_text()
     (here / "bare.py").write_text(text[: text.index("tuning = ")])
-    found = as_json("check", "bare.py")
-    assert found["refuted"] == ["triangular.a_2"]
+    answer = as_json("check", "bare.py")
+    assert answer["refuted"] == ["triangular.a_2"]
     out, err = hgogen("check", "bare.py")
     assert "a_2 vanishes; at u = 0" in out
     assert "z1 = x1" in out
     assert err == "hgogen: bare.py has no observer: the checks are those of the triangular form alone\n"
-    assert err == f"hgogen: {found['notes'][0]}\n"
+    assert err == f"hgogen: {answer['notes'][0]}\n"
 
 
 def test_check_of_a_plant_in_no_form(here: Path):
     """The battery without its observer."""
     alone = here / "battery.toml"
     alone.write_text(re.split(r"^\[(?:observer|tuning|trial)", (MODELS / "battery.toml").read_text(), flags=re.M)[0])
-    found = as_json("check", str(alone))
-    assert (found["form"], found["refuted"]) == ("triangular", ["triangular.structure"])
-    assert {row["verdict"] for row in found["forms"] if row["name"].startswith(("tri", "uni"))} == {"refuted"}
+    answer = as_json("check", str(alone))
+    assert (answer["form"], answer["refuted"]) == ("triangular", ["triangular.structure"])
+    assert {row["verdict"] for row in answer["forms"] if row["name"].startswith(("tri", "uni"))} == {"refuted"}
     out, err = hgogen("check", str(alone))
     assert "in triangular form" not in out
     assert out.count("y brings in soc, v together") == 1
@@ -175,8 +175,8 @@ def test_check_of_a_plant_in_no_form(here: Path):
 
 
 def test_check_of_a_plant_that_is_not_observable(here: Path):
-    found = as_json("check", str(MODELS / "sir.toml"))
-    assert found["observability"]["known"]["unobservable"] == found["observability"]["known"]["repairs"]
+    answer = as_json("check", str(MODELS / "sir.toml"))
+    assert answer["observability"]["known"]["unobservable"] == answer["observability"]["known"]["repairs"]
     out, _ = hgogen("check", str(MODELS / "sir.toml"))
     assert "is not observable: rank 2 of 3" in out
     assert "as well" in out
@@ -191,12 +191,12 @@ def test_check_names_the_states_of_a_recast_plant(here: Path):
 def test_a_step_on_a_refuted_form_exits_1(here: Path):
     text = NEURON.read_text().replace('"accept": ("triangular.a_2",)', '"accept": ()')
     (here / "stubborn.py").write_text(text)
-    found = as_json("check", "stubborn.py", status=1)
-    assert found["refuted"] == ["triangular.a_2"]
-    assert found["coordinates"]["z3"] == "-eta"
-    assert found["checks"][0]["id"] == "triangular.structure"
-    assert found["theorem"] is None
-    assert "refused on this form" in found["notes"][0]
+    answer = as_json("check", "stubborn.py", status=1)
+    assert answer["refuted"] == ["triangular.a_2"]
+    assert answer["coordinates"]["z3"] == "-eta"
+    assert answer["checks"][0]["id"] == "triangular.structure"
+    assert answer["theorem"] is None
+    assert "refused on this form" in answer["notes"][0]
     shown = hgogen("check", "stubborn.py", status=1)[0]
     assert "  z3' = 0\n" in shown
     assert "triangular.lipschitz" in shown
@@ -210,25 +210,25 @@ def test_a_step_on_a_refuted_form_exits_1(here: Path):
 
 @needs_compiler
 def test_build(here: Path):
-    found = as_json("build", "neuron")
+    answer = as_json("build", "neuron")
     names = [*(f"fitzhugh_nagumo{end}" for end in (".c", ".h", "_check.c")), "report.json"]
     names += [f"short_{what}.{kind}" for what in ("states", "theta") for kind in ("png", "svg")]
     assert files(here / "build" / "neuron") == sorted(names)
-    assert sorted(Path(path).name for path in found["files"]) == sorted(names)
-    assert json.loads((here / "build" / "neuron" / "report.json").read_text()) == found
-    assert found["coordinates"]["z3"] == "-eta"
-    assert found["comparison"][0]["agreed"] is True
-    assert (found["trials"][0]["seeds"], found["trials"][0]["engine"]) == (2, "c")
-    assert found["self_check"]
+    assert sorted(Path(path).name for path in answer["files"]) == sorted(names)
+    assert json.loads((here / "build" / "neuron" / "report.json").read_text()) == answer
+    assert answer["coordinates"]["z3"] == "-eta"
+    assert answer["comparison"][0]["agreed"] is True
+    assert (answer["trials"][0]["seeds"], answer["trials"][0]["engine"]) == (2, "c")
+    assert answer["self_check"]
 
 
 def test_build_without_a_compiler(here: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(native, "compiler", lambda: None)
     out, err = hgogen("build", "neuron", "--out", "made", "--json")
-    found = json.loads(out)
+    answer = json.loads(out)
     assert "no C compiler" in err
-    assert (found["compiler"], found["self_check"], found["comparison"]) == (None, None, [])
-    assert (found["trials"][0]["seeds"], found["trials"][0]["engine"]) == (1, "python")
+    assert (answer["compiler"], answer["self_check"], answer["comparison"]) == (None, None, [])
+    assert (answer["trials"][0]["seeds"], answer["trials"][0]["engine"]) == (1, "python")
     assert "fitzhugh_nagumo.c" in files(here / "made")
 
 
@@ -242,10 +242,10 @@ def test_build_exits_1_where_c_and_python_disagree(here: Path, monkeypatch: pyte
 
 @needs_compiler
 def test_generate_is_the_same_again(here: Path):
-    found = as_json("generate", "neuron", "-o", "one")
+    answer = as_json("generate", "neuron", "-o", "one")
     hgogen("generate", "neuron", "-o", "two")
     one, two = (here / name / "neuron" for name in ("one", "two"))
-    assert sorted(found["models"][0]["files"]) == sorted(str(Path("one/neuron") / name) for name in files(one))
+    assert sorted(answer["models"][0]["files"]) == sorted(str(Path("one/neuron") / name) for name in files(one))
     assert len(files(one)) == 7
     assert {name: (one / name).read_bytes() for name in files(one)} == {
         name: (two / name).read_bytes() for name in files(two)
@@ -284,10 +284,10 @@ def test_generate_of_a_model_without_a_trial(here: Path):
 
 @needs_compiler
 def test_generate_in_another_language(here: Path):
-    found = as_json("generate", "neuron", "--target", "rust", "--real", "double", "-o", "crates")
+    answer = as_json("generate", "neuron", "--target", "rust", "--real", "double", "-o", "crates")
     written = [name for name in files(here / "crates" / "neuron") if name.startswith("fitz")]
     assert written == ["fitzhugh_nagumo.rs", "fitzhugh_nagumo_check.rs"]
-    assert {Path(path).name for path in found["models"][0]["files"]} >= set(written)
+    assert {Path(path).name for path in answer["models"][0]["files"]} >= set(written)
     text = (here / "crates" / "neuron" / "fitzhugh_nagumo.rs").read_text()
     assert "hgogen generate neuron --real double --target rust" in " ".join(text.replace("//!", "").split())
     assert "pub theta: f64," in text
@@ -346,8 +346,8 @@ def test_languages_are_listed_as_one_says_them():
 
 
 def test_simulate(here: Path):
-    found = as_json("simulate", "neuron", "--engine", "python", "--seeds", "1")
-    (trial,) = found["trials"]
+    answer = as_json("simulate", "neuron", "--engine", "python", "--seeds", "1")
+    (trial,) = answer["trials"]
     assert (trial["trial"], trial["seeds"], trial["engine"]) == ("short", 1, "python")
     assert trial["times"] == [0.0, 2.0]
     assert len(trial["each"]) == 1
@@ -355,12 +355,12 @@ def test_simulate(here: Path):
 
 
 def test_run(here: Path):
-    found = as_json("run", "neuron", *LOG, "--time", "time", "--horizon", "1,5")
+    answer = as_json("run", "neuron", *LOG, "--time", "time", "--horizon", "1,5")
     folder = here / "build" / "neuron"
-    assert files(folder) == sorted(Path(path).name for path in found["files"])
+    assert files(folder) == sorted(Path(path).name for path in answer["files"])
     assert len(files(folder)) == 6
-    assert [(p["ahead"], p["count"]) for p in found["predictions"]] == [(1, 999), (5, 995), (None, 999)]
-    assert found["record"]["rows"] == found["record"]["samples"] == 1000
+    assert [(p["ahead"], p["count"]) for p in answer["predictions"]] == [(1, 999), (5, 995), (None, 999)]
+    assert answer["record"]["rows"] == answer["record"]["samples"] == 1000
     with (folder / "log_estimates.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert list(rows[0]) == ["t", "y", "x1", "x2", "eta", "theta", "innovation", "status"]
@@ -374,10 +374,10 @@ def test_run_compares_with_what_the_observer_took(here: Path):
     time, _, rest = lines[500].split(",", 2)
     lines[500] = f"{time},1e9,{rest}"
     (here / "log.csv").write_text("\n".join(lines))
-    found = as_json("run", "neuron", *LOG, "--time", "time")
-    assert found["status"]["REJECTED_y"] == 1
-    assert [one["rejected"] for one in found["predictions"]] == [1] * 4
-    assert max(one["model"] for one in found["predictions"]) < 10
+    answer = as_json("run", "neuron", *LOG, "--time", "time")
+    assert answer["status"]["REJECTED_y"] == 1
+    assert [one["rejected"] for one in answer["predictions"]] == [1] * 4
+    assert max(one["model"] for one in answer["predictions"]) < 10
     assert "y: 1 that the observer rejected, not compared" in hgogen("run", "neuron", *LOG, "--time", "time")[0]
 
 
@@ -398,9 +398,9 @@ def test_run_says_what_is_wrong_with_a_record(here: Path):
         "MISSING_y",
     ):
         assert said in out
-    found = as_json("run", "neuron", *LOG, "--time", "time")
-    read = found["record"]
-    assert read["absent"]["y"] == found["status"]["MISSING_y"]
+    answer = as_json("run", "neuron", *LOG, "--time", "time")
+    read = answer["record"]
+    assert read["absent"]["y"] == answer["status"]["MISSING_y"]
     lost = read["missing"]["y"] + read["not_numbers"]["y"] - read["covered"]["y"]
     assert lost + read["filled"] == read["absent"]["y"]
     assert ",," in (here / "build" / "neuron" / "log_estimates.csv").read_text()
@@ -410,10 +410,10 @@ def test_run_stays_finite_over_absurd_values(here: Path):
     y, u = {3: "1e30", 5: "inf"}, {2: "1e30"}
     rows = [f"{k / 100},{y.get(k % 7, 1)},{u.get(k % 5, 0.5)}" for k in range(500)]
     (here / "log.csv").write_text("time,potential,drive\n" + "\n".join(rows))
-    found = as_json("run", "neuron", *LOG, "--time", "time")
-    assert found["status"]["REJECTED_y"] == sum(k % 7 == 3 for k in range(500))
-    assert found["status"]["MISSING_y"] == sum(k % 7 == 5 for k in range(500))
-    assert found["status"]["REUSED_u"] == sum(k % 5 == 2 for k in range(500))
+    answer = as_json("run", "neuron", *LOG, "--time", "time")
+    assert answer["status"]["REJECTED_y"] == sum(k % 7 == 3 for k in range(500))
+    assert answer["status"]["MISSING_y"] == sum(k % 7 == 5 for k in range(500))
+    assert answer["status"]["REUSED_u"] == sum(k % 5 == 2 for k in range(500))
     text = (here / "build" / "neuron" / "log_estimates.csv").read_text()
     assert "nan" not in text
     assert "inf" not in text
@@ -445,9 +445,9 @@ def test_a_question_without_an_answer_leaves_the_others(here: Path):
     shown, _ = hgogen("check", "jumping", "--deep")
     assert "proved   triangular.a_2" in shown
     assert "not known: sign(x1) has no derivative somewhere" in shown
-    found = as_json("check", "jumping")
-    assert found["singular"]["factors"] is None
-    assert found["observability"]["known"]["rank"] == 2
+    answer = as_json("check", "jumping")
+    assert answer["singular"]["factors"] is None
+    assert answer["observability"]["known"]["rank"] == 2
 
 
 def test_check_begins_with_its_answer(here: Path):
@@ -458,8 +458,8 @@ def test_check_begins_with_its_answer(here: Path):
     assert hgogen("check", str(MODELS / "sir.toml"))[0].startswith(
         "sir: R not observable; in none of the forms asked; no observer\n"
     )
-    told = hgogen("check", str(MODELS / "pendulum.py"))[0].split("\n")[0]
-    assert "; triangular, uniform, state_affine, proved; convergence proved in continuous time, for a l" in told
+    headline = hgogen("check", str(MODELS / "pendulum.py"))[0].split("\n")[0]
+    assert "; triangular, uniform, state_affine, proved; convergence proved in continuous time, for a l" in headline
 
 
 def test_what_is_accepted_or_said_in_another_way_is_not_gathered() -> None:
@@ -518,10 +518,10 @@ def test_json_of_a_model_into_a_file(here: Path):
 
 
 def test_window(here: Path):
-    found = as_json("window", "neuron")["windows"]
-    assert [one["d"] for one in found] == [0.5, 1.0, 2.0]
-    assert found[1]["weakest"] == "eta"
-    assert all(b["least"] > a["least"] for a, b in itertools.pairwise(found))
+    windows = as_json("window", "neuron")["windows"]
+    assert [one["d"] for one in windows] == [0.5, 1.0, 2.0]
+    assert windows[1]["weakest"] == "eta"
+    assert all(b["least"] > a["least"] for a, b in itertools.pairwise(windows))
     chosen = as_json("window", "neuron", "--d", "1,2", "--trial", "short")
     assert [one["d"] for one in chosen["windows"]] == [1.0, 2.0]
     assert "weakest direction" in hgogen("window", "neuron", "--d", "1")[0]
@@ -530,8 +530,8 @@ def test_window(here: Path):
 def test_noise(here: Path):
     rng = np.random.default_rng(0)
     (here / "quiet.csv").write_text("y\n" + "\n".join(str(value) for value in 5 + 0.2 * rng.standard_normal(4000)))
-    found = as_json("noise", "neuron", "--data", "quiet.csv", "--period", "0.01", "--from", "1", "--to", "39")
-    (one,) = found["noise"]
+    answer = as_json("noise", "neuron", "--data", "quiet.csv", "--period", "0.01", "--from", "1", "--to", "39")
+    (one,) = answer["noise"]
     assert (one["samples"], one["tau"], one["d"]) == (3801, 0.0, 1.0)
     assert one["sigma"] == pytest.approx(0.2, rel=0.05)
     assert "gamma_0" in hgogen("noise", "neuron", "--data", "quiet.csv", "--period", "0.01")[0]
@@ -675,8 +675,8 @@ PENDULUM = MODELS / "pendulum.py"
 
 
 def test_every_command_takes_an_observer_by_name(here: Path):
-    found = as_json("check", str(PENDULUM), "--observer", "low_power")
-    assert found["theorem"]["reference"].startswith("Astolfi, Marconi")
+    answer = as_json("check", str(PENDULUM), "--observer", "low_power")
+    assert answer["theorem"]["reference"].startswith("Astolfi, Marconi")
     (trial,) = as_json("simulate", str(PENDULUM), "--observer", "low_power", "--seeds", "1")["trials"]
     assert trial["rms"]["w"] < 0.01
     (written,) = as_json("generate", str(PENDULUM), "--observer", "low_power", "-o", "c")["models"]
@@ -722,12 +722,12 @@ observer = {kind = "high_gain", theta = 20, poles = [-1, -1, -1, -1], method = "
 def test_names_that_mean_something_else_elsewhere(here: Path):
     """E, I, S, N, Q, O, beta and gamma are SymPy's, lambda Python's, I a macro of complex.h."""
     (here / "names.toml").write_text(NAMES)
-    found = as_json("check", "names.toml", "--bound", "E*S + Q*N*lambda_ + beta*gamma + O + I")
-    assert found["refuted"] == []
-    assert found["coordinates"] == {"z1": "E", "z2": "S", "z3": "N", "z4": "Q"}
-    assert found["flow"]["z2"] == "I*lambda_*sin(z2) + z3"
-    assert {check["id"]: check["verdict"] for check in found["checks"]}["triangular.a_3"] == "proved"
-    (bound,) = found["bounds"]
+    answer = as_json("check", "names.toml", "--bound", "E*S + Q*N*lambda_ + beta*gamma + O + I")
+    assert answer["refuted"] == []
+    assert answer["coordinates"] == {"z1": "E", "z2": "S", "z3": "N", "z4": "Q"}
+    assert answer["flow"]["z2"] == "I*lambda_*sin(z2) + z3"
+    assert {check["id"]: check["verdict"] for check in answer["checks"]}["triangular.a_3"] == "proved"
+    (bound,) = answer["bounds"]
     assert bound["low"] <= 4.5  # 1 + 1*0.5 + 1 + 1 + 1
     assert 17 <= bound["high"] < 17.4  # 4 + 8 + 1 + 2 + 2
 
@@ -756,11 +756,11 @@ def keys(value: Any, free: tuple[str, ...]) -> set[str]:
 @pytest.mark.parametrize("name", ["quadruple_tank.toml", "sir.toml", "haldane.toml", "pendulum.py"])
 def test_the_json_of_a_check_is_documented(here: Path, name: str):
     """Every key, however deep; a number is finite or null, and an observer's refused hypothesis alone exits with 1."""
-    found = as_json("check", str(MODELS / name), "--bound", "1/2")
+    answer = as_json("check", str(MODELS / name), "--bound", "1/2")
     words = set(re.findall(r"\w+", documented("check")))
     free = ("witness", "coordinates", "flow", "outputs", "gains", "direction", "where")  # holders of names of the model
-    assert keys(found, free) <= words
-    assert {row["verdict"] for row in found["forms"]} <= {None, "proved", "refuted", "where", "generic", "unknown"}
+    assert keys(answer, free) <= words
+    assert {row["verdict"] for row in answer["forms"]} <= {None, "proved", "refuted", "where", "generic", "unknown"}
 
 
 CHECK = ("check", str(NEURON))

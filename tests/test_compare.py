@@ -40,8 +40,8 @@ def priced(*program: Statement) -> tuple[int, int]:
     other = Step(**{name: getattr(step("high_gain"), name) for name in Step.__dataclass_fields__})
     object.__setattr__(other, "estimate", program)
     object.__setattr__(other, "sections", ())
-    found = cost(other)
-    return found.operations, found.functions
+    price = cost(other)
+    return price.operations, price.functions
 
 
 A, B = sym("work", "a"), sym("work", "b")
@@ -51,7 +51,7 @@ SINE = Block("a product and a sine", {Place("work", "c"): A * ca.sin(B)})
 
 
 @pytest.mark.parametrize(
-    ("program", "found"),
+    ("program", "counts"),
     [
         ((), (0, 0)),
         ((LONG, SHORT), (4, 0)),
@@ -78,17 +78,17 @@ SINE = Block("a product and a sine", {Place("work", "c"): A * ca.sin(B)})
         ),
     ],
 )
-def test_operations_are_counted(program: tuple[Statement, ...], found: tuple[int, int]) -> None:
-    assert priced(*program) == found
+def test_operations_are_counted(program: tuple[Statement, ...], counts: tuple[int, int]) -> None:
+    assert priced(*program) == counts
 
 
 def test_bytes_are_those_of_the_structs() -> None:
     """z (4), doubt and patience of two signs and their sum, calls, then y and whether it was valid: twelve words of
     four bytes; in double calls is padded."""
-    found = cost(step("high_gain"))
-    assert found.state == 4 * (4 + 5 + 1 + 2)
+    price = cost(step("high_gain"))
+    assert price.state == 4 * (4 + 5 + 1 + 2)
     assert cost(step("high_gain"), "double").state == 8 * (4 + 5 + 1 + 2)
-    assert cost(step("low_power")).state == found.state + 4 * 2  # 2n - 2 states in place of n
+    assert cost(step("low_power")).state == price.state + 4 * 2  # 2n - 2 states in place of n
 
 
 def test_observers_meet_the_same_noise() -> None:
@@ -103,19 +103,19 @@ def test_observers_meet_the_same_noise() -> None:
 def test_metrics_are_those_of_the_errors() -> None:
     """Without a band of its own a trial is settled when every error keeps to a share of its range."""
     ticks: list[int] = []
-    found = measured("filtered", step("filtered"), TRIAL, "python", (0,), lambda: ticks.append(1))
+    metrics = measured("filtered", step("filtered"), TRIAL, "python", (0,), lambda: ticks.append(1))
     assert ticks == [1]
     assert criterion(TRIAL) == "every error within 5% of its state's range until the next event"
-    error, width = np.abs(found.first.error), np.array([s.high - s.low for s in step("filtered").states])
+    error, width = np.abs(metrics.first.error), np.array([s.high - s.low for s in step("filtered").states])
     risen = (error.max(axis=0) - error[0]) / width
-    assert found.peak == pytest.approx(dict(zip(found.rms, risen, strict=True)))
-    (when,) = found.settled
+    assert metrics.peak == pytest.approx(dict(zip(metrics.rms, risen, strict=True)))
+    (when,) = metrics.settled
     assert when is not None
     k = round(when / 0.005)
     relative = (error / width).max(axis=1)
     assert relative[k - 1] > SHARE >= relative[k:].max()
-    steady = error[found.first.truth.t >= 5.4 - 1e-9]
-    assert list(found.rms.values()) == pytest.approx(list(np.sqrt((steady**2).mean(axis=0))))
+    steady = error[metrics.first.truth.t >= 5.4 - 1e-9]
+    assert list(metrics.rms.values()) == pytest.approx(list(np.sqrt((steady**2).mean(axis=0))))
 
 
 def test_peaking_is_a_rise_after_an_event_not_the_event_itself() -> None:
@@ -153,8 +153,8 @@ def test_a_start_on_the_truth_is_said(tmp_path: Path) -> None:
         done = CliRunner().invoke(app, ["compare", str(model), *arguments])
         assert ("every observer starts on the truth" in " ".join(done.stderr.split())) is on_truth
         begins = "-0.9" if on_truth else "0"
-        told = f"every observer starts at x1 = {begins}, x2 = 0, x3 = 0, x4 = 0; the plant at x1 = -0.9"
-        assert told in " ".join(done.stdout.split())  # however wide the terminal is
+        sentence = f"every observer starts at x1 = {begins}, x2 = 0, x3 = 0, x4 = 0; the plant at x1 = -0.9"
+        assert sentence in " ".join(done.stdout.split())  # however wide the terminal is
 
 
 def test_no_error_rises_before_its_jump() -> None:
@@ -183,8 +183,8 @@ def test_the_lines_of_sixteen_observers_differ_and_the_legend_has_room() -> None
 
 def test_what_never_settles_is_none() -> None:
     short = replace(TRIAL, duration=0.2)
-    found = measured("filtered", step("filtered"), short, "python", (0,), lambda: None)
-    assert found.settled == (None,)
+    metrics = measured("filtered", step("filtered"), short, "python", (0,), lambda: None)
+    assert metrics.settled == (None,)
 
 
 def test_one_observer_is_settled_as_beside_others(tmp_path: Path) -> None:
@@ -207,14 +207,14 @@ def test_the_command_prints_and_draws(tmp_path: Path) -> None:
     arguments = ["compare", str(ROOT / "models" / "hyperjerk.py"), "--seeds", "1", "-o", str(tmp_path)]
     printed = CliRunner().invoke(app, [*arguments, "--json", "--observers", "high_gain, low_power,high_gain"])
     assert printed.exit_code == 0
-    found = json.loads(printed.stdout)
-    (trial,) = found["trials"]
+    answer = json.loads(printed.stdout)
+    (trial,) = answer["trials"]
     assert [one["name"] for one in trial["observers"]] == ["high_gain", "low_power"]
     high, low = trial["observers"]
     assert low["rms"]["x4"] < high["rms"]["x4"] / 100  # a tone of frequency 100 goes through k^4 in the one
     assert low["operations"] > high["operations"] > 100
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tone_errors.png", "tone_errors.svg"]
-    assert found["files"] == [str(tmp_path / f"tone_errors.{ending}") for ending in ("svg", "png")]
+    assert answer["files"] == [str(tmp_path / f"tone_errors.{ending}") for ending in ("svg", "png")]
 
 
 def test_the_tables_say_what_their_columns_mean() -> None:

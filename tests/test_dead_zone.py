@@ -46,8 +46,8 @@ def test_noise_is_injected_less() -> None:
     """Steady, the error of w is below that of the standard observer of the same gain."""
     y = swing.noisy(3e-3)
     standard = swing.error(hg.observers.high_gain(swing.form(), theta=20, poles=(-1, -1)), y)
-    found = swing.error(observer(), y)
-    assert np.sqrt((found[2000:, 1] ** 2).mean()) < 0.8 * np.sqrt((standard[2000:, 1] ** 2).mean())
+    error = swing.error(observer(), y)
+    assert np.sqrt((error[2000:, 1] ** 2).mean()) < 0.8 * np.sqrt((standard[2000:, 1] ** 2).mean())
 
 
 @pytest.mark.parametrize(("n", "r"), [(1, 0.9), (2, 0.5), (3, 0.1), (4, 0.1)])

@@ -35,10 +35,10 @@ def pendulum() -> hg.Form:
 def proved(design: Design, form: hg.Form, **more: Any) -> bool:
     """Whether the observer proves convergence from the design's gamma on."""
     low = np.nextafter(float(design.gamma), np.inf)
-    found = hg.observers.adaptive_lmi(
+    observer = hg.observers.adaptive_lmi(
         form, gamma=(low, 2 * low), K=design.K, P=design.P, sigma=design.sigma, rise=50, threshold=0.01, **more
     )
-    (check,) = (check for check in found.checks if check.id == "adaptive_lmi.convergence")
+    (check,) = (check for check in observer.checks if check.id == "adaptive_lmi.convergence")
     return check.verdict is Verdict.PROVED
 
 
@@ -59,11 +59,11 @@ def stands(design: Design, slope: float, largest: float = 10.0) -> None:
 
 def test_the_known_design() -> None:
     """The smallest bound (88) with |Y| <= 10, at the exact slope of the pendulum (91)."""
-    found = adaptive_gain(3, slope=0.5**0.5)
-    assert float(found.gamma) == pytest.approx(3.716, abs=5e-4)
-    assert pytest.approx((9.78, 23.2, 12.1), rel=2e-3) == found.K
-    stands(found, 0.5**0.5)
-    assert str(found).startswith("K = (9.781")
+    design = adaptive_gain(3, slope=0.5**0.5)
+    assert float(design.gamma) == pytest.approx(3.716, abs=5e-4)
+    assert pytest.approx((9.78, 23.2, 12.1), rel=2e-3) == design.K
+    stands(design, 0.5**0.5)
+    assert str(design).startswith("K = (9.781")
 
 
 @pytest.mark.parametrize("n", [2, 4, 5])
@@ -79,22 +79,22 @@ def test_a_looser_bound_on_y_gives_a_smaller_gamma() -> None:
 
 def test_p_is_sought_for_a_given_gain() -> None:
     """For the printed K, whose printed P gives 20.519 and 31364."""
-    found = adaptive_gain(3, slope=0.71, K=K)
-    assert tuple(K) == found.K
-    assert float(found.gamma) < 20.519
-    stands(found, 0.71)
+    design = adaptive_gain(3, slope=0.71, K=K)
+    assert tuple(K) == design.K
+    assert float(design.gamma) < 20.519
+    stands(design, 0.71)
     assert adaptive_gain(3, slope=0.71, K=K, disturbance=TORQUE).mu < 31364
 
 
 def test_the_smallest_l2_gain() -> None:
     """No bound on gamma alone reaches it, and a gamma a tenth larger or smaller is worse."""
-    found = adaptive_gain(3, slope=0.71, disturbance=TORQUE)
-    assert found.mu is not None
-    stands(found, 0.71)
-    assert found.gamma > adaptive_gain(3, slope=0.71).gamma
-    capped = adaptive_gain(3, slope=0.71, disturbance=TORQUE, gamma=0.9 * float(found.gamma))
-    assert capped.mu > found.mu
-    assert capped.gamma <= 0.9 * float(found.gamma)
+    design = adaptive_gain(3, slope=0.71, disturbance=TORQUE)
+    assert design.mu is not None
+    stands(design, 0.71)
+    assert design.gamma > adaptive_gain(3, slope=0.71).gamma
+    capped = adaptive_gain(3, slope=0.71, disturbance=TORQUE, gamma=0.9 * float(design.gamma))
+    assert capped.mu > design.mu
+    assert capped.gamma <= 0.9 * float(design.gamma)
 
 
 @pytest.mark.parametrize(
@@ -160,13 +160,13 @@ def test_of_a_form_the_slope_is_taken_where_gamma_is() -> None:
     """The pendulum's slope from gamma = 1 on is 19.6, and asks gamma >= 45; near sqrt(45) it is 2.9, and asks that."""
     far = adaptive_gain(2, slope=slope(pendulum()))
     assert float(far.gamma) > 44
-    near = adaptive_gain(pendulum())
-    assert float(near.gamma) < 6.8
-    stands(near, slope(pendulum(), float(near.gamma)))
-    assert proved(near, pendulum())
-    below = 0.99 * float(near.gamma)
+    design = adaptive_gain(pendulum())
+    assert float(design.gamma) < 6.8
+    stands(design, slope(pendulum(), float(design.gamma)))
+    assert proved(design, pendulum())
+    below = 0.99 * float(design.gamma)
     assert adaptive_gain(2, slope=slope(pendulum(), below)).gamma > below
-    assert adaptive_gain(pendulum()) == near
+    assert adaptive_gain(pendulum()) == design
 
 
 def test_of_a_form_the_bounds_hold() -> None:
@@ -181,14 +181,14 @@ def test_of_a_form_the_bounds_hold() -> None:
 def test_of_a_form_with_a_disturbance() -> None:
     push = (((0,), (1,)), (1,))
     far = adaptive_gain(2, slope=slope(pendulum()), disturbance=push)
-    near = adaptive_gain(pendulum(), disturbance=push)
-    assert near.mu is not None
-    assert 10 * near.mu < far.mu
-    assert proved(near, pendulum(), disturbance=push)
-    stands(near, slope(pendulum(), float(near.gamma)))
+    design = adaptive_gain(pendulum(), disturbance=push)
+    assert design.mu is not None
+    assert 10 * design.mu < far.mu
+    assert proved(design, pendulum(), disturbance=push)
+    stands(design, slope(pendulum(), float(design.gamma)))
     with pytest.raises(Infeasible) as caught:
-        adaptive_gain(pendulum(), disturbance=push, mu=float(near.mu) / 2)
-    assert adaptive_gain(pendulum(), disturbance=push, mu=float(caught.value.enough["mu"])).mu <= near.mu * (1 + 1e-2)
+        adaptive_gain(pendulum(), disturbance=push, mu=float(design.mu) / 2)
+    assert adaptive_gain(pendulum(), disturbance=push, mu=float(caught.value.enough["mu"])).mu <= design.mu * (1 + 1e-2)
 
 
 @pytest.mark.parametrize(

@@ -38,11 +38,11 @@ def expansion(rows: list[list[Any]]) -> Any:
 def numbers(e: Any, point: list[Any]) -> Any:
     """None where something is not a finite real number."""
     try:
-        found = sp.lambdify((V, W), e, "mpmath")(*point)
+        matrix = sp.lambdify((V, W), e, "mpmath")(*point)
     except ZeroDivisionError:
         return None
-    flat = [x for row in found for x in row] if isinstance(found, list) else [found]
-    return None if any(mpmath.im(x) != 0 or not mpmath.isfinite(x) for x in map(mpmath.mpmathify, flat)) else found
+    flat = [x for row in matrix for x in row] if isinstance(matrix, list) else [matrix]
+    return None if any(mpmath.im(x) != 0 or not mpmath.isfinite(x) for x in map(mpmath.mpmathify, flat)) else matrix
 
 
 @pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (6, 7))])
@@ -59,9 +59,9 @@ def test_the_value_is_the_determinant_at_every_real_point(kind: str, seed: int) 
                 point = [mpmath.mpf(draw.randint(-300, 300)) / 101 for _ in range(2)]
                 there = numbers(rows, point)
                 if there is not None:
-                    known, found = expansion(there), numbers(value, point)
-                    assert found is not None, (rows, value, point)
-                    assert abs(found - known) <= 1e-25 * (1 + abs(known)), (rows, value, point)
+                    known, computed = expansion(there), numbers(value, point)
+                    assert computed is not None, (rows, value, point)
+                    assert abs(computed - known) <= 1e-25 * (1 + abs(known)), (rows, value, point)
                     met += 1
     assert met > 3 * count
 

@@ -30,28 +30,28 @@ def line(flow: Any, noise: Any = 1, **ranges: tuple[Any, Any]) -> hg.ErrorSystem
     return hg.ErrorSystem("line", (e,), (flow,), [[noise]], {sp.Symbol(s, real=True): r for s, r in ranges.items()})
 
 
-def verdicts(found: hg.Dissipation) -> dict[str, Verdict]:
-    return {check.id.removeprefix("dissipation."): check.verdict for check in found.checks}
+def verdicts(dissipation: hg.Dissipation) -> dict[str, Verdict]:
+    return {check.id.removeprefix("dissipation."): check.verdict for check in dissipation.checks}
 
 
-def left_side(found: hg.Dissipation) -> sp.Expr:
+def left_side(dissipation: hg.Dissipation) -> sp.Expr:
     """(38), written down again."""
-    slope = sp.Matrix([[found.V.diff(one) for one in found.system.errors]])
-    pushed = slope * found.system.noise
+    slope = sp.Matrix([[dissipation.V.diff(one) for one in dissipation.system.errors]])
+    pushed = slope * dissipation.system.noise
     return (
-        (slope * sp.Matrix(found.system.flow))[0, 0]
-        + sum(value**2 for value in pushed) / (2 * found.mu**2)
-        + sum(one**2 for one in found.system.errors) / 2
+        (slope * sp.Matrix(dissipation.system.flow))[0, 0]
+        + sum(value**2 for value in pushed) / (2 * dissipation.mu**2)
+        + sum(one**2 for one in dissipation.system.errors) / 2
     )
 
 
-def demand_witness(found: hg.Dissipation) -> None:
+def demand_witness(dissipation: hg.Dissipation) -> None:
     """The point is of the box, not e = 0, and the left side is not negative there, in exact arithmetic or 60 digits."""
-    point = {s: sp.Rational(v.numerator, v.denominator) for s, v in found.witness.items()}
-    assert any(point[one] for one in found.system.errors)
-    for symbol, (low, high) in {**found.system.box, **found.within}.items():
+    point = {s: sp.Rational(v.numerator, v.denominator) for s, v in dissipation.witness.items()}
+    assert any(point[one] for one in dissipation.system.errors)
+    for symbol, (low, high) in {**dissipation.system.box, **dissipation.within}.items():
         assert symbol not in point or low <= point[symbol] <= high
-    assert left_side(found).subs(point).evalf(60) >= 0
+    assert left_side(dissipation).subs(point).evalf(60) >= 0
 
 
 # --- known edges ------------------------------------------------------------------------------------------------
@@ -111,9 +111,9 @@ def test_a_linear_system_with_the_v_of_its_riccati_equation(seed: int) -> None:
 def test_where_the_second_order_is_definite_on_a_part_slabs_cover_the_rest() -> None:
     """-e - 3 sin 2e has a rising slope between pi/4 and 3 pi/4, and the sign of -e up to 2.2."""
     system = line(-e - 3 * sp.sin(2 * e))
-    found = hg.dissipation(system, e**2, mu=3, within=[1.5])
-    assert found.proved
-    assert "1/2 of the box" in found.checks[1].reason
+    dissipation = hg.dissipation(system, e**2, mu=3, within=[1.5])
+    assert dissipation.proved
+    assert "1/2 of the box" in dissipation.checks[1].reason
     beyond = hg.dissipation(system, e**2, mu=3, within=[2.5])
     assert verdicts(beyond)["inequality"] is Verdict.REFUTED
     demand_witness(beyond)
@@ -167,9 +167,9 @@ def test_the_error_system_of_a_plant() -> None:
 def test_a_high_gain_observer_of_the_pendulum() -> None:
     """On all errors up to a radian and 10 rad/s; the gain to 2 %, by a sample that violates it below."""
     system, P = pendulum(20)
-    found = hg.dissipation(system, P, mu=50, within={"q": 1, "e_w": 10})
-    assert found.proved
-    assert found.level == pytest.approx(1 / np.diag(np.linalg.inv(P) / [1, 100]).max(), rel=1e-8)
+    dissipation = hg.dissipation(system, P, mu=50, within={"q": 1, "e_w": 10})
+    assert dissipation.proved
+    assert dissipation.level == pytest.approx(1 / np.diag(np.linalg.inv(P) / [1, 100]).max(), rel=1e-8)
     low, high = 10.0, 50.0
     while high > 1.02 * low:
         middle = hg.dissipation(system, P, mu=np.sqrt(low * high), within=(1, 10))
@@ -199,16 +199,16 @@ def test_the_error_stays_where_it_is_said_to_stay() -> None:
     """Simulated from the edge of the level set, with the disturbance that the inequality fears most."""
     system, P = pendulum(20)
     mu = 50.0
-    found = hg.dissipation(system, P, mu=mu, within=(1, 10))
+    dissipation = hg.dissipation(system, P, mu=mu, within=(1, 10))
     flow = sp.lambdify((*system.errors, *system.states), system.flow)
     G, dt = np.array(system.noise, dtype=float), 1e-4
     for angle in np.linspace(0, 2 * np.pi, 7):
         error = np.array([np.cos(angle), 10 * np.sin(angle)])
-        error *= np.sqrt(0.5 * float(found.level) / (error @ P @ error))
+        error *= np.sqrt(0.5 * float(dissipation.level) / (error @ P @ error))
         start, supply, loss = error @ P @ error, 0.0, 0.0
         for k in range(5000):
             w = G.T @ P @ error * (2 / mu**2)
-            if mu**2 / 2 * (supply + dt * w @ w) > 0.4 * float(found.level):
+            if mu**2 / 2 * (supply + dt * w @ w) > 0.4 * float(dissipation.level):
                 w = 0 * w
             supply, loss = supply + dt * w @ w, loss + dt * error @ error
             error = error + dt * (np.array(flow(*error, np.sin(k * dt), 0.0)) + G @ w)
@@ -231,16 +231,19 @@ def test_a_dense_sample_never_violates_what_is_proved(c: list[Fraction], damping
     flow = (-d * e + a[0] * f + a[1] * curved, a[2] * e - d * f + a[3] * e * f + a[4] * f**3 / 4)
     system = hg.ErrorSystem("random", (e, f), flow, [[1, 0], [a[5] * x, 1]], {x: (-1, 1)}, ())
     V = e**2 + a[6] / 3 * e * f + f**2 + max(a[7] - 1, 0) / 8 * e**4  # now and then not quadratic
-    found = hg.dissipation(system, V, mu=2, within=[1, 1], boxes=100)
+    dissipation = hg.dissipation(system, V, mu=2, within=[1, 1], boxes=100)
     points = np.random.default_rng(0).uniform(-1, 1, size=(3, 20_000))
     points[:2] *= 2.0 ** -np.random.default_rng(1).integers(0, 8, size=20_000)
-    left = sp.lambdify((e, f, x), left_side(found))(*points)
+    left = sp.lambdify((e, f, x), left_side(dissipation))(*points)
     size = (points[:2] ** 2).sum(axis=0)
-    if verdicts(found)["inequality"] is Verdict.PROVED:
+    if verdicts(dissipation)["inequality"] is Verdict.PROVED:
         assert (left < 1e-12 * size).all()
-    if verdicts(found)["inequality"] is Verdict.REFUTED and verdicts(found)["positive"] is not Verdict.REFUTED:
-        demand_witness(found)
-    if verdicts(found)["positive"] is Verdict.PROVED:
+    if (
+        verdicts(dissipation)["inequality"] is Verdict.REFUTED
+        and verdicts(dissipation)["positive"] is not Verdict.REFUTED
+    ):
+        demand_witness(dissipation)
+    if verdicts(dissipation)["positive"] is Verdict.PROVED:
         assert (sp.lambdify((e, f), V)(*points[:2]) > 0).all()
 
 
@@ -273,27 +276,27 @@ def test_the_proof_alone_says_nothing_false(name: str, monkeypatch: pytest.Monke
     monkeypatch.setattr(second_order, "_samples", lambda program: iter(()))
     system, V, within, edge = EDGES[name]
     assert hg.dissipation(system, V, mu=1.02 * edge, within=within).proved
-    found = hg.dissipation(system, V, mu=0.98 * edge, within=within)
-    assert verdicts(found)["inequality"] is not Verdict.PROVED
-    if verdicts(found)["inequality"] is Verdict.REFUTED:
-        demand_witness(found)
+    dissipation = hg.dissipation(system, V, mu=0.98 * edge, within=within)
+    assert verdicts(dissipation)["inequality"] is not Verdict.PROVED
+    if verdicts(dissipation)["inequality"] is Verdict.REFUTED:
+        demand_witness(dissipation)
 
 
 def test_a_left_side_that_only_touches_zero_is_not_proved() -> None:
     """-e^2 (e^2 - 1/2)^2, which is 0 at the root of 1/2: no rational point refutes it, and no box proves it."""
     flow = -e * (sp.Rational(1, 2) + (e**2 - sp.Rational(1, 2)) ** 2 / 2)
-    found = hg.dissipation(line(flow), e**2, mu=2, within=[1])
-    assert sp.expand(left_side(found) + e**2 * (e**2 - sp.Rational(1, 2)) ** 2) == 0
-    assert verdicts(found)["inequality"] is Verdict.UNKNOWN
+    dissipation = hg.dissipation(line(flow), e**2, mu=2, within=[1])
+    assert sp.expand(left_side(dissipation) + e**2 * (e**2 - sp.Rational(1, 2)) ** 2) == 0
+    assert verdicts(dissipation)["inequality"] is Verdict.UNKNOWN
 
 
 @pytest.mark.parametrize(("where", "size"), [(e, 1.2), (x, 0.7)], ids=["error", "state"])
 def test_a_narrow_violation_is_not_overlooked(where: sp.Symbol, size: float) -> None:
     """Positive on some thousandth of the box only, where samples do not fall; in the state, by a little."""
     bump = sp.exp(-(10**6) * (where - sp.Rational(7123, 10_000)) ** 2)
-    found = hg.dissipation(line(-e * (1 - size * bump), x=(0, 1)), e**2, mu=3, within=[1])
-    assert verdicts(found)["inequality"] is not Verdict.PROVED
-    assert "nothing is concluded" in str(found)
+    dissipation = hg.dissipation(line(-e * (1 - size * bump), x=(0, 1)), e**2, mu=3, within=[1])
+    assert verdicts(dissipation)["inequality"] is not Verdict.PROVED
+    assert "nothing is concluded" in str(dissipation)
 
 
 @pytest.mark.parametrize(
@@ -301,9 +304,9 @@ def test_a_narrow_violation_is_not_overlooked(where: sp.Symbol, size: float) -> 
     [(e, Verdict.REFUTED), (-(e**2), Verdict.REFUTED), (e**2 - e**4, Verdict.REFUTED), (e**2 + 1, Verdict.REFUTED)],
 )
 def test_a_v_that_is_not_positive_is_refuted(V: sp.Expr, positive: Verdict) -> None:
-    found = hg.dissipation(line(-3 * e), V, mu=3, within=[2])
-    assert verdicts(found)["positive"] is positive
-    assert not found.proved
+    dissipation = hg.dissipation(line(-3 * e), V, mu=3, within=[2])
+    assert verdicts(dissipation)["positive"] is positive
+    assert not dissipation.proved
 
 
 @pytest.mark.parametrize(
@@ -318,9 +321,9 @@ def test_a_v_that_is_not_positive_is_refuted(V: sp.Expr, positive: Verdict) -> N
     ],
 )
 def test_what_is_not_smooth_or_flat_is_not_proved(system: hg.ErrorSystem, V: sp.Expr, said: str) -> None:
-    found = hg.dissipation(system, V, mu=3, within=[3])
-    assert verdicts(found)["inequality"] is not Verdict.PROVED
-    assert any(said in check.reason for check in found.checks)
+    dissipation = hg.dissipation(system, V, mu=3, within=[3])
+    assert verdicts(dissipation)["inequality"] is not Verdict.PROVED
+    assert any(said in check.reason for check in dissipation.checks)
 
 
 def test_without_a_range_nothing_is_missed() -> None:
@@ -377,7 +380,7 @@ def test_bad_systems_are_met_with_a_sentence() -> None:
 def test_a_part_of_the_plant_that_cancels_in_the_error_must_have_a_value(place: str) -> None:
     """log(u) on both sides leaves the error without it, and the plant has no value where u <= 0."""
     x1, x2 = (hg.Signal(name, low=-1, high=1) for name in ("x1", "x2"))
-    y, found = hg.Signal("y"), {}
+    y, by_end = hg.Signal("y"), {}
     for low in (-1, 1):
         u = hg.Signal("u", low=low, high=2)
         rate, seen = (x2 + sp.log(u), x1) if place == "rate" else (x2, x1 + sp.log(u))
@@ -387,8 +390,8 @@ def test_a_part_of_the_plant_that_cancels_in_the_error_must_have_a_value(place: 
         V = [[2, -0.5], [-0.5, 1]]
         for system in (hg.error_system(plant, [4, 3]), hg.observer_errors(plant, observer, unknown=())):
             assert not any(row.has(u) for row in system.flow)
-            found.setdefault(low, set()).add(hg.dissipation(system, V, mu=30, within=[1, 1]).checks[1].verdict)
-    assert found == {-1: {Verdict.UNKNOWN}, 1: {Verdict.PROVED}}
+            by_end.setdefault(low, set()).add(hg.dissipation(system, V, mu=30, within=[1, 1]).checks[1].verdict)
+    assert by_end == {-1: {Verdict.UNKNOWN}, 1: {Verdict.PROVED}}
 
 
 @pytest.mark.parametrize(

@@ -129,8 +129,8 @@ def test_every_option_is_described() -> None:
 
 def test_the_json_is_a_model_of_a_library() -> None:
     (one,) = blocks("json", text("plain_text"))
-    found = dict(answers(entry(json.loads(one))))
-    assert (found["triangular"], found["bounds"]) == (True, [[0, 1]])
+    answer = dict(answers(entry(json.loads(one))))
+    assert (answer["triangular"], answer["bounds"]) == (True, [[0, 1]])
 
 
 def test_the_plain_text_model_is_generated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,14 +162,14 @@ def test_every_key_of_a_plain_text_model_is_listed() -> None:
 
 def test_every_key_of_a_certificate_is_listed() -> None:
     form = hg.forms.triangular(load(ROOT / "models" / "pendulum.py").plant)
-    found = hg.certificate(form, form.checks)
+    certificate = hg.certificate(form, form.checks)
     listed = re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| (`.*?`) \|", text("certificates"), re.MULTILINE)))
-    assert listed == list(found)
-    assert f"The format has the version {found['version']}." in text("certificates")
+    assert listed == list(certificate)
+    assert f"The format has the version {certificate['version']}." in text("certificates")
     (about,) = re.findall(r"^\| `plant` \| (.*) \|$", text("certificates"), re.MULTILINE)
-    assert {*found["plant"], "low", "high"} == set(re.findall(r"`(\w+)`", about))
+    assert {*certificate["plant"], "low", "high"} == set(re.findall(r"`(\w+)`", about))
     (about,) = re.findall(r"^\| `form` \| (.*) \|$", text("certificates"), re.MULTILINE)
-    assert set(found["form"]) == set(re.findall(r"`(\w+)`", about))
+    assert set(certificate["form"]) == set(re.findall(r"`(\w+)`", about))
 
 
 def test_what_is_to_be_generated_anew_is_what_is_there() -> None:

@@ -70,8 +70,8 @@ def test_an_output_without_states_is_a_proof() -> None:
 
 
 def test_answers_are_printed_as_sentences() -> None:
-    told = str(hg.bound("x1**2 - x1 + 1", {"x1": (-3, 3)}))
-    assert told.startswith("from 0.687499999 to 13, by 9 boxes; the least is")
+    sentence = str(hg.bound("x1**2 - x1 + 1", {"x1": (-3, 3)}))
+    assert sentence.startswith("from 0.687499999 to 13, by 9 boxes; the least is")
     ends = "the least is at most -2, at x1 = -1, x2 = -1; the most is at least 2, at x1 = 1, x2 = 1"
     assert str(hg.bound("x1 + x2", PLANT)) == f"from -2 to 2, by 1 box; {ends}"
     assert str(hg.bound("1/x1", BOX)).endswith("it is not a finite real number at x1 = 0")

@@ -27,9 +27,9 @@ def form() -> hg.Form:
 
 @cache
 def bound() -> ThetaBound:
-    found = of_poles(form(), POLES)
-    assert isinstance(found, ThetaBound)
-    return found
+    theta_bound = of_poles(form(), POLES)
+    assert isinstance(theta_bound, ThetaBound)
+    return theta_bound
 
 
 def checks(theta: float, low: float, hold: float) -> dict[str, Check]:
@@ -66,10 +66,10 @@ def test_the_time_is_the_formulas() -> None:
 
 def test_a_low_gain_below_the_bound_proves_nothing() -> None:
     low = 0.99 * float(bound().theta)
-    found = checks(HIGH, low, 100.0)
-    assert found["x.convergence"].verdict is Verdict.PROVED
-    assert (found["x.theta"].verdict, found["x.hold"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
-    assert "theta_low" in found["x.theta"].fix
+    claims = checks(HIGH, low, 100.0)
+    assert claims["x.convergence"].verdict is Verdict.PROVED
+    assert (claims["x.theta"].verdict, claims["x.hold"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
+    assert "theta_low" in claims["x.theta"].fix
     nothing = {check.id: check.verdict for check in switching("x", HIGH, LOW, 1.0, Nothing("no form"))}
     assert set(nothing.values()) == {Verdict.UNKNOWN}
 

@@ -70,23 +70,23 @@ def evaluate(function: Any, real: Real, *arguments: Any, flush: bool = False) ->
     with np.errstate(all="ignore"):
         for i in range(function.n_instructions()):
             op = function.instruction_id(i)
-            given, taken = function.instruction_input(i), function.instruction_output(i)
+            sources, taken = function.instruction_input(i), function.instruction_output(i)
             if op == ca.OP_OUTPUT:
-                return np.asarray(slots[given[0]])
+                return np.asarray(slots[sources[0]])
             if op == ca.OP_CONST:
                 constant = function.instruction_constant(i)
                 value = np.full(inputs[0].shape, constant, number)
                 assert math.isnan(constant) or float(value.flat[0]) == constant, "a constant that real does not hold"
             elif op == ca.OP_INPUT:
-                value = inputs[given[0]]
+                value = inputs[sources[0]]
             elif op in COMPARE:
-                value = COMPARE[op](*(slots[k] for k in given)).astype(number)
+                value = COMPARE[op](*(slots[k] for k in sources)).astype(number)
             elif op == ca.OP_FLOOR:
-                argument = slots[given[0]]
+                argument = slots[sources[0]]
                 assert np.all(np.abs(argument) < FLOOR_LIMIT[real]), "an argument that C cannot convert"
                 value = np.floor(argument)
             else:  # KeyError: an operation that is no primitive
-                value = COMPUTE[op](*(slots[k] for k in given))
+                value = COMPUTE[op](*(slots[k] for k in sources))
             assert value.dtype == number
             if flush:
                 value = np.where(np.abs(value) < np.finfo(number).tiny, number(0), value)
@@ -113,28 +113,28 @@ def points(name: str, real: Real, count: int) -> np.ndarray:
     rng, logarithmic = np.random.default_rng(1), spread(real, tiny, huge, count, 2)
     small, top = spread(real, tiny, 1.0, count // 4, 3), math.log(huge)
     bend = rng.uniform(-2, 2, count // 2)
-    near = np.linspace(0.25, 4, count // 4)
+    around_1 = np.linspace(0.25, 4, count // 4)
     match name:
         case "sqrt":
-            found = np.abs(logarithmic)
+            arguments = np.abs(logarithmic)
         case "log":
-            found = np.concatenate([np.abs(logarithmic), near])
+            arguments = np.concatenate([np.abs(logarithmic), around_1])
         case "exp":
-            found = np.concatenate([rng.uniform(math.log(tiny), top, count), small])
+            arguments = np.concatenate([rng.uniform(math.log(tiny), top, count), small])
         case "expm1" | "sinh" | "cosh":
-            found = np.concatenate([rng.uniform(-top, top, count), small, bend])
+            arguments = np.concatenate([rng.uniform(-top, top, count), small, bend])
         case "log1p":
-            found = np.concatenate([np.abs(logarithmic), small[small > -0.9999], bend[bend > -1]])
+            arguments = np.concatenate([np.abs(logarithmic), small[small > -0.9999], bend[bend > -1]])
         case "sin" | "cos" | "tan":
             k = np.arange(1, 64) / 2
-            found = np.concatenate([rng.uniform(-1, 1, count) * SIMPLE_RANGE[real], bend, small, k * np.pi])
+            arguments = np.concatenate([rng.uniform(-1, 1, count) * SIMPLE_RANGE[real], bend, small, k * np.pi])
         case "asin" | "acos" | "atanh":
-            found = np.concatenate([bend / 2, small, 1 - np.abs(small[np.abs(small) > 1e-7])])
+            arguments = np.concatenate([bend / 2, small, 1 - np.abs(small[np.abs(small) > 1e-7])])
         case "acosh":
-            found = np.concatenate([1 + np.abs(small), np.abs(logarithmic) + 1, near[near > 1]])
+            arguments = np.concatenate([1 + np.abs(small), np.abs(logarithmic) + 1, around_1[around_1 > 1]])
         case _:
-            found = np.concatenate([logarithmic, 4 * bend])
-    return found.astype(TYPE[real])
+            arguments = np.concatenate([logarithmic, 4 * bend])
+    return arguments.astype(TYPE[real])
 
 
 def reference(name: str, real: Real, *arguments: np.ndarray) -> np.ndarray:
@@ -166,13 +166,13 @@ MPMATH: dict[str, Callable[..., Any]] = {"pow": mp.power}
 
 def ulps(name: str, real: Real, *arguments: np.ndarray) -> np.ndarray:
     """The error in ulp of the exact value, where that is a normal number."""
-    exact, found = reference(name, real, *arguments), call(name, real, *arguments).astype(np.float64)
+    exact, computed = reference(name, real, *arguments), call(name, real, *arguments).astype(np.float64)
     limits = np.finfo(TYPE[real])
     usable = (np.abs(exact[:, 0]) > limits.tiny) & (np.abs(exact[:, 0]) < 0.999 * float(limits.max))
-    exact, found = exact[usable], found[usable]
-    assert len(found) > 0.3 * len(usable)
+    exact, computed = exact[usable], computed[usable]
+    assert len(computed) > 0.3 * len(usable)
     unit = np.spacing(np.abs(exact[:, 0]).astype(TYPE[real])).astype(np.float64)
-    return np.abs((found - exact[:, 0]) - exact[:, 1:].sum(axis=1)) / unit
+    return np.abs((computed - exact[:, 0]) - exact[:, 1:].sum(axis=1)) / unit
 
 
 COUNT: dict[Real, int] = {"float": 100_000, "double": 3000}
@@ -325,9 +325,9 @@ def test_casadi_rewrites_nothing_that_matters(name: str, real: Real) -> None:
     finally:
         ca.GlobalOptions.setSimplificationOnTheFly(True)
     anew = ca.Function(name, inputs, [elementary(real)[name](*inputs)])
-    found = call(name, real, *arguments)
-    np.testing.assert_array_equal(found, evaluate(plain, real, *arguments))
-    np.testing.assert_array_equal(found, evaluate(anew, real, *arguments))
+    values = call(name, real, *arguments)
+    np.testing.assert_array_equal(values, evaluate(plain, real, *arguments))
+    np.testing.assert_array_equal(values, evaluate(anew, real, *arguments))
 
 
 @pytest.mark.parametrize("name", UNARY)
@@ -345,9 +345,9 @@ def test_flushing_subnormal_numbers_changes_no_normal_result(name: str, real: Re
     else:
         x = spread(real, 1e-20, 1e20, 4000, 10).astype(TYPE[real])
         arguments = [x, (x * spread(real, 1e-3, 1e3, 4000, 11)).astype(TYPE[real])]
-    found = call(name, real, *arguments)
-    normal = np.abs(found) >= np.finfo(TYPE[real]).tiny
-    np.testing.assert_array_equal(found[normal], call(name, real, *arguments, flush=True)[normal])
+    values = call(name, real, *arguments)
+    normal = np.abs(values) >= np.finfo(TYPE[real]).tiny
+    np.testing.assert_array_equal(values[normal], call(name, real, *arguments, flush=True)[normal])
 
 
 @pytest.mark.parametrize("real", REALS)
@@ -403,8 +403,8 @@ def test_claimed_errors_of_the_polynomials(name: str, real: Real) -> None:
     with mp.workdps(40):
         errors = []
         for r in map(mp.mpf, np.linspace(low, high, 600).tolist()):
-            found = whole(r, lambda z: mp.polyval(coefficients[::-1], z))
-            errors.append(abs(found / exact(r) - 1))
+            approximation = whole(r, lambda z: mp.polyval(coefficients[::-1], z))
+            errors.append(abs(approximation / exact(r) - 1))
         assert CLAIMS[real][name] - 0.3 <= float(mp.log(max(errors), 2)) <= CLAIMS[real][name]
 
 
@@ -448,8 +448,8 @@ def test_sine_and_cosine_lie_on_the_circle(real: Real, x: float) -> None:
 @settings(max_examples=100, deadline=None)
 def test_exp_undoes_log(real: Real, x: float) -> None:
     """log errs by 0.9 ulp <= 0.9 eps |log x|, a relative error after exp, which adds 1.1 ulp <= 1.1 eps."""
-    found = float(call("exp", real, call("log", real, x)))
-    assert abs(found / x - 1) <= 1.02 * (0.9 * abs(math.log(x)) + 1.1) * np.finfo(TYPE[real]).eps
+    back = float(call("exp", real, call("log", real, x)))
+    assert abs(back / x - 1) <= 1.02 * (0.9 * abs(math.log(x)) + 1.1) * np.finfo(TYPE[real]).eps
 
 
 @pytest.mark.parametrize("real", REALS)

@@ -73,9 +73,9 @@ def test_every_model_reads_as_sympy_reads_it() -> None:
         symbols = {name: sp.Symbol(name, real=True) for kind in kinds for name in model[kind]}
         texts = model["f"] + model["h"]
         start = time.process_time()
-        found = [parse(text, symbols) for text in texts]
+        parsed = [parse(text, symbols) for text in texts]
         taken.append(time.process_time() - start)
-        assert found == [read(text, symbols) for text in texts]
+        assert parsed == [read(text, symbols) for text in texts]
     assert len(taken) > 300
     assert statistics.median(taken) < 5e-3
 
@@ -173,10 +173,10 @@ def test_a_refusal_names_column_and_fix(text: str, column: int, words: str) -> N
     assert len(str(caught.value)) < 600
 
 
-@pytest.mark.parametrize("given_", [None, 5, True, b"x", ["x"]])
-def test_what_is_no_text_is_refused(given_: object) -> None:
+@pytest.mark.parametrize("value", [None, 5, True, b"x", ["x"]])
+def test_what_is_no_text_is_refused(value: object) -> None:
     with pytest.raises(BadExpression, match="write the expression as text"):
-        parse(given_, XY)  # type: ignore[arg-type]
+        parse(value, XY)  # type: ignore[arg-type]
 
 
 def test_a_stack_nearly_full_is_a_sentence() -> None:

@@ -110,4 +110,4 @@ def test_what_is_advised_of_a_filter_is_neither_too_long_nor_too_short(model: st
     """Before its closed loop was looked at, the bank of the pendulum and the Kalman-like one failed."""
     rows = [row(pair) for pair in pairs(load(next(MODELS.glob(f"{model}.*"))), (name,))]
     assert rows
-    assert not [str(told) for told in rows if not told.holds]
+    assert not [str(verdict) for verdict in rows if not verdict.holds]

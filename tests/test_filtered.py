@@ -35,8 +35,8 @@ def form(name: str = "hyperjerk") -> hg.Form:
 
 
 def filtered(name: str = "hyperjerk", **changes: Any) -> hg.Observer:
-    given_: dict[str, Any] = {"theta": 10, "alpha": 3, "beta": 1, "poles": POLES}
-    return hg.observers.filtered(form(name), **{**given_, **changes})
+    tuning: dict[str, Any] = {"theta": 10, "alpha": 3, "beta": 1, "poles": POLES}
+    return hg.observers.filtered(form(name), **{**tuning, **changes})
 
 
 def injected(name: str = "hyperjerk", **changes: Any) -> hg.Observer:
@@ -74,8 +74,8 @@ def test_the_core_has_the_poles_of_lemma_1(pairs: list[tuple[float, float]], the
 def test_eta_settles_at_powers_of_k_beta_over_alpha() -> None:
     """The DC gain from a constant y - x_1 to eta_i is (k beta/alpha)^i: eta' = 0 solved from the core."""
     observer = filtered(theta=7, alpha=2, beta=0.5, poles=None, gains=L)
-    found = linear_core(observer.parts[0], 1)
-    slope, source = (numbers(graph, nominal(observer)) for graph in (found.M, found.B))
+    linear = linear_core(observer.parts[0], 1)
+    slope, source = (numbers(graph, nominal(observer)) for graph in (linear.M, linear.B))
     assert np.linalg.solve(slope[4:, 4:], -source[4:, 0]) == pytest.approx((7 * 0.5 / 2) ** np.arange(1, 5), rel=1e-14)
 
 
@@ -143,12 +143,12 @@ def test_it_converges_from_a_bad_start_and_over_missing_samples(which: str) -> N
 def test_a_missing_sample_leaves_no_trace() -> None:
     """Whatever stood in its place."""
     y = measured(200, 2e-3)[:, 0]
-    found = []
+    estimates = []
     for lost in (NAN, float("inf"), 1e9):
         y[100:110] = lost
-        found.append(hg.sample(filtered(), hg.methods.rk4, dt=2e-3).run(y=y, engine="python").x)
-    assert np.array_equal(found[0], found[1])
-    assert np.array_equal(found[0], found[2])
+        estimates.append(hg.sample(filtered(), hg.methods.rk4, dt=2e-3).run(y=y, engine="python").x)
+    assert np.array_equal(estimates[0], estimates[1])
+    assert np.array_equal(estimates[0], estimates[2])
 
 
 def test_it_takes_an_offset_scaled_slopes_and_inputs() -> None:
@@ -259,12 +259,12 @@ def test_what_filtered_injection_refuses(changes: dict[str, Any], said: str) -> 
 
 def test_the_header_prints_the_matrices_and_what_they_stand_in() -> None:
     step = hg.sample(injected(N=np.diag([1, 2, 3, 4.5])), dt=1e-3)
-    told = " ".join(hg.targets.c99(step, check=False)[f"{step.name}.h"].replace("\n *", "\n").split())
+    banner = " ".join(hg.targets.c99(step, check=False)[f"{step.name}.h"].replace("\n *", "\n").split())
     matrices = {name: np.array(FREE[name]) for name in ("F", "G", "H")} | {"N": np.diag([1, 2, 3, 4.5])}
     for name, matrix in matrices.items():
         rows = ", ".join(f"({', '.join(f'{v:g}' for v in row)})" for row in np.atleast_2d(matrix))
-        assert f" {name} = {rows if matrix.ndim == 1 else f'({rows})'} " in told
-    assert "in chains of integrators the plant is w' = A w + c(w, u), A the shift" in told
+        assert f" {name} = {rows if matrix.ndim == 1 else f'({rows})'} " in banner
+    assert "in chains of integrators the plant is w' = A w + c(w, u), A the shift" in banner
 
 
 @pytest.mark.parametrize("build", [hg.observers.filtered, hg.observers.filtered_injection])

@@ -53,27 +53,27 @@ def written(folder: Path, name: str) -> Path:
 def agree(path: Path, folder: Path) -> set[str]:
     """The forms that are proved, after first, table and last were compared."""
     model = load(path)
-    found = hg.survey(model.plant)
-    seen, claims = hg.observability(model.plant), jobs.checked(model, found)
-    first, told = headline(seen, found, claims), advice(model, seen, found, claims)
-    agrees(first, found)
-    proved = {row.kind for row in found.proved}
+    survey = hg.survey(model.plant)
+    seen, claims = hg.observability(model.plant), jobs.checked(model, survey)
+    first, advised = headline(seen, survey, claims), advice(model, seen, survey, claims)
+    agrees(first, survey)
+    proved = {row.kind for row in survey.proved}
     last = claims.notes[-1] if not claims.demanded else ""
-    assert ("none of the forms" in last) == (not claims.demanded and not found.candidates and not proved)
+    assert ("none of the forms" in last) == (not claims.demanded and not survey.candidates and not proved)
     assert not ("none of the forms" in last and NONE not in first)
     if "and in no other" in last:
         assert set(last.partition("is in ")[2].partition(", proved")[0].split(", ")) == proved
     if "form alone" in last:
-        assert found.candidates
-        assert f"the {found.best.kind} form" in last
+        assert survey.candidates
+        assert f"the {survey.best.kind} form" in last
     if proved:
-        assert not [note for note in told.notes if "in a form" in note]
-    refuted = {row.name for row in found.answered if row.verdict is Verdict.REFUTED}
-    assert not refuted & {one.form for one in told.admitted if one.proposed}  # a tuning may be of a recast plant
-    for one in told.admitted[:2]:
+        assert not [note for note in advised.notes if "in a form" in note]
+    refuted = {row.name for row in survey.answered if row.verdict is Verdict.REFUTED}
+    assert not refuted & {one.form for one in advised.admitted if one.proposed}  # a tuning may be of a recast plant
+    for one in advised.admitted[:2]:
         assert made(model, one, folder).observer.name == one.observer
         assert not (model.plain and ("load(" in one.line or "hg." in one.line))
-    spoken = " ".join([last, *told.notes, *(check.advice for check in claims.checks)])
+    spoken = " ".join([last, *advised.notes, *(check.advice for check in claims.checks)])
     assert not (model.plain and any(word in spoken for word in ("hg.", "accept=", "forms.")))
     return proved
 

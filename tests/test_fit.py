@@ -194,11 +194,12 @@ def test_the_information_is_that_of_a_formula() -> None:
     plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[-k * X], output=[X])
     t = 0.05 * np.arange(80)
     noise = 0.01 * np.random.default_rng(2).normal(size=80)
-    (found,) = hg.fit(plant, hg.Log(np.zeros((80, 0)), 3 * np.exp(-0.7 * t) + noise, 0.05), starts=1).parameters
+    (parameter,) = hg.fit(plant, hg.Log(np.zeros((80, 0)), 3 * np.exp(-0.7 * t) + noise, 0.05), starts=1).parameters
     e = np.exp(-0.7 * t)
     s = -3 * t * e
-    told = s @ s - (s @ e) ** 2 / (e @ e)
-    assert found.deviation == pytest.approx(0.01 / np.sqrt(told), rel=0.2)  # of 80 draws the spread is known to 8 %
+    fisher = s @ s - (s @ e) ** 2 / (e @ e)
+    # of 80 draws the spread is known to 8 %
+    assert parameter.deviation == pytest.approx(0.01 / np.sqrt(fisher), rel=0.2)
 
 
 @pytest.mark.parametrize("length", [7, 40])
@@ -211,9 +212,9 @@ def test_the_information_is_the_same_however_long_the_segments_are(length: int) 
     problem = Shooting(plant, (k,), (hg.Log(np.zeros((80, 0)), 3 * e[:, None], 0.05),), np.ones(1), length, 1)
     unknowns = np.array([0.7, *(3 * e[::length])])
     s = -3 * t * e
-    told = s @ s - (s @ e) ** 2 / (e @ e)
+    fisher = s @ s - (s @ e) ** 2 / (e @ e)
     (M,) = information(problem, unknowns, np.ones(len(unknowns))).M.ravel()
-    assert pytest.approx(told, rel=1e-5) == M
+    assert pytest.approx(fisher, rel=1e-5) == M
 
 
 def test_what_is_not_told_stays_where_it_was() -> None:
@@ -252,8 +253,8 @@ def test_a_negative_parameter_without_a_range_stays_negative() -> None:
     k = hg.Signal("k", nominal=-2)
     plant = hg.System("decay", states=(X,), outputs=(Y,), parameters=(k,), flow=[k * X], output=[X])
     y = np.exp(-0.7 * 0.05 * np.arange(60))
-    (found,) = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), free="k", starts=1).parameters
-    assert found.value == pytest.approx(-0.7, rel=1e-4)
+    (parameter,) = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), free="k", starts=1).parameters
+    assert parameter.value == pytest.approx(-0.7, rel=1e-4)
 
 
 def test_white_residuals_count_each_and_others_less() -> None:
@@ -311,9 +312,9 @@ BAD = {
 
 @pytest.mark.parametrize("what", BAD)
 def test_bad_names_are_refused(what: str) -> None:
-    given, reason = BAD[what]
+    arguments, reason = BAD[what]
     with pytest.raises(CannotFit, match=reason.replace("?", r"\?")):
-        hg.fit(PLANT, log(count=20), **given)
+        hg.fit(PLANT, log(count=20), **arguments)
 
 
 def test_bad_records_are_refused() -> None:
@@ -418,10 +419,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_command_writes_what_every_command_takes(here: Path) -> None:
-    told, _ = hgogen(
+    stdout, _ = hgogen(
         "fit", "spring.toml", "--data", "log.csv", "--time", "t", "--free", "k,c,g", "--starts", "1", "-o", "out"
     )
-    assert "fitted parameters" in told
+    assert "fitted parameters" in stdout
     result = json.loads((here / "out" / "fitted.json").read_text())
     assert result["parameters"] == pytest.approx(TRUE, rel=0.05)
     assert (here / "out" / "fitted_1.svg").is_file()
@@ -437,10 +438,10 @@ def test_a_fit_is_not_lost_where_no_observer_takes_the_plant(here: Path) -> None
     """The slope x**2 of v vanishes at x = 0, so that the plant is not triangular."""
     (here / "spring.toml").write_text(MODEL.replace('flow = "v"', 'flow = "v*x**2"'))
     words = ("fit", "spring.toml", "--data", "log.csv", "--time", "t", "--starts", "1", "-o", "out")
-    told, _ = hgogen(*words)
+    stdout, _ = hgogen(*words)
     assert (
         "nothing judges the fit; no observer estimates the rows held out: spring.toml, observer: refuted"
-        in " ".join(told.split())
+        in " ".join(stdout.split())
     )
     result = json.loads((here / "out" / "fitted.json").read_text())
     assert result["predictions"] == []

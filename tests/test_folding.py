@@ -56,9 +56,9 @@ WHOLE = (
 
 @pytest.mark.parametrize(("text", "where"), FOLDED)
 def test_what_is_folded_away_is_told(text: str, where: str) -> None:
-    told = read(text, NAMES).on(BOX)
-    assert told.startswith(f"SymPy reads {text} as ")
-    assert f", also where {where}; " in told
+    note = read(text, NAMES).on(BOX)
+    assert note.startswith(f"SymPy reads {text} as ")
+    assert f", also where {where}; " in note
 
 
 @pytest.mark.parametrize("text", WHOLE)
@@ -72,9 +72,9 @@ def test_a_box_without_these_places_is_silent() -> None:
 
 
 def test_a_bound_of_a_folded_text_says_so() -> None:
-    found = hg.bound("exp(log(x))", {"x": (-3, 3)})
-    assert (found.low, found.high, found.defined) == (-3, 3, False)
-    assert found.note.startswith("SymPy reads exp(log(x)) as x, also where x <= 0")
+    enclosure = hg.bound("exp(log(x))", {"x": (-3, 3)})
+    assert (enclosure.low, enclosure.high, enclosure.defined) == (-3, 3, False)
+    assert enclosure.note.startswith("SymPy reads exp(log(x)) as x, also where x <= 0")
     assert hg.nonzero("exp(log(x)) + 5", {"x": (-3, 3)}).verdict is Verdict.UNKNOWN
     assert hg.nonzero("exp(log(x)) + 5", {"x": (1, 3)}).verdict is Verdict.PROVED
     assert hg.bound("exp(log(x))", {"x": (1, 3)}).note == ""

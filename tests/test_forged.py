@@ -44,30 +44,30 @@ def written(name: str, observer: str | None = None) -> dict[str, Any]:
 def judged(content: dict[str, Any]) -> Rechecked | None:
     """What is found of a file, None where it is refused; never another error."""
     try:
-        found = recheck(sealed(content))
+        report = recheck(sealed(content))
     except (NoCertificate, Unreadable):
         return None
-    assert all(row.sentence for row in found.rows)
-    json.dumps(found.as_dict())
-    return found
+    assert all(row.sentence for row in report.rows)
+    json.dumps(report.as_dict())
+    return report
 
 
 def read(content: dict[str, Any]) -> Rechecked:
     """What is found of a file that is not refused."""
-    found = judged(content)
-    assert found is not None
-    return found
+    report = judged(content)
+    assert report is not None
+    return report
 
 
-def lie(content: dict[str, Any], found: Rechecked) -> str:
+def lie(content: dict[str, Any], report: Rechecked) -> str:
     """What sampling says against the verified claims, or ""; of an observer where the form is bounded and smooth."""
-    ids = [row.id for row in found.verified]
+    ids = [row.id for row in report.verified]
     said = falsehood(content, ids)
     ends = [entry.get(key) for s in places(content) if isinstance(entry := s[1], dict) for key in ENDS & entry.keys()]
     rough = None in ends or any(name in str(content["form"]) for name in ("Abs", "sign", "Min", "Max"))
-    if said or rough or found.observer in ("", "kalman_like") or not any(id.startswith(found.observer) for id in ids):
+    if said or rough or report.observer in ("", "kalman_like") or not any(id.startswith(report.observer) for id in ids):
         return said
-    if not any(id.startswith(found.observer) and id.endswith(("convergence", "theta", "decay")) for id in ids):
+    if not any(id.startswith(report.observer) and id.endswith(("convergence", "theta", "decay")) for id in ids):
         return said  # its oracle judges the matrices of all claims together
     return observers.falsehood({**content, "claims": [c for c in content["claims"] if c["id"] in ids]})
 
@@ -80,10 +80,10 @@ def try_out(name: str, count: int) -> None:
         how, other = forged(draw, content, others)
         if other == content:
             continue
-        found = judged(other)
-        verdicts["refused" if found is None else "fails" if found.failed else "passes"] += 1
-        if found is not None and found.verified and not found.failed:
-            assert not lie(other, found), (how, lie(other, found))
+        report = judged(other)
+        verdicts["refused" if report is None else "fails" if report.failed else "passes"] += 1
+        if report is not None and report.verified and not report.failed:
+            assert not lie(other, report), (how, lie(other, report))
     assert verdicts["refused"] + verdicts["fails"] > count // 8  # open claims alone leave little to refuse
 
 
@@ -119,10 +119,10 @@ def test_a_damaged_text_gives_a_verdict(name: str) -> None:
     model = recheck(text).model
     for _ in range(60):
         try:
-            found = recheck(damaged(draw, text))
+            report = recheck(damaged(draw, text))
         except (NoCertificate, Unreadable):
             continue
-        assert found.failed or found.model == model
+        assert report.failed or report.model == model
 
 
 # --- what nothing rests on ------------------------------------------------------------------------------------------
@@ -145,9 +145,9 @@ CHAIN = {"id": "phase.chain", "verdict": "proved", "evidence": {"chain": ["x"]}}
 def test_a_form_that_no_claim_rests_on_is_examined() -> None:
     """phase.chain is about the plant alone, whatever the form."""
     for kind in ("phase, original coordinates", "banana"):
-        found = judged(plain(kind, [CHAIN]))
-        assert found is not None
-        assert not found.failed
+        report = judged(plain(kind, [CHAIN]))
+        assert report is not None
+        assert not report.failed
         for change in ({"b": ["z + u"]}, {"output": ["2*z"]}, {"to_form": ["2*x"]}, {"from_form": ["z/2"]}):
             forged = judged(plain(kind, [CHAIN], **change))
             assert forged is not None
@@ -155,18 +155,18 @@ def test_a_form_that_no_claim_rests_on_is_examined() -> None:
 
 
 def test_an_unknown_kind_is_said_to_be_unexamined() -> None:
-    found = judged(plain("banana", [CHAIN]))
-    assert found is not None
-    assert found.unexamined == ('no rule knows the form "banana": that the plant is in it',)
+    report = judged(plain("banana", [CHAIN]))
+    assert report is not None
+    assert report.unexamined == ('no rule knows the form "banana": that the plant is in it',)
     assert not read(plain("phase, original coordinates", [CHAIN], to_form=["x"])).failed
 
 
 def test_what_is_shown_neither_way_is_said_to_be_unexamined() -> None:
     """exp(log(1 + x^2)) is 1 + x^2, which the exact algebra does not know."""
-    found = judged(plain("banana", [CHAIN], b=["-z + u + exp(log(1 + z**2)) - 1 - z**2"]))
-    assert found is not None
-    assert not found.failed
-    assert any(said.startswith("the form's equations: ") for said in found.unexamined)
+    report = judged(plain("banana", [CHAIN], b=["-z + u + exp(log(1 + z**2)) - 1 - z**2"]))
+    assert report is not None
+    assert not report.failed
+    assert any(said.startswith("the form's equations: ") for said in report.unexamined)
 
 
 def test_a_root_of_squares_in_an_inverse_is_known() -> None:
@@ -186,8 +186,8 @@ def test_a_claim_about_another_observer_is_not_verified() -> None:
     assert "low_power.lipschitz" in [row.id for row in read(content).verified]
     for claim in content["claims"]:
         claim["id"] = claim["id"].replace("low_power.", "stubborn.")
-    found = read(content)
-    assert not [row.id for row in found.verified if row.id.startswith("stubborn.")]
+    report = read(content)
+    assert not [row.id for row in report.verified if row.id.startswith("stubborn.")]
 
 
 # --- what a row says ------------------------------------------------------------------------------------------------
@@ -195,11 +195,11 @@ def test_a_claim_about_another_observer_is_not_verified() -> None:
 
 def test_open_claims_alone_are_not_verified() -> None:
     open_ = {"id": "triangular.structure", "verdict": "unknown", "evidence": {"reason": "verified by others"}}
-    found = read(plain("triangular", [open_]))
-    assert found.counts == {"verified": 0, "open": 1, "stated": 0, "failed": 0}
-    assert found.as_dict()["verified"] is False
+    report = read(plain("triangular", [open_]))
+    assert report.counts == {"verified": 0, "open": 1, "stated": 0, "failed": 0}
+    assert report.as_dict()["verified"] is False
     with pytest.raises(NothingVerified):
-        found.demand()
+        report.demand()
 
 
 def test_a_reason_is_printed_as_the_files_words(tmp_path: Path) -> None:
@@ -225,25 +225,25 @@ def test_a_range_of_one_point_is_told_beside_what_rests_on_it(tmp_path: Path) ->
         for entry in content[part]["states"]:
             if entry["name"] == name:
                 entry["low"] = entry["high"] = "0"
-    found = read(content)
-    assert found.points["x3"] == "0"
-    assert found.verified
-    for row in found.verified:
+    report = read(content)
+    assert report.points["x3"] == "0"
+    assert report.verified
+    for row in report.verified:
         assert row.sentence.endswith("; at x3 = 0, z3 = 0 alone, a range of one point"), row
 
 
 def test_every_sentence_names_what_it_is_about() -> None:
     for name in FEW:
-        found = read(written(name))
-        for row in found.verified:
+        report = read(written(name))
+        for row in report.verified:
             about = row.sentence.partition(":")[0]
-            assert about.startswith(("the plant", f"the {found.form} form", "the form's coordinates", "the "))
+            assert about.startswith(("the plant", f"the {report.form} form", "the form's coordinates", "the "))
             assert about in (
                 "the plant",
-                f"the plant in {found.form} form",
-                f"the {found.form} form",
+                f"the plant in {report.form} form",
+                f"the {report.form} form",
                 "the form's coordinates",
-                f"the {found.observer} observer",
+                f"the {report.observer} observer",
             )
 
 
@@ -267,8 +267,8 @@ def test_odd_numbers_are_refused(text: str) -> None:
     for claim in content["claims"]:
         if claim["id"] == "uniform.lipschitz":
             claim["evidence"]["bound"] = text
-    found = read(content)
-    assert "uniform.lipschitz" in [row.id for row in found.failed]
+    report = read(content)
+    assert "uniform.lipschitz" in [row.id for row in report.failed]
     content["plant"]["states"][0]["high"] = text
     assert judged(content) is None
 
@@ -296,8 +296,8 @@ def test_the_formula_of_a_slope_refutes_nothing_at_a_kink(kink: str) -> None:
     claims = [{"id": "uniform.slope_2", "verdict": "refuted", "evidence": evidence}]
     claims.append({"id": "uniform.structure", "verdict": "proved", "evidence": {}})
     head = {"format": "hgogen certificate", "version": VERSION, "hgogen": "0"}
-    found = read({**head, "plant": plant, "form": form, "observer": None, "claims": claims})
-    rows = {row.id: row.found for row in found.rows}
+    report = read({**head, "plant": plant, "form": form, "observer": None, "claims": claims})
+    rows = {row.id: row.found for row in report.rows}
     assert (rows["uniform.slope_2"], rows["uniform.structure"]) == ("verified" if vanishes else "fails", "verified")
 
 

@@ -87,7 +87,7 @@ def test_in_silence_the_covariance_tends_to_its_limit(name: str, method: str, re
     step, of = sampled(name, method), observer(name)
     rho, n, h = of.gains[0].initial[0], of.form.n, step.dt
     compiled, count = NativeStep(step, real), round(60 / (rho - (0.2 if name == "pendulum" else 2.0)) / h)
-    found = compiled.run(np.zeros((count, 1)), np.full((count, 1), NAN))
+    run = compiled.run(np.zeros((count, 1)), np.full((count, 1), NAN))
     A = np.array([[0, 1], [0, -0.1]]) if name == "pendulum" else np.eye(n, k=1) - np.diag([0.0] * (n - 1) + [1])
     grown = np.exp(rho * h / 2) * (np.eye(n) + h * A + h * h / 2 * A @ A)
     S = np.linalg.inv(of.parts[0].covariance)
@@ -100,7 +100,7 @@ def test_in_silence_the_covariance_tends_to_its_limit(name: str, method: str, re
     limits = np.linalg.cond(scaled) * rounding
     assert scaled @ (P / np.outer(unit, unit)) == pytest.approx(np.eye(n), abs=limits)
     assert (np.diag(P) < largest(of.parts[0])).all()
-    assert all("COVARIANCE_LIMITED" in step.flags(status) for status in found.status[count // 2 :])
+    assert all("COVARIANCE_LIMITED" in step.flags(status) for status in run.status[count // 2 :])
 
 
 @needs_compiler
@@ -118,9 +118,9 @@ def test_after_a_long_silence_samples_tell_every_state(method: str) -> None:
     truth = solve_ivp(flow, (0, 1), (1.5, -2.0), t_eval=time, method="DOP853", rtol=1e-12, atol=1e-12).y.T
     y = np.concatenate([np.full(quiet, NAN), truth[:, 0]])
     step.reset()
-    found = step.run(u=np.zeros(len(y)), y=y)
-    assert np.abs(found.x[quiet:] - truth)[time >= 0.1].max() < 1e-4
-    assert not any(found.status[quiet + 2 :])
+    run = step.run(u=np.zeros(len(y)), y=y)
+    assert np.abs(run.x[quiet:] - truth)[time >= 0.1].max() < 1e-4
+    assert not any(run.status[quiet + 2 :])
 
 
 def test_eight_states_after_a_silence_are_the_oracles() -> None:
@@ -131,10 +131,10 @@ def test_eight_states_after_a_silence_are_the_oracles() -> None:
     A, last = np.eye(n, k=1), np.eye(n)[-1]
     A[-1, -1] = -1
     step.reset()
-    found = step.run(u=np.zeros(1200), y=y, engine="python")
-    given = (4.0, np.array([1e-3]), np.zeros(n), part.covariance, 0.01, np.zeros(1200), y[:, None], caps(of))
-    expected = oracle.run(lambda u, v: A, lambda u, v: -np.sin(v[0]) * last, *given)
-    assert found.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    run = step.run(u=np.zeros(1200), y=y, engine="python")
+    arguments = (4.0, np.array([1e-3]), np.zeros(n), part.covariance, 0.01, np.zeros(1200), y[:, None], caps(of))
+    expected = oracle.run(lambda u, v: A, lambda u, v: -np.sin(v[0]) * last, *arguments)
+    assert run.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
 
 
 @needs_compiler
@@ -143,8 +143,8 @@ def test_a_sample_now_and_then_is_enough() -> None:
     of = hg.observers.kalman_like(hg.forms.state_affine(chain(8)), rho=1.0, R=1e-6, initial={"x8": 1.0})
     y = np.zeros(3000)
     y[np.arange(3000) % 3 != 0] = NAN
-    found = hg.sample(of, dt=0.01).run(u=np.zeros(3000), y=y)
-    assert np.abs(found.x[-1]).max() < 1e-3
+    run = hg.sample(of, dt=0.01).run(u=np.zeros(3000), y=y)
+    assert np.abs(run.x[-1]).max() < 1e-3
 
 
 @needs_compiler
@@ -156,8 +156,8 @@ def test_c_is_python_to_the_bit_after_a_silence(name: str, method: str, real: Re
     reader.memory[Place("input", "tau") if name == "pendulum" else Place("input", "u")][0] = 0
     for sample in np.concatenate([np.full(200, NAN), np.linspace(1, 1.1, 20)]):
         reader.memory[Place("output", "y")][0] = sample
-        status, found = reader.call(), compiled.run(np.zeros((1, 1)), np.array([[sample]]))
-        assert found.status[0] == status
+        status, run = reader.call(), compiled.run(np.zeros((1, 1)), np.array([[sample]]))
+        assert run.status[0] == status
     again = {place: array.copy() for place, array in reader.memory.items()}
     unpack_state(step, compiled.state, again)
     for place, array in again.items():
@@ -205,10 +205,10 @@ def test_what_contracts_fast_keeps_its_rank_in_silence(real: Real) -> None:
     of, compiled = step.observer, NativeStep(step, real)
     u, y = np.tile([0.0, 400.0], (count, 1)), np.full((count, 2), NAN)
     compiled.run(u, y)
-    found = covariance(step, compiled.state)
+    computed = covariance(step, compiled.state)
     A = contracting(RESTS) + 5 * np.eye(3)
     P = solve_continuous_are(A.T, np.eye(3), 10 * SHARE * np.diag(caps(of)), np.diag(caps(of)) / 10)
-    assert found == pytest.approx(P, rel=0.03, abs=0.03 * np.abs(P).max())
+    assert computed == pytest.approx(P, rel=0.03, abs=0.03 * np.abs(P).max())
     before = compiled.run(u[:1], y[:1]).x[0]
     after = compiled.run(u[:1], RESTS[None, :2] + [v, -v]).x[0]
     assert (np.abs(after - before) <= 1.1 * v * (2 * np.sqrt(np.diag(P) / 1e-4) + step.dt * RESTS[2])).all()
@@ -225,8 +225,8 @@ def test_a_million_silent_samples_leave_no_pivot_at_its_floor(name: str) -> None
     u, y = np.tile(middle, (count, 1)), np.full((count, outputs), NAN)
     (diagonal,) = (field for field in step.state if field.name == "D")
     for _ in range(100):
-        found = compiled.run(u, y)
-        assert not any("RESTARTED" in step.flags(status) for status in np.unique(found.status))
+        run = compiled.run(u, y)
+        assert not any("RESTARTED" in step.flags(status) for status in np.unique(run.status))
         assert (compiled.state["D"][0] > 1e6 * np.array(diagonal.low)).all()
         assert (np.diag(covariance(step, compiled.state)) < largest(part)).all()
 
@@ -261,8 +261,8 @@ def settled(step: hg.Step, real: Real, first: np.ndarray, jump: float, band: flo
     truth = np.concatenate([first[:-1], moved(start, True, 30.0)])
     quiet = len(first) - 1
     u = np.concatenate([np.zeros(quiet), np.sin(np.arange(len(truth) - quiet) * DT)])
-    found = NativeStep(step, real).run(u[:, None], truth[:, :1])
-    above = np.flatnonzero(np.abs(found.x - truth)[quiet:, 2] > band)
+    run = NativeStep(step, real).run(u[:, None], truth[:, :1])
+    above = np.flatnonzero(np.abs(run.x - truth)[quiet:, 2] > band)
     return (above[-1] + 1) * DT
 
 
@@ -313,8 +313,8 @@ def test_a_million_samples_leave_the_covariance_its_rank_in_float() -> None:
     quiet, busy = np.zeros((2000, 1)), np.sin(np.arange(3000) * DT)[:, None]
     builds = [NativeStep(step, real) for real in ("float", "double")]
     for u in (quiet, busy) * 200:
-        found, _ = (build.run(u, np.zeros((len(u), 1))) for build in builds)
-        assert not any("RESTARTED" in step.flags(status) for status in np.unique(found.status))
+        run, _ = (build.run(u, np.zeros((len(u), 1))) for build in builds)
+        assert not any("RESTARTED" in step.flags(status) for status in np.unique(run.status))
         P, exact = (covariance(step, build.state) for build in builds)
         root = np.linalg.inv(np.linalg.cholesky(exact))
         rounding = 9 * eps / (2.0 * DT) * np.sqrt(np.linalg.cond(exact))
@@ -355,21 +355,21 @@ def largest_share(step: hg.Step, state: np.ndarray) -> float:
 @pytest.mark.parametrize("rate", [0.2, 0.0])
 def test_an_unset_bit_means_that_the_samples_show_more(view: str, rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of one hidden direction of three states each P_ii is a third of s = 1 + 2 rate/rho, to first order in h."""
-    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *arguments: [Limit(np.inf, "not asked")])
     loops, engine = view.startswith("loops"), "python" if "Python" in view else None
     if loops:
         monkeypatch.setattr(sys.modules["hgogen.methods.continuous_discrete"], "UNROLLED", 0)
     method = getattr(hg.methods, "continuous_discrete" if loops else view)
-    step, told = hg.sample(common(3, rate), method, dt=0.02, engine=engine), []
+    step, limited = hg.sample(common(3, rate), method, dt=0.02, engine=engine), []
     step.reset()
     for _ in range(round(8 / step.dt)):
         flags = step.flags(step(y=(0.0, 0.0)).status)
         share = largest_share(step, np.frombuffer(step.save(), layout.state_type(step)))
-        told.append("COVARIANCE_LIMITED" in flags)
-        assert told[-1] or share <= 0.5 * (1 + 1e-12)
+        limited.append("COVARIANCE_LIMITED" in flags)
+        assert limited[-1] or share <= 0.5 * (1 + 1e-12)
     assert share == pytest.approx(1 + 2 * rate, rel=0.02)
-    assert told[-1]
-    assert not told[1]
+    assert limited[-1]
+    assert not limited[1]
 
 
 def test_a_hidden_state_that_grows_has_room() -> None:
@@ -404,8 +404,8 @@ def test_a_plant_that_shows_its_states_does_not_set_it(name: str) -> None:
     """After the first transient of the model's own trials, a twentieth of their duration."""
     step = TUNED[name].step("kalman_like")
     for trial in TUNED[name].trials():
-        (found,) = try_out(step, trial, engine="c", seeds=trial.seeds[:1])
-        late = found.status[found.truth.t > trial.duration / 20]
+        (trajectory,) = try_out(step, trial, engine="c", seeds=trial.seeds[:1])
+        late = trajectory.status[trajectory.truth.t > trial.duration / 20]
         assert not any("COVARIANCE_LIMITED" in step.flags(status) for status in np.unique(late))
 
 

@@ -196,9 +196,9 @@ def test_a_known_offset_stays_in_the_output() -> None:
 def test_an_offset_must_be_a_number(offset: sp.Expr, verdict: str, says: str) -> None:
     inputs = sorted(offset.free_symbols, key=str)
     form = forms.triangular(plant([X2, 0], X1 + offset, inputs=inputs))
-    found = check(form, "offset")
-    assert found.verdict == verdict
-    assert says in f"{found.reason} {found.fix} {' '.join(found.witness)}"
+    claim = check(form, "offset")
+    assert claim.verdict == verdict
+    assert says in f"{claim.reason} {claim.fix} {' '.join(claim.witness)}"
 
 
 def test_no_offset_no_claim() -> None:
@@ -221,7 +221,7 @@ def test_a_long_chain_is_quick() -> None:
 
 # What is not shown to be triangular
 
-NEAR, LATE = Signal("near", low=1, high=2), Signal("late", low=-1, high=1)
+SOON, LATE = Signal("soon", low=1, high=2), Signal("late", low=-1, high=1)
 
 
 @pytest.mark.parametrize(
@@ -246,13 +246,13 @@ def test_a_row_that_jumps_or_bends_in_the_new_state_is_not_linear(flow: list[sp.
 
 
 @pytest.mark.parametrize(
-    "row", [sp.Abs(NEAR), sp.Min(NEAR, 5), sp.Max(NEAR, 1), sp.Piecewise((NEAR, NEAR > 0), (NEAR + 1, True))]
+    "row", [sp.Abs(SOON), sp.Min(SOON, 5), sp.Max(SOON, 1), sp.Piecewise((SOON, SOON > 0), (SOON + 1, True))]
 )
 def test_a_row_that_jumps_or_bends_outside_the_box_alone_is_linear(row: sp.Expr) -> None:
-    """On the box the row is NEAR."""
-    form = forms.triangular(plant([row, 0], states=(X1, NEAR)))
+    """On the box the row is SOON."""
+    form = forms.triangular(plant([row, 0], states=(X1, SOON)))
     assert verdicts(form)["structure"] == "proved"
-    assert form.to_form == (X1, NEAR)
+    assert form.to_form == (X1, SOON)
     assert form.A[0, 1] == 1
     assert form.b[0] == 0
     assert_same_numbers(form)
@@ -261,10 +261,10 @@ def test_a_row_that_jumps_or_bends_outside_the_box_alone_is_linear(row: sp.Expr)
 
 def test_a_state_that_is_not_shown_to_matter_is_unknown() -> None:
     """atan(t) + atan(1/t) is pi/2 for t > 0."""
-    form = forms.triangular(plant([LATE + sp.atan(NEAR) + sp.atan(1 / NEAR), NEAR, 0], states=(X1, LATE, NEAR)))
+    form = forms.triangular(plant([LATE + sp.atan(SOON) + sp.atan(1 / SOON), SOON, 0], states=(X1, LATE, SOON)))
     assert verdicts(form)["structure"] == "unknown"
-    assert "near" in check(form, "structure").reason
-    assert form.to_form == (X1, LATE, NEAR)
+    assert "soon" in check(form, "structure").reason
+    assert form.to_form == (X1, LATE, SOON)
     assert_same_numbers(form)
 
 
@@ -380,10 +380,10 @@ def test_gains_are_proved_refuted_or_honestly_unknown(
     gain: sp.Expr, verdict: str, witness: dict[str, float], says: str
 ) -> None:
     form = forms.triangular(plant([gain * X2, 0]))
-    found = check(form, "a_2")
-    assert found.verdict == verdict
-    assert says in found.reason
-    found_at = {name: found.witness[name] for name in witness}
+    claim = check(form, "a_2")
+    assert claim.verdict == verdict
+    assert says in claim.reason
+    found_at = {name: claim.witness[name] for name in witness}
     # Bisection halves a line of length 2 sixty times: exact to the last place of a float.
     assert found_at == pytest.approx(witness, rel=1e-15)
     assert_triangular(form)
@@ -397,18 +397,18 @@ def test_a_gain_that_vanishes_somewhere_is_never_proved(at_u: sp.Rational, at_v:
 
 def test_an_input_without_a_range_takes_any_value() -> None:
     loose = Signal("loose")
-    found = check(forms.triangular(plant([loose * X2, 0], inputs=[loose])), "a_2")
-    assert (found.verdict, dict(found.witness)) == (Verdict.REFUTED, {"loose": 0.0})
-    found = check(forms.triangular(plant([(1 + loose**2) * X2, 0], inputs=[loose])), "a_2")
-    assert found.verdict == Verdict.UNKNOWN
-    assert found.fix == "Declare low= and high= for loose."
+    claim = check(forms.triangular(plant([loose * X2, 0], inputs=[loose])), "a_2")
+    assert (claim.verdict, dict(claim.witness)) == (Verdict.REFUTED, {"loose": 0.0})
+    claim = check(forms.triangular(plant([(1 + loose**2) * X2, 0], inputs=[loose])), "a_2")
+    assert claim.verdict == Verdict.UNKNOWN
+    assert claim.fix == "Declare low= and high= for loose."
 
 
 def test_a_gain_of_a_parameter_that_is_zero() -> None:
     dead = Signal("dead", nominal=0)
-    found = check(forms.triangular(plant([dead * X2, 0], parameters=[dead])), "a_2")
-    assert found.verdict == Verdict.REFUTED
-    assert "correct the model or the parameter's value" in found.fix
+    claim = check(forms.triangular(plant([dead * X2, 0], parameters=[dead])), "a_2")
+    assert claim.verdict == Verdict.REFUTED
+    assert "correct the model or the parameter's value" in claim.fix
 
 
 # Lipschitz
@@ -439,9 +439,9 @@ def test_a_gain_of_a_parameter_that_is_zero() -> None:
     ],
 )
 def test_lipschitz(b: sp.Expr, verdict: str, says: str) -> None:
-    found = check(forms.triangular(plant([X2, b])), "lipschitz")
-    assert found.verdict == verdict
-    assert says in found.reason
+    claim = check(forms.triangular(plant([X2, b])), "lipschitz")
+    assert claim.verdict == verdict
+    assert says in claim.reason
 
 
 def test_lipschitz_needs_ranges_only_where_the_slope_grows() -> None:
@@ -543,9 +543,9 @@ def test_original_keeps_the_order_and_knows_the_way_outwards(order: tuple[Signal
     ],
 )
 def test_original_is_lipschitz_as_a_whole(flow: list[sp.Expr], output: sp.Expr, verdict: str, says: str) -> None:
-    found = check(forms.original(plant(flow, output)), "lipschitz")
-    assert found.verdict == verdict
-    assert says in found.reason
+    claim = check(forms.original(plant(flow, output)), "lipschitz")
+    assert claim.verdict == verdict
+    assert says in claim.reason
 
 
 @pytest.mark.parametrize(
@@ -583,8 +583,8 @@ def test_original_names_a_hidden_state() -> None:
 def test_no_form_that_an_observer_takes_hides_a_state(make: Callable[..., Any]) -> None:
     """The slope of x2 varies with the measured x1: state-affine, and no chain; x3 sees both and is seen by none."""
     form = make(plant([X1 * X2, X1, X1 + X3]))
-    found = next(c for c in form.checks if c.id.fact == "connected")
-    assert (found.verdict, found.reason) == (Verdict.REFUTED, "no output ever shows x3")
+    connected = next(c for c in form.checks if c.id.fact == "connected")
+    assert (connected.verdict, connected.reason) == (Verdict.REFUTED, "no output ever shows x3")
     with pytest.raises(Refuted, match="no output ever shows x3"):
         observers.riccati(form, Q=(1, 1, 1), R=1)
     assert not [c for c in make(plant([X1 * X2, X1])).checks if c.id.fact == "connected"]
@@ -653,10 +653,10 @@ def test_a_file_without_its_case_is_named(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_gain_of_the_measured_state_counts_as_b_does(gain: Callable[[sp.Expr], sp.Expr], verdict: Verdict) -> None:
     x1, x2 = Signal("x1", low=-1, high=1), Signal("x2", low=-1, high=1)
     plant = System("screen", states=(x1, x2), outputs=(Signal("y"),), flow=[gain(x1) * x2, -x1], output=[x1])
-    found = {check.id: check for check in forms.triangular(plant, measured=True).checks}
-    assert found["triangular.a_2"].verdict is Verdict.PROVED
-    assert found["triangular.lipschitz"].verdict is verdict
-    assert found["triangular.lipschitz"].claim.startswith("b, with the a_i(z_1) z_i, is Lipschitz")
+    checks = {check.id: check for check in forms.triangular(plant, measured=True).checks}
+    assert checks["triangular.a_2"].verdict is Verdict.PROVED
+    assert checks["triangular.lipschitz"].verdict is verdict
+    assert checks["triangular.lipschitz"].claim.startswith("b, with the a_i(z_1) z_i, is Lipschitz")
 
 
 # --- steps ----------------------------------------------------------------------------------------------------

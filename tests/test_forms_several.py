@@ -62,10 +62,10 @@ def test_uniform_by_permutation() -> None:
 )
 def test_a_slope_is_proved_or_refuted_on_the_box(rate: sp.Expr, verdict: str, says: str) -> None:
     form = forms.uniform(plant([rate, X1], X1))
-    found = check(form, "slope_2")
-    assert found.verdict == verdict
-    assert says in found.reason
-    assert (found.verdict == "refuted") == bool(found.witness)
+    claim = check(form, "slope_2")
+    assert claim.verdict == verdict
+    assert says in claim.reason
+    assert (claim.verdict == "refuted") == bool(claim.witness)
     assert_same_plant(form)
     if verdict == "refuted":
         with pytest.raises(Refuted, match="Narrow the ranges"):

@@ -35,16 +35,16 @@ def spectrum(poles: tuple[complex, ...], alpha: float, beta: float) -> np.ndarra
 
 def test_example_1() -> None:
     """16 decaying eigenvalues, eight of them at -.05."""
-    found = spectrum(FIRST, 0.1, 0.1).real
-    assert [found[0], found[-1]] == pytest.approx([-0.0818602, -0.0181398], abs=5e-8)
-    assert np.count_nonzero(np.abs(found + 0.05) < 1e-9) == 8
+    eigenvalues = spectrum(FIRST, 0.1, 0.1).real
+    assert [eigenvalues[0], eigenvalues[-1]] == pytest.approx([-0.0818602, -0.0181398], abs=5e-8)
+    assert np.count_nonzero(np.abs(eigenvalues + 0.05) < 1e-9) == 8
     demand_parabola(FIRST, 0.1, 0.1)
 
 
 def test_example_2() -> None:
     """Exactly two eigenvalues grow, those of the poles outside the parabola."""
-    found = spectrum(SECOND, 0.1, 0.1)
-    growing = found[found.real > 0]
+    eigenvalues = spectrum(SECOND, 0.1, 0.1)
+    growing = eigenvalues[eigenvalues.real > 0]
     assert sorted(growing, key=np.imag) == pytest.approx(
         [0.0421480641 - 0.3255630j, 0.0421480641 + 0.3255630j], abs=1e-7
     )
@@ -61,11 +61,11 @@ def test_example_2() -> None:
 @pytest.mark.parametrize("poles", [FIRST, SECOND])
 def test_eigenvalues_are_symmetric_about_half_of_alpha(poles: tuple[complex, ...]) -> None:
     """To 1e-12, by the matrix and by Lemma 1, whose roots are those of the matrix."""
-    found = spectrum(poles, 0.1, 0.1)
-    assert found.real + found.real[::-1] == pytest.approx(-0.1, abs=1e-12)
+    eigenvalues = spectrum(poles, 0.1, 0.1)
+    assert eigenvalues.real + eigenvalues.real[::-1] == pytest.approx(-0.1, abs=1e-12)
     known = filtered_spectrum(poles, 0.1, 0.1)
     assert np.sort(known.real) + np.sort(known.real)[::-1] == pytest.approx(-0.1, abs=1e-15)
-    assert max(np.abs(known - value).min() for value in found) < 1e-11  # |M| eps over the gaps of 16 eigenvalues
+    assert max(np.abs(known - value).min() for value in eigenvalues) < 1e-11  # |M| eps over the gaps of 16 eigenvalues
 
 
 def test_section_v() -> None:

@@ -83,9 +83,9 @@ def test_without_input_the_neuron_is_lost() -> None:
 
 def test_a_rank_at_random_points_is_no_proof() -> None:
     """x2 + x3 alone is seen: rank 2 of 3, though every state is read."""
-    found = gauthier_bornard([x2 + x3 + u * x1, x3, x2], [x1], X, [u])
-    assert (found.answer, found.shown, found.verdict) == (False, False, Verdict.UNKNOWN)
-    assert "rank 2 of 3 at 3 random points, which is no proof" in found.reason
+    observability = gauthier_bornard([x2 + x3 + u * x1, x3, x2], [x1], X, [u])
+    assert (observability.answer, observability.shown, observability.verdict) == (False, False, Verdict.UNKNOWN)
+    assert "rank 2 of 3 at 3 random points, which is no proof" in observability.reason
     x4 = sp.Symbol("x4")
     longer = gauthier_bornard([x2 + u * x1, x3 + x4, x4, x3], [x1], [*X, x4], [u])
     assert (longer.answer, longer.shown) == (False, False)
@@ -96,8 +96,8 @@ def test_a_rank_at_random_points_is_no_proof() -> None:
 
 def test_two_inputs_hide_a_state_together() -> None:
     """Neither alone."""
-    found = gauthier_bornard([(u + v) * x2, x1], [x1], X[:2], [u, v])
-    assert found.reason.endswith("u = v = 0 hides x2")
+    observability = gauthier_bornard([(u + v) * x2, x1], [x1], X[:2], [u, v])
+    assert observability.reason.endswith("u = v = 0 hides x2")
 
 
 def test_it_is_of_every_real_input_whatever_the_ranges() -> None:
@@ -138,10 +138,10 @@ def test_parameters_stand_at_their_values() -> None:
     ],
 )
 def test_where_it_does_not_apply(flow, output, inputs, reason: str) -> None:
-    found = gauthier_bornard(flow, output, [x1, x2], inputs)
-    assert found.answer is None
-    assert not found.applies
-    assert reason in f"{found.reason};"
+    observability = gauthier_bornard(flow, output, [x1, x2], inputs)
+    assert observability.answer is None
+    assert not observability.applies
+    assert reason in f"{observability.reason};"
 
 
 def test_what_cancels_is_affine() -> None:
@@ -161,7 +161,7 @@ def test_a_slope_in_many_functions_is_judged_by_a_point() -> None:
 def test_a_branch_is_not_an_open_dense_set() -> None:
     """For x1 > 0 the triangle holds; for x1 < 0 the input moves x3 into it. What fails somewhere fails."""
     flow = [x2 + u * sp.Max(0, -x1) * x3, x3, u]
-    found = gauthier_bornard(flow, [x1], X, [u])
-    assert found.answer is None
-    assert "branch of max" in found.reason
+    observability = gauthier_bornard(flow, [x1], X, [u])
+    assert observability.answer is None
+    assert "branch of max" in observability.reason
     assert gauthier_bornard([x2 + u * sp.Abs(x3), x3, u], [x1], X, [u]).answer is False

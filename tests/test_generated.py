@@ -65,8 +65,8 @@ def test_every_lower_end_is_tested() -> None:
 def test_versions_that_differ_are_named() -> None:
     assert differing(versions().__getitem__) == ""
     others = {**versions(), "sympy": "1.0", "numpy": "1.1"}
-    told = f"numpy 1.1 (made with {versions()['numpy']}), sympy 1.0 (made with {versions()['sympy']})"
-    assert differing(others.__getitem__) == f"installed are other versions than made generated/: {told}"
+    sentence = f"numpy 1.1 (made with {versions()['numpy']}), sympy 1.0 (made with {versions()['sympy']})"
+    assert differing(others.__getitem__) == f"installed are other versions than made generated/: {sentence}"
     assert ("sympy" in differing()) is (metadata.version("sympy") != versions()["sympy"])
 
 

@@ -39,20 +39,20 @@ def fresh() -> CallableStep:
     return built()
 
 
-def bits(found: Any) -> tuple[Any, ...]:
-    return found.x.tobytes(), np.asarray(found.status).tobytes()
+def bits(sample: Any) -> tuple[Any, ...]:
+    return sample.x.tobytes(), np.asarray(sample.status).tobytes()
 
 
-@pytest.mark.parametrize("given", MASKS.values(), ids=MASKS)
-def test_a_masked_entry_of_a_record_is_a_missing_sample(given: Any):
-    found = fresh().run(u=np.zeros(3), y=given)
-    assert [built().flags(status) for status in found.status] == [("MISSING_y2",), (), ("MISSING_y1",)]
-    assert bits(found) == bits(fresh().run(u=np.zeros(3), y=HOLES))
+@pytest.mark.parametrize("masked", MASKS.values(), ids=MASKS)
+def test_a_masked_entry_of_a_record_is_a_missing_sample(masked: Any):
+    run = fresh().run(u=np.zeros(3), y=masked)
+    assert [built().flags(status) for status in run.status] == [("MISSING_y2",), (), ("MISSING_y1",)]
+    assert bits(run) == bits(fresh().run(u=np.zeros(3), y=HOLES))
 
 
-@pytest.mark.parametrize("given", [MASKED[0], tuple(MASKED[0]), {"y1": 1, "y2": np.ma.masked}])
-def test_a_masked_entry_of_a_sample_is_missing(given: Any):
-    assert bits(fresh()(u=0.0, y=given)) == bits(fresh()(u=0.0, y=(1.0, NAN)))
+@pytest.mark.parametrize("masked", [MASKED[0], tuple(MASKED[0]), {"y1": 1, "y2": np.ma.masked}])
+def test_a_masked_entry_of_a_sample_is_missing(masked: Any):
+    assert bits(fresh()(u=0.0, y=masked)) == bits(fresh()(u=0.0, y=(1.0, NAN)))
 
 
 def test_a_masked_input_is_no_input():
@@ -126,9 +126,9 @@ def test_a_state_that_initial_leaves_out_rests():
     assert observer.parts[0].fields[0].initial == (1, 0.5, 0.25)
 
 
-@pytest.mark.parametrize("given", [1j, 0.1 + 0j, [0.1, 1j], np.array([0.1, 0.2 + 1j])])
-def test_a_complex_number_is_no_gain(given: Any):
+@pytest.mark.parametrize("gain", [1j, 0.1 + 0j, [0.1, 1j], np.array([0.1, 0.2 + 1j])])
+def test_a_complex_number_is_no_gain(gain: Any):
     """NumPy would leave out the imaginary part."""
     for take in (reals, lambda name, value: real(name, np.ravel(value)[-1])):
         with pytest.raises(BadGain, match="must be a number or an array of numbers"):
-            take("R", given)
+            take("R", gain)

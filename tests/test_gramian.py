@@ -49,15 +49,15 @@ def window(x: np.ndarray, begin: float, d: float) -> np.ndarray:
 @pytest.mark.parametrize("d", [0.5, 2.0])
 def test_it_is_the_integral(d: float) -> None:
     plant, trial = neuron()
-    (found,) = gramian(plant, Trial("short", 4.0, start=trial.start, inputs={"u": sp.sin(t)}), d)
+    (gramians,) = gramian(plant, Trial("short", 4.0, start=trial.start, inputs={"u": sp.sin(t)}), d)
     x = np.array([1.06, 2.69, 5.0])
     for k in (0, 5, 10):
-        begin = found.start[k]
+        begin = gramians.start[k]
         now = window(x, 0.0, begin)[:3] if begin else x
-        values, vectors = np.linalg.eigh(window(now, begin, found.d)[12:].reshape(3, 3))
-        assert found.smallest[k] == pytest.approx(values[0], rel=1e-5)
-        assert abs(found.direction[k] @ vectors[:, 0]) == pytest.approx(1, abs=1e-6)
-    assert found.d == pytest.approx(d)
+        values, vectors = np.linalg.eigh(window(now, begin, gramians.d)[12:].reshape(3, 3))
+        assert gramians.smallest[k] == pytest.approx(values[0], rel=1e-5)
+        assert abs(gramians.direction[k] @ vectors[:, 0]) == pytest.approx(1, abs=1e-6)
+    assert gramians.d == pytest.approx(d)
 
 
 def test_a_longer_window_shows_more() -> None:
@@ -72,9 +72,9 @@ def test_a_longer_window_shows_more() -> None:
 def test_what_is_never_shown_has_no_eigenvalue() -> None:
     x1, x2 = hg.Signal("x1"), hg.Signal("x2")
     plant = hg.System("blind", states=(x1, x2), outputs=(hg.Signal("y"),), flow=[-x1, -x2], output=[x1])
-    (found,) = gramian(plant, Trial("rest", 2.0, start={"x1": 1, "x2": 1}, jumps=(Jump(1, "x1", 3),)), 1.0)
-    assert found.range == (0.0, 0.0)
-    assert found.weakest == ("x2", 1.0)
+    (gramians,) = gramian(plant, Trial("rest", 2.0, start={"x1": 1, "x2": 1}, jumps=(Jump(1, "x1", 3),)), 1.0)
+    assert gramians.range == (0.0, 0.0)
+    assert gramians.weakest == ("x2", 1.0)
 
 
 @pytest.mark.parametrize("d", [0.0, -1.0, 11.0, math.nan, ()])
@@ -88,17 +88,17 @@ def test_the_innovation_of_a_small_error_is_its_quadratic_form() -> None:
     error of length 1: after x' = -x^3 little is left of one, and y = x shows less than W."""
     x = hg.Signal("x")
     plant = hg.System("cubic", states=(x,), outputs=(hg.Signal("y"),), flow=[-(x**3)], output=[x])
-    (found,) = gramian(plant, Trial("rest", 2.0, start={"x": 0}), 1.0)
-    assert found.smallest[0] == pytest.approx(1)
+    (gramians,) = gramian(plant, Trial("rest", 2.0, start={"x": 0}), 1.0)
+    assert gramians.smallest[0] == pytest.approx(1)
 
     def innovation(e: float) -> float:
         """Of y = e/sqrt(1 + 2 e^2 t), t = 0..1."""
         return math.log(1 + 2 * e**2) / 2
 
     assert innovation(1e-3) / 1e-6 == pytest.approx(1, rel=1e-5)
-    assert innovation(1) < 0.6 * found.smallest[0]
+    assert innovation(1) < 0.6 * gramians.smallest[0]
     console = Console(width=200, record=True, file=StringIO())
-    console.print(windows("rest", [found], "s"))
+    console.print(windows("rest", [gramians], "s"))
     said = " ".join(console.export_text().split())
     assert (
         "of a small initial error, per its squared length, is at least the smallest eigenvalue, to first order" in said

@@ -173,9 +173,9 @@ def test_it_stays_positive_definite_whatever_the_error(rate: float, start: float
     step.reset()
     step.state["z"] = start
     for _ in range(60):
-        found = step.run(np.zeros((1, 0)), np.full((1, 1), y))
+        run = step.run(np.zeros((1, 0)), np.full((1, 1), y))
         assert 0 < step.state[view][0] < np.inf
-        assert np.isfinite(found.x).all()
+        assert np.isfinite(run.x).all()
 
 
 def test_a_covariance_that_a_step_loses_restarts() -> None:
@@ -185,11 +185,11 @@ def test_a_covariance_that_a_step_loses_restarts() -> None:
     step.tune()
     step.reset()
     step.state["z"] = 1e-38
-    found = step.run(np.zeros((200, 0)), np.full((200, 1), 5.0))
+    run = step.run(np.zeros((200, 0)), np.full((200, 1), 5.0))
     bit = next(1 << k for k, b in enumerate(step.step.bits) if b.name == "COVARIANCE_RESTARTED")
-    assert (found.status & bit).any()
-    assert not (found.status[-50:] & bit).any()
-    assert abs(found.x[-1, 0]) == pytest.approx(np.sqrt(5), rel=1e-3)
+    assert (run.status & bit).any()
+    assert not (run.status[-50:] & bit).any()
+    assert abs(run.x[-1, 0]) == pytest.approx(np.sqrt(5), rel=1e-3)
 
 
 def test_without_the_limit_it_would_not() -> None:

@@ -18,15 +18,15 @@ QUICK = ("sir", "fitzhugh_nagumo", "cascaded_tanks", "pmsm")  # none, another fo
 NONE = "in none of the forms asked"
 
 
-def agrees(line: str, found: Survey) -> None:
+def agrees(line: str, survey: Survey) -> None:
     """The line names the forms whose rows are proved, and no other as proved; it says "none" of none alone."""
     said = line.partition(": ")[2].split("; ")[1]
-    proved = {row.kind for row in found.rows if row.form and row.verdict is hg.Verdict.PROVED}
+    proved = {row.kind for row in survey.rows if row.form and row.verdict is hg.Verdict.PROVED}
     if proved:
         assert set(said.removesuffix(", proved").split(", ")) == proved
     else:
         assert not said.endswith(", proved")
-        assert (said == NONE) == (not found.candidates)
+        assert (said == NONE) == (not survey.candidates)
 
 
 @pytest.mark.parametrize(
@@ -35,19 +35,19 @@ def agrees(line: str, found: Survey) -> None:
 )
 def test_of_every_shipped_model(file: Path) -> None:
     model = load(file)
-    found = hg.survey(model.plant)
-    claims = jobs.checked(model, found)
-    line = headline(hg.observability(model.plant), found, claims)
-    agrees(line, found)
+    survey = hg.survey(model.plant)
+    claims = jobs.checked(model, survey)
+    line = headline(hg.observability(model.plant), survey, claims)
+    agrees(line, survey)
     if claims.demanded:
-        told = {row.kind for row in (found.proved or found.candidates)}
+        kinds = {row.kind for row in (survey.proved or survey.candidates)}
         recast = claims.form.system is not model.plant and claims.form.system.origin is not None
-        assert ("its observer's form" in line) == (recast or claims.form.kind not in told)
+        assert ("its observer's form" in line) == (recast or claims.form.kind not in kinds)
 
 
 def plants(count: int) -> list[hg.System]:
     """Of two or three states and one or two outputs, of monomials that are often chains, and often not."""
-    draw, found = random.Random(5), []
+    draw, systems = random.Random(5), []
     x = [hg.Signal(f"x{i}", low=-1, high=2) for i in range(1, 4)]
     u = hg.Signal("u", low=-1, high=1)
     for k in range(count):
@@ -56,17 +56,17 @@ def plants(count: int) -> list[hg.System]:
         flow = [sp.Add(*draw.sample(terms, 2), x[i + 1] if i + 1 < n and draw.random() < 0.7 else 0) for i in range(n)]
         output = [draw.choice((x[j], x[j], 2 * x[j] + u, x[j] ** 3)) for j in range(p)]
         ys = [hg.Signal(f"y{j}") for j in range(p)]
-        found.append(hg.System(f"random{k}", states=x[:n], inputs=(u,), outputs=ys, flow=flow, output=output))
-    return found
+        systems.append(hg.System(f"random{k}", states=x[:n], inputs=(u,), outputs=ys, flow=flow, output=output))
+    return systems
 
 
 def test_of_random_plants() -> None:
     lines = []
     for plant in [*plants(12), chain(3)]:
-        found = hg.survey(plant)
-        form = found.best
+        survey = hg.survey(plant)
+        form = survey.best
         claims = jobs.Checked(plant.name, form, form.checks, (), demanded=False)
-        lines.append(headline(hg.observability(plant), found, claims))
-        agrees(lines[-1], found)
+        lines.append(headline(hg.observability(plant), survey, claims))
+        agrees(lines[-1], survey)
     assert any("proved" in line for line in lines)
     assert any(NONE in line for line in lines)

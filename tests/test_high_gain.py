@@ -54,11 +54,17 @@ DRIVEN_K = np.array([6.0, 6.0, 1.0])
 def blocks(align: str) -> hg.Form:
     """Chains of three and two states; at the end, x3' and x2' may read one state further of the short chain."""
     x, u = signals(5), hg.Signal("u", low=-1, high=1)
-    near = {"top": [0, x[3] / 4, sp.sin(x[4]) / 2], "end": [0, -x[3] / 4, sp.sin(x[4]) / 2 - x[3]]}[align]
+    coupling = {"top": [0, x[3] / 4, sp.sin(x[4]) / 2], "end": [0, -x[3] / 4, sp.sin(x[4]) / 2 - x[3]]}[align]
     short = {"top": [-x[3] + x[0] / 4, -sp.sin(x[3]) + x[1] / 3], "end": [x[1] / 3 - x[0], -sp.sin(x[3]) + x[2] / 2]}[
         align
     ]
-    flow = [x[1] + near[0], 2 * x[2] + near[1], near[2] - sp.sin(x[0]) - x[2], x[4] + short[0], short[1] - x[4] + u]
+    flow = [
+        x[1] + coupling[0],
+        2 * x[2] + coupling[1],
+        coupling[2] - sp.sin(x[0]) - x[2],
+        x[4] + short[0],
+        short[1] - x[4] + u,
+    ]
     outputs = (hg.Signal("y1"), hg.Signal("y2"))
     plant = hg.System("blocks", states=x, inputs=(u,), outputs=outputs, flow=flow, output=[x[0], 2 * x[3] + u])
     return hg.forms.block_triangular(plant, align=align)
@@ -86,9 +92,9 @@ def test_the_gains_of_1992(n: int) -> None:
     step = hg.sample(hg.observers.high_gain(form, theta=10, poles=[-1] * n), dt=1e-3)
     step.tune()
     assert step._kept.places[Place("derived", "K")] == pytest.approx([k * 10**i for i, k in enumerate(K, 1)], rel=1e-12)
-    given_ = hg.observers.high_gain(form, theta=10, gains=K)
-    found = core_numbers(given_.parts[0], 1, nominal(given_))
-    assert np.poly(found) == pytest.approx([comb(n, i) * 10.0**i for i in range(n + 1)], rel=1e-9)
+    observer = hg.observers.high_gain(form, theta=10, gains=K)
+    matrix = core_numbers(observer.parts[0], 1, nominal(observer))
+    assert np.poly(matrix) == pytest.approx([comb(n, i) * 10.0**i for i in range(n + 1)], rel=1e-9)
 
 
 def test_a_power_of_theta_less_would_be_unstable() -> None:
@@ -103,21 +109,21 @@ def test_a_power_of_theta_less_would_be_unstable() -> None:
 def test_gains_in_the_plants_own_coordinates() -> None:
     form, y = hg.forms.phase(van_der_pol(), original=True), np.sin(np.arange(200) * 0.01)
     each = ({"poles": (-1, -2)}, {"gains": (3, 2)})
-    found = [
+    estimates = [
         hg.sample(hg.observers.high_gain(form, theta=5, **kind), dt=0.01).run(y=y, engine="python").x for kind in each
     ]
-    assert np.array_equal(*found)
+    assert np.array_equal(*estimates)
 
 
 def test_gains_and_poles_are_the_same_observer() -> None:
     form, poles = hg.forms.triangular(chain(3)), (-1, -2 + 1j, -2 - 1j)
     y = np.sin(np.arange(300) * 0.01)
-    found = []
+    estimates = []
     for kind in ({"poles": poles}, {"gains": coefficients(poles, 3)}):
         observer = hg.observers.high_gain(form, theta=5, **kind)
-        found.append(hg.sample(observer, dt=0.01).run(u=np.zeros(300), y=y, engine="python").x)
+        estimates.append(hg.sample(observer, dt=0.01).run(u=np.zeros(300), y=y, engine="python").x)
         assert standing(observer)["high_gain.convergence"] is Verdict.PROVED
-    assert np.array_equal(*found)
+    assert np.array_equal(*estimates)
 
 
 # --- an A that moves with the input -------------------------------------------------------------------------
@@ -145,7 +151,7 @@ def test_the_driven_step_is_the_oracles() -> None:
     u, y = 0.5 + 0.5 * np.sin(5 * t)[:, None], 5 * np.cos(3 * t)[:, None]
     y[[50, 51, 400], 0] = NAN
     observer = hg.observers.high_gain(driven(), theta=8, gains=DRIVEN_K, initial=start)
-    found = hg.sample(observer, hg.methods.rk4, dt=dt).run(u=u[:, 0], y=y[:, 0], engine="python").x
+    estimates = hg.sample(observer, hg.methods.rk4, dt=dt).run(u=u[:, 0], y=y[:, 0], engine="python").x
 
     def b(z: np.ndarray, v: np.ndarray) -> np.ndarray:
         x = np.clip(z, -4, 4)
@@ -160,7 +166,7 @@ def test_the_driven_step_is_the_oracles() -> None:
     )
     expected = run(rate, np.array(start), y, dt, u)
     assert np.abs(expected).max() > 4
-    assert found == pytest.approx(expected, abs=1e-10)
+    assert estimates == pytest.approx(expected, abs=1e-10)
 
 
 def test_a_designed_gain_converges_under_any_input() -> None:
@@ -203,11 +209,11 @@ def test_each_chain_has_its_poles(align: str) -> None:
     assert blocks(align).alignment == align
     assert blocks(align).blocks == (3, 2)
     observer = several(align, theta=7.0)
-    found = core_numbers(observer.parts[0], 2, nominal(observer))
+    matrix = core_numbers(observer.parts[0], 2, nominal(observer))
     expected = np.poly(7 * np.array([*POLES[0], *POLES[1]])).real
-    assert np.poly(found) == pytest.approx(expected, rel=1e-9)
-    assert not found[:3, 3:].any()
-    assert not found[3:, :3].any()
+    assert np.poly(matrix) == pytest.approx(expected, rel=1e-9)
+    assert not matrix[:3, 3:].any()
+    assert not matrix[3:, :3].any()
 
 
 def model(align: str) -> Any:
@@ -234,7 +240,7 @@ def test_the_step_of_several_outputs_is_the_oracles(align: str) -> None:
     y[40:60, 0] = NAN
     y[50:90, 1] = NAN
     step = hg.sample(several(align, theta=theta, initial=start), hg.methods.rk4, dt=dt)
-    found = step.run(u=u[:, 0], y=y, engine="python").x
+    estimates = step.run(u=u[:, 0], y=y, engine="python").x
     A = np.zeros((5, 5))
     A[0, 1], A[1, 2], A[3, 4] = 1, 2, 1
     K = [coefficients(POLES[0], 3) / [1, 1, 2], coefficients(POLES[1], 2) / [2, 2]]
@@ -243,7 +249,7 @@ def test_the_step_of_several_outputs_is_the_oracles(align: str) -> None:
     expected = run(lambda z, y_, valid, v: rate(z, y_ - [0, v[0]], valid, v), np.array(start), y, dt, u)
     assert not any("LIMITED" in flag for status in set(found_status(step, u, y)) for flag in step.flags(status))
     assert np.abs(expected).max() > 4
-    assert found == pytest.approx(expected, abs=1e-10)
+    assert estimates == pytest.approx(expected, abs=1e-10)
 
 
 def found_status(step: Any, u: np.ndarray, y: np.ndarray) -> list[int]:
@@ -256,24 +262,28 @@ def test_the_bound_of_several_outputs_holds(align: str) -> None:
     """theta (N'P + P N) + P E + E'P < 0, E = Delta S J S^-1 Delta^-1, at points of the box, above the bound."""
     form = blocks(align)
     p = np.concatenate([coefficients(POLES[0], 3), coefficients(POLES[1], 2)])
-    found = of_poles(form, p)
-    assert isinstance(found, ThetaBound), found
-    P = np.array([[float(x) for x in row] for row in found.lyapunov.P])
-    S = np.array([float(s) for s in found.scale])
+    theta_bound = of_poles(form, p)
+    assert isinstance(theta_bound, ThetaBound), theta_bound
+    P = np.array([[float(x) for x in row] for row in theta_bound.lyapunov.P])
+    S = np.array([float(s) for s in theta_bound.scale])
     N = block_diag(*(np.diag(np.ones(n - 1), 1) for n in (3, 2)))
     N[:3, 0] -= p[:3]
     N[3:, 3] -= p[3:]
-    scaled = N * np.array([float(found.scale[i] / found.scale[j]) for i in range(5) for j in range(5)]).reshape(5, 5)
+    scaled = N * np.array(
+        [float(theta_bound.scale[i] / theta_bound.scale[j]) for i in range(5) for j in range(5)]
+    ).reshape(5, 5)
     products = np.array([1, 1, 2, 2, 2])  # a_(i,1) .. a_(i,j): the companion matrix stands in a_(i,2) .. a_(i,j) z
     steps = products / np.array([1, 1, 1, 2, 2])
     scaled = scaled * np.outer(1 / steps, steps)
-    assert np.array([[float(x) for x in row] for row in found.lyapunov.vertices[0]]) == pytest.approx(scaled, rel=1e-12)
+    assert np.array([[float(x) for x in row] for row in theta_bound.lyapunov.vertices[0]]) == pytest.approx(
+        scaled, rel=1e-12
+    )
     slope = sp.lambdify(form.states, sp.Matrix(form.b).jacobian(sp.Matrix(form.states)), "numpy")
     rng, power = np.random.default_rng(1), np.array(exponents(form))
     for _ in range(300):
         J = np.array(slope(*rng.uniform(-4, 4, size=5)), dtype=float)
-        assert np.linalg.norm(S[:, None] * J / S, 2) <= found.lipschitz
-        for theta in (float(found.theta) * 1.0001, float(found.theta) * 3):
+        assert np.linalg.norm(S[:, None] * J / S, 2) <= theta_bound.lipschitz
+        for theta in (float(theta_bound.theta) * 1.0001, float(theta_bound.theta) * 3):
             Delta = S * theta**-power
             E = Delta[:, None] * J / Delta
             assert np.linalg.eigvalsh(theta * (scaled.T @ P + P @ scaled) + P @ E + E.T @ P).max() < 0
@@ -282,9 +292,9 @@ def test_the_bound_of_several_outputs_holds(align: str) -> None:
 def test_a_row_that_reads_too_far_has_no_bound() -> None:
     """A form whose checks say otherwise: the structure is tested again."""
     form = blocks("top")
-    found = of_poles(replace(form, b=(form.b[0] + form.states[2], *form.b[1:])), [1.0] * 5)
-    assert isinstance(found, Nothing)
-    assert "reads more than" in found.reason
+    theta_bound = of_poles(replace(form, b=(form.b[0] + form.states[2], *form.b[1:])), [1.0] * 5)
+    assert isinstance(theta_bound, Nothing)
+    assert "reads more than" in theta_bound.reason
 
 
 @pytest.mark.parametrize("align", ["top", "end"])
@@ -305,9 +315,9 @@ def test_it_converges_from_anywhere_in_the_box(align: str, seed: int) -> None:
     ).y.T
     y = np.column_stack([plant[:, 0], 2 * plant[:, 3] + np.sin(t)])
     step = hg.sample(several(align, theta=15, initial=tuple(rng.uniform(-4, 4, 5))), hg.methods.rk4, dt=1e-3)
-    found = step.run(u=np.sin(t), y=y)
+    result = step.run(u=np.sin(t), y=y)
     assert np.abs(plant).max() < 4
-    assert np.abs(found.x[-1] - plant[-1]).max() < 1e-5
+    assert np.abs(result.x[-1] - plant[-1]).max() < 1e-5
 
 
 @pytest.mark.parametrize("real", ["float", "double"])

@@ -18,6 +18,7 @@ from hgogen.recheck.errors import RecheckError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hgogen"
+TESTS = ROOT / "tests"
 COLUMN = (  # the folders, each standing on those before it only
     *("algebra", "intervals", "recheck", "reading", "analysis", "evidence", "structure", "discretisation", "forms"),
     *("kalman", "chains", "guarantees", "stepping", "methods", "observers", "certificates", "emit", "targets"),
@@ -54,10 +55,10 @@ def library(node: ast.ImportFrom) -> bool:
 def imports(name: str) -> frozenset[str]:
     """The modules of the package that a module imports, anywhere in it, for types as well; a folder imports its
     cases. Relative are the imports of the checker alone, whose folder can be copied."""
-    found = set()
+    modules = set()
     for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert bool(node.level) is (alone(name) and not library(node)), f"{name} imports {ast.unparse(node)}"
             source = str(node.module)
@@ -66,23 +67,23 @@ def imports(name: str) -> frozenset[str]:
                 above = folder.rsplit(".", node.level - 1)[0]
                 source = f"{above}.{node.module}" if node.module else above
             inner = {f"{source}.{alias.name}" for alias in node.names}
-            found |= {module for module in inner if module in FILES}
-            found |= {source} if inner - FILES.keys() else set()
+            modules |= {module for module in inner if module in FILES}
+            modules |= {source} if inner - FILES.keys() else set()
     if name.removeprefix("hgogen.") in FOLDERS:
-        found |= {case for case in CASES if case.startswith(f"{name}.")}
-    return frozenset(found & FILES.keys())
+        modules |= {case for case in CASES if case.startswith(f"{name}.")}
+    return frozenset(modules & FILES.keys())
 
 
 @cache
 def below(name: str) -> frozenset[str]:
     """All that a module imports, by whatever way."""
-    found: set[str] = set()
+    reached: set[str] = set()
     left = {name}
     while left:
-        new = imports(left.pop()) - found
-        found |= new
+        new = imports(left.pop()) - reached
+        reached |= new
         left |= new
-    return frozenset(found)
+    return frozenset(reached)
 
 
 # --- imports ------------------------------------------------------------------------------------------------
@@ -220,7 +221,7 @@ def test_only_a_models_own_code_is_executed() -> None:
     assert calls == {("hgogen.model", "exec"), ("hgogen.emit.pygraph", "exec")}
 
 
-APART = {"replace", "split", "rsplit", "splitlines", "partition", "rpartition", "removeprefix", "removesuffix"}
+TEXT_METHODS = {"replace", "split", "rsplit", "splitlines", "partition", "rpartition", "removeprefix", "removesuffix"}
 
 
 def test_no_printer_reads_what_it_printed() -> None:
@@ -241,7 +242,7 @@ def takes_apart(name: str) -> bool:
     modules |= {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
     methods = (node.func for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute))
     return "re" in modules or any(
-        method.attr in APART and ast.unparse(method.value) not in ("np", "self") for method in methods
+        method.attr in TEXT_METHODS and ast.unparse(method.value) not in ("np", "self") for method in methods
     )
 
 
@@ -310,8 +311,14 @@ def test_it_passes_public_names_and_uses(text: str) -> None:
 
 def test_a_value_is_named_for_what_it_holds() -> None:
     """A local called found or kept can be anything, and cannot be searched for: a solution, a bound and an index are
-    called so."""
-    assert not [f"{name}:{line}: {word}" for name in FILES for line, word in say_nothing(tree(name))]
+    called so, in the tests and their fixtures as in the package."""
+    modules = {
+        path: ast.parse(path.read_text()) for folder in (PACKAGE, TESTS) for path in sorted(folder.rglob("*.py"))
+    }
+    assert Path(__file__).resolve() in modules
+    assert not [
+        f"{path.relative_to(ROOT)}:{line}: {word}" for path in modules for line, word in say_nothing(modules[path])
+    ]
 
 
 # --- values and errors --------------------------------------------------------------------------------------
@@ -431,10 +438,10 @@ def test_little_lies_at_the_top() -> None:
 def test_nothing_strange_is_said() -> None:
     """No path of one machine, no host of packages, no reminder, nothing of how the project came about."""
     assert len(TEXTS) > 80
-    found = [
+    lines = [
         f"{path.relative_to(ROOT)}:{number}: {line.strip()[:80]}"
         for path in TEXTS
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
         if STRANGE.search(line)
     ]
-    assert not found
+    assert not lines

@@ -69,8 +69,8 @@ def test_from_which_k_on_the_observers_converge() -> None:
     def errors(step: hg.Step) -> tuple[float, float]:
         """|x_1 error| at most, 80..100 s and 180..200 s."""
         step.reset()
-        found = np.abs(step.run(y=exact.y).x - exact.x)[:, 0]
-        return float(found[20000:25000].max()), float(found[45000:].max())
+        error = np.abs(step.run(y=exact.y).x - exact.x)[:, 0]
+        return float(error[20000:25000].max()), float(error[45000:].max())
 
     form = hg.forms.triangular(MODEL.plant)
     gains = {**MODEL.module.tuning["filtered"], "theta": 5}

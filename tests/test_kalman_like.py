@@ -76,8 +76,8 @@ def structure(flow: list[Any], *output: Any) -> tuple[str, str]:
     ],
 )
 def test_structure(flow: list[Any], output: tuple[Any, ...], verdict: str, said: str) -> None:
-    found, reason = structure(flow, *output)
-    assert found == verdict
+    answer, reason = structure(flow, *output)
+    assert answer == verdict
     assert said in reason
 
 
@@ -195,12 +195,12 @@ def test_windows_of_a_record() -> None:
     """W of x1' = u x2, x2' = 0: [[d, U], [U, V]] with the integrals of the integral of u; in closed form for u = 1:
     d, d^2/2, d^3/3, times R^-1 and the half-widths 5."""
     form, N = one_input(u * x2), 401
-    found = excitation.along(form, 0.1, np.ones(N), np.zeros(N), 0.01, 2.0)
+    windows = excitation.along(form, 0.1, np.ones(N), np.zeros(N), 0.01, 2.0)
     W = 25 / 0.1 * np.array([[2, 2], [2, 8 / 3]])
-    assert found.smallest == pytest.approx(np.linalg.eigvalsh(W)[0], rel=1e-9)  # cubic: Simpson's rule is exact
-    assert excitation.shown("p", found).verdict is Verdict.UNKNOWN
+    assert windows.smallest == pytest.approx(np.linalg.eigvalsh(W)[0], rel=1e-9)  # cubic: Simpson's rule is exact
+    assert excitation.shown("p", windows).verdict is Verdict.UNKNOWN
     hidden = excitation.along(form, {"y1": 0.1}, np.zeros(N), np.zeros(N), 0.01, 2.0)
-    quiet = replace(found, smallest=1e-20 * found.smallest, largest=1e-20 * found.largest)
+    quiet = replace(windows, smallest=1e-20 * windows.smallest, largest=1e-20 * windows.largest)
     assert excitation.shown("p", quiet).verdict is Verdict.UNKNOWN  # a larger R hides nothing
     check = excitation.shown("p", hidden)
     assert (check.verdict, hidden.weakest[0]) == (Verdict.REFUTED, "x2")
@@ -253,16 +253,16 @@ def record(dt: float, duration: float) -> dict[str, np.ndarray]:
 
 def test_it_is_the_oracles() -> None:
     """With samples missing: rounding only."""
-    given_, h = record(0.01, 8.0), 0.01
-    given_["y"][300:340] = NAN
-    given_["y"][500:700:3] = NAN
+    data, h = record(0.01, 8.0), 0.01
+    data["y"][300:340] = NAN
+    data["y"][500:700:3] = NAN
     start = np.array([0.5, -1.0, 2.0])
     observer = kalman_like(initial=start, covariance=(1.0, 2.0, 3.0))
-    found = hg.sample(observer, dt=h).run(**given_, engine="python")
+    run = hg.sample(observer, dt=h).run(**data, engine="python")
     P = np.diag([1.0, 2, 3])
-    samples = (given_["u"], given_["y"][:, None], caps(observer))
+    samples = (data["u"], data["y"][:, None], caps(observer))
     expected = oracle.run(A_neuron, b_neuron, 1.0, np.array([0.05]), start, P, h, *samples)
-    assert found.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    assert run.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
 
 
 @cache
@@ -279,7 +279,7 @@ def test_two_outputs_are_the_oracles() -> None:
     y[210:260, 1] = NAN
     R = np.array([0.1, 0.05])
     observer = hg.observers.kalman_like(rotor(), rho=0.7, R=R, covariance=(1.0, 1.0, 4.0))
-    found = hg.sample(observer, dt=h).run(u=np.column_stack([np.sin(time), 0 * time]), y=y, engine="python")
+    run = hg.sample(observer, dt=h).run(u=np.column_stack([np.sin(time), 0 * time]), y=y, engine="python")
     expected = oracle.run(
         lambda u, v: np.array([[-1, 0, v[1]], [0, -1, -v[0] - 1], [0, 1, -0.2]]),
         lambda u, v: np.array([u, 0, 0]),
@@ -292,14 +292,14 @@ def test_two_outputs_are_the_oracles() -> None:
         y,
         caps(observer),
     )
-    assert not found.status[:200].any()
-    assert found.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    assert not run.status[:200].any()
+    assert run.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
 
 
 @pytest.fixture
 def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the limit of dt by the covariance, which takes seconds to find."""
-    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *arguments: [Limit(np.inf, "not asked")])
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -307,11 +307,11 @@ def test_every_view_is_of_one_equation() -> None:
     """S and P by RK4 of order 4; L D L' and S S' of order 1, the same but for rounding."""
     errors: dict[str, list[float]] = {}
     for dt in (0.01, 0.005):
-        given_, observer = record(dt, 0.6), kalman_like(covariance=(1.0, 1.0, 1.0))
-        exact = hg.reference(observer, **given_, dt=dt).x
+        samples, observer = record(dt, 0.6), kalman_like(covariance=(1.0, 1.0, 1.0))
+        exact = hg.reference(observer, **samples, dt=dt).x
         for name in ("rk4", "rk4_covariance", "continuous_discrete", "cholesky"):
-            found = hg.sample(observer, getattr(hg.methods, name), dt=dt).run(**given_, engine="python").x
-            errors.setdefault(name, []).append(float(np.abs(found - exact).max()))
+            estimates = hg.sample(observer, getattr(hg.methods, name), dt=dt).run(**samples, engine="python").x
+            errors.setdefault(name, []).append(float(np.abs(estimates - exact).max()))
     orders = {name: np.log2(coarse / fine) for name, (coarse, fine) in errors.items()}
     assert min(orders["rk4"], orders["rk4_covariance"]) > 3.5
     assert orders["continuous_discrete"] == pytest.approx(1, abs=0.25)
@@ -319,10 +319,10 @@ def test_every_view_is_of_one_equation() -> None:
 
 
 def test_loops_are_the_unrolled_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    given_ = record(0.01, 3.0)
-    unrolled = hg.sample(kalman_like(), dt=0.01).run(**given_, engine="python").x
+    samples = record(0.01, 3.0)
+    unrolled = hg.sample(kalman_like(), dt=0.01).run(**samples, engine="python").x
     monkeypatch.setattr(sys.modules["hgogen.methods.continuous_discrete"], "UNROLLED", 0)
-    looped = hg.sample(kalman_like(), dt=0.01).run(**given_, engine="python").x
+    looped = hg.sample(kalman_like(), dt=0.01).run(**samples, engine="python").x
     assert looped == pytest.approx(unrolled, abs=1e-9 * np.abs(unrolled).max())
 
 
@@ -359,8 +359,8 @@ def test_it_converges_from_anywhere(a: float, b: float, c: float) -> None:
     """Without noise, rho = 1: exp(-rho t/2) of some 10 is below 1e-5 after 30, where a_2(u) = -u keeps crossing 0.
     What is left is the line between two samples, which misses y by y'' dt^2/8."""
     truth = noiseless()
-    found = started(a, b, c).run(u=truth.u[:3000], y=truth.y[:3000])
-    assert np.abs(found.x[-500:] - truth.x[2500:3000]).max() < 2e-3
+    run = started(a, b, c).run(u=truth.u[:3000], y=truth.y[:3000])
+    assert np.abs(run.x[-500:] - truth.x[2500:3000]).max() < 2e-3
 
 
 @cache
@@ -394,8 +394,8 @@ def test_eight_states_in_loops() -> None:
     """The chain is state-affine: sin x1 is of the measured state."""
     observer = hg.observers.kalman_like(hg.forms.state_affine(chain(8)), rho=1.0, R=1e-6, initial={"x8": 1.0})
     step = hg.sample(observer, dt=0.01)
-    found = step.run(u=np.zeros(3000), y=np.zeros(3000))
-    assert np.abs(found.x[-1]).max() < 1e-3
+    run = step.run(u=np.zeros(3000), y=np.zeros(3000))
+    assert np.abs(run.x[-1]).max() < 1e-3
 
 
 @needs_compiler
@@ -418,10 +418,10 @@ def test_the_trial_of_the_paper() -> None:
 
 def test_the_theorem_is_proved_but_for_operation() -> None:
     observer = kalman_like()
-    found = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
-    assert {claim for claim, standing in found.items() if standing == "refuted"} == set()
-    persistence = next(claim for claim in found if "regularly persistent" in claim)
-    assert found[persistence] == "proved"
+    standings = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
+    assert {claim for claim, standing in standings.items() if standing == "refuted"} == set()
+    persistence = next(claim for claim in standings if "regularly persistent" in claim)
+    assert standings[persistence] == "proved"
     unknown = {c.id: c.verdict for c in kalman_like(inputs=None).checks}
     assert unknown["kalman_like.persistence"] is Verdict.UNKNOWN
 

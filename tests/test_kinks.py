@@ -74,13 +74,13 @@ def test_a_side_that_the_box_decides_is_taken(row: Any, low: float, high: float)
     ],
 )
 def test_a_slope_that_jumps_over_zero_is_not_said_to_vanish(row: Any, sides: str, at: Fraction) -> None:
-    found = check(forms.uniform(plant(lambda _, x2, u: row(x2))), "slope_2")
-    assert found.verdict is Verdict.REFUTED
-    assert "jumps" in found.reason
-    assert "vanishes" not in found.reason
+    claim = check(forms.uniform(plant(lambda _, x2, u: row(x2))), "slope_2")
+    assert claim.verdict is Verdict.REFUTED
+    assert "jumps" in claim.reason
+    assert "vanishes" not in claim.reason
     one, other = sides.split()[1::2]
-    assert f"{one} to {other}" in found.reason or f"{other} to {one}" in found.reason
-    assert found.witness == {"x2": float(at)}
+    assert f"{one} to {other}" in claim.reason or f"{other} to {one}" in claim.reason
+    assert claim.witness == {"x2": float(at)}
 
 
 @pytest.mark.parametrize(
@@ -89,20 +89,20 @@ def test_a_slope_that_jumps_over_zero_is_not_said_to_vanish(row: Any, sides: str
 @pytest.mark.parametrize("row", [sp.Abs, lambda v: sp.Max(v, -v)])
 def test_the_determinant_of_a_phase_form_knows_kinks(row: Any, low: float, verdict: str, says: str) -> None:
     made = forms.phase(plant(lambda _, x2, u: row(x2), low))
-    (found,) = (one for one in made.checks if one.id == "phase.rank")
-    assert found.verdict == verdict
-    assert says in found.reason
+    (rank,) = (one for one in made.checks if one.id == "phase.rank")
+    assert rank.verdict == verdict
+    assert says in rank.reason
 
 
 def test_a_kink_between_slopes_of_one_sign_is_proved() -> None:
-    found = nonzero(slope(2 * y + sp.Abs(y) + sp.sqrt(x**2 + y**2) / 2, y), {x: ONE, y: ONE})
-    assert (found.verdict, found.sign, found.margin) == (Verdict.PROVED, 1, 0.5)
+    sign = nonzero(slope(2 * y + sp.Abs(y) + sp.sqrt(x**2 + y**2) / 2, y), {x: ONE, y: ONE})
+    assert (sign.verdict, sign.sign, sign.margin) == (Verdict.PROVED, 1, 0.5)
 
 
 def test_a_slope_that_is_zero_beside_a_kink_vanishes() -> None:
-    found = check(forms.uniform(plant(lambda _, x2, u: sp.Max(x2, 0))), "slope_2")
-    assert (found.verdict, found.reason) == (Verdict.REFUTED, "dF_1/dz_2 vanishes")
-    assert found.witness["x2"] < 0
+    claim = check(forms.uniform(plant(lambda _, x2, u: sp.Max(x2, 0))), "slope_2")
+    assert (claim.verdict, claim.reason) == (Verdict.REFUTED, "dF_1/dz_2 vanishes")
+    assert claim.witness["x2"] < 0
 
 
 @pytest.mark.parametrize("row", [lambda v: v + sp.sign(v), lambda v: sp.Piecewise((v + 1, v > 0), (2 * v, True))])
@@ -115,9 +115,9 @@ def test_what_jumps_itself_stays_unknown(row: Any) -> None:
 @pytest.mark.parametrize("row", [sp.log, lambda v: sp.atanh(v - 1)])
 def test_a_slope_of_what_is_real_nowhere_is_not_proved(row: Any) -> None:
     """d log(v)/dv = 1/v has a value where log(v) has none."""
-    found = check(forms.uniform(plant(lambda _, x2, u: row(x2), low=-2, high=-1)), "slope_2")
-    assert found.verdict is Verdict.UNKNOWN
-    assert found.reason.endswith("of the plant is not shown to have a value on the box")
+    claim = check(forms.uniform(plant(lambda _, x2, u: row(x2), low=-2, high=-1)), "slope_2")
+    assert claim.verdict is Verdict.UNKNOWN
+    assert claim.reason.endswith("of the plant is not shown to have a value on the box")
 
 
 def test_the_sides_of_a_kink_that_only_touches_zero_are_one() -> None:
@@ -155,9 +155,9 @@ def test_a_zero_of_a_slope_at_a_kink_is_not_verified() -> None:
     ],
 )
 def test_norms_and_what_is_made_of_them_are_lipschitz(row: sp.Expr, bound: float) -> None:
-    found = lipschitz_bound([row], [x, y], {x: ONE, y: ONE})
-    assert found.verdict is Verdict.PROVED
-    assert found.low <= found.high <= bound
+    lipschitz = lipschitz_bound([row], [x, y], {x: ONE, y: ONE})
+    assert lipschitz.verdict is Verdict.PROVED
+    assert lipschitz.low <= lipschitz.high <= bound
 
 
 def test_each_slope_of_a_norm_is_at_most_1() -> None:
@@ -190,22 +190,22 @@ def test_forms_and_the_singular_set_know_the_same_zeros(factor: Any) -> None:
     assert positive(ClaimId("form", "a", 2), "a_2", sp.sign(factor(0)) * factor(u), made).verdict is Verdict.PROVED
     assert apart(ClaimId("form", "slope", 2), "dF_1/dz_2", factor(u), made).verdict is Verdict.PROVED
     assert hg.singularity(made).open_factors == ()
-    found = nonzero(factor(u), {u: ONE})
+    sign = nonzero(factor(u), {u: ONE})
     number = factor(u).subs(u, 1).evalf(1000)
-    assert found.never
-    assert 0 < found.margin <= abs(number)
+    assert sign.never
+    assert 0 < sign.margin <= abs(number)
 
 
 def test_what_comes_as_near_to_zero_as_you_like_is_never_zero_and_not_proved() -> None:
-    found = nonzero(sp.exp(x), {x: (float("-inf"), float("inf"))})
-    assert (found.never, found.verdict) == (True, Verdict.UNKNOWN)
+    sign = nonzero(sp.exp(x), {x: (float("-inf"), float("inf"))})
+    assert (sign.never, sign.verdict) == (True, Verdict.UNKNOWN)
 
 
 @pytest.mark.parametrize("e", [sp.exp(x) - 2, sp.tanh(1000 * x), sp.exp(x) - sp.exp(-x), 1 + sp.tanh(x) - y])
 def test_what_has_a_zero_is_never_said_to_have_none(e: sp.Expr) -> None:
-    found = nonzero(e, {x: ONE, y: (Fraction(0), Fraction(1))})
-    assert not found.never
-    assert found.verdict is not Verdict.PROVED
+    sign = nonzero(e, {x: ONE, y: (Fraction(0), Fraction(1))})
+    assert not sign.never
+    assert sign.verdict is not Verdict.PROVED
 
 
 # --- random expressions with kinks: samples try to refute what is proved, exact points show what is refuted
@@ -239,8 +239,8 @@ def grid(box: dict[sp.Symbol, tuple[Any, Any]], count: int) -> list[list[Fractio
 def sampled(e: sp.Expr, box: dict[sp.Symbol, tuple[Any, Any]], count: int = 16) -> np.ndarray:
     """Values on the grid, (count + 1, count + 1), rising x along a row; NaN where there is none."""
     program = tape([e], list(box))
-    found = [values(program, point, 128)[0] for point in grid(box, count)]
-    return np.array([float(ball.mid()) if ball.is_finite() else np.nan for ball in found]).reshape(count + 1, count + 1)
+    balls = [values(program, point, 128)[0] for point in grid(box, count)]
+    return np.array([float(ball.mid()) if ball.is_finite() else np.nan for ball in balls]).reshape(count + 1, count + 1)
 
 
 @settings(max_examples=60, deadline=None)
@@ -269,16 +269,16 @@ def test_a_direction_of_a_range_of_one_point_is_every_number_of_it() -> None:
     """y s with s = sign(x) at x = 0, a set: no side of the box is the inner one there."""
     box = {x: (Fraction(0), Fraction(0)), y: (Fraction(1), Fraction(2)), z: (Fraction(0), Fraction(0))}
     for e in (Direction(sp.S.Zero, x), Direction(sp.S.Zero, x, z)):
-        found = bound(y * e, box)
-        assert (found.low, found.high) == (-2, 2)
+        enclosure = bound(y * e, box)
+        assert (enclosure.low, enclosure.high) == (-2, 2)
 
 
 @pytest.mark.parametrize("at", [0, 1])
 def test_a_direction_at_a_face_leaves_the_other_factor_its_range(at: int) -> None:
     """Its slope is 0 within the box: of a box with both ends exchanged y sign(x) would be 0."""
     box = {x: (Fraction(0), Fraction(1)), y: (Fraction(-1), Fraction(1))}
-    found = bound(y * Direction(sp.Integer(0), x - at), box)
-    assert (found.low, found.high) == (-1, 1)
+    enclosure = bound(y * Direction(sp.Integer(0), x - at), box)
+    assert (enclosure.low, enclosure.high) == (-1, 1)
     assert nonzero(slope(x * y * sp.sign(x) + x, x), box).verdict is not Verdict.PROVED
 
 
@@ -291,12 +291,12 @@ def test_slopes_at_kinks_hold_for_chords(e: sp.Expr, first: Any, second: Any, ti
     steep = slope(row, x)
     if steep.has(sp.Piecewise, sp.sign, sp.DiracDelta):
         return
-    found = nonzero(steep, box, boxes=200)
+    sign = nonzero(steep, box, boxes=200)
     chords = np.diff(sampled(row, box), axis=1) * 16 / float(box[x][1] - box[x][0])
-    if found.verdict is Verdict.PROVED:
-        assert np.nanmin(found.sign * chords) >= float(found.margin) * (1 - 1e-9)
-    if found.cause in (Cause.JUMP, Cause.CROSSING):
-        least, most = found.range.least, found.range.most
+    if sign.verdict is Verdict.PROVED:
+        assert np.nanmin(sign.sign * chords) >= float(sign.margin) * (1 - 1e-9)
+    if sign.cause in (Cause.JUMP, Cause.CROSSING):
+        least, most = sign.range.least, sign.range.most
         assert least is not None
         assert most is not None
         assert least.value < 0 < most.value
@@ -304,8 +304,8 @@ def test_slopes_at_kinks_hold_for_chords(e: sp.Expr, first: Any, second: Any, ti
             at = {s: sp.Rational(value) for s, value in one.point.items()}
             exactly = steep.xreplace(at)
             assert not exactly.has(Direction) or not exactly.free_symbols
-    if found.cause is Cause.ZERO:
-        at = {s: sp.Rational(value) for s, value in found.witness.items()}
+    if sign.cause is Cause.ZERO:
+        at = {s: sp.Rational(value) for s, value in sign.witness.items()}
         assert steep.xreplace(at).equals(0)
 
 
@@ -313,13 +313,13 @@ def test_slopes_at_kinks_hold_for_chords(e: sp.Expr, first: Any, second: Any, ti
 @given(KINKED, ENDS, ENDS)
 def test_a_lipschitz_bound_holds_for_chords(e: sp.Expr, first: Any, second: Any) -> None:
     box = {x: (Fraction(first[0]), Fraction(first[1])), y: (Fraction(second[0]), Fraction(second[1]))}
-    found = lipschitz_bound([e], [x, y], box, boxes=200)
-    if found.verdict is not Verdict.PROVED:
+    lipschitz = lipschitz_bound([e], [x, y], box, boxes=200)
+    if lipschitz.verdict is not Verdict.PROVED:
         return
     table = sampled(e, box)
     width = [float(high - low) / 16 for low, high in box.values()]
     for axis, step in ((1, width[0]), (0, width[1])):
-        assert np.nanmax(np.abs(np.diff(table, axis=axis))) <= float(found.high) * step * (1 + 1e-9) + 1e-12
+        assert np.nanmax(np.abs(np.diff(table, axis=axis))) <= float(lipschitz.high) * step * (1 + 1e-9) + 1e-12
 
 
 # --- a chain
@@ -330,8 +330,8 @@ def test_a_chain_needs_no_long_derivatives() -> None:
     states = [hg.Signal(f"x{i}", low=-4, high=4) for i in range(1, 11)]
     flow = [b + sp.sin(a) for a, b in pairwise(states)] + [-sp.sin(states[0]) - states[-1]]
     made = hg.System("chain", states=states, outputs=(hg.Signal("y"),), flow=flow, output=[states[0]])
-    (found,) = hg.singularity(made).jets
-    assert (found.determinant, found.factors) == (1, ())
+    (jet,) = hg.singularity(made).jets
+    assert (jet.determinant, jet.factors) == (1, ())
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (0, 2, 1)])
@@ -395,9 +395,9 @@ def test_what_is_not_real_everywhere_is_not_left_out(hidden: Any) -> None:
 def test_a_power_of_a_root_of_squares_is_as_steep_as_it_is(power: int, steepest: float) -> None:
     """r^p with r^2 = x^2 + y^2 has the slope |p| r^(p-1), and 2 <= r^2 <= 8 here."""
     box = {x: (Fraction(1), Fraction(2)), y: (Fraction(1), Fraction(2))}
-    found = lipschitz_bound([(x**2 + y**2) ** sp.Rational(power, 2)], (x, y), box)
-    assert found.verdict is Verdict.PROVED
-    assert steepest * (1 - 1e-12) <= found.high <= 1.03 * steepest
+    lipschitz = lipschitz_bound([(x**2 + y**2) ** sp.Rational(power, 2)], (x, y), box)
+    assert lipschitz.verdict is Verdict.PROVED
+    assert steepest * (1 - 1e-12) <= lipschitz.high <= 1.03 * steepest
 
 
 _X = hg.Signal("x", low=0, high=1)

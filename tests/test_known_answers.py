@@ -77,10 +77,10 @@ def test_plain_filter_takes_690(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_plain_filter_is_recovered_from_the_jump() -> None:
     """It leaves the box for longer than it needs to converge from anywhere in it, and restarts from the sample."""
     step = built(1.0)
-    found = tried(step, lasting(ONE, 250.0))
+    trajectories = tried(step, lasting(ONE, 250.0))
     bit = 1 << [bit.name for bit in step.bits].index("RESTARTED_FROM_SAMPLE")
-    assert summed(step, found).settled[1] < 690 / 4
-    assert all((each.status & bit).any() for each in found)
+    assert summed(step, trajectories).settled[1] < 690 / 4
+    assert all((each.status & bit).any() for each in trajectories)
 
 
 @needs_compiler

@@ -99,11 +99,11 @@ def test_the_final_gain_of_the_step() -> None:
 
 def test_the_estimates_are_the_oracles() -> None:
     """Along the way, to the order dt^2 of the line between samples."""
-    found, (t, states) = run(0.005), exact()
-    at = np.searchsorted(t, found.t - 1e-6)
-    assert np.abs(found.traces["k"] - states[at, 4]).max() < 1e-6
-    kept = found.t > 4  # where xhat_1 is within the declared range of m
-    assert np.abs(found["m"] - states[at, 2])[kept].max() < 1e-6
+    result, (t, states) = run(0.005), exact()
+    at = np.searchsorted(t, result.t - 1e-6)
+    assert np.abs(result.traces["k"] - states[at, 4]).max() < 1e-6
+    inside = result.t > 4  # where xhat_1 is within the declared range of m
+    assert np.abs(result["m"] - states[at, 2])[inside].max() < 1e-6
 
 
 def test_when_the_strip_is_entered() -> None:
@@ -203,8 +203,8 @@ def test_the_factor_that_theorem_3_misses() -> None:
 
 
 def test_a_stepping_inflow_leaves_phi_without_a_bound() -> None:
-    told = {row.claim: row for row in rows(tuned().theorem, tuned().checks)}
-    row = told["phi is bounded along the plant's motion"]
+    by_claim = {row.claim: row for row in rows(tuned().theorem, tuned().checks)}
+    row = by_claim["phi is bounded along the plant's motion"]
     assert row.verdict is Verdict.UNKNOWN
     assert "u_dot" in next(check.reason for check in tuned().checks if check.id == "lambda_tracking.phi")
     assert "does not tend to 0" in tuned().theorem.conclusion

@@ -40,33 +40,33 @@ def asked(model: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_every_field_of_a_model() -> None:
-    found = check([("good", GOOD)])["good"]
-    assert found.pop("notes") == ["bound_queries, '1/E': it is not a finite real number at E = 0"]
-    assert list(found) == list(FIELDS)
-    (low, high), pole = found.pop("bounds")
+    answer = check([("good", GOOD)])["good"]
+    assert answer.pop("notes") == ["bound_queries, '1/E': it is not a finite real number at E = 0"]
+    assert list(answer) == list(FIELDS)
+    (low, high), pole = answer.pop("bounds")
     assert 0.7 < low <= 0.75
     assert 3 <= high < 3.1
     assert pole is None
-    assert 0 < found.pop("seconds") < 5
-    ((least, most),) = found.pop("a_ranges")
+    assert 0 < answer.pop("seconds") < 5
+    ((least, most),) = answer.pop("a_ranges")
     assert 0.99 < least <= 1
     assert 4 <= most < 4.01
     structure = dict.fromkeys(("triangular", "triangular_uy", "uof_structure", "uof", "lipschitz"), True)
     structure |= dict.fromkeys(("mimo_levelwise", "mimo_cascade", "mimo_uof"), True)
     names = {"order": ["x1", "E"], "observable_params_known": ["x1", "E"], "observable_joint": ["x1", "E"]}
     ranks = {"rank_params_known": 2, "rank_joint": 2}
-    assert found == {**structure, **names, **ranks, "gb_uniform": False, "singular": "all"}
+    assert answer == {**structure, **names, **ranks, "gb_uniform": False, "singular": "all"}
 
 
 def test_a_bound_says_where_there_is_no_value() -> None:
     """As --bound does: sqrt(3 - x) has a range on [0, 3.14], and no value beyond 3."""
     model = GOOD | {"x_box": {"x1": [0, 3.14], "E": [0.5, 1]}, "bound_queries": ["sqrt(3 - x1)", "1/E"]}
-    found = check([("good", model)])["good"]
-    (low, high), _ = found["bounds"]
+    answer = check([("good", model)])["good"]
+    (low, high), _ = answer["bounds"]
     assert low <= 0 < 3**0.5 <= high < 1.8
-    (note,) = found["notes"]
-    told = bound(parse("sqrt(3 - x1)", entry(model).symbols), entry(model).outer)
-    assert note == f"bound_queries, 'sqrt(3 - x1)': {told.note}"
+    (note,) = answer["notes"]
+    enclosure = bound(parse("sqrt(3 - x1)", entry(model).symbols), entry(model).outer)
+    assert note == f"bound_queries, 'sqrt(3 - x1)': {enclosure.note}"
     assert "it is not a finite real number at x1 = 157/50" in note
 
 
@@ -100,18 +100,18 @@ def test_a_bad_model_is_a_sentence_and_harms_no_other(change: dict[str, Any], se
 def test_bad_models_beside_a_good_one() -> None:
     models = [("bad", GOOD | {"name": "bad", "f": ["1"]}), ("good", GOOD), ("good2", GOOD | {"name": "good2"})]
     models += [("models[3]", 3), ("two", GOOD | {"name": "two"}), ("two", GOOD | {"name": "two"})]
-    found = check(models)
-    assert [name for name, answer in found.items() if "error" in answer] == ["bad", "models[3]", "two"]
-    assert "2 models are named 'two'" in found["two"]["error"]
-    assert found["good"]["triangular"] is True
-    assert all(found["bad"][field] is None for field in FIELDS)
+    by_name = check(models)
+    assert [name for name, answer in by_name.items() if "error" in answer] == ["bad", "models[3]", "two"]
+    assert "2 models are named 'two'" in by_name["two"]["error"]
+    assert by_name["good"]["triangular"] is True
+    assert all(by_name["bad"][field] is None for field in FIELDS)
 
 
 def test_a_bad_query_leaves_the_other_answers() -> None:
-    found = asked(GOOD | {"bound_queries": ["w", "u"]})
-    assert "'w' is not declared" in found["error"]
-    assert found["bounds"] == [None, [0.5, 2.0]]
-    assert found["uof"] is True
+    answer = asked(GOOD | {"bound_queries": ["w", "u"]})
+    assert "'w' is not declared" in answer["error"]
+    assert answer["bounds"] == [None, [0.5, 2.0]]
+    assert answer["uof"] is True
 
 
 @pytest.mark.parametrize(
@@ -149,8 +149,8 @@ def test_a_bad_query_leaves_the_other_answers() -> None:
     ],
 )
 def test_boxes_decide_where_they_must(change: dict[str, Any], expected: dict[str, Any]) -> None:
-    found = asked(GOOD | change)
-    assert {field: found.get(field) for field in expected} == expected
+    answer = asked(GOOD | change)
+    assert {field: answer.get(field) for field in expected} == expected
 
 
 TABLE: dict[str, Any] = {
@@ -164,13 +164,13 @@ TABLE: dict[str, Any] = {
 
 def test_a_plain_text_model_is_a_model() -> None:
     """The same as lists: mu, which has a range, is unknown, and k is known."""
-    found = asked(TABLE)
-    assert (found["triangular"], found["bounds"]) == (True, [[-1.5, 1.5]])
-    assert found["observable_joint"] == ["x1", "x2", "mu"]
+    answer = asked(TABLE)
+    assert (answer["triangular"], answer["bounds"]) == (True, [[-1.5, 1.5]])
+    assert answer["observable_joint"] == ["x1", "x2", "mu"]
     lists = {"states": ["x1", "x2"], "f": ["x2", "-k*x1 - mu*x2"], "h": ["x1"], "outputs": ["y"], "known_params": ["k"]}
     boxes = {"x_box": {"x1": [-1, 1], "x2": [-2, 2]}, "param_ranges": {"mu": [0.5, 2], "k": [1.5, 1.5]}}
     same = asked({"name": "lists", "unknown_params": ["mu"], "bound_queries": ["k*x1"], **lists, **boxes})
-    assert {**found, "seconds": 0} == {**same, "seconds": 0}
+    assert {**answer, "seconds": 0} == {**same, "seconds": 0}
     with pytest.raises(HgogenError, match=r"model 'table', states.x1.flw: there is no key 'flw' here"):
         entry(TABLE | {"states": {"x1": {"flw": "0"}}})
 
@@ -236,14 +236,15 @@ def test_the_command(tmp_path: Path) -> None:
     done = hgogen("check", "--library", "in.json", "--json", "out.json", "--limit", "5", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
-    found = json.loads((tmp_path / "out.json").read_text())
-    assert found["good"]["triangular"] is True
-    assert found["sixty"]["uof_structure"] is True  # found first, since the ranks of sixty states may take all the time
-    assert found["sixty"]["triangular"] is False
+    by_name = json.loads((tmp_path / "out.json").read_text())
+    assert by_name["good"]["triangular"] is True
+    # found first, since the ranks of sixty states may take all the time
+    assert by_name["sixty"]["uof_structure"] is True
+    assert by_name["sixty"]["triangular"] is False
     bad = GOOD | {"name": "bad", "f": ["1"]}
     (tmp_path / "in.json").write_text(json.dumps({"models": [bad, GOOD]}))
-    told = hgogen("check", "--library", "in.json", "--json=new/out.json", cwd=tmp_path).stderr
-    assert told == "hgogen: wrote new/out.json, in a new folder\nhgogen: 1 of 2 models has an error\n"
+    stderr = hgogen("check", "--library", "in.json", "--json=new/out.json", cwd=tmp_path).stderr
+    assert stderr == "hgogen: wrote new/out.json, in a new folder\nhgogen: 1 of 2 models has an error\n"
 
 
 def test_what_the_command_refuses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

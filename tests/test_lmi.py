@@ -39,9 +39,9 @@ def companion(p: np.ndarray) -> np.ndarray:
 def test_one_state_by_hand() -> None:
     """-2 p P = -1."""
     for p in (0.5, 1.0, 7.0):
-        found = lyapunov(rational(np.array([[-p]])))
-        assert float(found.P[0][0]) == pytest.approx(1 / (2 * p), rel=1e-6)
-        assert Fraction(1) / Fraction(2 * p) < found.P[0][0] < found.peak
+        certificate = lyapunov(rational(np.array([[-p]])))
+        assert float(certificate.P[0][0]) == pytest.approx(1 / (2 * p), rel=1e-6)
+        assert Fraction(1) / Fraction(2 * p) < certificate.P[0][0] < certificate.peak
 
 
 @pytest.mark.parametrize("p", [(2.0, 1.0), (1.0, 3.0), (10.0, 0.25)])
@@ -50,20 +50,20 @@ def test_two_states_by_hand(p: tuple[float, float]) -> None:
     first = (1 + p[1]) / (2 * p[0])
     second = (first + p[0] / 2) / p[1]
     peak = (first + second) / 2 + np.hypot((first - second) / 2, 0.5)
-    found = lyapunov(rational(companion(np.array(p))))
-    assert floats(found.P) == pytest.approx(np.array([[first, -0.5], [-0.5, second]]), rel=1e-6)
-    assert peak < found.peak < peak * (1 + 1e-6)
+    certificate = lyapunov(rational(companion(np.array(p))))
+    assert floats(certificate.P) == pytest.approx(np.array([[first, -0.5], [-0.5, second]]), rel=1e-6)
+    assert peak < certificate.peak < peak * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("n", range(1, 9))
 @pytest.mark.parametrize("spread", [0.0, 0.4])
 def test_up_to_eight_states_against_scipy(n: int, spread: float) -> None:
     N = companion(np.poly([-1 - spread * i for i in range(n)])[1:])
-    found = lyapunov(rational(N))
+    certificate = lyapunov(rational(N))
     P = solve_continuous_lyapunov(N.T, -np.eye(n))
-    assert floats(found.P) == pytest.approx(P, rel=1e-5, abs=1e-6 * np.abs(P).max())
-    assert np.linalg.eigvalsh(floats(found.P)).max() < found.peak < np.linalg.eigvalsh(P).max() * (1 + 1e-5)
-    assert verified(found)
+    assert floats(certificate.P) == pytest.approx(P, rel=1e-5, abs=1e-6 * np.abs(P).max())
+    assert np.linalg.eigvalsh(floats(certificate.P)).max() < certificate.peak < np.linalg.eigvalsh(P).max() * (1 + 1e-5)
+    assert verified(certificate)
 
 
 @settings(deadline=None, max_examples=60)
@@ -77,17 +77,19 @@ def test_there_is_a_solution_where_the_matrix_is_stable_only(entries: list[int])
 
 
 def test_a_changed_number_is_noticed() -> None:
-    found = lyapunov(rational(companion(np.array([2.0, 1.0]))))
-    assert verified(found)
-    P = [list(row) for row in found.P]
+    certificate = lyapunov(rational(companion(np.array([2.0, 1.0]))))
+    assert verified(certificate)
+    P = [list(row) for row in certificate.P]
     for i, j, factor in ((0, 0, 0.999), (1, 1, 1.001), (0, 1, 1.001), (1, 1, -1)):
         changed = [list(row) for row in P]
         changed[i][j] *= Fraction(factor)
-        assert not verified(replace(found, P=tuple(map(tuple, changed))))
+        assert not verified(replace(certificate, P=tuple(map(tuple, changed))))
         changed[j][i] = changed[i][j]
-        assert not verified(replace(found, P=tuple(map(tuple, changed)))), (i, j)
-    assert not verified(replace(found, peak=found.peak * Fraction(0.999)))
-    assert not verified(replace(found, vertices=(*found.vertices, rational(companion(np.array([2.0, -1.0]))))))
+        assert not verified(replace(certificate, P=tuple(map(tuple, changed)))), (i, j)
+    assert not verified(replace(certificate, peak=certificate.peak * Fraction(0.999)))
+    assert not verified(
+        replace(certificate, vertices=(*certificate.vertices, rational(companion(np.array([2.0, -1.0])))))
+    )
 
 
 def corners(n: int, low: Fraction, high: Fraction) -> list[tuple[Matrix, tuple[Fraction, ...]]]:
@@ -110,14 +112,14 @@ def test_a_gain_and_one_lyapunov_function_for_a_range(n: int) -> None:
     K = gains(corners(n, low, high), 50.0)
     assert K is not None
     assert np.linalg.norm([float(k) for k in K]) <= 50 * (1 + 1e-3)
-    found = common(closed(A, C, K) for A, C in corners(n, low, high))
-    assert found is not None
-    assert verified(found)
+    certificate = common(closed(A, C, K) for A, C in corners(n, low, high))
+    assert certificate is not None
+    assert verified(certificate)
     rng = np.random.default_rng(n)
-    P = floats(found.P)
+    P = floats(certificate.P)
     for a in rng.uniform(1, 1.5, size=(200, n - 1)):
         N = np.diag(a, 1) - np.outer([float(k) for k in K], np.eye(n)[0])
-        assert np.linalg.eigvalsh(N.T @ P + P @ N).max() <= -1 + 1e-9 * float(found.peak)
+        assert np.linalg.eigvalsh(N.T @ P + P @ N).max() <= -1 + 1e-9 * float(certificate.peak)
 
 
 @needs_solver

@@ -82,9 +82,9 @@ def test_the_default_gains_put_every_pole_at_minus_1(n: int) -> None:
     k = [(sp.Integer(2), sp.Rational(n - i, i)) for i in range(1, n)]
     polynomial = exactly(k).charpoly(s).all_coeffs()
     assert polynomial == [comb(2 * n - 2, j) for j in range(2 * n - 1)]
-    found = core(build("low_power", str(n), theta=1))
-    assert found == pytest.approx(np.array(exactly(k), dtype=float), rel=1e-15)
-    assert hurwitz(found)
+    matrix = core(build("low_power", str(n), theta=1))
+    assert matrix == pytest.approx(np.array(exactly(k), dtype=float), rel=1e-15)
+    assert hurwitz(matrix)
 
 
 pairs_of_poles = st.tuples(st.floats(0.2, 4.0), st.floats(-3.0, 3.0))
@@ -151,8 +151,8 @@ def test_the_peaks_of_both_observers() -> None:
     peaks = []
     for kind, span in (("low_power", 1e6), ("peaking_free", 5.0)):
         step = hg.sample(getattr(hg.observers, kind)(wide(span), theta=50, initial=off), hg.methods.rk4, dt=1e-4)
-        found = step.run(y=x[:, 0])
-        peaks.append(np.abs(found.x - x)[:, 3].max())
+        result = step.run(y=x[:, 0])
+        peaks.append(np.abs(result.x - x)[:, 3].max())
     assert peaks[0] == pytest.approx(55128.29, rel=1e-6)
     assert peaks[0] == pytest.approx(55098, rel=1e-3)
     assert peaks[1] == pytest.approx(4.5, rel=0.05)
@@ -164,8 +164,8 @@ def test_the_peak_without_peaking_to_its_digits(second: float, expected: float) 
     by less than 1e-5."""
     x, off = orbit(1e-4, 0.4), {"x1": 9.1, "x2": 0, "x3": 0, "x4": 0}
     observer = hg.observers.peaking_free(wide(5.0, second), theta=50, initial=off)
-    found = hg.sample(observer, hg.methods.rk4, dt=1e-4).run(y=x[:, 0])
-    assert np.abs(found.x - x)[:, 3].max() == pytest.approx(expected, abs=5e-4)
+    result = hg.sample(observer, hg.methods.rk4, dt=1e-4).run(y=x[:, 0])
+    assert np.abs(result.x - x)[:, 3].max() == pytest.approx(expected, abs=5e-4)
 
 
 def test_the_peak_does_not_grow_with_theta() -> None:
@@ -220,7 +220,7 @@ def test_the_step_is_the_oracles(kind: str, name: str) -> None:
     if kind == "peaking_free":
         options["last"] = 1.5
     step = hg.sample(build(kind, name, **options), hg.methods.rk4, dt=dt)
-    found = step.run(y=y[:, 0], **({"u": u[:, 0]} if u.shape[1] else {}), engine="python")
+    result = step.run(y=y[:, 0], **({"u": u[:, 0]} if u.shape[1] else {}), engine="python")
     w = scale * start
     if kind == "low_power":
         first = np.array([(w[i], w[i + 1]) for i in range(n - 1)]).reshape(-1)
@@ -232,8 +232,8 @@ def test_the_step_is_the_oracles(kind: str, name: str) -> None:
     if kind == "low_power":
         states = np.column_stack([states[:, 0], states[:, 1::2]])
     expected = states[:, :n]
-    assert not any("LIMITED" in flag for status in set(found.status.tolist()) for flag in step.flags(status))
-    assert found.x == pytest.approx(expected / scale, abs=1e-9)
+    assert not any("LIMITED" in flag for status in set(result.status.tolist()) for flag in step.flags(status))
+    assert result.x == pytest.approx(expected / scale, abs=1e-9)
     assert np.abs(expected / scale).max() > 4
 
 
@@ -262,10 +262,10 @@ def test_the_c_is_the_program(kind: str, real: Any) -> None:
 @pytest.mark.parametrize("kind", ["low_power", "peaking_free"])
 def test_the_theorem_says_what_is_known(kind: str) -> None:
     observer = build(kind)
-    found = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
-    assert found["the linear error core is Hurwitz"] == "proved"
-    assert found["b is Lipschitz in the state, uniformly in the input"] == "proved"
-    assert "left to you" in found.values()
+    standings = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
+    assert standings["the linear error core is Hurwitz"] == "proved"
+    assert standings["b is Lipschitz in the state, uniformly in the input"] == "proved"
+    assert "left to you" in standings.values()
 
 
 @pytest.mark.parametrize("kind", ["low_power", "peaking_free"])
@@ -333,8 +333,8 @@ def test_a_range_turns_with_the_sign_of_its_scale(nominal: float) -> None:
     data = {"states": x, "parameters": (a,), "outputs": [hg.Signal("y")], "output": [x[0]]}
     either = hg.forms.triangular(hg.System("either", **data, flow=[a * x[1], -x[0]]))
     held, place = integrators("peaking_free", either), sym("plant", "a")
-    found = ca.Function("sat", [place], [ca.vertcat(*(held.saturated(ca.SX(end), 1) for end in (-9, 9)))])(nominal)
-    assert np.array(found).reshape(-1) == pytest.approx(sorted((-nominal, 3 * nominal)))
+    ends = ca.Function("sat", [place], [ca.vertcat(*(held.saturated(ca.SX(end), 1) for end in (-9, 9)))])(nominal)
+    assert np.array(ends).reshape(-1) == pytest.approx(sorted((-nominal, 3 * nominal)))
 
 
 def test_a_saturation_wants_a_range() -> None:

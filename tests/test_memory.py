@@ -43,9 +43,9 @@ def test_all_that_estimates_starts_where_the_estimate_was_written(name: str, ban
     estimates(step)[Place("state", "z")][:] = (0.5, -0.25)
     sample = step(y=np.nan)
     assert sample.x.tolist() == [0.5, -0.25]
-    found = estimates(step)
-    assert len(found) > 1
-    for place, array in found.items():
+    arrays = estimates(step)
+    assert len(arrays) > 1
+    for place, array in arrays.items():
         if place.struct != "past":
             np.testing.assert_array_equal(array.reshape(-1, 2), [(0.5, -0.25)] * (array.size // 2), place)
 

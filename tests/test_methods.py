@@ -49,7 +49,7 @@ def run(observer: hg.Observer, method: str, dt: float, duration: float, between:
 @pytest.fixture
 def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the limit of dt by the covariance, which takes seconds to find."""
-    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *arguments: [Limit(np.inf, "not asked")])
 
 
 # --- orders -------------------------------------------------------------------------------------------------
@@ -69,13 +69,13 @@ def reference(name: str, dt: float, between: str) -> hg.Run:
 
 
 def errors(name: str, method: str, between: str) -> list[float]:
-    found = []
+    differences = []
     for dt in LENGTHS[name]:
         run_, exact = run(OBSERVERS[name](), method, dt, 1.0, between), reference(name, dt, between)
         assert not run_.status.any()  # no clamp is active: the equations are smooth
         assert not exact.status.any()
-        found.append(float(np.abs(run_.x - exact.x).max()))
-    return found
+        differences.append(float(np.abs(run_.x - exact.x).max()))
+    return differences
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -112,25 +112,25 @@ def adaptive(innovation: object) -> hg.Observer:
 )
 def test_order_with_an_adaptive_theta(innovation: Callable[..., object]) -> None:
     """4 with predictors by RK4; with Heun's, the default, theta has their order, 2."""
-    ways, found = {"rk4": innovation(method=hg.methods.rk4), "heun": innovation()}, {"rk4": [], "heun": []}
+    ways, differences = {"rk4": innovation(method=hg.methods.rk4), "heun": innovation()}, {"rk4": [], "heun": []}
     for dt in (0.05, 0.025):
         exact = hg.reference(adaptive(ways["rk4"]), **record(2.0, dt), dt=dt)
         assert exact.traces["theta"].max() > 2.5
         for name, way in ways.items():
             own = run(adaptive(way), "rk4", dt, 2.0)
-            found[name].append(np.abs(own.traces["theta"] - exact.traces["theta"]).max())
+            differences[name].append(np.abs(own.traces["theta"] - exact.traces["theta"]).max())
     for name, order in (("rk4", 4), ("heun", 2)):
-        assert np.log2(found[name][0] / found[name][1]) == pytest.approx(order, abs=0.5)
+        assert np.log2(differences[name][0] / differences[name][1]) == pytest.approx(order, abs=0.5)
 
 
 @pytest.mark.usefixtures("unchecked")
 def test_a_decaying_theta_is_held_by_a_step() -> None:
     """The left value of theta in place of the decaying one: order 1."""
-    observer, found = fitzhugh_nagumo(theta=hg.theta.decaying(3.0, rate=1.0)), []
+    observer, differences = fitzhugh_nagumo(theta=hg.theta.decaying(3.0, rate=1.0)), []
     for dt in (0.05, 0.025):
         exact = hg.reference(observer, **record(1.0, dt), dt=dt)
-        found.append(np.abs(run(observer, "rk4", dt, 1.0).x - exact.x).max())
-    assert np.log2(found[0] / found[1]) == pytest.approx(1, abs=0.25)
+        differences.append(np.abs(run(observer, "rk4", dt, 1.0).x - exact.x).max())
+    assert np.log2(differences[0] / differences[1]) == pytest.approx(1, abs=0.25)
 
 
 @pytest.mark.parametrize("tableau", [EULER, HEUN, RK4, repeated(HEUN, 3)], ids=lambda tableau: tableau.name)
@@ -173,12 +173,12 @@ def rates() -> tuple[object, object]:
     for view, name in ((covariance_ode, "P"), (information_ode, "S")):
         slopes = view(part).rhs({"z": z, name: X}, u_, y_, valid)
         weights = np.diag(np.linalg.cholesky(gains[Place("gain", "Q")])) ** 2
-        found = ca.substitute(
+        substituted = ca.substitute(
             [ca.vertcat(slopes["z"]), ca.vertcat(slopes[name])],
             [sym("gain", "Q", n), sym("gain", "R"), sym("gain", "theta")],
             [ca.SX(ca.DM(weights)), ca.SX(1.0), ca.SX(3.0)],
         )
-        functions.append(ca.Function(name, [z, X, u_, y_, valid], found))
+        functions.append(ca.Function(name, [z, X, u_, y_, valid], substituted))
     return tuple(functions)
 
 
@@ -189,10 +189,10 @@ def test_the_information_form_is_the_covariance_form(seed: int, valid: bool) -> 
     rng = np.random.default_rng(seed)
     P = definite(rng, 3)
     S = np.linalg.inv(P)
-    z, given_ = rng.uniform(-4, 4, 3), (*rng.uniform(-1, 1, 2), float(valid))
+    z, signals = rng.uniform(-4, 4, 3), (*rng.uniform(-1, 1, 2), float(valid))
     forward, backward = rates()
-    slope, rate = (np.array(part) for part in forward(z, pack(P), *given_))
-    other, back = (np.array(part) for part in backward(z, pack(S), *given_))
+    slope, rate = (np.array(part) for part in forward(z, pack(P), *signals))
+    other, back = (np.array(part) for part in backward(z, pack(S), *signals))
     rate, back = (np.array(ca.DM(unpack(ca.SX(ca.DM(part)), 3))) for part in (rate, back))
     assert other == pytest.approx(slope, abs=1e-10 * max(1.0, np.abs(slope).max()))
     expected = -S @ rate @ S
@@ -364,8 +364,8 @@ def test_beyond_its_cap_the_covariance_is_scaled_by_rows_and_columns(
     assert "COVARIANCE_LIMITED" in reader.step.flags(reader.call())
 
     columns[below] = memory[Place("column", "v")][below] if loops else memory[Place("state", "L")]
-    found = columns.T @ np.diag(memory[Place("state", "D")]) @ columns
-    assert found == pytest.approx(np.diag(scale) @ P @ np.diag(scale), rel=1e-9)
+    covariance = columns.T @ np.diag(memory[Place("state", "D")]) @ columns
+    assert covariance == pytest.approx(np.diag(scale) @ P @ np.diag(scale), rel=1e-9)
 
 
 def test_a_covariance_may_fall_far_below_its_first_value() -> None:
@@ -387,8 +387,8 @@ def test_a_covariance_may_fall_far_below_its_first_value() -> None:
 
 
 def admitted(sentence: str) -> float:
-    (found,) = re.findall(r"take dt <= ([0-9.e+-]+) \(", sentence)
-    return float(found)
+    (length,) = re.findall(r"take dt <= ([0-9.e+-]+) \(", sentence)
+    return float(length)
 
 
 @pytest.mark.parametrize("theta", [3.0, 7.0, 20.0, 33.0])
@@ -415,8 +415,8 @@ def test_a_covariance_too_stiff_names_a_dt_that_works(theta: float, method: str)
     with pytest.raises(StepTooLong) as caught:
         hg.sample(observer, getattr(hg.methods, method), dt=5.0)
     reasons = "loses positive definiteness on the way from|does not settle, for its steady value repels"
-    told = rf"declared box admits the longest, the covariance ({reasons}).* \(theta = {theta:g}\); the method "
-    assert re.search(told + "continuous_discrete keeps it definite at any dt; take dt <= ", str(caught.value))
+    sentence = rf"declared box admits the longest, the covariance ({reasons}).* \(theta = {theta:g}\); the method "
+    assert re.search(sentence + "continuous_discrete keeps it definite at any dt; take dt <= ", str(caught.value))
     dt = admitted(str(caught.value))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -435,8 +435,8 @@ def test_a_dt_without_a_warning_runs() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         step = hg.sample(observer, hg.methods.rk4, dt=float(dt))
-    kept = step.run(**record(20.0, float(dt)), engine="python")
-    assert "RESTARTED" not in step.flags(np.bitwise_or.reduce(kept.status))
+    result = step.run(**record(20.0, float(dt)), engine="python")
+    assert "RESTARTED" not in step.flags(np.bitwise_or.reduce(result.status))
     S = np.array(ca.DM(unpack(ca.SX(ca.DM(step._kept.places[Place("state", "S")])), 3)))
     assert np.linalg.eigvalsh(S).min() > 0
 

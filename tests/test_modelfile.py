@@ -248,8 +248,8 @@ def test_a_bare_name_leads_to_any_kind(tmp_path: Path, monkeypatch: pytest.Monke
     written(tmp_path / "models", "", "three.txt")
     assert listed() == tuple(str(Path("models") / name) for name in ("one.toml", "two.json"))
     assert load("one").plant == load("two").plant
-    told = CliRunner().invoke(app, ["list", "--json"])
-    assert json.loads(told.stdout)["models"][:2] == list(listed())
+    result = CliRunner().invoke(app, ["list", "--json"])
+    assert json.loads(result.stdout)["models"][:2] == list(listed())
     written(tmp_path / "models", "", "one.py")
     with pytest.raises(NoModel, match=r"the name is that of 2 files; give the path of one; .*one\.py, .*one\.toml"):
         load("one")

@@ -81,12 +81,12 @@ def test_a_sequence_is_in_the_order_of_the_declared_states() -> None:
     order = (X1, X2, S1, S2)
     assert own(order).to_form == order
     listed = {"Q": [WANDERS[x.name] for x in order], "covariance": [UNSURE[x.name] for x in order]}
-    found = estimated(order, **{**BY_NAME, "R": (2.5e-4, 4e-3), **listed})
+    ordered = estimated(order, **{**BY_NAME, "R": (2.5e-4, 4e-3), **listed})
     *_, truth = measured()
     swapped = estimated(order, **{**BY_NAME, "Q": [0.05, 2.0, 1e-5, 1e-5], "covariance": [0.04, 1.0, 0.5, 0.1]})
-    rms = [float(np.sqrt(np.mean((run["X1"][75:] - truth[75:]) ** 2))) for run in (found, swapped)]
+    rms = [float(np.sqrt(np.mean((run["X1"][75:] - truth[75:]) ** 2))) for run in (ordered, swapped)]
     assert rms[1] > 8 * rms[0]  # 0.089 and 0.008: so the test sees which gain went where
-    assert np.array_equal(found.x, estimated(order, **BY_NAME).x)
+    assert np.array_equal(ordered.x, estimated(order, **BY_NAME).x)
 
 
 def test_the_order_of_the_declaration_changes_no_estimate() -> None:
@@ -168,8 +168,8 @@ def test_a_matrix_by_rows_is_of_the_states(off: list[float], order: list[str], u
 
 
 def test_what_is_no_mapping_is_left_as_it_is() -> None:
-    given = np.eye(3)
-    assert of_coordinates("Q", given, mirrored()) is given
+    matrix = np.eye(3)
+    assert of_coordinates("Q", matrix, mirrored()) is matrix
     assert in_order("R", 0.5, ("y",)) == 0.5
 
 
@@ -182,7 +182,7 @@ Y2 = r"z2 = a1\*m\*s/\(a2\*m \+ s\) - m\*u"
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("weights", "said"),
     [
         ({"m": 1, "s": 1}, rf"^Q names 's', which is no coordinate of this form \(phase\); in its place give {Y2}$"),
         ({"m": 1}, rf"^Q has no value for {Y2}; give one for each of m, z2$"),
@@ -196,9 +196,9 @@ Y2 = r"z2 = a1\*m\*s/\(a2\*m \+ s\) - m\*u"
         ({"m": {"m": 1}, "z2": {"z2": 2, "s": 2}}, "^Q of z2 names 's', which is no coordinate"),
     ],
 )
-def test_a_name_that_is_no_coordinate_is_refused(given: Mapping[Any, Any], said: str) -> None:
+def test_a_name_that_is_no_coordinate_is_refused(weights: Mapping[Any, Any], said: str) -> None:
     with pytest.raises(BadNames, match=said):
-        hg.observers.riccati(moved(), Q=given, R=1)
+        hg.observers.riccati(moved(), Q=weights, R=1)
 
 
 def test_a_state_that_was_recast_is_refused() -> None:
@@ -247,10 +247,10 @@ def test_noises_and_weights_of_outputs_go_by_name() -> None:
         hg.observers.kalman_like(hg.forms.state_affine(model("pendulum")), rho=1, R={"z": 1})
     chain = hg.forms.block_triangular(two_outputs(), "end")
     adaptive = hg.theta.adaptive
-    given: dict[str, Any] = {"theta_1": 2.0, "mu": (0.1, 0.2), "rise_time": 0.1, "rate": 1.0}
+    law: dict[str, Any] = {"theta_1": 2.0, "mu": (0.1, 0.2), "rise_time": 0.1, "rate": 1.0}
     ways = [
         hg.observers.riccati(
-            chain, Q=[1] * 3, R=1, theta=adaptive(**given, innovation=hg.innovation.staggered(0.4, weights=weights))
+            chain, Q=[1] * 3, R=1, theta=adaptive(**law, innovation=hg.innovation.staggered(0.4, weights=weights))
         )
         for weights in ({y2: 3.0, y1: 5.0}, (5.0, 3.0))
     ]
@@ -259,7 +259,7 @@ def test_noises_and_weights_of_outputs_go_by_name() -> None:
     with pytest.raises(BadNames, match=r"^weights has no value for"):
         hg.sample(
             hg.observers.riccati(
-                chain, Q=[1] * 3, R=1, theta=adaptive(**given, innovation=hg.innovation.window(0.4, weights={y1: 1}))
+                chain, Q=[1] * 3, R=1, theta=adaptive(**law, innovation=hg.innovation.window(0.4, weights={y1: 1}))
             ),
             dt=0.1,
         )
@@ -272,9 +272,9 @@ def test_an_error_system_takes_its_gain_and_storage_by_name() -> None:
     one = hg.error_system(plant, gain=[40, 400])
     assert hg.error_system(plant, gain={v: 400, x: 40}) == one == hg.error_system(plant, {v: {y: 400}, x: {y: 40}})
     P, within = [[14.889, -0.739], [-0.739, 0.111]], {v: 10, x: 1}
-    found = hg.dissipation(one, {v: {v: 0.111, f"e_{x}": -0.739}, x: {x: 14.889}}, mu=30, within=within)
-    assert found.V == hg.dissipation(one, P, mu=30, within=(1, 10)).V
-    assert found.within == hg.dissipation(one, P, mu=30, within={f"e_{x}": 1, v: 10}).within
+    dissipation = hg.dissipation(one, {v: {v: 0.111, f"e_{x}": -0.739}, x: {x: 14.889}}, mu=30, within=within)
+    assert dissipation.V == hg.dissipation(one, P, mu=30, within=(1, 10)).V
+    assert dissipation.within == hg.dissipation(one, P, mu=30, within={f"e_{x}": 1, v: 10}).within
     for wrong in ({x: 1}, {x: 1, v: 10, "r": 1}, {x: 1, f"e_{x}": 1, v: 10}):
         with pytest.raises(BadNames, match=r"^within"):
             hg.dissipation(one, P, mu=30, within=wrong)
@@ -357,8 +357,8 @@ def test_a_matrix_is_printed_whole_beside_its_factor() -> None:
     rows = {"eta": {"x1": 0.5, "eta": 1}, "x1": {"x1": 2}, "x2": {"x2": 3}}
     whole = "{x1: {x1: 2, x2: 0, eta: 0.5}, x2: {x1: 0, x2: 3, eta: 0}, eta: {x1: 0.5, x2: 0, eta: 1}}"
     for make in (hg.observers.riccati, hg.observers.hamilton_jacobi):
-        told = make(mirrored(), Q=rows, R=1, accept="triangular.a_2").equations
-        assert f"Q = {whole}; the gain Q is D of its factors" in " ".join(told)
+        equations = make(mirrored(), Q=rows, R=1, accept="triangular.a_2").equations
+        assert f"Q = {whole}; the gain Q is D of its factors" in " ".join(equations)
     assert not any("factors" in line for line in filtered(Q=(1, 2, 3)).equations)
 
 

@@ -67,9 +67,9 @@ def test_its_inequality_is_refuted_for_large_errors_whatever_the_gain(mu: int) -
 
 def test_no_small_gain_holds_even_near_zero() -> None:
     e1, e2 = ERROR.errors
-    found = hg.dissipation(ERROR, e1**2 + e2**2, mu=1, within=(0.01, 0.01))
-    assert found.checks[1].verdict is Verdict.REFUTED
-    assert found.conclusion == "nothing is concluded"
+    dissipation = hg.dissipation(ERROR, e1**2 + e2**2, mu=1, within=(0.01, 0.01))
+    assert dissipation.checks[1].verdict is Verdict.REFUTED
+    assert dissipation.conclusion == "nothing is concluded"
 
 
 def test_its_error_system_is_made_of_plant_and_observer() -> None:
@@ -118,7 +118,7 @@ def rechecked(change: Callable[[dict[str, Any], dict[str, Any]], object]) -> Rec
 
 
 def test_its_certificate_is_verified_and_says_whose_error_it_is() -> None:
-    rows = {row.id: row for row in rechecked(lambda content, told: None).rows if row.id.startswith("dissipation.")}
+    rows = {row.id: row for row in rechecked(lambda content, system: None).rows if row.id.startswith("dissipation.")}
     assert {row.found for row in rows.values()} == {"verified"}
     for row in rows.values():
         assert "of xhat and y, which does not know w, on x2 = x1**2, wherever it has a value" in row.sentence
@@ -126,35 +126,35 @@ def test_its_certificate_is_verified_and_says_whose_error_it_is() -> None:
 
 
 FORGED: dict[str, Callable[[dict[str, Any], dict[str, Any]], object]] = {
-    "no flow": lambda c, told: c["plant"].update(flow=["0", "0"]),
-    "another plant": lambda c, told: c["plant"]["flow"].__setitem__(0, "-2*x1 + (1 + x2)*w"),
-    "another output": lambda c, told: c["plant"]["output"].__setitem__(1, "2*x2"),
-    "a state of both signs": lambda c, told: c["plant"]["states"][0].update(low="-2"),
-    "another observer": lambda c, told: told["observer"].__setitem__(1, "-2*x2 + 2*y_1 - y_2"),
-    "an invented system": lambda c, told: told.update(flow=["-2*e_x1", "-2*e_x2"]),
-    "an invented noise": lambda c, told: told.update(noise=[["0"], ["0"]]),
-    "a set that is left": lambda c, told: told.update(along={"x2": "x1**3"}),
-    "no set": lambda c, told: told.update(along={}),
-    "every state given": lambda c, told: told.update(along={"x1": "1", "x2": "1"}),
-    "a set of an input": lambda c, told: told.update(along={"x2": "w"}),
-    "an input that is known": lambda c, told: told.update(unknown=[]),
-    "an input that is none": lambda c, told: told.update(unknown=["v"]),
-    "an input twice": lambda c, told: told.update(unknown=["w", "w"]),
-    "an observer without a value": lambda c, told: told["observer"].__setitem__(
+    "no flow": lambda c, system: c["plant"].update(flow=["0", "0"]),
+    "another plant": lambda c, system: c["plant"]["flow"].__setitem__(0, "-2*x1 + (1 + x2)*w"),
+    "another output": lambda c, system: c["plant"]["output"].__setitem__(1, "2*x2"),
+    "a state of both signs": lambda c, system: c["plant"]["states"][0].update(low="-2"),
+    "another observer": lambda c, system: system["observer"].__setitem__(1, "-2*x2 + 2*y_1 - y_2"),
+    "an invented system": lambda c, system: system.update(flow=["-2*e_x1", "-2*e_x2"]),
+    "an invented noise": lambda c, system: system.update(noise=[["0"], ["0"]]),
+    "a set that is left": lambda c, system: system.update(along={"x2": "x1**3"}),
+    "no set": lambda c, system: system.update(along={}),
+    "every state given": lambda c, system: system.update(along={"x1": "1", "x2": "1"}),
+    "a set of an input": lambda c, system: system.update(along={"x2": "w"}),
+    "an input that is known": lambda c, system: system.update(unknown=[]),
+    "an input that is none": lambda c, system: system.update(unknown=["v"]),
+    "an input twice": lambda c, system: system.update(unknown=["w", "w"]),
+    "an observer without a value": lambda c, system: system["observer"].__setitem__(
         1, "-x2 + 2*y_1 - y_2 + 0*sqrt(-1 - y_2)"
     ),
-    "an observer that knows w": lambda c, told: told["observer"].__setitem__(0, "w"),
-    "a part too many": lambda c, told: told.update(G1=[["1"], ["0"]]),
-    "a part too few": lambda c, told: told.pop("along"),
-    "odd lists": lambda c, told: told.update(unknown=[["w"]], along=[]),
-    "a state named as an output": lambda c, told: told["observer"].__setitem__(0, "y_3"),
+    "an observer that knows w": lambda c, system: system["observer"].__setitem__(0, "w"),
+    "a part too many": lambda c, system: system.update(G1=[["1"], ["0"]]),
+    "a part too few": lambda c, system: system.pop("along"),
+    "odd lists": lambda c, system: system.update(unknown=[["w"]], along=[]),
+    "a state named as an output": lambda c, system: system["observer"].__setitem__(0, "y_3"),
 }
 
 
 @pytest.mark.parametrize("change", FORGED)
 def test_a_forged_system_is_not_verified(change: str) -> None:
-    found = {row.id: row.found for row in rechecked(FORGED[change]).rows if row.id.startswith("dissipation.")}
-    assert found["dissipation.inequality"] == "fails"
+    findings = {row.id: row.found for row in rechecked(FORGED[change]).rows if row.id.startswith("dissipation.")}
+    assert findings["dissipation.inequality"] == "fails"
 
 
 NOTHING = "(sin(x1)**2 + cos(x1)**2 - 1)"
@@ -190,11 +190,11 @@ def of_the_line(change: Callable[[dict[str, Any], dict[str, Any]], object]) -> s
 def test_a_plant_without_a_value_proves_no_unstable_observer(nowhere: str) -> None:
     """e' = 5 e: whatever is written over what is zero by identities would be equal to anything."""
 
-    def forge(content: dict[str, Any], told: dict[str, Any]) -> None:
+    def forge(content: dict[str, Any], system: dict[str, Any]) -> None:
         content["plant"]["flow"] = [f"w + 5*x1 + {NOWHERE[nowhere]}"]
-        told["observer"] = ["5*x1"]
+        system["observer"] = ["5*x1"]
 
-    assert of_the_line(lambda content, told: None) == {"verified"}
+    assert of_the_line(lambda content, system: None) == {"verified"}
     assert of_the_line(forge) == {"fails"}
 
 
@@ -202,22 +202,22 @@ def test_a_plant_without_a_value_proves_no_unstable_observer(nowhere: str) -> No
 def test_what_is_told_has_a_value(place: str) -> None:
     """Nor the observer or the error system."""
 
-    def forge(content: dict[str, Any], told: dict[str, Any]) -> None:
+    def forge(content: dict[str, Any], system: dict[str, Any]) -> None:
         content["plant"]["flow"] = ["w + 5*x1"]
-        told["observer"] = ["5*x1"]
+        system["observer"] = ["5*x1"]
         entry = f"0/{NOTHING}"
-        told[place] = [[f"1 + {entry}"]] if place == "noise" else [f"{told[place][0]} + {entry}"]
+        system[place] = [[f"1 + {entry}"]] if place == "noise" else [f"{system[place][0]} + {entry}"]
 
     assert of_the_line(forge) == {"fails"}
 
 
 def test_a_set_without_a_value_is_not_kept() -> None:
-    def forge(content: dict[str, Any], told: dict[str, Any]) -> None:
+    def forge(content: dict[str, Any], system: dict[str, Any]) -> None:
         content["plant"]["flow"][1] = "5*x2"
-        told["along"] = {"x2": f"x1**2 + 0/{NOTHING}"}
+        system["along"] = {"x2": f"x1**2 + 0/{NOTHING}"}
 
-    found = {row.id: row.found for row in rechecked(forge).rows}
-    assert found["dissipation.inequality"] == "fails"
+    findings = {row.id: row.found for row in rechecked(forge).rows}
+    assert findings["dissipation.inequality"] == "fails"
 
 
 @pytest.mark.parametrize("nowhere", [entry for name, entry in NOWHERE.items() if "sign" not in name])

@@ -27,24 +27,24 @@ def plant(flow, output, states=(a, b), parameters=(k,)) -> hg.System:
 
 
 def test_the_neuron_is_observable_through_its_input() -> None:
-    found = hg.observability(MODEL.plant)
-    assert (found.n, found.rank, found.order) == (3, 3, 2)
-    assert [(s.name, order) for s, order in found.known.orders] == [("x1", 0), ("x2", 1), ("eta", 2)]
-    assert [check.verdict for check in found.checks] == [Verdict.GENERIC]
-    assert "x2 (1), eta (2)" in str(found)
+    analysis = hg.observability(MODEL.plant)
+    assert (analysis.n, analysis.rank, analysis.order) == (3, 3, 2)
+    assert [(s.name, order) for s, order in analysis.known.orders] == [("x1", 0), ("x2", 1), ("eta", 2)]
+    assert [check.verdict for check in analysis.checks] == [Verdict.GENERIC]
+    assert "x2 (1), eta (2)" in str(analysis)
 
 
 def test_a_scaling_hides_a_gain() -> None:
     """y' = k b: b and k are seen as a product."""
-    found = observability(plant([k * b + u, -b], a))
-    assert found.joint is not None
-    states, joint = found.checks
+    analysis = observability(plant([k * b + u, -b], a))
+    assert analysis.joint is not None
+    states, joint = analysis.checks
     assert states.verdict is Verdict.GENERIC
     assert joint.verdict is Verdict.REFUTED
-    assert [str(s) for s in found.joint.symmetries] == ["b -> c b, k -> k/c"]
-    assert found.joint.repairs == (b, k)
+    assert [str(s) for s in analysis.joint.symmetries] == ["b -> c b, k -> k/c"]
+    assert analysis.joint.repairs == (b, k)
     assert joint.fix == "Measure b or k as well."
-    assert "rank 2 of 3" in str(found)
+    assert "rank 2 of 3" in str(analysis)
 
 
 def test_the_kinds_of_symmetry() -> None:
@@ -69,10 +69,10 @@ def test_the_kinds_of_symmetry() -> None:
 def test_a_direction_where_no_symmetry_is_found() -> None:
     """k enters by a quotient of degree 3: the direction is that of the level set."""
     seen = (1 + b**2) / (2 + k * b**2)
-    found = observability(plant([-a * seen, 0], a)).joint
-    assert found is not None
-    assert found.symmetries == ()
-    point, direction = dict(found.point), dict(found.direction)
+    joint = observability(plant([-a * seen, 0], a)).joint
+    assert joint is not None
+    assert joint.symmetries == ()
+    point, direction = dict(joint.point), dict(joint.direction)
     slope = sum(float(seen.diff(s).subs(point)) * direction.get(s, 0.0) for s in (b, k))
     assert abs(slope) < 1e-12
     assert max(map(abs, direction.values())) == 1
@@ -81,11 +81,11 @@ def test_a_direction_where_no_symmetry_is_found() -> None:
 
 
 def test_no_single_measurement_repairs_two_hidden_states() -> None:
-    found = observability(plant([-a, b, c], a, (a, b, c), ())).known
-    assert found.repairs == ()
-    assert found.rank.unobservable == (b, c)
-    assert "measuring no single unknown" in str(found)
-    assert [str(move) for move in found.symmetries] == ["b -> b + c", "c -> c + s"]  # a name that is free
+    known = observability(plant([-a, b, c], a, (a, b, c), ())).known
+    assert known.repairs == ()
+    assert known.rank.unobservable == (b, c)
+    assert "measuring no single unknown" in str(known)
+    assert [str(move) for move in known.symmetries] == ["b -> b + c", "c -> c + s"]  # a name that is free
 
 
 def test_a_parameter_without_a_range_stands_at_its_value() -> None:
@@ -97,8 +97,8 @@ def test_a_parameter_without_a_range_stands_at_its_value() -> None:
 
 
 def test_branches_and_undefined_plants() -> None:
-    found = observability(plant([b, -sp.Abs(b)], a, parameters=()))
-    assert "open set only, because of abs" in found.checks[0].reason
+    analysis = observability(plant([b, -sp.Abs(b)], a, parameters=()))
+    assert "open set only, because of abs" in analysis.checks[0].reason
     with pytest.raises(NowhereDefined, match="logarithm"):
         observability(plant([b, sp.log(u - a**2 - 9) + sp.log(-u)], a, parameters=()))
 
@@ -166,9 +166,9 @@ def test_every_symmetry_of_the_library_is_one_for_the_oracle() -> None:
         if not rank.unobservable or any(not e.is_rational_function() for e in (*flow, *output)):
             continue
         deficient += 1
-        found = symmetries(*model, hidden=rank.unobservable, order=rank.order)
-        full += len(found) == rank.dimension - rank.rank
-        for move in found:
+        moves = symmetries(*model, hidden=rank.unobservable, order=rank.order)
+        full += len(moves) == rank.dimension - rank.rank
+        for move in moves:
             assert annihilated(move.field, model, rank.order), (name, str(move))
             tried += 1
     print(f"{tried} symmetries of {deficient} models, all of them for {full}")

@@ -83,9 +83,9 @@ def test_theta_stays_in_its_range_and_grows_with_the_innovation(
     theta_1: float, share: float, dt: float, innovations: list[float]
 ) -> None:
     after, start = law(adaptive(theta_1), dt), 1 + share * (2 * theta_1 - 1)
-    found = [after(start, innovation) for innovation in sorted(innovations)]
-    assert all(1 <= theta <= 2 * theta_1 for theta in found)
-    assert all(b >= a * (1 - 8 * EPS) for a, b in pairwise(found))
+    thetas = [after(start, innovation) for innovation in sorted(innovations)]
+    assert all(1 <= theta <= 2 * theta_1 for theta in thetas)
+    assert all(b >= a * (1 - 8 * EPS) for a, b in pairwise(thetas))
 
 
 @given(shares, st.floats(0.0, 1.0))
@@ -147,7 +147,7 @@ def test_the_window_is_the_papers_integral() -> None:
     """Heun from the run's own estimate d ago, in plain numpy."""
     dt, N = 0.05, 10
     record = smooth(dt, 3.0)
-    run, found = innovations(hg.innovation.window(0.5), dt, **record)
+    run, integrals = innovations(hg.innovation.window(0.5), dt, **record)
     f = trial.form().f
     for k in range(N + 1, len(run.t)):
         z, total = run.x[k - N] * [1, 1, -1], 0.0
@@ -156,7 +156,7 @@ def test_the_window_is_the_papers_integral() -> None:
             k2 = f(z + dt * k1, record["u"][i])
             z = z + dt / 2 * (k1 + k2)
             total += dt * (record["y"][i] - z[0]) ** 2
-        assert found[k] == pytest.approx(total, rel=1e-12)
+        assert integrals[k] == pytest.approx(total, rel=1e-12)
 
 
 def test_window_and_staggered_agree_on_smooth_data() -> None:
@@ -238,7 +238,7 @@ def textbook(
     y: np.ndarray,
 ) -> np.ndarray:
     """The extended Kalman filter with all valid outputs at once, P in full; z(0) = 0, P(0) = 1."""
-    z, P, found = np.zeros(len(Q)), np.eye(len(Q)), []
+    z, P, estimates = np.zeros(len(Q)), np.eye(len(Q)), []
     for k in range(len(y)):
         if k:
             before, now, middle = u[k - 1], u[k], (u[k - 1] + u[k]) / 2
@@ -253,8 +253,8 @@ def textbook(
         c = C[valid]
         K = P @ c.T @ np.linalg.inv(c @ P @ c.T + np.diag(R[valid]) / dt)
         z, P = z + K @ (y[k][valid] - c @ z), P - K @ c @ P
-        found.append(z)
-    return np.array(found)
+        estimates.append(z)
+    return np.array(estimates)
 
 
 FULL = np.array([[0.1, 0.01, 0.0], [0.01, 0.02, -0.001], [0.0, -0.001, 0.005]])
@@ -268,8 +268,8 @@ def test_theta_1_is_the_textbook_filter(Q: np.ndarray) -> None:
     y[[3, 50, 51, 52]] = NAN
     C = np.eye(1, 3)
     expected = textbook(form.f, form.F, C, Q, np.ones(1), 0.05, record["u"], y[:, None])
-    given_ = np.diag(Q) if np.count_nonzero(Q) == 3 else Q
-    run = hg.sample(fitzhugh_nagumo(Q=given_), dt=0.05).run(u=record["u"], y=y, engine="python")
+    weight = np.diag(Q) if np.count_nonzero(Q) == 3 else Q
+    run = hg.sample(fitzhugh_nagumo(Q=weight), dt=0.05).run(u=record["u"], y=y, engine="python")
     assert not run.status[4:50].any()
     assert run.x * [1, 1, -1] == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
 
@@ -391,9 +391,9 @@ def test_a_gain_that_can_be_tuned_enters_a_high_gain_observer() -> None:
 def test_parameters_are_limited_and_it_is_said() -> None:
     step = hg.sample(hg.observers.riccati(hg.forms.triangular(tunable(19.6)), Q=(0.1, 1.0), R=0.01), dt=0.01)
     memory = step._kept.places
-    for value, kept in ((100.0, 30.0), (-1.0, 5.0), (NAN, 19.6), (float("inf"), 19.6)):
+    for value, limited in ((100.0, 30.0), (-1.0, 5.0), (NAN, 19.6), (float("inf"), 19.6)):
         assert step.flags(step.tune(a=value)) == ("PARAMETER_LIMITED",)
-        assert memory[Place("plant", "a")][0] == kept
+        assert memory[Place("plant", "a")][0] == limited
     assert step.flags(step.tune(a=7.0, R=-1.0)) == ("PARAMETER_LIMITED",)
     assert memory[Place("gain", "R")][0] == pytest.approx(1e-8)
     assert step.tune(R=0.02, Q=(0.2, 0.3)) == 0
@@ -585,10 +585,10 @@ def test_nothing_is_offered_to_accept_where_that_does_not_build(name: str, form:
 
 @pytest.mark.parametrize("name", ["haldane", "battery"])
 def test_no_form_advises_one_that_is_refuted(name: str) -> None:
-    told = hg.survey(load(MODELS / f"{name}.toml").plant)
-    refused = {row.name.partition(",")[0] for row in told.answered if row.verdict is Verdict.REFUTED}
+    survey = hg.survey(load(MODELS / f"{name}.toml").plant)
+    refused = {row.name.partition(",")[0] for row in survey.answered if row.verdict is Verdict.REFUTED}
     assert {"triangular", "uniform", "state_affine"} <= refused
-    for row in told.rows:
+    for row in survey.rows:
         assert not [form for form in refused if f"the form {form}" in row.fix], row.fix
 
 

@@ -62,11 +62,11 @@ def test_the_exact_result_is_inside(first: tuple[Pair, Fraction], second: tuple[
 def test_points_grow_by_one_float_at_most_and_exact_results_not_at_all(x: float, y: float) -> None:
     a, b = pair(x, x), pair(y, y)
     with np.errstate(all="ignore"):
-        for found, exact in (
+        for interval, exact in (
             (outward.add(a, b), Fraction(x) + Fraction(y)),
             (outward.multiply(a, b), Fraction(x) * Fraction(y)),
         ):
-            low, high = float(found[0][0]), float(found[1][0])
+            low, high = float(interval[0][0]), float(interval[1][0])
             assume(1e-270 < abs(exact) < 1e280)
             assert low == high if low == exact or high == exact else math.nextafter(low, math.inf) == high
 
@@ -164,9 +164,9 @@ def test_between_the_floats_next_to_where_a_wave_turns_is_its_extreme(name: str,
         for sign, turn in ((1, phase), (-1, phase + 2)):
             first = round(size / 6)
             exactly = [(4 * k + turn) * arb.pi() / 2 for k in range(first, first + 400)]
-            near = [float(ball) for ball in exactly]
+            floats = [float(ball) for ball in exactly]
             below[sign] = [
-                x if arb(x) < ball else math.nextafter(x, -math.inf) for x, ball in zip(near, exactly, strict=True)
+                x if arb(x) < ball else math.nextafter(x, -math.inf) for x, ball in zip(floats, exactly, strict=True)
             ]
     for sign, ends in below.items():
         low = np.array(ends)

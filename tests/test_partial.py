@@ -62,13 +62,13 @@ def test_what_is_real_on_a_part_of_the_box_only_is_met(expression: sp.Expr) -> N
 def test_what_sympy_gives_up_is_not_known() -> None:
     slope = sp.cosh(sp.acos(x)).diff(x)
     assert kind(slope, {x: 1 + sp.Rational(1, 2**60)}) == "?"
-    found = lipschitz_bound([sp.cosh(sp.acos(x))], [x], {x: (Fraction(-1), Fraction(3))})
-    assert (found.verdict, found.witness[x]) == (Verdict.REFUTED, -1)
+    lipschitz = lipschitz_bound([sp.cosh(sp.acos(x))], [x], {x: (Fraction(-1), Fraction(3))})
+    assert (lipschitz.verdict, lipschitz.witness[x]) == (Verdict.REFUTED, -1)
 
 
 def test_the_slope_of_the_size_of_what_is_not_real_everywhere_takes_no_limit() -> None:
-    found = lipschitz_bound([sp.Abs(sp.acosh(x)) / x**2], [x], {x: (Fraction(-1, 3), Fraction(10))}, boxes=600)
-    assert found.verdict is Verdict.UNKNOWN
+    lipschitz = lipschitz_bound([sp.Abs(sp.acosh(x)) / x**2], [x], {x: (Fraction(-1, 3), Fraction(10))}, boxes=600)
+    assert lipschitz.verdict is Verdict.UNKNOWN
 
 
 def _plant(q: hg.Signal, w: hg.Signal, rate: sp.Expr, *parameters: hg.Signal) -> hg.System:

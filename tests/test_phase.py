@@ -64,11 +64,11 @@ def hyperjerk() -> hg.System:
 
 def neuron(rates: Any = ((-1, 1), (-1, 1))) -> hg.System:
     """The neuron with the derivatives of its input declared."""
-    given = model("fitzhugh_nagumo")
+    system = model("fitzhugh_nagumo")
     u = hg.Signal("u", "", "input", low=-1, high=1, rates=rates)
-    parts: dict[str, Any] = {"states": given.states, "outputs": given.outputs, "parameters": given.parameters}
-    flow = [f.xreplace({given.inputs[0]: u}) for f in given.flow]
-    return hg.System("neuron", inputs=(u,), flow=flow, output=given.output, **parts)
+    parts: dict[str, Any] = {"states": system.states, "outputs": system.outputs, "parameters": system.parameters}
+    flow = [f.xreplace({system.inputs[0]: u}) for f in system.flow]
+    return hg.System("neuron", inputs=(u,), flow=flow, output=system.output, **parts)
 
 
 def checks(form: hg.Form) -> dict[str, Check]:
@@ -85,12 +85,12 @@ ALL_PROVED = dict.fromkeys(("chain", "inputs", "rank", "inverse", "lipschitz"), 
 # --- the map and its inverse --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("given", [van_der_pol(), model("pendulum"), hyperjerk()], ids=lambda one: one.name)
-def test_a_chain_is_its_own_phase_form(given: hg.System) -> None:
-    form = hg.forms.phase(given)
+@pytest.mark.parametrize("system", [van_der_pol(), model("pendulum"), hyperjerk()], ids=lambda one: one.name)
+def test_a_chain_is_its_own_phase_form(system: hg.System) -> None:
+    form = hg.forms.phase(system)
     assert form.kind == "phase"
-    assert form.to_form == given.states
-    assert [z.interval for z in form.states] == [x.interval for x in given.states]
+    assert form.to_form == system.states
+    assert [z.interval for z in form.states] == [x.interval for x in system.states]
     assert verdicts(form) == ALL_PROVED
 
 
@@ -107,9 +107,9 @@ def flowing(form: hg.Form) -> None:
         assert sp.simplify(moved - rate.xreplace(forward)) == 0
 
 
-@pytest.mark.parametrize("given", [roessler(), bioreactor(rates=((-1, 1),))], ids=lambda one: one.name)
-def test_the_form_is_the_plant(given: hg.System) -> None:
-    form = hg.forms.phase(given)
+@pytest.mark.parametrize("system", [roessler(), bioreactor(rates=((-1, 1),))], ids=lambda one: one.name)
+def test_the_form_is_the_plant(system: hg.System) -> None:
+    form = hg.forms.phase(system)
     assert form.kind == "phase"
     assert verdicts(form) == ALL_PROVED
     flowing(form)
@@ -117,9 +117,9 @@ def test_the_form_is_the_plant(given: hg.System) -> None:
 
 def test_the_bioreactor_as_its_paper_has_it() -> None:
     """s = a2 x1 (x2 + u x1)/(a1 x1 - x2 - u x1), det = a1 a2 m^2/(a2 m + s)^2; u' enters phi alone."""
-    given = bioreactor()
-    form = hg.forms.phase(given)
-    (z1, z2), (u,), (a1, a2) = form.states, given.inputs, given.parameters
+    system = bioreactor()
+    form = hg.forms.phase(system)
+    (z1, z2), (u,), (a1, a2) = form.states, system.inputs, system.parameters
     assert form.from_form[0] == z1
     assert sp.cancel(form.from_form[1] - a2 * z1 * (z2 + u * z1) / (a1 * z1 - z2 - u * z1)) == 0
     assert "a1*a2*m**2/(a2*m + s)**2" in checks(form)["rank"].claim
@@ -127,9 +127,9 @@ def test_the_bioreactor_as_its_paper_has_it() -> None:
     assert verdicts(form) == {**ALL_PROVED, "inputs": "unknown", "lipschitz": "unknown"}
     assert "u_dot (phi alone)" in checks(form)["inputs"].reason
     assert form.behind is not None
-    kept = hg.forms.phase(given, original=True)
-    assert kept.system.inputs == given.inputs
-    assert kept.jacobian is not None
+    original = hg.forms.phase(system, original=True)
+    assert original.system.inputs == system.inputs
+    assert original.jacobian is not None
 
 
 def test_the_neuron_is_refuted_where_its_input_is_zero() -> None:
@@ -292,8 +292,8 @@ def test_it_converges_in_c_as_in_python(name: str) -> None:
     build, theta, duration, start, initial, inputs = CASES[name]
     step = stepped(build(), theta, initial=initial)
     system = step.observer.form.system
-    given = {u.name: inputs[u.name] for u in system.inputs}
-    truth = simulate(system, Trial(name, duration, start=start, inputs=given), step.dt)
+    signals = {u.name: inputs[u.name] for u in system.inputs}
+    truth = simulate(system, Trial(name, duration, start=start, inputs=signals), step.dt)
     in_c = step.run(u=truth.u, y=truth.y, engine="c")
     error = np.abs(in_c.x - truth.x)
     assert error[0].max() > 0
@@ -371,11 +371,11 @@ def test_the_share_of_the_determinant_is_a_share() -> None:
 def test_the_theorem_knows_the_form() -> None:
     """Structure by construction, the change of coordinates by its checks; no bound is claimed through (dPhi/dx)^-1."""
     observer = hg.observers.high_gain(hg.forms.phase(roessler()), theta=5, poles=(-1, -1, -1))
-    found = {row.checks: row.verdict for row in rows(observer.theorem, observer.checks)}
-    assert found["phase.chain",] is Verdict.PROVED
-    assert found["phase.inputs", "phase.rank", "phase.inverse"] is Verdict.PROVED
-    kept = hg.observers.high_gain(hg.forms.phase(roessler(), original=True), theta=5, poles=(-1, -1, -1))
-    convergence = next(check for check in kept.checks if check.id == "high_gain.convergence")
+    by_checks = {row.checks: row.verdict for row in rows(observer.theorem, observer.checks)}
+    assert by_checks["phase.chain",] is Verdict.PROVED
+    assert by_checks["phase.inputs", "phase.rank", "phase.inverse"] is Verdict.PROVED
+    original = hg.observers.high_gain(hg.forms.phase(roessler(), original=True), theta=5, poles=(-1, -1, -1))
+    convergence = next(check for check in original.checks if check.id == "high_gain.convergence")
     assert convergence.verdict is Verdict.UNKNOWN
 
 

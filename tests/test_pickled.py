@@ -62,8 +62,8 @@ def same(step: CallableStep) -> None:
 
 
 def kalman(form: hg.Form, **changes: Any) -> hg.Observer:
-    given = {"Q": dict.fromkeys(form.names, 0.1), "R": {y.name: 0.1 for y in form.system.outputs}}
-    return hg.observers.riccati(form, **given, **changes)
+    weights = {"Q": dict.fromkeys(form.names, 0.1), "R": {y.name: 0.1 for y in form.system.outputs}}
+    return hg.observers.riccati(form, **weights, **changes)
 
 
 @pytest.mark.parametrize("name", FORMS)

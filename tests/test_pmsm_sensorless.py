@@ -33,8 +33,8 @@ def test_the_determinants_are_those_of_the_docstring() -> None:
     along_b = w * (f_b * w**2 - 2 * c * f_a * turning) / L**3  # turned by 90 degrees: a -> b, b -> -a
     assert sp.expand(determinant(0) - along_a) == 0
     assert sp.expand(determinant(1) - along_b) == 0
-    found = hg.singularity(PLANT).jets[0].determinant
-    assert sp.expand(found - along_a) == 0 or sp.expand(found + along_a) == 0
+    jet_determinant = hg.singularity(PLANT).jets[0].determinant
+    assert sp.expand(jet_determinant - along_a) == 0 or sp.expand(jet_determinant + along_a) == 0
     seen = hg.observability(PLANT)
     assert (seen.rank, seen.n) == (5, 5)
 
@@ -62,8 +62,8 @@ def test_the_filter_finds_flux_and_speed(name: str) -> None:
     """From the rest of the estimate (no flux, 20 rad/s) at 200 rad/s: 2% of the flux, 1% of the speed after a tenth of
     the run-up; no theorem, so the bounds are twice what was seen."""
     step = MODEL.step(name)
-    (found,) = try_out(step, MODEL.trials()[0], "c", seeds=(3,))
-    late = np.abs(found.error[found.truth.t >= 0.2]).max(axis=0)
+    (trajectory,) = try_out(step, MODEL.trials()[0], "c", seeds=(3,))
+    late = np.abs(trajectory.error[trajectory.truth.t >= 0.2]).max(axis=0)
     assert late[2:4].max() < 0.02 * 0.1
     assert late[4] < 0.01 * 200
-    assert "OUTSIDE_BOX" not in step.flags(np.bitwise_or.reduce(found.status[200:]))
+    assert "OUTSIDE_BOX" not in step.flags(np.bitwise_or.reduce(trajectory.status[200:]))

@@ -84,12 +84,12 @@ def test_series_with_balls_are_the_lie_derivatives(function) -> None:
     try:
         point = random_point(plant, numbers)
         exact = [*point.states, *point.constants, *(c * math.factorial(i) for i, c in enumerate(point.inputs(0, 8)))]
-        found = [[sp.Float(entry.mid().str(60, radius=False), 60) for entry in row] for row in first(plant, numbers, 4)]
+        rows = [[sp.Float(entry.mid().str(60, radius=False), 60) for entry in row] for row in first(plant, numbers, 4)]
         numbers_at = [sp.Float(value.mid().str(60, radius=False), 60) for value in exact]
     finally:
         flint.ctx.prec, flint.ctx.cap = 53, 10
     values = dict(zip((x1, x2, k, *JETS), numbers_at, strict=True))
-    for row, symbolic in zip(found, lie_gradients(flow, output, (x1, x2), (x1, x2, k), 4), strict=True):
+    for row, symbolic in zip(rows, lie_gradients(flow, output, (x1, x2), (x1, x2, k), 4), strict=True):
         for entry, expression in zip(row, symbolic, strict=True):
             assert abs(entry - expression.doit().subs(values).doit().evalf(60)) < 1e-40 * (1 + abs(entry))
 

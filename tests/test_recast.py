@@ -22,7 +22,7 @@ def plant(x: Signal) -> System:
     return System("two", states=(first, x), inputs=[u], outputs=[y], parameters=[k, c], flow=flow, output=[first])
 
 
-def found(x: Signal, w: Signal, forward: sp.Expr, inverse: sp.Expr) -> dict[str, Check]:
+def checks_of(x: Signal, w: Signal, forward: sp.Expr, inverse: sp.Expr) -> dict[str, Check]:
     return {check.id: check for check in recast(plant(x), {w: forward}, {x: inverse}).checks}
 
 
@@ -34,7 +34,7 @@ def maps(text: str, low: float, high: float, inverse: str, *range_of_w: float) -
     """The checks of w = text of x1 in [low, high], x1 = inverse of w in its range (none: without one)."""
     x, w = ranged("x1", low, high), ranged("w", *range_of_w)
     names = {"x1": x, "w": w, "k": k, "c": c}
-    return found(x, w, sp.sympify(text, names), sp.sympify(inverse, names))
+    return checks_of(x, w, sp.sympify(text, names), sp.sympify(inverse, names))
 
 
 @pytest.mark.parametrize(

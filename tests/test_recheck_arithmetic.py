@@ -32,15 +32,15 @@ def number(end: Any) -> Fraction:
 @settings(deadline=None, max_examples=200)
 @given(st.sampled_from(sorted(ENTIRE)), st.fractions(-30, 30), st.fractions(0, 3), st.fractions(0, 1))
 def test_an_interval_holds_the_values(name: str, low: Fraction, width: Fraction, share: Fraction) -> None:
-    found = intervals.function(name, (between(low, low + width),))
+    interval = intervals.function(name, (between(low, low + width),))
     x = low + share * width
     with mpmath.workprec(300):
         exact = number(ENTIRE[name](mpmath.mpf(x.numerator) / x.denominator)._mpf_)
     slack = F(1, 2**200) * (1 + abs(exact))
-    assert number(found.ends[0]) <= exact + slack
-    assert exact - slack <= number(found.ends[1])
+    assert number(interval.ends[0]) <= exact + slack
+    assert exact - slack <= number(interval.ends[1])
     if width == 0:
-        assert number(found.ends[1]) - number(found.ends[0]) <= F(1, 2**60) * (1 + abs(exact))
+        assert number(interval.ends[1]) - number(interval.ends[0]) <= F(1, 2**60) * (1 + abs(exact))
 
 
 def test_a_number_that_is_no_float_is_within_itself_of_neither_side() -> None:
@@ -70,10 +70,10 @@ def test_a_number_that_is_no_float_is_within_itself_of_neither_side() -> None:
 def test_roots_and_moduli_of_what_is_not_negative(text: str, zero: bool) -> None:
     """p, q >= 0; of a nothing is known."""
     algebra = Algebra(("a", "p", "q"), ("p", "q"))
-    found = evaluate(
+    value = evaluate(
         expression(text, ("a", "p", "q")), {name: algebra.letter(name) for name in "apq"}, algebra.arithmetic
     )
-    assert algebra.is_zero(found) is zero
+    assert algebra.is_zero(value) is zero
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,8 @@ def test_a_bisection_covers_its_box(tree: str) -> None:
         leaves(tree, box)
 
 
-def rows(*given: tuple[int, ...]) -> list[list[Fraction]]:
-    return [list(map(F, row)) for row in given]
+def rows(*numbers: tuple[int, ...]) -> list[list[Fraction]]:
+    return [list(map(F, row)) for row in numbers]
 
 
 @pytest.mark.parametrize(

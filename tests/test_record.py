@@ -67,21 +67,21 @@ def test_other_encodings(tmp_path: Path):
 
 def test_what_is_no_number_is_missing_and_counted(tmp_path: Path):
     cells = ["1", "", "nan", "NA", "inf", "1e999", "-Infinity", "err", "1_000", "0x10", "--", "1 2", "2"]
-    found = table(log(tmp_path, "t,y\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells)))).column("y")
-    assert np.flatnonzero(np.isfinite(found.values)).tolist() == [0, 12]
-    assert found.empty == 3
-    assert found.not_numbers == 8
-    assert found.example == "nan"
-    part = found.of(np.array([0, 1, 2, 12]))
+    parsed = table(log(tmp_path, "t,y\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells)))).column("y")
+    assert np.flatnonzero(np.isfinite(parsed.values)).tolist() == [0, 12]
+    assert parsed.empty == 3
+    assert parsed.not_numbers == 8
+    assert parsed.example == "nan"
+    part = parsed.of(np.array([0, 1, 2, 12]))
     assert (part.empty, part.not_numbers) == (1, 1)
 
 
 def test_rows_of_another_length(tmp_path: Path):
-    found = table(log(tmp_path, "t,y\n0,1\n1\n2,2,99\n3,3,\n"))
-    assert found.malformed == 1
-    assert found.column("t").values.tolist() == [0.0, 1.0, 3.0]
-    assert found.column("y").empty == 1
-    assert "fewer cells" in found.notes[0]
+    contents = table(log(tmp_path, "t,y\n0,1\n1\n2,2,99\n3,3,\n"))
+    assert contents.malformed == 1
+    assert contents.column("t").values.tolist() == [0.0, 1.0, 3.0]
+    assert contents.column("y").empty == 1
+    assert "fewer cells" in contents.notes[0]
 
 
 def test_a_stray_quote_spoils_only_its_line(tmp_path: Path):
@@ -117,11 +117,11 @@ def test_no_file_and_a_folder(tmp_path: Path):
 
 
 def test_columns_that_are_not_there(tmp_path: Path):
-    found = table(log(tmp_path, "time,level,y,y\n0,1,2,3\n"))
+    contents = table(log(tmp_path, "time,level,y,y\n0,1,2,3\n"))
     with pytest.raises(BadRecord, match=r"its columns are time, level, y, y; did you mean 'level'\?"):
-        found.column("levle")
+        contents.column("levle")
     with pytest.raises(BadRecord, match="2 columns named 'y'"):
-        found.column("y")
+        contents.column("y")
 
 
 @settings(max_examples=200, deadline=None)
@@ -129,9 +129,9 @@ def test_columns_that_are_not_there(tmp_path: Path):
 def test_no_file_makes_the_reader_fall(tmp_path_factory: pytest.TempPathFactory, content: bytes):
     path = log(tmp_path_factory.getbasetemp(), content)
     with suppress(BadRecord):
-        found = table(path)
-        assert all(len(row) == len(found.header) for row in found.rows)
-        assert all(len(found.column(name).values) == len(found.rows) for name in set(found.header))
+        contents = table(path)
+        assert all(len(row) == len(contents.header) for row in contents.rows)
+        assert all(len(contents.column(name).values) == len(contents.rows) for name in set(contents.header))
 
 
 # --- the mapping ----------------------------------------------------------------------------------------------
@@ -260,8 +260,8 @@ def test_every_number_on_the_grid_was_measured_nearby(tmp_path_factory: pytest.T
     got = read(log(tmp_path_factory.getbasetemp(), text), {"y": "y"}, dt=0.7, time="t")
     assert got.report.surplus + got.report.duplicates + got.report.samples - got.report.filled == len(rows)
     for t, y in zip(got.t, got.values[:, 0], strict=True):
-        near = [value for time, value in rows if abs(time - t) <= 0.35 + 1e-9]
-        assert y in near if np.isfinite(y) else not [v for time, v in rows if abs(time - t) < 0.35 - 1e-9]
+        neighbours = [value for time, value in rows if abs(time - t) <= 0.35 + 1e-9]
+        assert y in neighbours if np.isfinite(y) else not [v for time, v in rows if abs(time - t) < 0.35 - 1e-9]
 
 
 # --- predictions ----------------------------------------------------------------------------------------------
@@ -278,21 +278,21 @@ def decaying(low: float | None = None, high: float | None = None) -> CallableSte
 
 def went(x: np.ndarray, status: int | list[int] = 0) -> Run:
     """A run with these estimates."""
-    told = np.broadcast_to(np.asarray(status, np.uint32), len(x))
-    return Run(0.1 * np.arange(len(x)), x, ("x",), {}, told, "python")
+    flags = np.broadcast_to(np.asarray(status, np.uint32), len(x))
+    return Run(0.1 * np.arange(len(x)), x, ("x",), {}, flags, "python")
 
 
 def test_predictions_of_the_exact_model():
     t = 0.1 * np.arange(60)
     u = np.sin(t)[:, None]
     y = 1.5 * np.exp(-t) + (np.sin(t) - np.cos(t)) / 2
-    found = predictions(decaying(), went(y[:, None]), u, y[:, None], (1, 5))
-    one, five, free = found
+    forecasts = predictions(decaying(), went(y[:, None]), u, y[:, None], (1, 5))
+    one, five, free = forecasts
     # The input on a line between samples is off by dt^2/8 |u''| at most; through x' = -x + u that much reaches x.
     assert max(one.model, five.model, free.model) < 0.1**2 / 8
     assert five.copying == pytest.approx(np.sqrt(np.mean((y[5:] - y[:-5]) ** 2)))
-    assert [p.ahead for p in found] == [1, 5, None]
-    assert [p.count for p in found] == [59, 55, 59]
+    assert [p.ahead for p in forecasts] == [1, 5, None]
+    assert [p.count for p in forecasts] == [59, 55, 59]
     wrong = predictions(decaying(), went(y[:, None] + 1), u, y[:, None], (5,))[0]
     assert wrong.model == pytest.approx(math.exp(-0.5), abs=0.1**2 / 8)
 
@@ -318,10 +318,10 @@ def test_predictions_are_compared_with_what_the_step_took():
     assert raised == [("REJECTED_y",), ("REJECTED_y",), ("MISSING_y",), ("REUSED_u",)]
     step.reset()
     without = predictions(step, step.run(u=u, y=holes), u, holes, (1, 5))
-    found = predictions(step, run, other, bad, (1, 5))
-    assert [one.rejected for one in found] == [3] * 3
-    assert [replace(one, rejected=0) for one in found] == list(without)
-    assert max(one.model for one in found) < 2
+    forecasts = predictions(step, run, other, bad, (1, 5))
+    assert [one.rejected for one in forecasts] == [3] * 3
+    assert [replace(one, rejected=0) for one in forecasts] == list(without)
+    assert max(one.model for one in forecasts) < 2
 
 
 # --- noise ----------------------------------------------------------------------------------------------------
@@ -334,12 +334,12 @@ def test_noise_is_found_again(tau: float):
     trial = Trial("quiet", 400.0, {"x": 3.0}, noise={"y": OrnsteinUhlenbeck(0.2, tau)})
     record = noisy(plant, simulate(plant, trial, 0.02), trial, 1)[:, 0]
     record[100:200] = np.nan
-    found = noise.suggest("y", record, 0.02, 1.0)
+    suggestion = noise.suggest("y", record, 0.02, 1.0)
     # Two estimates' deviations over T/tau independent stretches: 400/(2 tau) for sigma, some 3 sqrt(tau/T) for tau.
-    assert found.sigma == pytest.approx(0.2, rel=4 * math.sqrt(max(tau, 0.01) / 400))
-    assert found.tau == pytest.approx(tau, rel=10 * math.sqrt(max(tau, 0.01) / 400))
-    assert found.notes == ()
-    assert found.gamma_0 == pytest.approx(found.sigma**2 * (1 + 6.5 * noise.spread(50, 0.02, found.tau)))
+    assert suggestion.sigma == pytest.approx(0.2, rel=4 * math.sqrt(max(tau, 0.01) / 400))
+    assert suggestion.tau == pytest.approx(tau, rel=10 * math.sqrt(max(tau, 0.01) / 400))
+    assert suggestion.notes == ()
+    assert suggestion.gamma_0 == pytest.approx(suggestion.sigma**2 * (1 + 6.5 * noise.spread(50, 0.02, suggestion.tau)))
 
 
 def test_the_spread_of_the_quiet_innovation():

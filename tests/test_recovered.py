@@ -84,10 +84,10 @@ def test_it_is_that_of_the_map_on_the_whole_box_of_z(make: Callable[[], hg.Form]
     for place in low + (high - low) * rng.uniform(-0.1, 1.1, (60, form.n)):
         J, through, x = (np.array(v) for v in graph(place, u))
         model = expected(form, x[:, 0], u)
-        near = pytest.approx(model, rel=1e-11, abs=1e-11 * np.abs(model).max())
-        assert J[-1] == near
+        close_to_model = pytest.approx(model, rel=1e-11, abs=1e-11 * np.abs(model).max())
+        assert J[-1] == close_to_model
         if ((low < place) & (place < high)).all() and ((ends[:, :1] < x) & (x < ends[:, 1:])).all():
-            assert through[-1] == near
+            assert through[-1] == close_to_model
         else:
             clamped += 1
     assert 20 < clamped < 60
@@ -107,12 +107,12 @@ def test_at_a_pole_of_the_inverse_it_is_that_at_the_end_that_the_pole_is_past() 
 def test_the_updated_gain_rises_where_the_estimate_peaks() -> None:
     """While x2 is clamped, as while the model is read directly: L at 0.02 s and 0.05 s of y = 0.9."""
     gains: dict[str, Any] = {"p_1": 0.15, "p_2": 5, "p_3": 6, "cap": 2000, "poles": (-1, -1), "b": 1}
-    found = []
+    traces = []
     for recovered in (False, True):
         step = hg.sample(hg.observers.updated_gain(linear(30, recovered), **gains), hg.methods.rk4, dt=1e-4)
-        found.append(step.run(u=np.zeros((501, 2)), y=np.full((501, 1), 0.9), engine="python").traces["L"])
-    assert found[0][[200, 500]] == pytest.approx([161.5, 1171.6], abs=0.05)
-    assert found[1] == pytest.approx(found[0], rel=1e-9)
+        traces.append(step.run(u=np.zeros((501, 2)), y=np.full((501, 1), 0.9), engine="python").traces["L"])
+    assert traces[0][[200, 500]] == pytest.approx([161.5, 1171.6], abs=0.05)
+    assert traces[1] == pytest.approx(traces[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["riccati", "hamilton_jacobi"])

@@ -203,9 +203,9 @@ def test_each_output_counts_its_share() -> None:
     plant = hg.System("two", states=(a, b), outputs=(y, v), flow=[b, -sp.sin(a) - b / 5], output=[a, b])
     observer = hg.observers.riccati(hg.forms.original(plant), Q=[1e-6, 1e-6], R=[10.0, 10.0])
     together = hg.sample(observer, dt=0.01)
-    apart = hg.sample(observer, dt=0.01, periods={"v": 0.02})
+    separate = hg.sample(observer, dt=0.01, periods={"v": 0.02})
     rises = []
-    for step in (together, apart):
+    for step in (together, separate):
         for k in range(8):
             step.predict()
             memory(step, "z")[:] = 12.0

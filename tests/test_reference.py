@@ -30,15 +30,15 @@ def continuous(u: np.ndarray, y: np.ndarray, between: str) -> np.ndarray:
         slope = F @ P + P @ F.T + THETA * DELTA @ Q @ DELTA - np.outer(gain, P[0])
         return DT * np.concatenate([f + gain * (seen - z[0]), slope.ravel()])
 
-    state, found = np.concatenate([np.zeros(3), np.eye(3).ravel()]), [np.zeros(3)]
+    state, estimates = np.concatenate([np.zeros(3), np.eye(3).ravel()]), [np.zeros(3)]
     for k in range(1, len(y)):
         line = (u[k - 1] if between == "line" else u[k], u[k])
         there = np.isfinite(y[k])
         seen = (y[k - 1] if np.isfinite(y[k - 1]) else y[k], y[k]) if there else (0.0, 0.0)
-        given = {"rtol": 1e-12, "atol": 1e-12, "method": "DOP853"}
-        state = solve_ivp(rate, (0, 1), state, args=(line, seen, float(there)), **given).y[:, -1]
-        found.append(state[:3])
-    return np.array(found) * [1, 1, -1]
+        options = {"rtol": 1e-12, "atol": 1e-12, "method": "DOP853"}
+        state = solve_ivp(rate, (0, 1), state, args=(line, seen, float(there)), **options).y[:, -1]
+        estimates.append(state[:3])
+    return np.array(estimates) * [1, 1, -1]
 
 
 @pytest.mark.parametrize("between", ["line", "hold"])

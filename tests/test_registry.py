@@ -14,18 +14,18 @@ CASES = [(kind, name) for kind in ("forms", "observers") for name in getattr(hg,
 
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_the_help_of_a_case_opens_with_its_equations(kind: str, name: str) -> None:
-    told = inspect.getdoc(getattr(getattr(hg, kind), name)) or ""
+    docstring = inspect.getdoc(getattr(getattr(hg, kind), name)) or ""
     module = inspect.cleandoc(sys.modules[f"hgogen.{kind}.{name}"].__doc__ or "")
-    assert told.startswith(module + "\n\n")
-    assert told.count(module) == 1
-    assert len(told) > len(module) + 40
-    assert told.partition("\n")[0] == registry.summaries(f"hgogen.{kind}", [name])[name]
+    assert docstring.startswith(module + "\n\n")
+    assert docstring.count(module) == 1
+    assert len(docstring) > len(module) + 40
+    assert docstring.partition("\n")[0] == registry.summaries(f"hgogen.{kind}", [name])[name]
 
 
 def test_the_cascade() -> None:
-    told = inspect.getdoc(hg.observers.cascade) or ""
-    assert "    v_2' = l^2 alpha_2 (y - v_1)" in told
-    assert told.index("Khalil") < told.index("Args: ") < told.index("`theta`")
+    docstring = inspect.getdoc(hg.observers.cascade) or ""
+    assert "    v_2' = l^2 alpha_2 (y - v_1)" in docstring
+    assert docstring.index("Khalil") < docstring.index("Args: ") < docstring.index("`theta`")
 
 
 def test_it_is_told_once() -> None:

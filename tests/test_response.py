@@ -42,9 +42,9 @@ def integrators(n: int) -> hg.Form:
 @pytest.mark.parametrize(("name", "rel"), [("filtered", 3e-3), ("high_gain", 3.5e-2)])
 def test_tables_1_and_2_through_the_linear_chain(name: str, rel: float) -> None:
     """x_1 .. x_3 of the simulation; at omega = 300 .00666, .00220 have three digits."""
-    found = hg.response(load(HYPERJERK).step(name).observer, OMEGA)
-    assert found.gain[:, :3, 0] == pytest.approx(np.array(TABLES[name])[:, :3], rel=rel)
-    assert (found.states, found.outputs, found.dt, found.coordinates) == (
+    response = hg.response(load(HYPERJERK).step(name).observer, OMEGA)
+    assert response.gain[:, :3, 0] == pytest.approx(np.array(TABLES[name])[:, :3], rel=rel)
+    assert (response.states, response.outputs, response.dt, response.coordinates) == (
         ("x1", "x2", "x3", "x4"),
         ("y",),
         None,
@@ -60,8 +60,8 @@ def test_the_standard_observer_by_hand(n: int, theta: float, omega: float) -> No
     s = 1j * omega
     whole = np.polyval([1, *K], s)
     expected = [s**i * np.polyval(K[i:], s) / whole for i in range(n)]
-    found = hg.response(hg.observers.high_gain(integrators(n), theta=theta, poles=[-1] * n), omega)
-    assert found.H[0, :, 0] == pytest.approx(np.array(expected), rel=1e-8)
+    response = hg.response(hg.observers.high_gain(integrators(n), theta=theta, poles=[-1] * n), omega)
+    assert response.H[0, :, 0] == pytest.approx(np.array(expected), rel=1e-8)
 
 
 def test_the_filtered_observer_rolls_off_one_power_faster_from_each_estimate_to_the_next() -> None:
@@ -80,12 +80,12 @@ def test_several_outputs() -> None:
     noise."""
     gains = {"theta": 5, "poles": ((-1, -2), (-1,))}
     observer = hg.observers.high_gain(hg.forms.block_triangular(two_outputs()), **gains)
-    found = hg.response(observer, [3.0, 30.0])
-    assert (found.states, found.outputs) == (("x1", "x2", "x3"), ("y1", "y2"))
+    response = hg.response(observer, [3.0, 30.0])
+    assert (response.states, response.outputs) == (("x1", "x2", "x3"), ("y1", "y2"))
     for rows, column, poles in ((slice(0, 2), 0, (-1, -2)), (slice(2, 3), 1, (-1,))):
         alone = hg.observers.high_gain(integrators(len(poles)), theta=5, poles=poles)
-        assert found.H[:, rows, column] == pytest.approx(hg.response(alone, [3.0, 30.0]).H[:, :, 0], rel=1e-12)
-        assert not found.H[:, rows, 1 - column].any()
+        assert response.H[:, rows, column] == pytest.approx(hg.response(alone, [3.0, 30.0]).H[:, :, 0], rel=1e-12)
+        assert not response.H[:, rows, 1 - column].any()
     span = np.geomspace(0.1, 300, 20)
     drawn = figure.response(
         hg.response(observer, span), hg.response(hg.sample(observer, hg.methods.rk4, dt=0.01), span), "s"
@@ -100,17 +100,17 @@ def test_estimates_in_other_coordinates_are_told() -> None:
     whose states are the form's in another order, or with another sign, keeps the plant's."""
     x = [hg.Signal(name, low=0.5, high=2) for name in ("a", "b")]
     plant = hg.System("curved", states=x, outputs=(hg.Signal("y"),), flow=[x[0] * x[1], -x[0]], output=[x[0]])
-    found = hg.response(hg.observers.high_gain(hg.forms.phase(plant), theta=3, poles=(-1, -2)), 5.0)
-    assert found.coordinates == "form"
-    assert found.states == tuple(s.name for s in hg.forms.phase(plant).states)
-    assert found.H[0, :, 0] == pytest.approx(
+    response = hg.response(hg.observers.high_gain(hg.forms.phase(plant), theta=3, poles=(-1, -2)), 5.0)
+    assert response.coordinates == "form"
+    assert response.states == tuple(s.name for s in hg.forms.phase(plant).states)
+    assert response.H[0, :, 0] == pytest.approx(
         hg.response(hg.observers.high_gain(integrators(2), theta=3, poles=(-1, -2)), 5.0).H[0, :, 0]
     )
     z = [hg.Signal(name, low=-2, high=2) for name in ("slow", "fast")]
     turned = hg.System("turned", states=z, outputs=(hg.Signal("y"),), flow=[-z[0], -4 * z[0]], output=[z[1]])
     other = hg.response(hg.observers.high_gain(hg.forms.triangular(turned), theta=3, poles=(-1, -2)), 5.0)
     assert (other.coordinates, other.states) == ("plant", ("slow", "fast"))
-    assert other.H[0, [1, 0], 0] == pytest.approx(found.H[0, :, 0] * [1, -1 / 4])
+    assert other.H[0, [1, 0], 0] == pytest.approx(response.H[0, :, 0] * [1, -1 / 4])
 
 
 def test_a_gain_that_adapts_is_taken_where_the_core_is_the_fastest() -> None:
@@ -145,11 +145,11 @@ def test_a_steps_response_is_what_the_step_does(name: str, method: str) -> None:
     observer = getattr(hg.observers, name)(integrators(4), **OBSERVERS[name])
     step = hg.sample(observer, getattr(hg.methods, method), dt=dt)
     t = np.arange(2000) * dt
-    found = hg.response(step, omega)
+    response = hg.response(step, omega)
     run = step.run(u=0 * t, y=np.sin(omega * t), engine="python")
-    expected = (found.H[0, :, 0] * np.exp(1j * omega * t)[:, None]).imag
+    expected = (response.H[0, :, 0] * np.exp(1j * omega * t)[:, None]).imag
     assert run.x[-200:] == pytest.approx(expected[-200:], abs=1e-9 * np.abs(expected).max())
-    assert found.dt == dt
+    assert response.dt == dt
 
 
 def test_a_steps_response_tends_to_the_continuous_one() -> None:
@@ -172,10 +172,10 @@ def test_the_observers_of_three_models_have_a_response_or_are_refused() -> None:
             made = step(model, tuned)
             omega = 0.01 / made.dt
             try:
-                exact, found = hg.response(made.observer, omega), hg.response(made, omega)
+                exact, response = hg.response(made.observer, omega), hg.response(made, omega)
             except NoResponse:
                 continue
-            assert np.abs(found.H / exact.H - 1).max() < 2e-4
+            assert np.abs(response.H / exact.H - 1).max() < 2e-4
             done.append(made.observer.name)
     assert set(done) >= {"cascade", "filtered", "high_gain", "low_power", "peaking_free", "updated_gain"}
 
@@ -184,16 +184,16 @@ def test_the_observers_of_three_models_have_a_response_or_are_refused() -> None:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    told = as_json("response", HYPERJERK, "--omega", "50,100,300", "-o", str(tmp_path))
-    assert (told["observer"], told["coordinates"], told["dt"]) == ("filtered", "plant", 1e-3)
-    assert told["omega"] == [50, 100, 300]
-    first = told["gains"][0]
+    answer = as_json("response", HYPERJERK, "--omega", "50,100,300", "-o", str(tmp_path))
+    assert (answer["observer"], answer["coordinates"], answer["dt"]) == ("filtered", "plant", 1e-3)
+    assert answer["omega"] == [50, 100, 300]
+    first = answer["gains"][0]
     assert (first["output"], first["state"]) == ("y", "x1")
     assert first["continuous"] == pytest.approx([0.2285, 0.0594, 0.00666], rel=3e-3)
     assert first["step"] == pytest.approx(first["continuous"], rel=8e-3)  # (300 x 1e-3)^2/12
     assert first["step"] != first["continuous"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["response.png", "response.svg"]
-    assert told["files"] == [str(tmp_path / "response.svg"), str(tmp_path / "response.png")]
+    assert answer["files"] == [str(tmp_path / "response.svg"), str(tmp_path / "response.png")]
 
 
 def test_the_command_in_words() -> None:
@@ -224,22 +224,24 @@ def test_no_number_is_broken(columns: str, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setenv("COLUMNS", columns)
     omega = "1,2,5,10,20,50,100,200,500,1000,2000,3000"
     arguments = ("response", HYPERJERK, "--observer", "high_gain", "--omega", omega)
-    told = as_json(*arguments)
+    answer = as_json(*arguments)
     rows = [line.split()[-3:] for line in hgogen(*arguments)[0].splitlines() if re.search(r"\d\s*$", line)]
-    wanted = [row for one in told["gains"] for row in zip(told["omega"], one["continuous"], one["step"], strict=True)]
+    wanted = [
+        row for one in answer["gains"] for row in zip(answer["omega"], one["continuous"], one["step"], strict=True)
+    ]
     assert [tuple(map(float, row)) for row in rows] == [tuple(float(f"{v:.4g}") for v in row) for row in wanted]
 
 
 @pytest.mark.parametrize(
-    ("given_", "said"),
+    ("omega", "said"),
     [
         ("fast", "'fast' must be numbers in rad/s, such as 50,100,300"),
         ("0", r"omega = \(0\.0,\) must be positive numbers \(rad/s\)"),
         ("1,nan", "must be positive numbers"),
     ],
 )
-def test_bad_frequencies_of_the_command(given_: str, said: str) -> None:
-    _, err = hgogen("response", HYPERJERK, "--omega", given_, status=2)
+def test_bad_frequencies_of_the_command(omega: str, said: str) -> None:
+    _, err = hgogen("response", HYPERJERK, "--omega", omega, status=2)
     assert re.search(said, " ".join(err.replace("│", " ").split()))
 
 

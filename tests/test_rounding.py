@@ -48,9 +48,9 @@ def test_rounding_bound_holds_against_exact_arithmetic() -> None:
     graph, rng = ca.Function("f", [a, b, c], [value]), np.random.default_rng(0)
     shares = []
     for _ in range(300):
-        given = rng.normal(size=3).astype(np.float32)
-        result = rounding.run(graph, [[v] for v in given])[0][0]
-        error = abs(Fraction(float(result.value)) - exactly(graph, [Fraction(float(v)) for v in given]))
+        values = rng.normal(size=3).astype(np.float32)
+        result = rounding.run(graph, [[v] for v in values])[0][0]
+        error = abs(Fraction(float(result.value)) - exactly(graph, [Fraction(float(v)) for v in values]))
         assert error <= Fraction(result.error)
         shares.append(float(error) / result.error)
     assert max(shares) > 0.1
@@ -63,9 +63,9 @@ def test_rounding_bound_of_functions(name: str) -> None:
     graph, rng = ca.Function("f", [a, b], [getattr(ca, name)(a * b)]), np.random.default_rng(0)
     with mpmath.workdps(30):
         for _ in range(300):
-            given = rng.uniform(-3, 3, 2).astype(np.float32)
-            result = rounding.run(graph, [[v] for v in given])[0][0]
-            true = getattr(mpmath, name)(mpmath.mpf(float(given[0])) * mpmath.mpf(float(given[1])))
+            values = rng.uniform(-3, 3, 2).astype(np.float32)
+            result = rounding.run(graph, [[v] for v in values])[0][0]
+            true = getattr(mpmath, name)(mpmath.mpf(float(values[0])) * mpmath.mpf(float(values[1])))
             assert abs(mpmath.mpf(float(result.value)) - true) <= result.error
             assert result.error < 1e-5 * max(1.0, float(abs(true)))
 

@@ -34,8 +34,8 @@ KINDS = {"float": ("f32", np.float32), "double": ("f64", np.float64)}
 
 def compilers() -> list[str]:
     """Debian's compiler, and another in front of it."""
-    found = (shutil.which("rustc", path="/usr/bin"), os.environ.get("RUSTC"), shutil.which("rustc"))
-    return list(dict.fromkeys(path for path in found if path))
+    paths = (shutil.which("rustc", path="/usr/bin"), os.environ.get("RUSTC"), shutil.which("rustc"))
+    return list(dict.fromkeys(path for path in paths if path))
 
 
 def rustc(which: int = 0) -> str:

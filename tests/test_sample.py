@@ -117,8 +117,8 @@ def test_both_engines_give_the_same_bits(name: str, data: st.DataObject) -> None
     kinds = st.sampled_from(["sample"] * 6 + ["predict", "update", "adapt", "tune", "reset", "again", "run"])
     acts = data.draw(st.lists(st.tuples(kinds, vectors(m), vectors(p), st.floats(width=64)), max_size=10))
     for act in acts:
-        found = [taken(step, act) for step in steps]
-        assert found[0] == found[1], act
+        results = [taken(step, act) for step in steps]
+        assert results[0] == results[1], act
         assert steps[0].save() == steps[1].save()
 
 
@@ -127,11 +127,11 @@ def test_both_engines_give_the_same_bits(name: str, data: st.DataObject) -> None
 def test_engines_take_turns_on_one_memory(name: str) -> None:
     """Sample, record, sample, by turns: what a record in C alone gives."""
     step, alone = by(name, "python"), by(name, "c")
-    given_ = record(step, 90)
-    whole = alone.run(**given_, engine="c")
-    parts = [step.run(**{k: v[:30] for k, v in given_.items()}, engine="c").x]
-    parts += [np.array([step(u=u, y=y).x for u, y in zip(given_["u"][30:60], given_["y"][30:60], strict=True)])]
-    parts += [step.run(**{k: v[60:] for k, v in given_.items()}, engine="python").x]
+    samples = record(step, 90)
+    whole = alone.run(**samples, engine="c")
+    parts = [step.run(**{k: v[:30] for k, v in samples.items()}, engine="c").x]
+    parts += [np.array([step(u=u, y=y).x for u, y in zip(samples["u"][30:60], samples["y"][30:60], strict=True)])]
+    parts += [step.run(**{k: v[60:] for k, v in samples.items()}, engine="python").x]
     assert np.array_equal(np.concatenate(parts), whole.x)
     assert step.save() == alone.save()
 
@@ -228,14 +228,14 @@ def test_a_sample_without_a_compiler_costs_little() -> None:
 
 def test_each_sample_is_a_value_of_its_own() -> None:
     step = by("staggered", "python")
-    first, kept = step(u=0.1, y=0.5), None
-    kept = bits(first)
+    first, before = step(u=0.1, y=0.5), None
+    before = bits(first)
     step(u=0.9, y=-0.5)
-    assert bits(first) == kept
+    assert bits(first) == before
     assert first["x1"] == first.x[0]
     assert first.x is first.x
     again = pickle.loads(pickle.dumps(first))
-    assert bits(again) == kept
+    assert bits(again) == before
     assert again.names == first.names
     with pytest.raises(AttributeError):
         first.status = 3  # type: ignore[misc]

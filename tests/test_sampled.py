@@ -50,8 +50,8 @@ def built(name: str, **changes: Any) -> hg.Observer:
 def line(observer: hg.Observer, seen: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """M and B of the observer, u as a second source beside y: x_n' = u, v = y - u."""
     (part,) = observer.parts
-    found = core(part, 1, [seen])
-    M, B = numbers(found.M, nominal(observer)), numbers(found.B, nominal(observer))
+    linear = core(part, 1, [seen])
+    M, B = numbers(linear.M, nominal(observer)), numbers(linear.B, nominal(observer))
     driven = np.zeros((len(M), 1))
     driven[3 if len(M) != 6 else 5] = 1  # the last w, or the last q
     return M, np.hstack([B, driven - B])
@@ -75,9 +75,9 @@ def test_phi_functions(values: list[float]) -> None:
     with mpmath.workdps(30):
         whole = mpmath.expm(mpmath.matrix(np.block([[X.reshape(n, n), one, null], [null, null, one], [null] * 3])))
     exact = np.array(whole.tolist(), dtype=float)[:n]
-    for found, expected in zip(phi, np.split(exact, 3, axis=1), strict=True):
+    for value, expected in zip(phi, np.split(exact, 3, axis=1), strict=True):
         room = 16 * n * EPS * max(1.0, np.abs(X).sum()) * np.abs(exact).max()
-        assert found.reshape(n, n) == pytest.approx(expected, abs=room)
+        assert value.reshape(n, n) == pytest.approx(expected, abs=room)
 
 
 @given(st.integers(2, 8), st.integers(0, 99), st.floats(-2, 2))
@@ -87,12 +87,12 @@ def test_balancing_is_a_similarity_by_powers_of_two(n: int, seed: int, power: fl
     without them, but for the last power of two in each element."""
     X = np.random.default_rng(seed).uniform(0.5, 2, (n, n)) * (np.eye(n, k=1) + np.eye(n) + np.eye(n)[:1])
     D = (10.0**power) ** np.arange(n)
-    given_ = D[:, None] * X / D
-    found, scale = given_.ravel().copy(), np.zeros(n)
-    balance(found, scale)
+    matrix = D[:, None] * X / D
+    balanced, scale = matrix.ravel().copy(), np.zeros(n)
+    balance(balanced, scale)
     assert (np.frexp(scale)[0] == 0.5).all()
-    assert np.array_equal(found.reshape(n, n), given_ * scale / scale[:, None])
-    assert np.abs(found).sum() < 4 * np.abs(X).sum()
+    assert np.array_equal(balanced.reshape(n, n), matrix * scale / scale[:, None])
+    assert np.abs(balanced).sum() < 4 * np.abs(X).sum()
 
 
 @example([1.0, -1.0, -1.0, 1.0])  # 1 - X has no pivot in its first place
@@ -100,13 +100,13 @@ def test_balancing_is_a_similarity_by_powers_of_two(n: int, seed: int, power: fl
 @settings(deadline=None, max_examples=25)
 def test_the_resolvent(values: list[float]) -> None:
     n = int(np.sqrt(len(values)))
-    X, found = np.array(values).reshape(n, n), np.zeros(n * n)
+    X, computed = np.array(values).reshape(n, n), np.zeros(n * n)
     with np.errstate(all="ignore"):
-        resolvent(X.ravel().copy(), found)
+        resolvent(X.ravel().copy(), computed)
     condition = np.linalg.cond(np.eye(n) - X)
     if condition < 1e10:
         expected = np.linalg.inv(np.eye(n) - X)
-        assert found.reshape(n, n) == pytest.approx(expected, abs=1e-14 * n * condition * np.abs(expected).max())
+        assert computed.reshape(n, n) == pytest.approx(expected, abs=1e-14 * n * condition * np.abs(expected).max())
 
 
 # --- the linear core ----------------------------------------------------------------------------------------
@@ -156,8 +156,8 @@ def test_far_beyond_the_limit_of_runge_kutta_it_is_stable(name: str, method: str
     step = hg.sample(observer, getattr(hg.methods, method), dt=1.0)
     assert step.limit == np.inf
     run = step.run(u=0 * t, y=np.sin(0.1 * t), engine="python")
-    found = hg.response(step, 0.1).H[0, :, 0]
-    expected = (found * np.exp(0.1j * t)[:, None]).imag
+    transfer = hg.response(step, 0.1).H[0, :, 0]
+    expected = (transfer * np.exp(0.1j * t)[:, None]).imag
     assert run.x[-100:] == pytest.approx(expected[-100:], abs=1e-9)
 
 
@@ -169,9 +169,9 @@ def test_a_tuned_gain_has_its_own_matrices(method: str) -> None:
     before = tuned.run(u=0 * y, y=y, engine="python").x
     tuned.reset()
     assert tuned.tune(theta=2.0) == 0
-    found = tuned.run(u=0 * y, y=y, engine="python").x
-    assert np.array_equal(found, declared.run(u=0 * y, y=y, engine="python").x)
-    assert np.abs(found - before).max() > 0.1
+    estimates = tuned.run(u=0 * y, y=y, engine="python").x
+    assert np.array_equal(estimates, declared.run(u=0 * y, y=y, engine="python").x)
+    assert np.abs(estimates - before).max() > 0.1
 
 
 @pytest.mark.parametrize("name", OBSERVERS)
@@ -229,11 +229,11 @@ def test_several_outputs_have_matrices_for_each_pattern_of_samples(method: str) 
     y = np.column_stack([np.cos(9 * t), np.sin(5 * t)])
     y[50:150, 0] = NAN
     y[100:250, 1] = NAN
-    found, expected = (
+    estimates, expected = (
         hg.sample(observer, getattr(hg.methods, name), dt=1e-3).run(u=np.sin(t), y=y, engine="python").x
         for name in (method, "rk4")
     )
-    assert found == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+    assert estimates == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
     assert np.abs(expected).max() > 1
 
 
@@ -271,15 +271,15 @@ def test_the_matrices_are_good_in_float(method: str) -> None:
         single, scale = (D[:, None] * X / D).astype(np.float32).ravel(), np.zeros(n, np.float32)
         balance(single, scale)
         if method == "exponential":
-            found = [np.zeros(n * n, np.float32) for _ in range(3)]
-            exponential(single, *found)
+            computed = [np.zeros(n * n, np.float32) for _ in range(3)]
+            exponential(single, *computed)
             expected = expm(X)
         else:
-            found = [np.zeros(n * n, np.float32)]
-            resolvent(single, found[0])
+            computed = [np.zeros(n * n, np.float32)]
+            resolvent(single, computed[0])
             expected = np.linalg.inv(np.eye(n) - X)
-        assert found[0].dtype == np.float32
-        back = found[0].reshape(n, n).astype(float) * scale[:, None] / scale / D[:, None] * D
+        assert computed[0].dtype == np.float32
+        back = computed[0].reshape(n, n).astype(float) * scale[:, None] / scale / D[:, None] * D
         assert back == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
 
 
@@ -317,8 +317,8 @@ def test_a_models_observers_with_a_linear_core_do_what_runge_kutta_does(name: st
             continue
         made = step(name, tuned)
         u, y = record(made)
-        found, expected = (
+        estimates, expected = (
             hg.sample(made.observer, way, dt=made.dt, between=made.between).run(u=u, y=y, engine="python").x
             for way in (getattr(hg.methods, method), hg.methods.rk4)
         )
-        assert np.abs(found - expected).max() < 1e-2 * np.abs(expected).max()
+        assert np.abs(estimates - expected).max() < 1e-2 * np.abs(expected).max()

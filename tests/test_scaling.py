@@ -45,7 +45,7 @@ def neuron(theta: Any, start: np.ndarray, method: str = "continuous_discrete") -
 @pytest.fixture
 def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the limit of dt by the covariance, which takes seconds to find."""
-    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *given: [Limit(np.inf, "not asked")])
+    monkeypatch.setattr("hgogen.method.covariance_limits", lambda *arguments: [Limit(np.inf, "not asked")])
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -62,13 +62,13 @@ def test_at_constant_theta_both_scalings_are_one_observer(method: str) -> None:
 def test_while_theta_decays_they_are_two() -> None:
     """S' of the paper's has rate (theta - 1)/theta S more: a difference that vanishes with the rate, not before."""
 
-    def apart(rate: float) -> float:
+    def distance(rate: float) -> float:
         slides = neuron(hg.theta.decaying(3.0, rate), 3.0 * P0)
         return float(np.abs(slides - neuron(hg.theta.decaying(3.0, rate, scaled="both"), P0)).max())
 
-    found = [apart(rate) for rate in (0.5, 0.05, 0.005)]
-    assert found[0] > 0.02
-    assert found[1] / found[2] == pytest.approx(10, rel=0.2)
+    distances = [distance(rate) for rate in (0.5, 0.05, 0.005)]
+    assert distances[0] > 0.02
+    assert distances[1] / distances[2] == pytest.approx(10, rel=0.2)
 
 
 @pytest.mark.parametrize("scaled", SCALED)
@@ -95,8 +95,8 @@ def test_a_decaying_theta_is_the_oracles(scaled: str) -> None:
         record["u"],
         record["y"][:, None],
     )
-    found = neuron_run(hg.theta.decaying(theta_0, rate, scaled=scaled), record, h)
-    assert found == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+    estimates = neuron_run(hg.theta.decaying(theta_0, rate, scaled=scaled), record, h)
+    assert estimates == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
 
 
 def neuron_run(theta: Any, record: dict[str, np.ndarray], h: float) -> np.ndarray:
@@ -151,8 +151,8 @@ def test_blocks_are_the_oracles(align: str, scaled: str, decays: bool) -> None:
     """Delta and delta as the thesis prints them; products of numbers up to theta^5 R, rounding only."""
     theta, h, (A, C) = 3.0, 0.01, matrices(align)
     law = hg.theta.decaying(theta, 0.8, scaled=scaled) if decays else hg.theta.constant(theta, scaled=scaled)
-    given_ = record(h, 4.0)
-    found = two(align, law).run(**given_, engine="python")
+    samples = record(h, 4.0)
+    run = two(align, law).run(**samples, engine="python")
     b = np.array([0, 0, 0, 0, 1.0])
     expected = oracle.run(
         lambda z, u: A @ z + b * u,
@@ -162,11 +162,11 @@ def test_blocks_are_the_oracles(align: str, scaled: str, decays: bool) -> None:
         lambda k: 1 + (theta - 1) * np.exp(-0.8 * h * max(k - 1, 0)) if decays else theta,
         np.eye(5),
         h,
-        given_["u"],
-        given_["y"],
+        samples["u"],
+        samples["y"],
     )
-    assert not found.status.any()
-    assert found.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    assert not run.status.any()
+    assert run.x == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.usefixtures("unchecked")
@@ -175,10 +175,10 @@ def test_every_view_of_blocks_follows_the_same_equation(align: str) -> None:
     """RK4 on S and on P converge to it with order 4, the continuous-discrete step with order 1."""
     errors: dict[str, list[float]] = {method: [] for method in METHODS}
     for dt in (0.005, 0.0025):
-        given_ = record(dt, 0.7)
-        exact = hg.reference(two(align, 3.0, dt=dt), **given_).x
-        for method, found in errors.items():
-            found.append(float(np.abs(two(align, 3.0, method, dt).run(**given_, engine="python").x - exact).max()))
+        samples = record(dt, 0.7)
+        exact = hg.reference(two(align, 3.0, dt=dt), **samples).x
+        for method, of_method in errors.items():
+            of_method.append(float(np.abs(two(align, 3.0, method, dt).run(**samples, engine="python").x - exact).max()))
     orders = {method: np.log2(coarse / fine) for method, (coarse, fine) in errors.items()}
     assert orders["continuous_discrete"] == pytest.approx(1, abs=0.25)
     assert min(orders["rk4"], orders["rk4_covariance"]) > 3.4
@@ -188,15 +188,15 @@ def test_every_view_of_blocks_follows_the_same_equation(align: str) -> None:
 @pytest.mark.parametrize("align", ["top", "end"])
 def test_many_states_by_loops_are_the_few_unrolled(align: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same equation with the same operations but for their order."""
-    given_ = record(0.01, 2.0)
+    samples = record(0.01, 2.0)
 
-    def found() -> np.ndarray:
+    def estimates() -> np.ndarray:
         observer = hg.observers.riccati(form(align), Q=np.diag(Q5), R=R2, theta=hg.theta.decaying(3.0, 0.5))
-        return hg.sample(observer, dt=0.01).run(**given_, engine="python").x
+        return hg.sample(observer, dt=0.01).run(**samples, engine="python").x
 
-    unrolled = found()
+    unrolled = estimates()
     monkeypatch.setattr(sys.modules["hgogen.methods.continuous_discrete"], "UNROLLED", 0)
-    assert found() == pytest.approx(unrolled, abs=1e-9 * np.abs(unrolled).max())
+    assert estimates() == pytest.approx(unrolled, abs=1e-9 * np.abs(unrolled).max())
 
 
 chains = st.lists(st.integers(1, 3), min_size=1, max_size=3)
@@ -241,34 +241,34 @@ MOTOR = load(MODELS / "geared_motor.py")
 
 def test_the_motors_alignment() -> None:
     """Known answers of the model's docstring."""
-    found = {align: hg.forms.block_triangular(MOTOR.plant, align) for align in ("top", "end", "cascade")}
-    verdicts = {align: str(made.checks[0].verdict) for align, made in found.items()}
+    aligned = {align: hg.forms.block_triangular(MOTOR.plant, align) for align in ("top", "end", "cascade")}
+    verdicts = {align: str(made.checks[0].verdict) for align, made in aligned.items()}
     assert verdicts == {"top": "refuted", "end": "proved", "cascade": "proved"}
-    assert (found["end"].blocks, hg.forms.block_triangular(MOTOR.plant).alignment) == ((1, 3), "end")
+    assert (aligned["end"].blocks, hg.forms.block_triangular(MOTOR.plant).alignment) == ((1, 3), "end")
     (part, *_) = MOTOR.step().observer.parts
     assert part.scaling == Scaling((2, 0, 1, 2), (2, 0), 0)
     assert part.scaling.variances(np.ones(2), 2.0) == pytest.approx([8.0, 0.5])
     gains = {"Q": (1,) * 4, "R": 1, "theta": 2.0}
     with pytest.raises(BadGain, match='align "top" or "end"'):
-        hg.observers.riccati(found["cascade"], **gains)
+        hg.observers.riccati(aligned["cascade"], **gains)
 
 
 def test_the_motors_theorem_asks_its_alignment() -> None:
-    found = {row.claim: row for row in rows(MOTOR.step().observer.theorem, MOTOR.step().observer.checks)}
-    row = found["b_(i,j) reads z_(k,l) for l <= j + n_k - n_i only (end)"]
+    by_claim = {row.claim: row for row in rows(MOTOR.step().observer.theorem, MOTOR.step().observer.checks)}
+    row = by_claim["b_(i,j) reads z_(k,l) for l <= j + n_k - n_i only (end)"]
     assert (row.standing, row.checks) == ("proved", ("block_triangular.structure",))
-    assert found["0 < a_m <= a_(i,j) <= a_M for every input and parameter in its range"].standing == "proved"
+    assert by_claim["0 < a_m <= a_(i,j) <= a_M for every input and parameter in its range"].standing == "proved"
     plain = hg.observers.riccati(hg.forms.block_triangular(MOTOR.plant, "cascade"), Q=(1,) * 4, R=1)
-    found = {row.claim: row for row in rows(plain.theorem, plain.checks)}
-    assert found["b_(i,j) reads z_(k,l) for l <= j or j + n_k - n_i only"].standing == "unknown"
+    by_claim = {row.claim: row for row in rows(plain.theorem, plain.checks)}
+    assert by_claim["b_(i,j) reads z_(k,l) for l <= j or j + n_k - n_i only"].standing == "unknown"
 
 
 @pytest.mark.parametrize(("align", "standing"), [("top", "proved"), ("end", "unknown")])
 def test_the_slides_theorem_knows_no_delta(align: str, standing: str) -> None:
     """R is not scaled where delta = 1 alone."""
     observer = hg.observers.riccati(form(align), Q=Q5, R=R2, theta=hg.theta.decaying(3.0, 1.0))
-    found = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
-    assert found["R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"] == standing
+    standings = {row.claim: row.standing for row in rows(observer.theorem, observer.checks)}
+    assert standings["R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"] == standing
 
 
 def test_the_motors_load_is_found_sooner_where_theta_adapts() -> None:
@@ -278,8 +278,8 @@ def test_the_motors_load_is_found_sooner_where_theta_adapts() -> None:
     plain = hg.observers.riccati(hg.forms.block_triangular(MOTOR.plant, "end"), **{**table, "theta": 1.0})
     late, steady = [], []
     for step in (hg.sample(plain, dt=1e-3), MOTOR.step()):
-        (found,) = hg.trial.try_out(step, trial, engine="python", seeds=(0,))
-        t, error = found.truth.t, np.abs(found.error[:, 3])
+        (trajectory,) = hg.trial.try_out(step, trial, engine="python", seeds=(0,))
+        t, error = trajectory.truth.t, np.abs(trajectory.error[:, 3])
         late.append(max(t[(t < end) & (error > 0.01)].max() - end + 2 for end in (4.0, 6.0)))
         steady.append(np.sqrt((error[t > 5.5] ** 2).mean()))
     assert late[1] < late[0] / 2
@@ -313,8 +313,8 @@ def test_each_output_counts_its_own_samples() -> None:
     """A sensor that is silent adds nothing, and does not change what the other counts for."""
     y = np.tile([1.0, 2.0], (60, 1))
     y[:, 0] = np.nan
-    found = resting(hg.innovation.staggered(1.0, predictors=2), y)[20:]
-    assert found == pytest.approx(4.0, abs=1e-6)
+    innovation = resting(hg.innovation.staggered(1.0, predictors=2), y)[20:]
+    assert innovation == pytest.approx(4.0, abs=1e-6)
 
 
 def test_weights_are_one_for_each_output() -> None:

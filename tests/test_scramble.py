@@ -35,30 +35,30 @@ def in_fifth(one: Labelled) -> bool:
 
 
 @pytest.fixture(scope="module", params=["a fifth", pytest.param("the rest", marks=pytest.mark.slow)])
-def found(request: pytest.FixtureRequest) -> Answers:
+def answers(request: pytest.FixtureRequest) -> Answers:
     wanted = request.param == "a fifth"
     return library.check([(one.name, one.model) for one in every() if in_fifth(one) == wanted])
 
 
-def labelled(found: Answers, field: str) -> Iterator[tuple[Labelled, Any]]:
-    return ((one, one.truth[field]) for one in every() if one.name in found and field in one.truth)
+def labelled(answers: Answers, field: str) -> Iterator[tuple[Labelled, Any]]:
+    return ((one, one.truth[field]) for one in every() if one.name in answers and field in one.truth)
 
 
 def test_a_fifth_is_of_every_family_and_kind() -> None:
     assert {one.kind for one in every() if in_fifth(one)} == {one.kind for one in every()}
 
 
-def test_nothing_failed_and_nothing_was_late(found: Answers) -> None:
-    told = {name: [a.get(key) for key in ("error", "partial", "notes")] for name, a in found.items()}
-    wrong = {name: said for name, said in told.items() if any(said)}
+def test_nothing_failed_and_nothing_was_late(answers: Answers) -> None:
+    complaints = {name: [a.get(key) for key in ("error", "partial", "notes")] for name, a in answers.items()}
+    wrong = {name: said for name, said in complaints.items() if any(said)}
     assert not wrong
 
 
 @pytest.mark.parametrize("field", [*FORMS, *SEVERAL])
-def test_verdicts(found: Answers, field: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_verdicts(answers: Answers, field: str, capsys: pytest.CaptureFixture[str]) -> None:
     score: Counter[str] = Counter()
-    for one, truth in labelled(found, field):
-        answer = found[one.name][field]
+    for one, truth in labelled(answers, field):
+        answer = answers[one.name][field]
         score[f"{truth} {'right' if answer == truth else 'none' if answer is None else 'WRONG: ' + one.name}"] += 1
     with capsys.disabled():
         print(f"\n  {field:16}", ", ".join(f"{what}: {count}" for what, count in sorted(score.items())), end="")
@@ -67,15 +67,15 @@ def test_verdicts(found: Answers, field: str, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("field", ["order", "rank_params_known", "observable_params_known"])
-def test_orders_and_ranks(found: Answers, field: str) -> None:
+def test_orders_and_ranks(answers: Answers, field: str) -> None:
     missed = 0
-    for one, truth in labelled(found, field):
-        answer = found[one.name][field]
+    for one, truth in labelled(answers, field):
+        answer = answers[one.name][field]
         if answer is None:
             missed += 1
             continue
         assert (sorted(answer) if field.startswith("observable") else answer) == truth, one.name
-    assert missed <= 0.02 * sum(1 for _ in labelled(found, field))
+    assert missed <= 0.02 * sum(1 for _ in labelled(answers, field))
 
 
 def encloses(answer: list[float], low: sp.Expr, high: sp.Expr) -> bool:
@@ -90,25 +90,25 @@ def excess(answer: list[float], low: sp.Expr, high: sp.Expr) -> float:
     return (answer[1] - answer[0] - float(high - low)) / width
 
 
-def test_ranges_of_gains(found: Answers) -> None:
+def test_ranges_of_gains(answers: Answers) -> None:
     none, wide = [], []
-    for one, truth in labelled(found, "a_ranges"):
-        answer = found[one.name]["a_ranges"]
+    for one, truth in labelled(answers, "a_ranges"):
+        answer = answers[one.name]["a_ranges"]
         if answer is None:
             none.append(one.name)
             continue
         for pair, (low, high) in zip(answer, truth, strict=True):
             assert encloses(pair, low, high), (one.name, pair, low, high)
             wide += [one.name] if excess(pair, low, high) > 0.05 else []
-        if found[one.name]["triangular"]:
+        if answers[one.name]["triangular"]:
             assert all(pair[0] > 0 for pair in answer), one.name
-    assert len(none) + len(wide) <= 0.02 * sum(1 for _ in labelled(found, "a_ranges")), (none, wide)
+    assert len(none) + len(wide) <= 0.02 * sum(1 for _ in labelled(answers, "a_ranges")), (none, wide)
 
 
-def test_ranges_of_queries(found: Answers) -> None:
+def test_ranges_of_queries(answers: Answers) -> None:
     missed = []
-    for one, truth in labelled(found, "bounds"):
-        for answer, (low, high) in zip(found[one.name]["bounds"], truth, strict=True):
+    for one, truth in labelled(answers, "bounds"):
+        for answer, (low, high) in zip(answers[one.name]["bounds"], truth, strict=True):
             assert answer is None or encloses(answer, low, high), (one.name, answer, low, high)
             allowed = 0.05 if len(one.model["states"]) <= 2 else 0.20
             if answer is None or excess(answer, low, high) > allowed:
@@ -116,14 +116,14 @@ def test_ranges_of_queries(found: Answers) -> None:
     assert not missed
 
 
-def test_singular_sets(found: Answers) -> None:
+def test_singular_sets(answers: Answers) -> None:
     """At random points of the box neither vanishes; where a state makes the truth vanish, the answer does too."""
-    given = 0
-    for one, truth in labelled(found, "singular"):
-        answer = found[one.name]["singular"]
+    count = 0
+    for one, truth in labelled(answers, "singular"):
+        answer = answers[one.name]["singular"]
         if answer is None:
             continue
-        given += 1
+        count += 1
         if isinstance(truth, str):
             assert answer == truth, one.name
             continue
@@ -135,4 +135,4 @@ def test_singular_sets(found: Answers) -> None:
             point = at | {s: sp.S.Zero}
             if s.name in one.model["states"] and truth.subs(point).is_finite:
                 assert (truth.subs(point) == 0) == (product.subs(point) == 0), one.name
-    assert given >= 0.9 * sum(1 for _ in labelled(found, "singular"))
+    assert count >= 0.9 * sum(1 for _ in labelled(answers, "singular"))

@@ -33,26 +33,26 @@ def test_there_are_enough_and_they_are_the_same_again() -> None:
 
 def test_structure_by_every_order() -> None:
     for one in (one for one in singles() if len(one.model["states"]) <= 5):
-        found = structure(one.model)
+        labels = structure(one.model)
         truth = one.truth
-        assert found["uof_structure"] == truth["uof_structure"], one.name
+        assert labels["uof_structure"] == truth["uof_structure"], one.name
         if "order" in truth:
-            assert found["order"] == truth["order"], one.name
+            assert labels["order"] == truth["order"], one.name
         for field in ("triangular", "triangular_uy"):
             if truth[field] or "x_box" not in one.model:
-                assert found[field] == truth[field], (one.name, field)
+                assert labels[field] == truth[field], (one.name, field)
             else:
-                assert not found[field] or any(low <= 0 for low, _ in truth["a_ranges"]), (one.name, field)
+                assert not labels[field] or any(low <= 0 for low, _ in truth["a_ranges"]), (one.name, field)
 
 
 def test_structure_by_every_split() -> None:
     for one in several():
-        found = structure(one.model)
+        labels = structure(one.model)
         for field, name in (("mimo_levelwise", "levelwise"), ("mimo_cascade", "cascade")):
             if field in one.truth:
-                assert found[name] == one.truth[field], (one.name, field)
+                assert labels[name] == one.truth[field], (one.name, field)
         if one.truth.get("mimo_uof"):
-            assert found["bent"], one.name
+            assert labels["bent"], one.name
 
 
 # --- ranges -------------------------------------------------------------------------------------------------

@@ -93,9 +93,9 @@ def test_the_form_that_is_proved_is_the_float_one(shape: Shape, r: float) -> Non
 def test_every_proof_holds_in_its_coordinates(shape: Shape, r: float, poles: tuple[float, ...]) -> None:
     """The eigenvalues of the form with a P of scipy's; peak >= lambda_max(P), and not much larger."""
     adaptation, K = Adaptation(shape, Fraction(1), Fraction(r)), np.poly(poles)[1:]
-    found = decays(adaptation, K)
-    assert len(found) >= 2
-    for one in found:
+    proofs = decays(adaptation, K)
+    assert len(proofs) >= 2
+    for one in proofs:
         S = np.diag(float(one.growth) ** np.arange(len(K)))
         N = S @ companion(K) @ np.linalg.inv(S)
         P = solve_continuous_lyapunov(N.T, -np.eye(len(K)))
@@ -111,8 +111,8 @@ def test_parameters_in_the_chain_have_their_values_in_the_bound() -> None:
     flow = [2 * x[1], k * x[2], -sp.sin(x[0])]
     plant = hg.System("scaled", states=x, outputs=(y,), parameters=(k,), flow=flow, output=[x[0]])
     chain = integrators("x", hg.forms.triangular(plant))
-    found = decays(Adaptation(SATURATION, Fraction(1), Fraction(10)), np.array([3.0, 3.0, 1.0]))
-    bound = theta_bound(chain, found[:1], {})
+    proofs = decays(Adaptation(SATURATION, Fraction(1), Fraction(10)), np.array([3.0, 3.0, 1.0]))
+    bound = theta_bound(chain, proofs[:1], {})
     assert isinstance(bound, SectorBound)
     assert float(bound.lipschitz) == pytest.approx(1, rel=1e-3)
 
@@ -121,9 +121,9 @@ def test_parameters_in_the_chain_have_their_values_in_the_bound() -> None:
 def test_the_bound_is_the_formulas(shape: Shape, r: float) -> None:
     """Of the pendulum, in the coordinates g^(i-1) eps_i: L_b = |(19.6 g, .1)|."""
     chain, K = integrators("x", swing.form()), np.array([2.0, 1.0])
-    found = decays(Adaptation(shape, Fraction(1), Fraction(r)), K)
-    assert len({one.growth for one in found}) >= 2
-    for one in found:
+    proofs = decays(Adaptation(shape, Fraction(1), Fraction(r)), K)
+    assert len({one.growth for one in proofs}) >= 2
+    for one in proofs:
         bound = theta_bound(chain, [one], {})
         assert isinstance(bound, SectorBound)
         assert float(bound.lipschitz) == pytest.approx(np.hypot(19.6 * float(one.growth), 0.1), rel=1e-3)

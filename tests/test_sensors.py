@@ -171,8 +171,8 @@ def test_the_innovation_of_a_slow_sensor_is_the_same_integral(way: Any) -> None:
     made = hg.sample(observer, dt=0.01, periods={"y": 0.05})
     values = np.full(400, NAN)
     values[::5] = 1.0
-    found = made.run(y=values, engine="python").traces["innovation"][100:]
-    assert found == pytest.approx(0.4, abs=1e-9)
+    innovation = made.run(y=values, engine="python").traces["innovation"][100:]
+    assert innovation == pytest.approx(0.4, abs=1e-9)
 
 
 # --- late, early, twice -------------------------------------------------------------------------------------
@@ -190,17 +190,17 @@ def at(made: Any, period: int) -> Any:
 @given(st.integers(1, 10**6), st.integers(-32767, 32768))
 def test_only_a_sample_of_now_is_used(now: int, age: int) -> None:
     """Also where the count has wrapped round."""
-    made, told = at(two(y2=0.05), now), now - age
-    if told < 0:
+    made, stamp = at(two(y2=0.05), now), now - age
+    if stamp < 0:
         return
     before = made.save()
-    sample = made.update(told, y2=0.4)
+    sample = made.update(stamp, y2=0.4)
     assert sample.flags == ((f"{'LATE' if age > 0 else 'EARLY'}_y2",) if age else ())
     assert (made.save() == before) == bool(age)
 
 
 @pytest.mark.parametrize(
-    ("now", "told", "flag"),
+    ("now", "stamp", "flag"),
     [
         (65535, 65535, 0),
         (0, 0, 0),
@@ -211,16 +211,16 @@ def test_only_a_sample_of_now_is_used(now: int, age: int) -> None:
         (32769, 0, "EARLY_y2"),
     ],
 )
-def test_c_counts_round_and_round(now: int, told: int, flag: Any) -> None:
+def test_c_counts_round_and_round(now: int, stamp: int, flag: Any) -> None:
     made, native = two(y2=0.05), Sections(two(y2=0.05), "float")
     native.predict((0.1,))
     native.state["now"] = (now - 1) % 65536
     native.predict((0.1,))
     assert native.state["now"][0] == now
     before = native.state.copy()
-    assert made.flags(native.update("y2", 0.4, at=told)) == ((flag,) if flag else ())
+    assert made.flags(native.update("y2", 0.4, at=stamp)) == ((flag,) if flag else ())
     assert (native.state == before).all() == bool(flag)
-    assert made.flags(at(made, now).update(told, y2=0.4).status) == ((flag,) if flag else ())
+    assert made.flags(at(made, now).update(stamp, y2=0.4).status) == ((flag,) if flag else ())
 
 
 def test_a_sample_counts_once() -> None:
@@ -240,12 +240,12 @@ def test_a_sample_counts_once() -> None:
 def test_before_the_first_predict_every_sample_is_early() -> None:
     """Else that of period 0 would be used twice: before the first predict, which forgets what was used, and after."""
     made, native = fresh(two(y2=0.05)), Sections(two(y2=0.05), "float")
-    before, kept = made.save(), native.state.copy()
+    before, memory = made.save(), native.state.copy()
     for at_ in (None, 0):
         assert made.update(at_, y1=0.3).flags == ("EARLY_y1",)
         assert made.flags(native.update("y1", 0.3, at=at_)) == ("EARLY_y1",)
     assert made.save() == before
-    assert (native.state == kept).all()
+    assert (native.state == memory).all()
     made.predict(u=0.1)
     native.predict((0.1,))
     for flags in ((), ("REPEATED_y1",)):

@@ -27,9 +27,9 @@ def command(*arguments: str) -> tuple[int, str, str]:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_that_makes_a_step_takes_them(name: str) -> None:
-    _, told, _ = command(name, "--help")
-    assert all(f"--{field.name} " in told for field in dataclasses.fields(Setting))
-    assert re.search(r"--observer\b", told)
+    _, stdout, _ = command(name, "--help")
+    assert all(f"--{field.name} " in stdout for field in dataclasses.fields(Setting))
+    assert re.search(r"--observer\b", stdout)
 
 
 @pytest.mark.parametrize("name", ["pendulum.py", "fitzhugh_nagumo.py"])
@@ -64,9 +64,9 @@ def test_trials_run_in_the_precision_that_is_set() -> None:
     """The errors differ, by little."""
     errors = []
     for real in ("double", "float"):
-        status, told, said = command("simulate", model("pendulum.py"), "--seeds", "1", "--real", real, "--json")
+        status, stdout, said = command("simulate", model("pendulum.py"), "--seeds", "1", "--real", real, "--json")
         assert status == 0, said
-        errors.append(json.loads(told)["trials"][0]["rms"])
+        errors.append(json.loads(stdout)["trials"][0]["rms"])
     assert errors[0] != errors[1]
     assert errors[0] == pytest.approx(errors[1], rel=1e-2)
 
@@ -103,11 +103,11 @@ def test_the_command_in_the_banner_makes_the_same_c_again(tmp_path: Path) -> Non
 
 
 def test_check_asks_the_form_that_is_set_and_takes_the_observers_as_they_are_tuned() -> None:
-    status, told, _ = command("check", model("pendulum.py"), "--form", "phase", "--json")
-    found = json.loads(told)
-    assert (status, found["form"]) == (0, "phase")
+    status, stdout, _ = command("check", model("pendulum.py"), "--form", "phase", "--json")
+    answer = json.loads(stdout)
+    assert (status, answer["form"]) == (0, "phase")
     as_written = json.loads(command("check", model("pendulum.py"), "--json")[1])
-    assert found["take"] == as_written["take"]
+    assert answer["take"] == as_written["take"]
     without = json.loads(command("check", model("sir.toml"), "--form", "uniform", "--json")[1])
     assert without["form"] == "uniform"
     assert any("of the uniform form alone" in note for note in without["notes"])
@@ -128,9 +128,9 @@ def test_a_setting_is_not_for_a_library(tmp_path: Path) -> None:
 
 
 def test_window_asks_the_tuning_that_is_named() -> None:
-    status, told, said = command("window", model("fitzhugh_nagumo.py"), "--observer", "riccati", "--json")
+    status, stdout, said = command("window", model("fitzhugh_nagumo.py"), "--observer", "riccati", "--json")
     assert status == 0, said
-    assert json.loads(told)["windows"]
+    assert json.loads(stdout)["windows"]
     status, _, said = command("window", model("fitzhugh_nagumo.py"), "--observer", "rikati")
     assert status == 2
     assert "riccati" in said

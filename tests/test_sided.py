@@ -67,8 +67,8 @@ def test_past_the_pole_the_hidden_state_is_at_the_near_end(sign: int) -> None:
     recovered = graph(form)
     rates = np.linspace(0, form.states[1].high if sign > 0 else -form.states[1].low, 101)
     rates = np.sort(np.append(rates, 0.05))
-    found = [recovered([sign * 0.05, sign * rate], [0, 0]) for rate in rates]
-    s, beyond = (np.array([np.array(x)[-1, 0] for x in column]) for column in zip(*found, strict=True))
+    recoveries = [recovered([sign * 0.05, sign * rate], [0, 0]) for rate in rates]
+    s, beyond = (np.array([np.array(x)[-1, 0] for x in column]) for column in zip(*recoveries, strict=True))
     assert (np.diff(s) >= 0).all()
     assert (s[rates >= 0.04] == 0.2).all()  # m s/(m + s) = 0.04 at s = 0.2
     assert beyond.tolist() == (rates > 0.04).tolist()
@@ -140,14 +140,14 @@ def test_a_matrix_without_an_inverse_gives_way_to_one_with(rows: list[list[Any]]
 
 
 def _nodes(value: ca.SX) -> list[ca.SX]:
-    found: dict[int, ca.SX] = {}
+    nodes: dict[int, ca.SX] = {}
     todo = [value[i] for i in range(value.numel())]
     while todo:
         e = todo.pop()
-        if e.element_hash() not in found:
-            found[e.element_hash()] = e
+        if e.element_hash() not in nodes:
+            nodes[e.element_hash()] = e
             todo += [e.dep(i) for i in range(e.n_dep())]
-    return list(found.values())
+    return list(nodes.values())
 
 
 def test_a_determinant_proved_off_0_is_not_tested() -> None:

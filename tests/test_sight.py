@@ -40,25 +40,25 @@ def by_hand(d: float, rate: float, samples: int) -> float:
 @pytest.mark.parametrize("rate", [2.0, 0.01])
 def test_a_chain_by_hand(rate: float) -> None:
     """x1 crosses its range of 2 in 2/rate at the highest speed, x2 never moves: the same at every point."""
-    found = sight(integrator(rate))
-    assert 2 / rate <= found.window <= 2.2 / rate
-    assert found.least == pytest.approx(by_hand(found.window, rate, 20), rel=1e-12)
-    assert found.median == pytest.approx(found.least, rel=1e-12)
+    visibility = sight(integrator(rate))
+    assert 2 / rate <= visibility.window <= 2.2 / rate
+    assert visibility.least == pytest.approx(by_hand(visibility.window, rate, 20), rel=1e-12)
+    assert visibility.median == pytest.approx(visibility.least, rel=1e-12)
 
 
 def test_along_a_trial_by_hand() -> None:
-    found = sight(integrator(), Trial("rest", 5.0, start={"x1": 0, "x2": 0}, inputs={}))
-    assert found.window == 0.5
-    assert found.least == pytest.approx(by_hand(0.5, 2.0, 20), rel=1e-12)
-    assert next(iter(found.direction)) == "x2"
-    assert sum(share**2 for share in found.direction.values()) == pytest.approx(1)
+    visibility = sight(integrator(), Trial("rest", 5.0, start={"x1": 0, "x2": 0}, inputs={}))
+    assert visibility.window == 0.5
+    assert visibility.least == pytest.approx(by_hand(0.5, 2.0, 20), rel=1e-12)
+    assert next(iter(visibility.direction)) == "x2"
+    assert sum(share**2 for share in visibility.direction.values()) == pytest.approx(1)
 
 
 def test_a_car_that_goes_straight_shows_exactly_nothing_of_its_steering() -> None:
-    found = sight(*car(still=True))
-    assert found.least == found.median == 0.0
-    assert found.hopeless
-    assert abs(found.direction["k"]) == 1.0
+    visibility = sight(*car(still=True))
+    assert visibility.least == visibility.median == 0.0
+    assert visibility.hopeless
+    assert abs(visibility.direction["k"]) == 1.0
     assert not sight(*car(still=False)).hopeless
 
 
@@ -66,17 +66,17 @@ def test_where_it_is_least() -> None:
     """Steering stops for good at 2: from there on nothing is shown, before something is."""
     plant, trial = car(still=False)
     stopped = Trial("stop", 4, start=trial.start, inputs={"u": sp.Piecewise((sp.cos(t), t < 2), (0, True))})
-    found = sight(plant, stopped)
-    assert found.least == 0.0 < found.median
-    assert found.where["t"] == pytest.approx(2, abs=4 / 100 + 1e-9)
+    visibility = sight(plant, stopped)
+    assert visibility.least == 0.0 < visibility.median
+    assert visibility.where["t"] == pytest.approx(2, abs=4 / 100 + 1e-9)
 
 
 def test_a_singular_input_is_among_the_points() -> None:
     """The middle of the box has u = 0; the lorenz system is blind on x = 0, the middle of its box."""
-    found = sight(load(MODELS / "lorenz.toml").plant)
-    assert found.least == 0.0
-    assert found.where["x"] == 0.0
-    assert found.median > HOPELESS
+    visibility = sight(load(MODELS / "lorenz.toml").plant)
+    assert visibility.least == 0.0
+    assert visibility.where["x"] == 0.0
+    assert visibility.median > HOPELESS
 
 
 def test_it_is_the_root_mean_square_of_the_integral() -> None:
@@ -90,11 +90,12 @@ def test_it_is_the_root_mean_square_of_the_integral() -> None:
         flow=list(sp.Matrix(A) * sp.Matrix(x)),
         output=[x[0]],
     )
-    found = sight(plant, Trial("free", 30, start={"x1": 1, "x2": 0, "x3": 0}, inputs={}))
+    visibility = sight(plant, Trial("free", 30, start={"x1": 1, "x2": 0, "x3": 0}, inputs={}))
     forever = solve_continuous_lyapunov(A.T, -np.outer(*2 * [np.eye(3)[0]]))  # A'X + XA = -C'C
-    end = expm(A * found.window)
-    W = (forever - end.T @ forever @ end) / found.window
-    assert found.least == pytest.approx(math.sqrt(np.linalg.eigvalsh(W)[0]), rel=0.035)  # (2 |A| h)^2/24 at h = 0.15
+    end = expm(A * visibility.window)
+    W = (forever - end.T @ forever @ end) / visibility.window
+    # (2 |A| h)^2/24 at h = 0.15
+    assert visibility.least == pytest.approx(math.sqrt(np.linalg.eigvalsh(W)[0]), rel=0.035)
 
 
 def test_units_change_nothing() -> None:
@@ -113,9 +114,9 @@ def test_a_jump_and_a_stiff_mode_are_no_obstacle() -> None:
     plant = hg.System(
         "stiff", states=(x1, x2), outputs=(hg.Signal("y", low=-1, high=1),), flow=[x2 - x1, -1e4 * x2], output=[x1]
     )
-    found = sight(plant, Trial("jump", 10, start={"x1": 0, "x2": 0}, inputs={}, jumps=(Jump(5, "x1", 0.5),)))
-    assert 0 < found.least < 1e-4
-    assert found.hopeless
+    visibility = sight(plant, Trial("jump", 10, start={"x1": 0, "x2": 0}, inputs={}, jumps=(Jump(5, "x1", 0.5),)))
+    assert 0 < visibility.least < 1e-4
+    assert visibility.hopeless
     assert math.isfinite(sight(plant).least)
 
 
@@ -135,6 +136,6 @@ def test_a_system_without_an_end_is_finite() -> None:
     """x' = x^2 leaves its box in finite time; what grows is cut."""
     x = hg.Signal("x", low=-100, high=100)
     plant = hg.System("escape", states=(x,), outputs=(hg.Signal("y"),), flow=[x**2], output=[x**3])
-    found: Sight = sight(plant)
-    assert 0 <= found.least <= found.median < math.inf
-    assert found.as_dict()["where"] == {"x": 0.0}
+    visibility: Sight = sight(plant)
+    assert 0 <= visibility.least <= visibility.median < math.inf
+    assert visibility.as_dict()["where"] == {"x": 0.0}

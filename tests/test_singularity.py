@@ -56,18 +56,18 @@ def test_the_time_derivative_moves_inputs_too() -> None:
 
 
 def test_the_neuron_and_its_next_jets() -> None:
-    found = singularity(neuron())
+    analysis = singularity(neuron())
     (u,), (eps,) = neuron().inputs, neuron().parameters
-    generic, first, second = found.jets
+    generic, first, second = analysis.jets
     assert sp.expand(generic.determinant + eps * u**2) == 0
-    assert found.inputs == (u,)
+    assert analysis.inputs == (u,)
     assert first.where == ((u, 0),)
     assert sp.expand(first.determinant + 2 * eps * u.derivative(1) ** 2) == 0
     assert first.rows == ((0, 0), (0, 2), (0, 3))
     assert second.where == ((u, 0), (u.derivative(1), 0))
-    assert [check.verdict for check in found.checks] == [Verdict.WHERE] * 3
-    assert "holds where u != 0" in str(found)
-    assert r"- 2 eps \dot{u}^{2} && \text{at } u = 0" in found.latex()
+    assert [check.verdict for check in analysis.checks] == [Verdict.WHERE] * 3
+    assert "holds where u != 0" in str(analysis)
+    assert r"- 2 eps \dot{u}^{2} && \text{at } u = 0" in analysis.latex()
 
 
 def test_a_plant_without_singular_points_is_proved() -> None:
@@ -116,11 +116,11 @@ def test_what_jumps_or_bends_is_not_known(rough: sp.Expr, n: int) -> None:
     x = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(1, n + 1))
     slope = 2 + rough.subs({X: x[0], Y: x[1]})
     plant = hg.System("rough", states=x, outputs=(hg.Signal("y"),), flow=[slope * x[1], *x[2:], -x[0]], output=[x[0]])
-    found = singularity(plant)
-    (check,) = found.checks[:1]
+    analysis = singularity(plant)
+    (check,) = analysis.checks[:1]
     assert check.verdict is Verdict.UNKNOWN
     assert "has no derivative somewhere" in check.reason or "may not be smooth" in check.reason
-    assert found.as_dict()["checks"][0]["verdict"] == "unknown"
+    assert analysis.as_dict()["checks"][0]["verdict"] == "unknown"
 
 
 def test_roots_that_depend_on_each_other_have_no_answer() -> None:
@@ -131,13 +131,13 @@ def test_roots_that_depend_on_each_other_have_no_answer() -> None:
 
 
 def test_long_sums_are_shown_short_and_kept_whole() -> None:
-    found = singularity(load("induction_motor").plant)
-    (check,) = found.checks
+    analysis = singularity(load("induction_motor").plant)
+    (check,) = analysis.checks
     assert "K**3*np*(M*al**3*ib + M*al*ib*np**2*w**2 + .., 13 terms)" in check.reason
     assert len(check.reason) < 250
-    (whole,) = found.as_dict()["determinants"]
+    (whole,) = analysis.as_dict()["determinants"]
     assert whole.count(" + ") + whole.count(" - ") == 12
-    assert sp.sympify(whole, locals={s.name: s for s in found.plant.signals}) == found.jets[0].determinant
+    assert sp.sympify(whole, locals={s.name: s for s in analysis.plant.signals}) == analysis.jets[0].determinant
 
 
 @pytest.mark.parametrize(("low", "verdict"), [(1, Verdict.PROVED), (0, Verdict.WHERE)])
@@ -149,9 +149,9 @@ def test_a_power_that_is_a_symbol_is_its_own_factor(low: float, verdict: Verdict
 
 
 def test_too_large_a_matrix_is_left_alone() -> None:
-    given = neuron()
-    first, second, _ = given.states
-    bent = replace(given, output=[first + second**2])  # no chain, whose determinant needs no derivatives
+    plant = neuron()
+    first, second, _ = plant.states
+    bent = replace(plant, output=[first + second**2])  # no chain, whose determinant needs no derivatives
     (check,) = singularity(bent, limit=20).checks
     assert check.verdict is Verdict.UNKNOWN
     assert "more than" in check.reason
@@ -173,12 +173,12 @@ def test_too_large_a_matrix_is_left_alone() -> None:
     ],
 )
 def test_known_singular_sets(flow: list[sp.Expr], output: list[sp.Expr], zero_set: sp.Expr | str) -> None:
-    found = singular_set(flow, output, (X, Y, Z))
+    factors = singular_set(flow, output, (X, Y, Z))
     if isinstance(zero_set, str):
-        assert found == zero_set
+        assert factors == zero_set
     else:
-        assert isinstance(found, tuple)
-        quotient = sp.simplify(sp.prod(found) / zero_set)
+        assert isinstance(factors, tuple)
+        quotient = sp.simplify(sp.prod(factors) / zero_set)
         assert quotient.is_number
         assert quotient != 0
 
@@ -196,9 +196,9 @@ PLANTS = [
 def test_the_elimination_is_the_determinant(flow: list[sp.Expr], output: sp.Expr) -> None:
     """Of the Lie derivatives written out: another way to the same factors."""
     chain = derivatives(output, dict(zip((X, Y, Z), flow, strict=True)), 3)
-    found = singular_set(flow, [output], (X, Y, Z))
-    assert isinstance(found, tuple)
-    assert found == determinant([[e.diff(x) for x in (X, Y, Z)] for e in chain]).factors
+    factors = singular_set(flow, [output], (X, Y, Z))
+    assert isinstance(factors, tuple)
+    assert factors == determinant([[e.diff(x) for x in (X, Y, Z)] for e in chain]).factors
 
 
 def test_no_more_than_a_limit_is_tried() -> None:
@@ -258,10 +258,10 @@ def test_sine_and_cosine_are_related() -> None:
     ],
 )
 def test_values_and_where_they_are_zero(e: sp.Expr, value: sp.Expr, factors: set[sp.Expr]) -> None:
-    found = determinant([[e]])
-    assert found.value == value
-    assert found.factors is not None
-    assert set(found.factors) == factors
+    result = determinant([[e]])
+    assert result.value == value
+    assert result.factors is not None
+    assert set(result.factors) == factors
 
 
 G = sp.sqrt(X**2 + Y**2)

@@ -43,12 +43,12 @@ def sampled(b: list[sp.Expr], box: dict[sp.Symbol, tuple[Fraction, Fraction]]) -
     ids=str,
 )
 def test_the_bound_is_tight(b: list[sp.Expr], box: dict[sp.Symbol, tuple[Fraction, Fraction]]) -> None:
-    found = lipschitz_bound(b, STATES, box)
+    lipschitz = lipschitz_bound(b, STATES, box)
     known = sampled(b, box)
-    assert found.verdict is Verdict.PROVED
-    assert known * (1 - 1e-12) <= found.high <= 1.03 * known
-    assert found.low <= found.high
-    assert found.low >= 0.97 * known
+    assert lipschitz.verdict is Verdict.PROVED
+    assert known * (1 - 1e-12) <= lipschitz.high <= 1.03 * known
+    assert lipschitz.low <= lipschitz.high
+    assert lipschitz.low >= 0.97 * known
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def test_the_bound_is_tight(b: list[sp.Expr], box: dict[sp.Symbol, tuple[Fractio
 def test_kinks_and_jumps_of_inputs_do_no_harm(
     row: sp.Expr, box: dict[sp.Symbol, tuple[object, object]], high: float
 ) -> None:
-    found = lipschitz_bound([row], STATES, _exact(box))
-    assert found.verdict is Verdict.PROVED
-    assert high * (1 - 1e-12) <= found.high <= 1.03 * high
+    lipschitz = lipschitz_bound([row], STATES, _exact(box))
+    assert lipschitz.verdict is Verdict.PROVED
+    assert high * (1 - 1e-12) <= lipschitz.high <= 1.03 * high
 
 
 @pytest.mark.parametrize(
@@ -96,11 +96,11 @@ def test_a_slope_without_bound_refutes_with_the_point(
     row: sp.Expr, box: dict[sp.Symbol, tuple[object, object]]
 ) -> None:
     ends = _exact(box)
-    found = lipschitz_bound([row], STATES, ends)
-    assert found.verdict is Verdict.REFUTED
-    assert all(ends[s][0] <= value <= ends[s][1] for s, value in found.witness.items())
-    assert "no bound towards" in found.reason
-    assert found.low > 5  # where a sharper search would find more
+    lipschitz = lipschitz_bound([row], STATES, ends)
+    assert lipschitz.verdict is Verdict.REFUTED
+    assert all(ends[s][0] <= value <= ends[s][1] for s, value in lipschitz.witness.items())
+    assert "no bound towards" in lipschitz.reason
+    assert lipschitz.low > 5  # where a sharper search would find more
 
 
 @pytest.mark.parametrize(
@@ -117,14 +117,14 @@ def test_a_slope_without_bound_refutes_with_the_point(
     ids=str,
 )
 def test_jumps_and_removable_poles_stay_unknown(row: sp.Expr) -> None:
-    found = lipschitz_bound([row], STATES, UNIT, boxes=600)
-    assert found.verdict is Verdict.UNKNOWN
-    assert "boxes" in found.reason
+    lipschitz = lipschitz_bound([row], STATES, UNIT, boxes=600)
+    assert lipschitz.verdict is Verdict.UNKNOWN
+    assert "boxes" in lipschitz.reason
 
 
 def test_an_unbounded_slope_on_an_unbounded_box_stays_unknown() -> None:
-    found = lipschitz_bound([x1**2], STATES, {x1: (-math.inf, math.inf)})
-    assert (found.verdict, found.high) == (Verdict.UNKNOWN, math.inf)
+    lipschitz = lipschitz_bound([x1**2], STATES, {x1: (-math.inf, math.inf)})
+    assert (lipschitz.verdict, lipschitz.high) == (Verdict.UNKNOWN, math.inf)
 
 
 def _exact(box: dict[sp.Symbol, tuple[object, object]]) -> dict[sp.Symbol, tuple[Fraction | float, Fraction | float]]:

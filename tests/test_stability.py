@@ -319,14 +319,14 @@ def test_the_rise_from_rest_to_failure():
     for _ in range(2000):
         rest = rk4(slope, rest, 1.0, 0.02)
     for factor, good in ((0.98, True), (1.03, False)):
-        S, theta, kept = rest, 1.0, True
+        S, theta, positive = rest, 1.0, True
         for _ in range(100):
             theta = flow(theta, factor * limit.dt)
             S = rk4(slope, S, theta, factor * limit.dt)
-            kept = kept and bool(definite(S[None])[0])
-            if not kept:
+            positive = positive and bool(definite(S[None])[0])
+            if not positive:
                 break
-        assert kept == good
+        assert positive == good
 
 
 # --- linear cores -------------------------------------------------------------------------------------------

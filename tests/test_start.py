@@ -32,8 +32,8 @@ def trial():
 def test_a_started_step_estimates_what_it_was_told(name: str | None) -> None:
     """Before any sample, whatever the observer keeps, and a bank in each of its members."""
     step = MODEL.step(name).started(TRIAL.first_estimate)
-    found = step(u=(0.0,) * len(step.inputs), y=np.nan)
-    assert [found[key] for key in TRIAL.estimate] == pytest.approx([*TRIAL.estimate.values()], rel=1e-12)
+    sample = step(u=(0.0,) * len(step.inputs), y=np.nan)
+    assert [sample[key] for key in TRIAL.estimate] == pytest.approx([*TRIAL.estimate.values()], rel=1e-12)
 
 
 @pytest.mark.parametrize("name", [None, "riccati"])

@@ -70,9 +70,11 @@ def test_between_the_two_it_warns_with_both() -> None:
     step = load(MODELS / "pendulum.py").step("high_gain")
     with pytest.warns(
         StepMayFail, match=r"may fail in a part of the declared box by classical Runge-Kutta; above"
-    ) as told:
+    ) as warned:
         between = hg.sample(step.observer, hg.methods.rk4, dt=0.08)
-    (above,), (take,) = (re.findall(rf"{word} ([0-9.e+-]+) ", str(told[0].message)) for word in ("above", "take dt <="))
+    (above,), (take,) = (
+        re.findall(rf"{word} ([0-9.e+-]+) ", str(warned[0].message)) for word in ("above", "take dt <=")
+    )
     assert float(take) < 0.08 < float(above) <= between.limit < 1.01 * float(above)
 
 
@@ -106,14 +108,14 @@ def test_a_sampled_core_is_refused_where_its_spectrum_leaves_the_circle(method: 
     M = core + rng.normal(size=(40, 1, 3)) * np.array([[0], [0], [6.0]])
     M = M[stable(M)]
     limits = way.refused(core, M)
-    found, at = limits.min(), limits.argmin()
+    limit, at = limits.min(), limits.argmin()
 
     def radius(h: float) -> np.ndarray:
         return np.abs(np.linalg.eigvals(way.transition(core, M, h))).max(axis=1)
 
     assert len(M) > 20
     assert np.isfinite(limits).sum() == 1
-    assert radius(1.01 * found)[at] > 1 > radius(0.99 * found).max()
+    assert radius(1.01 * limit)[at] > 1 > radius(0.99 * limit).max()
 
 
 @pytest.mark.parametrize("method", ["exponential", "bilinear"])
@@ -196,9 +198,9 @@ def test_the_closed_loop_is_that_of_the_step(theta: float, h: float) -> None:
     k = round(2 / h)
     T = np.linalg.solve(moved[:, k], moved[:, k + 1]).T
     (part, *_) = observer.parts
-    found = loops(part, *part.slopes(1), theta, theta).transition(h)
+    transition = loops(part, *part.slopes(1), theta, theta).transition(h)
     assert np.sort_complex(np.linalg.eigvals(T)) == pytest.approx(
-        np.sort_complex(np.linalg.eigvals(found[0])), rel=2e-3, abs=1e-4
+        np.sort_complex(np.linalg.eigvals(transition[0])), rel=2e-3, abs=1e-4
     )
 
 
@@ -364,8 +366,8 @@ def test_one_step_length_is_advised_whatever_is_asked(make: Callable[[], hg.Obse
     """From just beyond it to where it is refused, with a warning, and beyond."""
     observer = make()
     refused, take = named(said(observer, 100.0))
-    near = (share * take for share in (1.02, 1.05, 1.12))
-    for dt in (*near, math.sqrt(take * refused), 0.98 * refused):
+    above = (share * take for share in (1.02, 1.05, 1.12))
+    for dt in (*above, math.sqrt(take * refused), 0.98 * refused):
         assert named(said(observer, dt)) == (refused, take)
     assert not said(observer, take)
 
@@ -382,7 +384,7 @@ def test_gains_are_those_declared_and_it_is_said() -> None:
 def test_at_what_is_advised_the_trial_settles(model: str, name: str) -> None:
     """Where it did not at the step that was named before, the limit of the core's spectrum."""
     (pair,) = (pair for pair in pairs(load(MODELS / f"{model}.py"), (name,)) if pair.tuning == name)
-    refused, take = pair.told()
+    refused, take = pair.lengths()
     assert take < refused
     assert pair.settles(take)
     assert not pair.settles(0.95 * refused)
@@ -392,5 +394,5 @@ def test_at_what_is_advised_the_trial_settles(model: str, name: str) -> None:
 @pytest.mark.parametrize("model", ["pendulum", "hyperjerk", "disturbed_pendulum"])
 def test_what_is_advised_is_neither_too_long_nor_too_short(model: str) -> None:
     rows = [row(pair) for pair in pairs(load(MODELS / f"{model}.py"), OBSERVERS)]
-    assert {told.pair.tuning for told in rows} >= {"high_gain", "filtered"}
-    assert not [str(told) for told in rows if not told.holds]
+    assert {verdict.pair.tuning for verdict in rows} >= {"high_gain", "filtered"}
+    assert not [str(verdict) for verdict in rows if not verdict.holds]

@@ -44,16 +44,16 @@ within = {{x = 1}}
 
 @pytest.mark.parametrize("V", ["e_x**2", ((1,),), sp.Symbol("e_x", real=True) ** 2])
 def test_a_declaration_is_what_dissipation_says(V: Any) -> None:
-    found = stored(PLANT, {**DECLARED, "V": V})
-    assert found.checks == hg.dissipation(hg.error_system(PLANT, (3,)), [[1]], mu=2, within=[1]).checks
-    assert found.proved
-    assert found.level == 1
+    dissipation = stored(PLANT, {**DECLARED, "V": V})
+    assert dissipation.checks == hg.dissipation(hg.error_system(PLANT, (3,)), [[1]], mu=2, within=[1]).checks
+    assert dissipation.proved
+    assert dissipation.level == 1
 
 
 @pytest.mark.parametrize(("mu", "verdict"), [(1.64, Verdict.PROVED), (1.62, Verdict.REFUTED)])
 def test_its_edge_is_known(mu: float, verdict: Verdict) -> None:
-    found = {check.id: check for check in stored(PLANT, {**DECLARED, "mu": mu}).checks}
-    assert found["dissipation.inequality"].verdict is verdict
+    checks = {check.id: check for check in stored(PLANT, {**DECLARED, "mu": mu}).checks}
+    assert checks["dissipation.inequality"].verdict is verdict
 
 
 def test_a_disturbance_of_its_own_and_a_system_of_its_own() -> None:
@@ -114,15 +114,15 @@ def test_check_prints_it_and_recheck_verifies_it(tmp_path: Path) -> None:
     assert run.exit_code == 0, run.output
     assert "dissipation.inequality" in run.stdout
     assert "the error stays in the box" in run.stderr
-    told = json.loads(CliRunner().invoke(cli.app, ["recheck", str(file), "--json"]).stdout)
-    assert {row["found"] for row in told["claims"] if row["id"].startswith("dissipation")} == {"verified"}
+    answer = json.loads(CliRunner().invoke(cli.app, ["recheck", str(file), "--json"]).stdout)
+    assert {row["found"] for row in answer["claims"] if row["id"].startswith("dissipation")} == {"verified"}
 
 
 @pytest.mark.parametrize("name", ["not_iss", "disturbed_pendulum"])
 def test_the_shipped_declarations_are_proved(name: str) -> None:
-    found = load(ROOT / "models" / f"{name}.py").dissipation
-    assert found is not None
-    assert found.proved
+    dissipation = load(ROOT / "models" / f"{name}.py").dissipation
+    assert dissipation is not None
+    assert dissipation.proved
 
 
 def test_a_model_without_one() -> None:

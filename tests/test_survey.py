@@ -25,14 +25,14 @@ def of(flow: list[sp.Expr], output: list[sp.Expr]) -> Survey:
     return hg.survey(hg.System("plant", states=X[:n], outputs=(Y1, Y2)[:p], flow=flow, output=output))
 
 
-def verdicts(found: Survey) -> dict[str, Verdict | None]:
-    return {row.name: row.verdict for row in found.rows}
+def verdicts(survey: Survey) -> dict[str, Verdict | None]:
+    return {row.name: row.verdict for row in survey.rows}
 
 
 def test_the_pendulum_is_in_every_form_for_one_output() -> None:
-    found = hg.survey(load(MODELS / "pendulum.py").plant)
+    survey = hg.survey(load(MODELS / "pendulum.py").plant)
     assert (
-        verdicts(found).items()
+        verdicts(survey).items()
         >= {
             "triangular": PROVED,
             "triangular, measured=True": PROVED,
@@ -44,47 +44,47 @@ def test_the_pendulum_is_in_every_form_for_one_output() -> None:
             "Gauthier-Bornard": GENERIC,
         }.items()
     )
-    assert found["triangular"].order == ("q", "w")
-    assert found["phase"].why == NOT_ASKED
-    assert found["block_triangular"].why == "for 2 outputs or more"
-    assert found.best.kind == "triangular"
+    assert survey["triangular"].order == ("q", "w")
+    assert survey["phase"].why == NOT_ASKED
+    assert survey["block_triangular"].why == "for 2 outputs or more"
+    assert survey.best.kind == "triangular"
 
 
 def test_the_neuron_is_in_none_because_of_the_input_zero() -> None:
     """Without input x2 and eta are hidden: d(v, L_f v, ..) has the rank 1."""
-    found = hg.survey(load(MODELS / "fitzhugh_nagumo.py").plant)
-    assert {row.verdict for row in found.answered if row.name != "state_affine"} == {REFUTED}
-    assert found["state_affine"].verdict is PROVED  # which says nothing of observability
-    assert found["triangular"].order == ("x1", "x2", "-eta")
-    assert found["triangular"].witness == found["uniform"].witness == {"u": 0.0}
-    assert found["triangular"].why == "a_2 vanishes, at u = 0"
-    assert "u" in found["triangular"].fix
-    assert found["Gauthier-Bornard"].why.endswith("rank 1 of 3: u = 0 hides x2, eta")
-    assert found.best.structured  # shown for its one refuted gain
+    survey = hg.survey(load(MODELS / "fitzhugh_nagumo.py").plant)
+    assert {row.verdict for row in survey.answered if row.name != "state_affine"} == {REFUTED}
+    assert survey["state_affine"].verdict is PROVED  # which says nothing of observability
+    assert survey["triangular"].order == ("x1", "x2", "-eta")
+    assert survey["triangular"].witness == survey["uniform"].witness == {"u": 0.0}
+    assert survey["triangular"].why == "a_2 vanishes, at u = 0"
+    assert "u" in survey["triangular"].fix
+    assert survey["Gauthier-Bornard"].why.endswith("rank 1 of 3: u = 0 hides x2, eta")
+    assert survey.best.structured  # shown for its one refuted gain
 
 
 def test_the_tanks_are_uniform_in_their_levels() -> None:
-    found = hg.survey(load(MODELS / "cascaded_tanks.py").plant)
-    assert (found["triangular"].verdict, found["uniform"].verdict) == (REFUTED, PROVED)
-    assert found["triangular"].order == ()
-    assert found["uniform"].order == ("x2", "x1")
-    assert found.best.kind == "uniform"
+    survey = hg.survey(load(MODELS / "cascaded_tanks.py").plant)
+    assert (survey["triangular"].verdict, survey["uniform"].verdict) == (REFUTED, PROVED)
+    assert survey["triangular"].order == ()
+    assert survey["uniform"].order == ("x2", "x1")
+    assert survey.best.kind == "uniform"
 
 
 def test_two_chains() -> None:
-    found = of([X2, -X1 - X3, X4, sp.sin(X1 + X2) - X3], [X1, X3])
-    assert found["block_triangular, align='top'"].verdict is PROVED
-    assert found["triangular"].verdict is None
-    assert found["Gauthier-Bornard"].verdict is None
-    assert found.best.kind == "block_triangular"
+    survey = of([X2, -X1 - X3, X4, sp.sin(X1 + X2) - X3], [X1, X3])
+    assert survey["block_triangular, align='top'"].verdict is PROVED
+    assert survey["triangular"].verdict is None
+    assert survey["Gauthier-Bornard"].verdict is None
+    assert survey.best.kind == "block_triangular"
 
 
 def test_a_hidden_state() -> None:
-    found = of([X2, -X1, X1 - X3], [X1])
-    assert verdicts(found)["uniform"] is REFUTED
-    assert "never shows x3" in found["uniform"].why
-    assert not found.best.structured
-    assert found.best.head.startswith("plant not shown in triangular form")
+    survey = of([X2, -X1, X1 - X3], [X1])
+    assert verdicts(survey)["uniform"] is REFUTED
+    assert "never shows x3" in survey["uniform"].why
+    assert not survey.best.structured
+    assert survey.best.head.startswith("plant not shown in triangular form")
 
 
 def test_the_proved_form_comes_before_the_one_with_a_refuted_gain() -> None:
@@ -95,21 +95,21 @@ def test_the_proved_form_comes_before_the_one_with_a_refuted_gain() -> None:
 
 @pytest.mark.parametrize("name", ["pendulum.py", "lorenz.toml"])
 def test_deep_asks_the_costly_forms_too(name: str) -> None:
-    found = hg.survey(load(MODELS / name).plant, deep=True)
+    survey = hg.survey(load(MODELS / name).plant, deep=True)
     costly = {name for name in hg.forms.__all__ if asking(name).costly}
     assert costly == {"phase", "original"}
-    assert {row.name for row in found.answered} >= costly
-    assert found["original"].verdict is not PROVED  # no theorem covers it
+    assert {row.name for row in survey.answered} >= costly
+    assert survey["original"].verdict is not PROVED  # no theorem covers it
 
 
 def test_every_form_of_the_folder_is_asked_or_says_why_not() -> None:
-    found = of([X2, -X1], [X1])
-    assert {row.name.partition(",")[0] for row in found.rows} == {*forms.__all__, "Gauthier-Bornard"}
-    assert all(row.why for row in found.rows)
-    assert json.loads(json.dumps(found.as_dict())) == found.as_dict()
-    assert all(row.name in str(found) for row in found.rows)
+    survey = of([X2, -X1], [X1])
+    assert {row.name.partition(",")[0] for row in survey.rows} == {*forms.__all__, "Gauthier-Bornard"}
+    assert all(row.why for row in survey.rows)
+    assert json.loads(json.dumps(survey.as_dict())) == survey.as_dict()
+    assert all(row.name in str(survey) for row in survey.rows)
     with pytest.raises(KeyError):
-        found["no form"]
+        survey["no form"]
 
 
 def test_twenty_states_take_seconds() -> None:
@@ -118,7 +118,7 @@ def test_twenty_states_take_seconds() -> None:
     x = tuple(hg.Signal(f"x{i}", low=-1, high=1) for i in range(n))
     flow = [x[i + 1] + sp.sin(x[i]) * x[0] for i in range(n - 1)] + [sum(map(sp.cos, x))]
     begin = time.process_time()
-    found = hg.survey(hg.System("chain", states=x[::-1], outputs=(Y1,), flow=flow[::-1], output=[x[0]]))
+    survey = hg.survey(hg.System("chain", states=x[::-1], outputs=(Y1,), flow=flow[::-1], output=[x[0]]))
     assert time.process_time() - begin < 6
-    assert found["triangular"].verdict is PROVED
-    assert found["triangular"].order == tuple(s.name for s in x)
+    assert survey["triangular"].verdict is PROVED
+    assert survey["triangular"].order == tuple(s.name for s in x)

@@ -45,15 +45,15 @@ def test_the_edge_moves_with_the_units() -> None:
 def test_every_door_has_the_same_edge() -> None:
     e, f = sp.symbols("e f", real=True)
     system = hg.ErrorSystem("two", (e, f), (-e, -f), [[1], [1]], {})
-    near, far = (np.array([[2.0, 1.0], [1.0 + share, 2.0]]) for share in (1e-13, 1e-11))
-    told = r"must be symmetric, to 1e-12 of its numbers; give \((.) \+ \1'\)/2"
-    found = hg.dissipation(system, near, mu=9, within=[1, 1])
-    assert found.V.coeff(e * f) == sp.Rational("2.0000000000001")
-    with pytest.raises(BadErrorSystem, match=f"V {told}"):
+    within_tolerance, far = (np.array([[2.0, 1.0], [1.0 + share, 2.0]]) for share in (1e-13, 1e-11))
+    sentence = r"must be symmetric, to 1e-12 of its numbers; give \((.) \+ \1'\)/2"
+    dissipation = hg.dissipation(system, within_tolerance, mu=9, within=[1, 1])
+    assert dissipation.V.coeff(e * f) == sp.Rational("2.0000000000001")
+    with pytest.raises(BadErrorSystem, match=f"V {sentence}"):
         hg.dissipation(system, far, mu=9, within=[1, 1])
-    candidate((2.0, 1.0), near, 0.1)
-    with pytest.raises(BadGain, match=f"P {told}"):
+    candidate((2.0, 1.0), within_tolerance, 0.1)
+    with pytest.raises(BadGain, match=f"P {sentence}"):
         candidate((2.0, 1.0), far, 0.1)
-    assert spd("Q", near, 2)[0, 1] == spd("Q", near, 2)[1, 0]
-    with pytest.raises(BadGain, match=f"Q {told}"):
+    assert spd("Q", within_tolerance, 2)[0, 1] == spd("Q", within_tolerance, 2)[1, 0]
+    with pytest.raises(BadGain, match=f"Q {sentence}"):
         spd("Q", far, 2)

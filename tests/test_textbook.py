@@ -57,16 +57,16 @@ def test_it_says_what_it_is(path: Path) -> None:
 @every
 def test_its_known_answers(path: Path) -> None:
     model = read(path)
-    found = asked(model)
-    assert not found.keys() & {"note", "error"}
+    answer = asked(model)
+    assert not answer.keys() & {"note", "error"}
     known = dict(model.known)
-    for pair, (low, high) in zip(found.get("a_ranges") or (), known.pop("a_ranges", ()), strict=False):
+    for pair, (low, high) in zip(answer.get("a_ranges") or (), known.pop("a_ranges", ()), strict=False):
         assert Fraction(pair[0]) <= Fraction(repr(low))
         assert Fraction(repr(high)) <= Fraction(pair[1])
         assert pair[1] - pair[0] <= (high - low) + 0.02 * high
-    assert {field: found.get(field) for field in known} == known
+    assert {field: answer.get(field) for field in known} == known
     if "a_ranges" in model.known:
-        assert len(found["a_ranges"]) == len(model.known["a_ranges"])
+        assert len(answer["a_ranges"]) == len(model.known["a_ranges"])
 
 
 def test_every_verdict_occurs() -> None:
@@ -197,12 +197,12 @@ def test_where_its_outputs_determine_the_state(path: Path) -> None:
 def test_what_is_hidden_and_what_would_show_it() -> None:
     """The recovered of the epidemic alone: nothing else reads them."""
     hidden = {path.stem: hg.observability(read(path).plant) for path in FILES}
-    assert {name: found.unobservable for name, found in hidden.items() if found.unobservable} == {
+    assert {name: seen.unobservable for name, seen in hidden.items() if seen.unobservable} == {
         "sir": hidden["sir"].known.repairs
     }
     (symmetry,) = hidden["sir"].known.symmetries
     assert (str(symmetry), symmetry.proved) == ("R -> R + c", True)
-    assert {check.verdict for name, found in hidden.items() if name != "sir" for check in found.checks} == {GENERIC}
+    assert {check.verdict for name, seen in hidden.items() if name != "sir" for check in seen.checks} == {GENERIC}
     assert [check.verdict for check in hidden["sir"].checks] == [REFUTED]
 
 

@@ -98,18 +98,18 @@ OBSERVERS = {
 def test_every_theorem_is_complete(name: str) -> None:
     """A conclusion, a source, the form's hypotheses with their checks, and what is left to the user."""
     observer = OBSERVERS[name]()
-    theorem, found = observer.theorem, table(observer)
+    theorem, by_claim = observer.theorem, table(observer)
     assert theorem.conclusion
     assert any(character.isdigit() for character in theorem.reference) or "slides" in theorem.reference
-    assert len(found) == len(rows(theorem, observer.checks))
+    assert len(by_claim) == len(rows(theorem, observer.checks))
     for part in ("z_i' =", "0 < a_m", "b is Lipschitz"):
-        (row,) = (row for claim, row in found.items() if claim.startswith(part))
+        (row,) = (row for claim, row in by_claim.items() if claim.startswith(part))
         assert row.standing == "proved"
         assert row.checks
-    yours = [row for row in found.values() if row.verdict is None]
+    yours = [row for row in by_claim.values() if row.verdict is None]
     assert len(yours) >= 5
     assert all(row.reason for row in yours)
-    assert all(row.reason or row.checks for row in found.values())
+    assert all(row.reason or row.checks for row in by_claim.values())
 
 
 @pytest.mark.parametrize("name", [name for name in OBSERVERS if name != "high_gain"])
@@ -135,8 +135,8 @@ def test_the_theorem_asks_mu_and_the_innovation() -> None:
         "mu = 0 up to gamma_0, mu = 1 from gamma_1 on",
         "the innovation is an integral over the last d seconds",
     )
-    found = table(adaptive())
-    assert (found[mu].standing, found[integral].standing) == ("proved", "unknown")
+    by_claim = table(adaptive())
+    assert (by_claim[mu].standing, by_claim[integral].standing) == ("proved", "unknown")
     other = table(adaptive(mu=hg.theta.logistic(0.1, 100), innovation=hg.innovation.window(1.0)))
     assert (other[mu].standing, other[integral].standing) == ("refuted", "unknown")
     assert "a sum over the samples" in other[integral].reason
@@ -151,9 +151,9 @@ def test_a_form_that_is_not_triangular_proves_nothing_of_the_theorem() -> None:
 
 def test_no_sampled_step_has_the_measurement_at_all_times() -> None:
     for build in OBSERVERS.values():
-        found = table(build())
-        assert found["y and the input are known at all times"].standing == "unknown"
-        assert found["the gains have their declared values"].standing == YOURS
+        by_claim = table(build())
+        assert by_claim["y and the input are known at all times"].standing == "unknown"
+        assert by_claim["the gains have their declared values"].standing == YOURS
 
 
 @pytest.mark.parametrize("name", [name for name in OBSERVERS if name != "high_gain"])
@@ -174,12 +174,12 @@ def test_theta_is_large_enough_at_its_declared_value() -> None:
 def test_a_decaying_theta_is_its_theorems_where_it_scales_the_process_noise_alone() -> None:
     """And its rate cannot be tuned to 0, which the theorem excludes."""
     observer, claim = OBSERVERS["decaying"](), "R is not scaled, and Q_theta = theta^2 Delta^-1 Q Delta^-1"
-    found = table(observer)
-    assert found[claim].standing == "proved"
+    by_claim = table(observer)
+    assert by_claim[claim].standing == "proved"
     other = table(kalman(van_der_pol(), theta=hg.theta.decaying(3, 1, scaled="both")))[claim]
     assert other.standing == "unknown"
     assert "rate (theta - 1)/theta S" in other.reason
-    assert any(claim.startswith("0 < rate") for claim in found)
+    assert any(claim.startswith("0 < rate") for claim in by_claim)
     (rate,) = (gain for gain in observer.gains if gain.name == "rate")
     assert rate.low[0] > 0
 

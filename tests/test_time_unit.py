@@ -41,8 +41,8 @@ def test_a_unit_of_time_is_a_plain_word(time: object):
 
 def test_a_model_file_has_a_unit_of_time(tmp_path: Path):
     (tmp_path / "tank.toml").write_text(to_text(plant("min")))
-    told = read(tmp_path / "tank.toml").plant
-    assert (told, told.time) == (plant("min"), "min")
+    read_plant = read(tmp_path / "tank.toml").plant
+    assert (read_plant, read_plant.time) == (plant("min"), "min")
     assert "time" not in to_text(plant("s"))
     with pytest.raises(BadModelFile, match="is no unit of time"):
         from_table({"name": "tank", "time": "per hour", "states": {"x": {"flow": "-x"}}, "outputs": {}})

@@ -41,19 +41,19 @@ def test_derivatives_of_inputs_come_from_the_trial():
     step = hg.sample(hg.observers.high_gain(hg.forms.phase(plant), theta=5, poles=(-1, -1)), dt=0.01)
     assert [s.name for s in step.inputs] == ["u", "u_dot"]
     trial = Trial("drive", 5, start={"h": 3, "v": 0}, inputs={"u": 1 + sp.sin(2 * t)}, seeds=(0,))
-    (found,) = try_out(step, trial, "python")
-    assert found.truth.u[:, 1] == pytest.approx(2 * np.cos(2 * found.truth.t))
+    (outcome,) = try_out(step, trial, "python")
+    assert outcome.truth.u[:, 1] == pytest.approx(2 * np.cos(2 * outcome.truth.t))
     # what is left is the input's second derivative between samples: 4 dt^2/8 in u', some 1e-4 of it
-    assert np.abs(found.error[400:]).max() < 1e-4
+    assert np.abs(outcome.error[400:]).max() < 1e-4
 
 
 def test_a_recast_plant_is_tried_as_declared():
     """The truth is that of the plant as declared, whose states are estimated."""
     tanks = model.load(Path(__file__).resolve().parents[1] / "models" / "cascaded_tanks.py")
     trial = Trial("fill", 400, start={"x1": 4, "x2": 3}, inputs={"u": 3}, seeds=(0,))
-    (found,) = try_out(tanks.step(), trial, "python")
-    assert found.truth.x[0] == pytest.approx([4, 3])
-    assert np.abs(found.error[-10:]).max() < 0.01 < np.abs(found.error[0]).max()
+    (outcome,) = try_out(tanks.step(), trial, "python")
+    assert outcome.truth.x[0] == pytest.approx([4, 3])
+    assert np.abs(outcome.error[-10:]).max() < 0.01 < np.abs(outcome.error[0]).max()
 
 
 # --- truth ----------------------------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def test_a_bad_trial_is_a_sentence(change, said):
 
 
 @pytest.mark.parametrize(
-    ("given", "meant"),
+    ("fields", "meant"),
     [
         ({"seeds": 4}, {"seeds": (0, 1, 2, 3)}),
         ({"seeds": range(2)}, {"seeds": (0, 1)}),
@@ -142,14 +142,14 @@ def test_a_bad_trial_is_a_sentence(change, said):
         ({"inputs": {"u": "sin(2*t)"}}, {"inputs": {"u": sp.sin(2 * t)}}),
     ],
 )
-def test_a_field_may_be_given_as_in_text(given, meant):
-    plant, trial = moving(lambda x, v, u: u, **given)
+def test_a_field_may_be_given_as_in_text(fields, meant):
+    plant, trial = moving(lambda x, v, u: u, **fields)
     assert {key: getattr(trial, key) for key in meant} == meant
     assert simulate(plant, trial, 0.1).x.shape == (11, 2)
 
 
 @pytest.mark.parametrize(
-    ("key", "given", "said"),
+    ("key", "value", "said"),
     [
         ("name", 3, "trial '3': name = 3 must be text"),
         *(("duration", wrong, "must be a number") for wrong in ("1", None, True, [1], 1j)),
@@ -178,9 +178,9 @@ def test_a_field_may_be_given_as_in_text(given, meant):
         ),
     ],
 )
-def test_a_field_of_another_kind_is_a_sentence(key, given, said):
+def test_a_field_of_another_kind_is_a_sentence(key, value, said):
     with pytest.raises(BadTrial) as caught:
-        read_field("drive", key, given) if key != "name" else Trial(given, 1, {})
+        read_field("drive", key, value) if key != "name" else Trial(value, 1, {})
     assert said in str(caught.value)
 
 
@@ -243,8 +243,8 @@ def test_settling_is_the_oracles():
     for scale in (0.05, 0.15, 0.25, 1.0):
         error = np.cumsum(rng.normal(scale=scale, size=500)) * np.exp(-np.arange(500) / 100)
         expected = oracle.settling(np.arange(500) * 0.01, error[None], 0.0, 0.3, 0.2)[0]
-        found = settling(error, wanted, 0.01)
-        assert (math.isnan(expected) and found is None) or found == pytest.approx(expected)
+        time = settling(error, wanted, 0.01)
+        assert (math.isnan(expected) and time is None) or time == pytest.approx(expected)
     assert settling(np.zeros(5), wanted, 0.01) is None  # too short to hold
 
 
@@ -276,15 +276,15 @@ def test_metrics_of_a_made_up_trajectory():
     error = [1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 5, 5, 5, 0, 0, 3, 4, 3, 4, 3, 4]
     theta = [1, 1, 3, 1.04, 1, 1, 1, 1, 1, 1, 1, 2, 1.2, 1.6, 1.2, 1.1, 1.01, 1, 1, 1, 1]
     step, made = trajectory(theta, error, [2, 2, *[1] * 8, 2, *[0] * 9, 3])
-    found = metrics(step, made)
-    first, second = found.responses
+    measures = metrics(step, made)
+    first, second = measures.responses
     assert (first.settled, first.peak, first.calm, first.triggers) == (2.0, 3.0, 3.0, 1)
     assert (second.settled, second.peak, second.calm, second.triggers) == (None, 2.0, 6.0, 2)
-    assert found.rms["x"] == pytest.approx(math.sqrt((3 * 9 + 3 * 16) / 6))
-    assert found.clamped == 2  # the two after the first 5% with bit 1
-    told = summary(made.trial, [found])
-    assert told.settled == (2.0, None)
-    assert told.triggered == (1.0, 1.0)
+    assert measures.rms["x"] == pytest.approx(math.sqrt((3 * 9 + 3 * 16) / 6))
+    assert measures.clamped == 2  # the two after the first 5% with bit 1
+    statistics = summary(made.trial, [measures])
+    assert statistics.settled == (2.0, None)
+    assert statistics.triggered == (1.0, 1.0)
 
 
 def test_a_seed_that_never_settles_is_not_forgotten():
@@ -305,11 +305,11 @@ needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C comp
 @needs_compiler
 def test_the_reference_trial_in_c():
     step = NEURON.step()
-    told = summary(ONE_JUMP, [metrics(step, one) for one in try_out(step, ONE_JUMP, "c")])
-    assert 9.5 <= told.worst[1] <= 14.0
-    assert 7.9 <= told.peak[1][0] <= told.peak[1][1] <= 8.0
-    assert told.triggered == (1.0, 1.0)
-    assert told.clamped == 0
+    statistics = summary(ONE_JUMP, [metrics(step, one) for one in try_out(step, ONE_JUMP, "c")])
+    assert 9.5 <= statistics.worst[1] <= 14.0
+    assert 7.9 <= statistics.peak[1][0] <= statistics.peak[1][1] <= 8.0
+    assert statistics.triggered == (1.0, 1.0)
+    assert statistics.clamped == 0
 
 
 @needs_compiler

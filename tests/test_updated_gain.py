@@ -30,8 +30,8 @@ def known(built: hg.Observer) -> dict[str, Verdict]:
 
 
 def verdicts(built: hg.Observer) -> tuple[Verdict, Verdict]:
-    found = known(built)
-    return found["updated_gain.p_1"], found["updated_gain.p_3"]
+    claims = known(built)
+    return claims["updated_gain.p_1"], claims["updated_gain.p_3"]
 
 
 def test_the_linear_core_has_the_poles_at_the_cap() -> None:
@@ -62,13 +62,13 @@ def test_the_gain_moves_by_its_law(q: float, L: float, dt: float) -> None:
         Place("gain", "p_2"): 5,
         Place("gain", "p_3"): 6,
     }
-    found = float(block.graph(*(memory[place] for place, _ in block.reads))[0])
+    value = float(block.graph(*(memory[place] for place, _ in block.reads))[0])
     slope = oracle.slope(np.array([q, 0.0]), L)
     flow = solve_ivp(
         lambda t, L: L * (0.15 * (5 - L) + 6 * slope), (0, dt), [L], method="DOP853", rtol=1e-12, atol=1e-12
     )
-    assert found == pytest.approx(flow.y[0, -1], rel=1e-9)
-    assert min(L, 5 + 40 * slope) * (1 - 1e-12) <= found <= max(L, 5 + 40 * slope) * (1 + 1e-12)
+    assert value == pytest.approx(flow.y[0, -1], rel=1e-9)
+    assert min(L, 5 + 40 * slope) * (1 - 1e-12) <= value <= max(L, 5 + 40 * slope) * (1 + 1e-12)
 
 
 @given(st.floats(-4, 4), st.floats(-20, 20))

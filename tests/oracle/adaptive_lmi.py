@@ -38,7 +38,7 @@ def stepped(y: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         return np.append(corrected(state[:3], gamma, e), ALPHA * gamma if abs(e) > LEVEL else -SIGMA * gamma**2)
 
     state = np.append(ESTIMATE, LOW)
-    found = [state]
+    states = [state]
     for last, now in pairwise(y):
         before = now if math.isnan(last) or math.isnan(now) else last
         middle = (before + now) / 2
@@ -48,8 +48,8 @@ def stepped(y: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         k4 = slope(state + dt * k3, now)
         state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         state[3] = min(max(state[3], LOW), HIGH)
-        found.append(state)
-    return np.array(found)[:, :3], np.array(found)[:, 3]
+        states.append(state)
+    return np.array(states)[:, :3], np.array(states)[:, 3]
 
 
 @dataclass(frozen=True)

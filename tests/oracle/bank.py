@@ -56,10 +56,10 @@ def _score(member: ekf.Observer, state: ekf.State, u: float, y: float) -> Array:
 def _restarted(bank: Bank, state: ekf.State, oldest: int, selected: int) -> ekf.State:
     z, P, theta = state.z.copy(), state.P.copy(), state.theta.copy()
     z[oldest], P[oldest], theta[oldest] = z[selected], bank.member.P0, bank.member.theta.initial
-    found = state.predictors
-    if found is not None:
-        parts = {name: getattr(found, name).copy() for name in ("z", "total", "count")}
+    predictors = state.predictors
+    if predictors is not None:
+        parts = {name: getattr(predictors, name).copy() for name in ("z", "total", "count")}
         for array in parts.values():
             array[oldest] = array[selected]
-        found = replace(found, **parts)
-    return replace(state, z=z, P=P, theta=theta, predictors=found)
+        predictors = replace(predictors, **parts)
+    return replace(state, z=z, P=P, theta=theta, predictors=predictors)

@@ -20,11 +20,11 @@ Array = np.ndarray
 
 def delta(sizes: Sequence[int], alignment: str, theta: float) -> Array:
     """Delta (n, n)."""
-    longest, found = max(sizes), []
+    longest, diagonal = max(sizes), []
     for size in sizes:
         first = longest - size if alignment == "end" else 0
-        found += [theta ** -(first + j) for j in range(size)]
-    return np.diag(found)
+        diagonal += [theta ** -(first + j) for j in range(size)]
+    return np.diag(diagonal)
 
 
 def noises(
@@ -49,7 +49,7 @@ def run(
     y: Array,
 ) -> Array:
     """Estimates (N, n) over u (N,), y (N, p), from z = 0; `theta(k)` is what call k uses."""
-    z, found = np.zeros(len(P)), []
+    z, estimates = np.zeros(len(P)), []
     for k in range(len(y)):
         Q_theta, R_theta = noise(theta(k))
         if k:
@@ -67,5 +67,5 @@ def run(
             K = PC / (R_theta[i, i] / h + C[i] @ PC)
             z = z + K * (y[k, i] - C[i] @ z)
             P = P - np.outer(K, PC)
-        found.append(z)
-    return np.array(found)
+        estimates.append(z)
+    return np.array(estimates)

@@ -11,12 +11,12 @@ Nonlinear = Callable[[Array, Array], Array]
 def estimate(z: Array, alpha: Array, mu: float, c: Nonlinear, low: Array, high: Array, u: Array) -> Array:
     """xhat (n) of z (n); c_(i-1) is subtracted from what estimates x_(i-1)'."""
     n = len(z)
-    found = np.zeros(n)
-    found[0] = z[0]
+    xhat = np.zeros(n)
+    xhat[0] = z[0]
     for i in range(1, n):
-        rate = z[1] / mu if i == 1 else alpha[i] / mu * (z[i] + found[i - 1])
-        found[i] = np.clip(rate - c(found, u)[i - 1], low[i], high[i])
-    return found
+        rate = z[1] / mu if i == 1 else alpha[i] / mu * (z[i] + xhat[i - 1])
+        xhat[i] = np.clip(rate - c(xhat, u)[i - 1], low[i], high[i])
+    return xhat
 
 
 def cascade(
@@ -26,11 +26,11 @@ def cascade(
 
     def rate(z: Array, y: Array, valid: Array, u: Array) -> Array:
         xhat, e = estimate(z, alpha, mu, c, low, high, u), valid[0] * (y[0] - z[0])
-        found = np.empty(len(z))
-        found[:2] = (z[1] + alpha[0] * e) / mu, alpha[1] * e / mu
+        slope = np.empty(len(z))
+        slope[:2] = (z[1] + alpha[0] * e) / mu, alpha[1] * e / mu
         for i in range(2, len(z)):
-            found[i] = -alpha[i] * (z[i] + xhat[i - 1]) / mu
-        return found
+            slope[i] = -alpha[i] * (z[i] + xhat[i - 1]) / mu
+        return slope
 
     return rate
 

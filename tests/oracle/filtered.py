@@ -52,12 +52,12 @@ def injected(N: Array, F: Array, G: Array, H: Array, k: float) -> Callable[[Arra
 
 def run(rate: Callable[[Array, float], Array], start: Array, y: Array, dt: float) -> Array:
     """Classical Runge-Kutta with y on the line between samples: states (N, ..) at the samples."""
-    state, found = np.array(start), [np.array(start)]
+    state, states = np.array(start), [np.array(start)]
     for before, now in pairwise(y):
         middle = (before + now) / 2
         k1 = rate(state, before)
         k2 = rate(state + dt / 2 * k1, middle)
         k3 = rate(state + dt / 2 * k2, middle)
         state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + rate(state + dt * k3, now))
-        found.append(state)
-    return np.array(found)
+        states.append(state)
+    return np.array(states)

@@ -31,7 +31,7 @@ def run(
     cap: Array,
 ) -> Array:
     """Estimates (N, n) over u (N,), y (N, p), NaN where a sample is missing; A, b of u and the measured states."""
-    outputs, found = len(R), []
+    outputs, estimates = len(R), []
     for k in range(len(y)):
         valid = np.isfinite(y[k])
         if k:
@@ -55,5 +55,5 @@ def run(
             K = P[:, i] / (R[i] / h + P[i, i])
             z = z + K * (y[k, i] - z[i])
             P = P - np.outer(K, P[i])
-        found.append(z)
-    return np.array(found)
+        estimates.append(z)
+    return np.array(estimates)

@@ -32,9 +32,9 @@ def exact(start: tuple[float, float], until: float = 100.0) -> tuple[np.ndarray,
     for (begin, end), (_, u) in zip(pairwise(ends), CHANGES, strict=False):
         t = np.linspace(begin, end, round((end - begin) * 1000) + 1)[1:]
         options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.1}
-        found = solve_ivp(lambda t, x, u=u: rate(x, u), (begin, end), states[-1][-1], t_eval=t, **options)
+        solution = solve_ivp(lambda t, x, u=u: rate(x, u), (begin, end), states[-1][-1], t_eval=t, **options)
         times.append(t)
-        states.append(found.y.T)
+        states.append(solution.y.T)
     return np.concatenate(times), np.concatenate(states)
 
 

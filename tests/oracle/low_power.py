@@ -18,12 +18,12 @@ def low_power(k: Array, theta: float, c: Nonlinear) -> Callable[[Array, Array, A
     def rate(state: Array, y: Array, valid: Array, u: Array) -> Array:
         xi = state.reshape(m, 2)
         terms = c(np.array([xi[0, 0], *xi[:, 1]]), u)
-        found = np.empty((m, 2))
+        slope = np.empty((m, 2))
         for i in range(m):
             e = valid[0] * (y[0] - xi[0, 0]) if i == 0 else xi[i - 1, 1] - xi[i, 0]
             above = xi[i + 1, 1] if i + 1 < m else 0.0
-            found[i] = xi[i, 1] + terms[i] + theta * k[i, 0] * e, above + terms[i + 1] + theta**2 * k[i, 1] * e
-        return found.reshape(-1)
+            slope[i] = xi[i, 1] + terms[i] + theta * k[i, 0] * e, above + terms[i + 1] + theta**2 * k[i, 1] * e
+        return slope.reshape(-1)
 
     return rate
 

@@ -141,10 +141,10 @@ class Program:
         numerator, denominator = e.as_numer_denom() if any(a.is_Pow and a.exp < 0 for a in e.args) else (e, sp.S.One)
         if denominator != 1:
             return self._put("over", (self._place(numerator), self._place(denominator)))
-        found = self._place(e.args[0])
+        place = self._place(e.args[0])
         for part in e.args[1:]:
-            found = self._put("mul", (found, self._place(part)))
-        return found
+            place = self._put("mul", (place, self._place(part)))
+        return place
 
     def residue(self, polynomial: sp.Expr) -> int:
         """A polynomial's value at the point modulo PRIME."""
@@ -239,11 +239,11 @@ def rows(program: Program) -> Iterator[list[list[int]]]:
     k = 0
     while True:
         program.step(k)
-        found = []
+        gradients = []
         for node in program.outputs[program.n :]:
             base, *moved = (program.values[node][run][k] for run in range(program.runs))
-            found.append([(value - base) % SQUARE // PRIME for value in moved])
-        yield found
+            gradients.append([(value - base) % SQUARE // PRIME for value in moved])
+        yield gradients
         k += 1
 
 

@@ -25,7 +25,7 @@ def bilinear(M: Array, B: Array, h: float) -> tuple[Array, Array, Array]:
 def run(steps: tuple[Array, Array, Array], start: Array, v: Array) -> Array:
     """States (N, n) at the samples v (N, p)."""
     Phi, before, now = steps
-    found = [np.array(start, dtype=float)]
+    states = [np.array(start, dtype=float)]
     for k in range(len(v) - 1):
-        found.append(Phi @ found[-1] + before @ v[k] + now @ v[k + 1])
-    return np.array(found)
+        states.append(Phi @ states[-1] + before @ v[k] + now @ v[k + 1])
+    return np.array(states)

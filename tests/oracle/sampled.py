@@ -16,7 +16,7 @@ Map = Callable[[Array, Array, Array, Array], Array]  # of state, y (p), valid (p
 def run(rate: Rate, start: Array, y: Array, dt: float, u: Array | None = None, after: Map | None = None) -> Array:
     """States (N, ..) at the samples of y (N, p), NaN where one is missing; inputs u (N, m) on lines. `after` maps the
     state at each sample but the first."""
-    state, found = np.array(start, dtype=float), [np.array(start, dtype=float)]
+    state, states = np.array(start, dtype=float), [np.array(start, dtype=float)]
     u = np.zeros((len(y), 0)) if u is None else u
     for k in range(1, len(y)):
         valid = np.isfinite(y[k]).astype(float)
@@ -34,5 +34,5 @@ def run(rate: Rate, start: Array, y: Array, dt: float, u: Array | None = None, a
         k4 = slope(state + dt * k3, 1.0)
         state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         state = state if after is None else after(state, now, valid, u[k])
-        found.append(state)
-    return np.array(found)
+        states.append(state)
+    return np.array(states)

@@ -48,8 +48,8 @@ class Sampled:
     @cached_property
     def boxes(self) -> list[tuple[Value, Value]]:
         """Where the points lie, strictly inside the boxes; [1/3, 8/5] where there is none."""
-        given = {k: v for key in ("x_box", "u_box", "param_ranges") for k, v in (self.model.get(key) or {}).items()}
-        ends = [[read(end, ()) for end in given.get(name, ("1/3", "8/5"))] for name in self.names]
+        ranges = {k: v for key in ("x_box", "u_box", "param_ranges") for k, v in (self.model.get(key) or {}).items()}
+        ends = [[read(end, ()) for end in ranges.get(name, ("1/3", "8/5"))] for name in self.names]
         with mpmath.workdps(DIGITS):
             return [tuple(mpmath.mpf(sp.N(end, DIGITS)) for end in pair) for pair in ends]
 
@@ -78,20 +78,20 @@ class Sampled:
 
     def slope_varies_with(self, row: int, state: int) -> set[int]:
         """The states with which the chord in one state changes: itself, where the row bends."""
-        n, found = len(self.model["states"]), set()
+        n, varying = len(self.model["states"]), set()
         with mpmath.workdps(DIGITS):
             for point in self.samples:
                 chord = self.change(row, state, point, mpmath.mpf("0.37"))
                 if abs(self.change(row, state, point, mpmath.mpf("0.81")) - chord) > SAME * (1 + abs(chord)):
-                    found.add(state)
+                    varying.add(state)
                 for other in range(n):
                     moved = list(point)
                     moved[other] += mpmath.mpf("0.53") * (self.boxes[other][1] - point[other])
                     if other != state and abs(self.change(row, state, moved, mpmath.mpf("0.37")) - chord) > SAME * (
                         1 + abs(chord)
                     ):
-                        found.add(other)
-        return found
+                        varying.add(other)
+        return varying
 
 
 def chains(model: Mapping[str, Any]) -> Iterator[list[list[int]]]:
@@ -108,8 +108,8 @@ def structure(model: Mapping[str, Any]) -> dict[str, Any]:
     s = Sampled(model)
     n, p = len(model["states"]), len(model["outputs"])
     varies = {(i, j): s.slope_varies_with(i, j) for i in range(n + p) for j in s.depends[i]}
-    found: dict[str, Any] = dict.fromkeys(("levelwise", "cascade", "bent"), False)
-    found |= dict.fromkeys(("triangular", "triangular_uy", "uof_structure"), False)
+    labels: dict[str, Any] = dict.fromkeys(("levelwise", "cascade", "bent"), False)
+    labels |= dict.fromkeys(("triangular", "triangular_uy", "uof_structure"), False)
     for split in chains(model):
         if not all(s.depends[n + k] == {chain[0]} for k, chain in enumerate(split)):
             continue
@@ -121,14 +121,14 @@ def structure(model: Mapping[str, Any]) -> dict[str, Any]:
         level = {state: k for chain in split for k, state in enumerate(chain)}
         follower = dict(steps)
         flat = all(level[j] <= level[i] or j == follower.get(i) for i in level for j in s.depends[i])
-        found["levelwise"] |= flat and linear
-        found["bent"] |= flat
-        found["cascade"] |= linear and any(_cascade(order, s.depends) for order in itertools.permutations(split))
+        labels["levelwise"] |= flat and linear
+        labels["bent"] |= flat
+        labels["cascade"] |= linear and any(_cascade(order, s.depends) for order in itertools.permutations(split))
         if p == 1 and flat:
             head = split[0][0]
-            found |= {"uof_structure": True, "order": [model["states"][k] for k in split[0]], "triangular": linear}
-            found["triangular_uy"] = linear_heads and all(varies[step] <= {head} - {step[1]} for step in steps)
-    return found
+            labels |= {"uof_structure": True, "order": [model["states"][k] for k in split[0]], "triangular": linear}
+            labels["triangular_uy"] = linear_heads and all(varies[step] <= {head} - {step[1]} for step in steps)
+    return labels
 
 
 def _cascade(split: Sequence[Sequence[int]], depends: list[set[int]]) -> bool:
