@@ -24,6 +24,7 @@ _FILES = {
     "run": "running",
     "noise": "running",
     "fit": "fitting",
+    "tune": "calibrating",
     "window": "showing",
     "list": "listing",
     "new": "beginning",

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hgogen.call import CallableStep
-from hgogen.commands import jobs, tables
+from hgogen.commands import jobs, log_tables, tables
 from hgogen.commands.command import (
     Json,
     ModelArgument,
@@ -19,6 +19,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.logs import horizons
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.filename import fault
@@ -59,7 +60,7 @@ def run_(
     unit of time, notes), status (samples by status bit), predictions (output, ahead: samples or null for open
     loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), files.
     """
-    ahead = _horizons(horizon)
+    ahead = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
     folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
     folder.demand(f"{name}_report.json")
@@ -83,22 +84,12 @@ def run_(
     }
     folder.write({**files, f"{name}_report.json": json_text(report) + "\n"})
     shown = (
-        tables.report(record.report),
+        log_tables.report(record.report),
         tables.status(step.bits, status, len(y)),
-        tables.predictions(errors, step.dt, step.time),
+        log_tables.predictions(errors, step.dt, step.time),
         tables.files(paths),
     )
     show(as_json, report, *shown)
-
-
-def _horizons(text: str) -> tuple[int, ...]:
-    try:
-        ahead = tuple(int(part) for part in text.split(","))
-    except ValueError:
-        ahead = (0,)
-    if min(ahead) < 1:
-        raise typer.BadParameter(f"{text!r} must be positive whole numbers, such as 1,5,25", param_hint="--horizon")
-    return ahead
 
 
 def _record(
@@ -144,4 +135,9 @@ def noise_(
     quiet = noise.quiet(record.t, begin, end, step.time)
     suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs]
     value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in suggestions]}
-    show(as_json, value, tables.report(record.report), *(tables.suggestion(one, step.time) for one in suggestions))
+    show(
+        as_json,
+        value,
+        log_tables.report(record.report),
+        *(log_tables.suggestion(one, step.time) for one in suggestions),
+    )

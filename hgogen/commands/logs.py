@@ -1,0 +1,82 @@
+"""Measured records on the command line: which columns are signals, and the rows held out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from hgogen.identification.records import Log
+from hgogen.reading.measured import Record, mapping, read
+from hgogen.system import System
+
+Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")]
+HeldOut = Annotated[
+    float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Logs:
+    """Records of a plant; of each the rows before `cuts` are learned from."""
+
+    plant: System
+    records: tuple[Record, ...]
+    cuts: tuple[int, ...]
+
+    @property
+    def learned(self) -> tuple[Log, ...]:
+        """The rows to learn from."""
+        return tuple(self._log(record, cut) for record, cut in zip(self.records, self.cuts, strict=True))
+
+    @property
+    def whole(self) -> tuple[Log, ...]:
+        """All rows."""
+        return tuple(self._log(record, len(record.t)) for record in self.records)
+
+    def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
+        """Columns of each record that are no signals, by name."""
+        return tuple({name: record.values[:, record.names.index(name)] for name in names} for record in self.records)
+
+    def _log(self, record: Record, count: int) -> Log:
+        u, y = record.of(self.plant.inputs)[:count], record.of(self.plant.outputs)[:count]
+        return Log(u, y, record.report.dt)
+
+
+def logs_of(
+    plant: System,
+    data: Sequence[Path],
+    held_out: float,
+    *,
+    dt: float | None = None,
+    time: str | None,
+    period: float | None,
+    pairs: Sequence[str],
+    beside: dict[str, str] | None = None,
+) -> Logs:
+    """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
+    other columns by name.
+
+    Raises: `BadRecord`.
+    """
+    columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **(beside or {})}
+    records = tuple(read(path, columns, dt=dt, time=time, period=period, unit=plant.time) for path in data)
+    return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
+
+
+def names_in(text: str | None) -> tuple[str, ...]:
+    """What a text such as "a,b" names."""
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
+
+
+def horizons(text: str, option: str) -> tuple[int, ...]:
+    """Numbers of samples ahead, from a text such as "1,5,25". Raises: `typer.BadParameter`."""
+    try:
+        ahead = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        ahead = (0,)
+    if min(ahead) < 1:
+        raise typer.BadParameter(f"{text!r} must be positive whole numbers, such as 1,5,25", param_hint=option)
+    return ahead
