@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.analysis.observability import observability
     from hgogen.analysis.query import bound, nonzero
     from hgogen.analysis.singularity import singularity
+    from hgogen.calibration.advise import advise
     from hgogen.calibration.tune import tune
     from hgogen.calibration.tuned import Calibration
     from hgogen.call import sample
@@ -56,6 +57,7 @@ _MODULES = {  # public files and folders
 }
 _NAMES = {  # what else is public, and the file that holds it
     **dict.fromkeys(("Run", "Sample"), "calling.samples"),
+    "advise": "calibration.advise",
     "Calibration": "calibration.tuned",
     "tune": "calibration.tune",
     "sample": "call",
@@ -105,6 +107,7 @@ __all__ = [
     "Step",
     "System",
     "Verdict",
+    "advise",
     "bound",
     "certificate",
     "design",

@@ -153,14 +153,7 @@ def starting_gains(
         )
     if not callable(observer):
         raise BadGain(f"observer = {observer!r}", "must be one of hg.observers, such as hg.observers.high_gain")
-    if noise is not None and not isinstance(noise, Mapping):
-        raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
-    names = [y.name for y in form.system.outputs]
-    for name, sigma in (noise or {}).items():
-        if name not in names:
-            raise BadGain(f"noise of {name!r}", f"is of no output; the outputs are {', '.join(names)}")
-        positive(f"noise of {name!r}", sigma)
-    numbers = scale(form, None if dt is None else positive("dt", dt), noise or {})
+    numbers = scale(form, dt, noise)
     try:
         gains = rule(observer).gains(numbers)
     except ArithmeticError:
@@ -168,8 +161,12 @@ def starting_gains(
     return Starting({}, numbers.dt, gains) if isinstance(gains, str) else Starting(gains, numbers.dt)
 
 
-def scale(form: Form, dt: float | None, noise: Mapping[str, float]) -> Scale:
-    """The numbers that the rules take of a form and its plant."""
+def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
+    """The numbers that the rules take of a form and its plant.
+
+    Raises: `BadGain`, as `starting_gains`.
+    """
+    dt, noise = None if dt is None else positive("dt", dt), _sigmas(form, noise)
     rates = _pace(form.system)
     theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
     if dt is None:
@@ -182,6 +179,18 @@ def scale(form: Form, dt: float | None, noise: Mapping[str, float]) -> Scale:
     longest = rates.longest or 1.0
     process = {name: s * s * (1 / longest) for name, s in states.items()}
     return Scale(theta, dt, longest, states, process, outputs, deviations, form.blocks)
+
+
+def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float]:
+    """What is known of the noise. Raises: `BadGain`."""
+    if noise is not None and not isinstance(noise, Mapping):
+        raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
+    names = [y.name for y in form.system.outputs]
+    for name, sigma in (noise or {}).items():
+        if name not in names:
+            raise BadGain(f"noise of {name!r}", f"is of no output; the outputs are {', '.join(names)}")
+        positive(f"noise of {name!r}", sigma)
+    return noise or {}
 
 
 def _pace(plant: System) -> Pace:

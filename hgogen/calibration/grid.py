@@ -19,13 +19,13 @@ from hgogen.calibration.tuned import Tuned
 from hgogen.call import CallableStep, sample
 from hgogen.check import refuted
 from hgogen.emit.syntax import Real
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.form import Form
 from hgogen.identification.motion import paced
 from hgogen.identification.records import Log
 from hgogen.modelfiles.arguments import value
 from hgogen.modelfiles.first import First
-from hgogen.starting import Gains, Rule, Scale, Starting, rule, scale, two
+from hgogen.starting import Gains, Scale, Starting, rule, scale, two
 from hgogen.step import StepMayFail
 from hgogen.which_forms import Row
 
@@ -61,21 +61,18 @@ class Task:
             if len(row.form.system.inputs) > self.records[0].u.shape[1]:
                 refusals.append("its form asks for derivatives of inputs, which are in no record")
                 continue
-            search = Search(self, name, row, scale(row.form, self.dt, {}))
-            if isinstance(search.rule.gains(search.base), str):
-                return str(search.rule.gains(search.base))
+            search = Search(self, name, row, scale(row.form, self.dt))
+            gains = gains_of(name, search.base)
+            if isinstance(gains, str):
+                return gains
             if (best := search.search()) is not None:
                 return best
             refusals += search.refusals[:1]
         return refusals[:2][-1]
 
     def step(self, name: str, form: Form, gains: Gains) -> CallableStep:
-        """Of an observer with gains as a tuning holds them. Raises: as the observer and `sample` do."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StepMayFail)  # the record judges it
-            observer = getattr(every, name)(form, **{key: value(key, entry) for key, entry in gains.items()})
-            method = getattr(methods, self.sampling["method"])
-            return sample(observer, method, self.dt, between=self.sampling["between"], real=self.real)
+        """Of an observer at the period of the records. Raises: as the observer and `sample` do."""
+        return step_of(name, form, gains, self.dt, self.sampling, self.real)
 
     def noise(self, form: Form, base: Scale) -> tuple[Noise, ...]:
         """The maxima of the likelihood on a form."""
@@ -85,6 +82,49 @@ class Task:
             self.likelihoods[form.kind] = likelihood
             self.noises[form.kind] = likelihood.maxima(lambda: self.each("likelihood"))
         return self.noises[form.kind]
+
+
+class UnknownObserver(BadArgument):
+    """A name of no observer."""
+
+
+def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
+    """The names, each once, by default all there are. Raises: `UnknownObserver`."""
+    known = tuple(every.__all__)
+    for name in names or ():
+        if name not in known:
+            fix = nearest(name, known, f"there are {', '.join(known)}")
+            raise UnknownObserver(f"observer {name[:60]!r}", f"is none; {fix}")
+    return known if names is None else tuple(dict.fromkeys(names))
+
+
+def gains_of(observer: str, numbers: Scale) -> Gains | str:
+    """What the rule of an observer makes of a scale, or why nothing."""
+    try:
+        return rule(getattr(every, observer)).gains(numbers)
+    except ArithmeticError:
+        return "they are beyond a double; give the signals other units"
+
+
+def step_of(
+    observer: str, form: Form, gains: Gains, dt: float, sampling: Mapping[str, Any], real: Real = "double"
+) -> CallableStep:
+    """Of an observer with gains as a tuning holds them, `method` and `between` of `sampling` too; that it may fail is
+    left to what judges it.
+
+    Raises: as the observer and `sample` do.
+    """
+    method = getattr(methods, sampling.get("method", "continuous_discrete"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepMayFail)
+        made = getattr(every, observer)(form, **{key: value(key, entry) for key, entry in gains.items()})
+        return sample(made, method, dt, between=sampling.get("between", "line"), real=real)
+
+
+def thetas(theta: float, dt: float) -> list[float]:
+    """A grid from a thirtieth of a theta to what steps of dt take."""
+    least, largest = max(1.0, theta / 30), 1 / (STEEPEST * dt)
+    return [two(each) for each in np.geomspace(least, max(largest, 2 * least), GRID)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +138,6 @@ class Search:
     scales: list[Scale] = field(default_factory=list)
     steps: list[First] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
-
-    @property
-    def rule(self) -> Rule:
-        """That of the observer."""
-        return rule(getattr(every, self.name))
 
     def search(self) -> Tuned | None:
         """The best scale of the grid, and of those between it and its neighbours; None where none makes a step."""
@@ -135,9 +170,8 @@ class Search:
         """What the rule reads is varied."""
         scales = [self.base]
         if self._reads(theta=2 * self.base.theta):
-            least, largest = max(1.0, self.base.theta / 30), 1 / (STEEPEST * self.task.dt)
-            thetas = np.geomspace(least, max(largest, 2 * least), GRID)
-            scales = [replace(one, theta=two(theta)) for one in scales for theta in thetas]
+            values = thetas(self.base.theta, self.task.dt)
+            scales = [replace(one, theta=theta) for one in scales for theta in values]
         if self._reads(longest=2 * self.base.longest):
             scales = [replace(one, longest=one.longest * factor) for one in scales for factor in LONG]
         if self._reads(noise={name: 2 * sigma for name, sigma in self.base.noise.items()}):
@@ -170,18 +204,12 @@ class Search:
         assert self.row.form is not None
         return self.row.form
 
-    def _gains(self, numbers: Scale) -> Gains | str:
-        try:
-            return self.rule.gains(numbers)
-        except ArithmeticError:
-            return "they are beyond a double; give the signals other units"
-
     def _reads(self, **values: Any) -> bool:
         """Whether gains change with a number."""
-        return self._gains(replace(self.base, **values)) != self._gains(self.base)
+        return gains_of(self.name, replace(self.base, **values)) != gains_of(self.name, self.base)
 
     def _first(self, numbers: Scale) -> First | None:
-        gains = self._gains(numbers)
+        gains = gains_of(self.name, numbers)
         if isinstance(gains, str):
             self.refusals.append(gains)
             return None

@@ -6,14 +6,13 @@ Gains are chosen by what they predict `ahead` samples ahead, and judged on segme
 from collections.abc import Callable, Iterable
 from typing import Literal
 
-from hgogen import observers as every
 from hgogen.calibration.adaptive import ADAPTIVE, FILTER, adaptive
-from hgogen.calibration.grid import Task
+from hgogen.calibration.grid import Task, observers_named
 from hgogen.calibration.score import Judge
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calling import native
 from hgogen.emit.syntax import Real
-from hgogen.errors import BadArgument, nearest
+from hgogen.errors import BadArgument
 from hgogen.identification.records import Log, demanded
 from hgogen.modelfiles.first import places
 from hgogen.reading.door import asks_a_plant
@@ -47,9 +46,9 @@ def tune(
     record, by which gains are judged that others chose; `rows`: the forms to ask, by default those that the plant is
     in; `each(what)` is called after every trial.
 
-    Raises: `CannotTune`; `BadLog`, `BadShape` for records that are none.
+    Raises: `CannotTune`; `UnknownObserver`; `BadLog`, `BadShape` for records that are none.
     """
-    names = _named(observers)
+    names = observers_named(observers)
     if not records or not all(isinstance(record, Log) for record in records):
         raise CannotTune("records", "are missing; give logs, such as hg.Log(u, y, dt)")
     if len({record.dt for record in records}) > 1:
@@ -70,12 +69,3 @@ def tune(
         raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons}")
     refused = {name: one for name, one in done.items() if isinstance(one, str)}
     return Calibration(tuple(tuned), refused, ahead, segments)
-
-
-def _named(names: Iterable[str] | None) -> tuple[str, ...]:
-    known = tuple(every.__all__)
-    for name in names or ():
-        if name not in known:
-            fix = nearest(name, known, f"there are {', '.join(known)}")
-            raise CannotTune(f"observer {name[:60]!r}", f"is none; {fix}")
-    return known if names is None else tuple(dict.fromkeys(names))

@@ -12,7 +12,7 @@ from hgogen.emit.cost import cost
 from hgogen.identification.records import Log
 from hgogen.modelfiles.first import First
 from hgogen.starting import Scale
-from hgogen.theorem import Convergence, convergence
+from hgogen.theorem import Convergence
 
 Array = np.ndarray
 
@@ -42,12 +42,6 @@ class Tuned:
         return float(np.sqrt(self.errors.mean()))
 
     @property
-    def known(self) -> Convergence | None:
-        """What is known of its convergence, None where no theorem covers it."""
-        observer = self.first.step.observer
-        return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
-
-    @property
     def table(self) -> Mapping[str, Any]:
         """The tuning that makes the same step."""
         kind = {} if self.name == self.first.observer else {"kind": self.first.observer}
@@ -67,7 +61,7 @@ class Tuned:
     @property
     def rank(self) -> tuple[int, bool, int]:
         """Of those that predict as well: with a proof, with known noise, cheap; the least is taken."""
-        return _RANK[self.known], self.noise is None, cost(self.first.step).operations
+        return _RANK[self.first.known], self.noise is None, cost(self.first.step).operations
 
 
 @dataclass(frozen=True)

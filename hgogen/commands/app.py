@@ -23,6 +23,7 @@ _FILES = {
     "simulate": "building",
     "run": "running",
     "noise": "running",
+    "advise": "advising",
     "fit": "fitting",
     "tune": "calibrating",
     "window": "showing",

@@ -150,7 +150,7 @@ def _of_tuned(row: Tuned) -> Mapping[str, Any]:
     return {
         "form": row.first.row.name,
         "error": row.error,
-        "known": KNOWN[row.known][0],
+        "known": KNOWN[row.first.known][0],
         "operations": used.operations,
         "functions": used.functions,
         "state": used.state,

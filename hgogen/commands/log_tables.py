@@ -118,5 +118,26 @@ def suggestion(noise: Suggestion, unit: str) -> RenderableType:
     return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in noise.notes), "")
 
 
+def advised(
+    rows: Sequence[Mapping[str, Any]], best: str, unit: str, notes: Iterable[str], refused: Mapping[str, str]
+) -> RenderableType:
+    """Gains without a record, and what they do on the trial."""
+    states = list(dict.fromkeys(state for row in rows for state in row["noise"]))
+    table = headed(
+        "gains from ranges, noise and period; noise: the RMS that it alone makes of an estimate on the trial",
+        *("", "observer", "form", "theta", "certified from", "settles from", f"settles in ({unit})"),
+        *(f"noise of {state}" for state in states),
+        "convergence",
+    )
+    for row in rows:
+        numbers = [_cell(row[key]) for key in ("theta", "certified", "settles", "settled")]
+        noise = [_cell(row["noise"].get(state)) for state in states]
+        table.add_row("take" if row["name"] == best else "", row["name"], row["form"], *numbers, *noise, row["known"])
+    without = headed("without gains", "observer", "why")
+    for name, reason in refused.items():
+        without.add_row(name, Text(reason))
+    return Group(table, "", *map(Text, notes), "", *([Group(without, "")] if refused else []))
+
+
 def _cell(value: float | None) -> str:
     return "" if value is None else f"{value:.4g}"

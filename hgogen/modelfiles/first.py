@@ -9,6 +9,7 @@ from hgogen.call import CallableStep, sample
 from hgogen.check import refuted
 from hgogen.errors import HgogenError
 from hgogen.starting import Starting, starting_gains
+from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Row, Survey
 
 
@@ -20,6 +21,12 @@ class First:
     row: Row
     starting: Starting
     step: CallableStep
+
+    @property
+    def known(self) -> Convergence | None:
+        """What is known of its convergence, None where no theorem covers it."""
+        observer = self.step.observer
+        return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
 
     @property
     def table(self) -> Mapping[str, Any]:
