@@ -54,7 +54,7 @@ from hgogen.evidence.enclosing import LOOSE, Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.certified import Nothing, slope
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import down, same, up
 from hgogen.reading.given import BadGain, reals
 from hgogen.structure.polytope import chains
 
@@ -288,17 +288,16 @@ def _above(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> C
         return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
     bound = max(Fraction(1), 2 * assumptions.slope * candidate.peak / candidate.decay)
     numbers = f"k <= {up(assumptions.slope)}, lambda_max(P) <= {up(candidate.peak)}, lambda >= {down(candidate.decay)}"
-    least = f"{up(bound)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
+    least = f"{up(bound, below=assumptions.low)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
+    gamma = f"gamma_inf = {same(float(assumptions.low))}"
     if not assumptions.low > bound:
-        low = (
-            f"not shown: gamma_inf = {float(assumptions.low):g} is not above {least}; this is sufficient, not necessary"
-        )
+        low = f"not shown: {gamma} is not above {least}; this is sufficient, not necessary"
         return Check(
             ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials."
         )
     speed = (assumptions.low * candidate.decay - 2 * assumptions.slope * candidate.peak) / (2 * candidate.peak)
     rate = f"the error decays at least like exp(-{down(speed, 2)} t) while the estimate keeps to its outer box"
-    above = f"gamma_inf = {float(assumptions.low):g} is above {least}; {rate}"
+    above = f"{gamma} is above {least}; {rate}"
     return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, above)
 
 

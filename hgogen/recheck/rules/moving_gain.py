@@ -27,7 +27,7 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built, integrators, slope
-from ..context import Context, Shown, on, short
+from ..context import Context, Shown, is_above, on, short
 from ..file import Built, Claim, Observer
 from ..interval import intervals, point
 from ..matrix import (
@@ -87,7 +87,7 @@ def convergence(context: Context, claim: Claim) -> Shown:
     if not low > least:
         raise NotShown(f"gamma_inf = {short(low)} is not above {short(least, 1)}")
     _, boxes = _at(context, claim, low)
-    above = f"the error converges exponentially: gamma_inf = {short(low)} is above {short(least, 1)}"
+    above = f"the error converges exponentially: gamma_inf = {is_above(low, least)}"
     return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
