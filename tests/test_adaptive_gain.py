@@ -159,6 +159,11 @@ def test_the_checks_of_an_observer() -> None:
     found = by_id(checks("it", paper(), given_()))
     assert {check.verdict for check in found.values()} == {Verdict.PROVED}
     assert found["convergence"].reason.startswith("gamma_inf = 20.53 is above 9.002 = max(")
+    assert found["attenuation"].claim.startswith("in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to ")
+    assert found["attenuation"].reason.endswith(f"; {disturbance(TORQUE, 3)}")
+    near = by_id(checks("it", paper(), given_(low=9.0013)))["convergence"]
+    assert near.verdict is Verdict.PROVED
+    assert near.reason.startswith("gamma_inf = 9.0013 is above 9.0011 = max(")
     low = by_id(checks("it", paper(), given_(low=9.0)))
     assert (low["convergence"].verdict, low["attenuation"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
     assert "gamma_inf = 9 is not above 9.002" in low["convergence"].reason

@@ -124,6 +124,10 @@ class Disturbance:
         second = (g * (unit(len(self.measurement)) + G.transpose() * G) * g.transpose())[0, 0]
         return 1 + largest(G * G.transpose())[1], fraction(second)
 
+    def __str__(self) -> str:
+        rows = "; ".join(" ".join(same(float(value)) for value in row) for row in self.plant)
+        return f"G_1 = [{rows}], G_2 = [{' '.join(same(float(value)) for value in self.measurement)}]"
+
 
 @dataclass(frozen=True)
 class Given:
@@ -302,7 +306,7 @@ def _above(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> C
 
 
 def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Check:
-    claim = "the L2 gain from the disturbance to the error has a bound"
+    claim = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"
     if lost:
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, lost)
     mu = gain(candidate, assumptions)
@@ -311,9 +315,8 @@ def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Ch
             f"not shown: (70) asks for gamma_inf above {up(candidate.least(assumptions.slope or Fraction(0)))} at least"
         )
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
-    return Check(
-        ClaimId(maker, "attenuation"), claim, Verdict.PROVED, f"mu <= {up(mu)}, in the coordinates of integrators"
-    )
+    reason = f"mu <= {up(mu)}, in the coordinates of integrators, while the estimate keeps to its outer box"
+    return Check(ClaimId(maker, "attenuation"), claim, Verdict.PROVED, f"{reason}; {assumptions.disturbance}")
 
 
 def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:
