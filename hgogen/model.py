@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
@@ -21,7 +21,7 @@ from hgogen.errors import HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
-from hgogen.modelfiles.first import NoFirst, first, places
+from hgogen.modelfiles.first import NoFirst, everywhere, first
 from hgogen.modelfiles.parameters import put
 from hgogen.modelfiles.parameters import read as read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
@@ -36,7 +36,7 @@ from hgogen.reading.folding import Fold
 from hgogen.reading.text_model import READERS, BadModelFile, PlainModel, read
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.which_forms import Row, Survey, of, survey
+from hgogen.which_forms import Row, of
 
 _PYTHON = MappingProxyType(
     {
@@ -213,8 +213,7 @@ class Model:
         if self.setting.form:
             yield of(self.setting.form, self.plant)
             return
-        yield from places(_surveyed(self.plant, False))
-        yield from places(_surveyed(self.plant, True))
+        yield from everywhere(self.plant)
 
     @property
     def _first(self) -> str:
@@ -293,11 +292,6 @@ def load(path: str | Path) -> Model:
     if why := filename.fault(file.stem):
         raise BadModelFile(str(file), "", f"{filename.BadFileName(file.stem, why)} in the name of the file")
     return _LOADERS[file.suffix](file)
-
-
-@lru_cache(maxsize=2)
-def _surveyed(plant: System, deep: bool) -> Survey:
-    return survey(plant, deep=deep)
 
 
 def _plain(path: Path) -> Model:

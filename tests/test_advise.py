@@ -131,7 +131,7 @@ def test_without_a_trial_there_are_gains_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("--noise", "y"), "must read OUTPUT=SIGMA"),
+        (("--noise", "y"), "must read NAME=NUMBER"),
         (("--noise", "z=1"), "noise of 'z' is of no output"),
         (("--noise", "y=0"), "noise of 'y'"),
         (("--settling", "0"), "settling"),

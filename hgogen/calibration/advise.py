@@ -22,7 +22,7 @@ from hgogen.calling.samples import Engine
 from hgogen.check import Check, refuted
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import Grounds
-from hgogen.modelfiles.first import First, places
+from hgogen.modelfiles.first import First, everywhere
 from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.given import positive
@@ -30,7 +30,7 @@ from hgogen.starting import Scale, Starting, scale, two
 from hgogen.system import System
 from hgogen.trial import Trial, try_out
 from hgogen.trials.metrics import metrics
-from hgogen.which_forms import Row, survey
+from hgogen.which_forms import Row
 
 LEFT = 0.01  # of a first error
 
@@ -99,22 +99,24 @@ def advise(
     observers: Iterable[str] | None = None,
     trial: Trial | None = None,
     rows: Iterable[Row] | None = None,
+    deep: bool = False,
     each: Callable[[str], None] = lambda what: None,
 ) -> tuple[tuple[Advised, ...], dict[str, str]]:
     """Gains of the observers that a plant admits, and why others have none, by observer.
 
     `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
     output, by default 1 % of half its range; `settling`: the time in which a first error should be gone; `trial`: on
-    which values of theta are tried; `rows`: the forms to ask; `each(what)` is called after every observer.
+    which values of theta are tried; `rows`: the forms to ask, by default those that the plant is in, those that
+    take seconds if `deep`; `each(what)` is called after every observer.
 
     Raises: `UnknownObserver`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
-    places_ = tuple(places(survey(plant)) if rows is None else rows)
+    asked = tuple(everywhere(plant, deep=deep) if rows is None else rows)
     ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial)
     advised: list[Advised] = []
     refused: dict[str, str] = {}
     for name in observers_named(observers):
-        one = ask.of(name, places_)
+        one = ask.of(name, asked)
         if isinstance(one, str):
             refused[name] = one
         else:

@@ -14,10 +14,10 @@ from hgogen.calling import native
 from hgogen.emit.syntax import Real
 from hgogen.errors import BadArgument
 from hgogen.identification.records import Log, demanded
-from hgogen.modelfiles.first import places
+from hgogen.modelfiles.first import everywhere
 from hgogen.reading.door import asks_a_plant
 from hgogen.system import System
-from hgogen.which_forms import Row, survey
+from hgogen.which_forms import Row
 
 SEGMENTS = 5
 
@@ -37,6 +37,7 @@ def tune(
     real: Real = "double",
     segments: int = SEGMENTS,
     rows: Iterable[Row] | None = None,
+    deep: bool = False,
     each: Callable[[str], None] = lambda what: None,
 ) -> Calibration:
     """The gains with which each observer predicts the records best, at their sampling period.
@@ -44,7 +45,7 @@ def tune(
     `records`: as in `fit`, all of one period; `observers`: names of `hg.observers`, by default all; `ahead`: samples,
     1 where an estimate of now is wanted; `method` by name, `between` and `real`: as in `sample`; `segments` of each
     record, by which gains are judged that others chose; `rows`: the forms to ask, by default those that the plant is
-    in; `each(what)` is called after every trial.
+    in, those that take seconds if `deep`; `each(what)` is called after every trial.
 
     Raises: `CannotTune`; `UnknownObserver`; `BadLog`, `BadShape` for records that are none.
     """
@@ -58,7 +59,7 @@ def tune(
     logs = tuple(demanded(plant, record, k) for k, record in enumerate(records, 1))
     engine: Literal["c", "python"] = "c" if native.compiler() else "python"
     task = Task(logs, Judge(logs, ahead, segments, engine), {"method": method, "between": between}, real, each)
-    asked = tuple(places(survey(plant)) if rows is None else rows)
+    asked = tuple(everywhere(plant, deep=deep) if rows is None else rows)
     done = {name: task.tuned(name, asked) for name in names}
     plain = done.get(FILTER)
     if isinstance(plain, Tuned):

@@ -22,7 +22,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.logs import names_in
+from hgogen.commands.logs import Deep, names_in, numbers_by_name
 from hgogen.commands.process import note
 from hgogen.emit.cost import cost
 from hgogen.model import Model, load
@@ -47,6 +47,7 @@ def advise_(
         float | None, typer.Option("--settling", help="The wanted time to settle, in the model's time.")
     ] = None,
     trial: OneTrial = None,
+    deep: Deep = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -61,7 +62,8 @@ def advise_(
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("advised.json")
-    sigmas, chosen = _sigmas(plant, noise or ()), _trial(loaded, trial)
+    sigmas = {name: each for text in noise or () for name, each in numbers_by_name(text, "--noise").items()}
+    chosen = _trial(loaded, trial)
     names = names_in(observers)
     with Bar("observers", len(names) or len(kinds.__all__)) as bar:
         advised, refused = advise(
@@ -72,6 +74,7 @@ def advise_(
             observers=names or None,
             trial=chosen,
             rows=None if setting.form is None else (of(setting.form, plant),),
+            deep=deep,
             each=lambda _: bar.tick(),
         )
     rows = [_row(one) for one in advised]
@@ -92,20 +95,6 @@ def advise_(
     }
     folder.write({**files, "advised.json": json_text(report) + "\n"})
     show(as_json, report, log_tables.advised(rows, best, plant.time, notes, refused), tables.files(paths))
-
-
-def _sigmas(plant: System, pairs: Sequence[str]) -> dict[str, float]:
-    """Standard deviations by output, from texts OUTPUT=SIGMA. Raises: `typer.BadParameter`."""
-    sigmas = {}
-    for text in pairs:
-        name, _, number = text.partition("=")
-        try:
-            sigmas[name.strip()] = float(number)
-        except ValueError:
-            names = ", ".join(y.name for y in plant.outputs)
-            reason = f"{text!r} must read OUTPUT=SIGMA, a number; the outputs are {names}"
-            raise typer.BadParameter(reason, param_hint="--noise") from None
-    return sigmas
 
 
 def _trial(model: Model, name: str | None) -> Trial | None:

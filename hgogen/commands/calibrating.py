@@ -14,7 +14,7 @@ from hgogen.call import CallableStep
 from hgogen.commands import log_tables, tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import Bar, Json, ModelArgument, Out, command, engine_here, folder_of, json_text, show
-from hgogen.commands.logs import Data, HeldOut, horizons, logs_of, names_in
+from hgogen.commands.logs import Data, Deep, HeldOut, Truth, horizons, logs_of, names_in, truth_of
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.emit.cost import cost
@@ -35,16 +35,14 @@ def tune_(
     time: Time = None,
     period: Period = None,
     map_: Map = None,
-    truth: Annotated[
-        list[str] | None,
-        typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; judges, never tunes."),
-    ] = None,
+    truth: Truth = None,
     held_out: HeldOut = 0.3,
     ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
     segments: Annotated[
         int, typer.Option(min=2, help="Of each record, by which gains that others chose are judged.")
     ] = 5,
     horizon: Annotated[str, typer.Option(help="Samples ahead of the errors held out, such as 1,5,25.")] = "1,5,25",
+    deep: Deep = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -60,7 +58,7 @@ def tune_(
     loaded = load(model).set(setting)
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("tuned.json")
-    true = _truth(loaded, truth or ())
+    true = truth_of(plant, truth or ())
     logs = logs_of(
         plant, data, held_out, dt=setting.dt, time=time, period=period, pairs=map_ or (), beside=dict(true.values())
     )
@@ -74,6 +72,7 @@ def tune_(
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
             rows=None if setting.form is None else (of(setting.form, plant),),
+            deep=deep,
             each=lambda _: bar.tick(),
         )
     beside = logs.columns([name for name, _ in true.values()])
@@ -103,20 +102,6 @@ def tune_(
         log_tables.tuned(each, calibration.best.name, notes, calibration.refused, bool(held_out)),
     )
     show(as_json, report, *shown, tables.files(paths))
-
-
-def _truth(model: Model, pairs: Any) -> dict[str, tuple[str, str]]:
-    """Of each state its truth is given of: the name of its column in a record, and the file's. Raises:
-    `typer.BadParameter`."""
-    names = [x.name for x in (model.plant.origin.plant if model.plant.origin else model.plant).states]
-    columns = {}
-    for text in pairs:
-        state, _, column = text.partition("=")
-        if state.strip() not in names or not column.strip():
-            reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
-            raise typer.BadParameter(reason, param_hint="--truth")
-        columns[state.strip()] = (f"truth of {state.strip()}", column.strip())
-    return columns
 
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:

@@ -10,6 +10,7 @@ from rich.text import Text
 from hgogen.commands.tables import headed
 from hgogen.identification.result import Fit
 from hgogen.reading.measured import Report
+from hgogen.signal import Signal
 from hgogen.trials.noise import Suggestion
 from hgogen.trials.prediction import Prediction
 
@@ -97,9 +98,24 @@ def tuned(
     return Group(errors, "", worth, "", *map(Text, notes), "", *last)
 
 
-def report(read: Report) -> RenderableType:
-    """What was found in a log."""
-    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in read.sentences()), "")
+def report(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
+    """What was found in a log; `begins`: the states that it gives the estimate to start from."""
+    lines = list(read.sentences())
+    if begins:
+        at = ", ".join(f"{name} = {value:g}" for name, value in begins.items())
+        lines.append(f"the estimate starts at {at}, and elsewhere where the observer does")
+    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in lines), "")
+
+
+def hidden(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list[RenderableType]:
+    """Errors of states whose truth was measured, if any."""
+    if not errors:
+        return []
+    units = {x.name: x.unit for x in states}
+    table = headed("RMS error of the estimate, by the truth", "state", "error", "unit")
+    for name, error in errors.items():
+        table.add_row(name, _cell(error) or "nothing measured", Text(units[name]))
+    return [Group(table, "")]
 
 
 def suggestion(noise: Suggestion, unit: str) -> RenderableType:

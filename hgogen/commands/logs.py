@@ -13,6 +13,11 @@ from hgogen.reading.measured import Record, mapping, read
 from hgogen.system import System
 
 Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")]
+Truth = Annotated[
+    list[str] | None,
+    typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),
+]
+Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")]
 HeldOut = Annotated[
     float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
 ]
@@ -64,6 +69,32 @@ def logs_of(
     columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **(beside or {})}
     records = tuple(read(path, columns, dt=dt, time=time, period=period, unit=plant.time) for path in data)
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
+
+
+def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Of each state whose truth was measured: the name of its column among the signals, and the file's, or an
+    expression. Raises: `typer.BadParameter`."""
+    names = [x.name for x in (plant.origin.plant if plant.origin else plant).states]
+    columns = {}
+    for text in pairs:
+        state, _, column = (part.strip() for part in text.partition("="))
+        if state not in names or not column:
+            reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
+            raise typer.BadParameter(reason, param_hint="--truth")
+        columns[state] = (f"truth of {state}", column)
+    return columns
+
+
+def numbers_by_name(text: str, option: str) -> dict[str, float]:
+    """Numbers from a text such as "x=1,v=0". Raises: `typer.BadParameter`."""
+    numbers = {}
+    for part in text.split(","):
+        name, _, number = part.partition("=")
+        try:
+            numbers[name.strip()] = float(number)
+        except ValueError:
+            raise typer.BadParameter(f"{part!r} must read NAME=NUMBER", param_hint=option) from None
+    return numbers
 
 
 def names_in(text: str | None) -> tuple[str, ...]:
