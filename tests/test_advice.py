@@ -77,8 +77,8 @@ def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
 
 def test_a_proof_is_said_to_be_of_continuous_time() -> None:
     """Beside it stands what a sample costs, of a step of which nothing is proved."""
-    _, found = asked(MODELS / "duffing.toml")
-    shown = taking(found)
+    _, advised = asked(MODELS / "duffing.toml")
+    shown = taking(advised)
     assert isinstance(shown, Group)
     assert "convergence in continuous time" in str(shown.renderables[0])
 

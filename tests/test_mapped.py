@@ -81,8 +81,8 @@ def test_the_estimate_starts_from_the_first_sample(tmp_path: Path) -> None:
     assert own["record"]["columns"]["y"] == "pi/180*[angle (deg)]"
     rows = (tmp_path / "log_estimates.csv").read_text().splitlines()
     assert float(rows[1].split(",")[2]) == pytest.approx(1.0, abs=0.02)  # q after the first sample
-    given = json.loads(hgogen("run", "pendulum", "--data", record(tmp_path), *RUN, *out, "--initial", "q=-1,w=2")[0])
-    assert given["initial"] == {"q": -1.0, "w": 2.0}
+    moved = json.loads(hgogen("run", "pendulum", "--data", record(tmp_path), *RUN, *out, "--initial", "q=-1,w=2")[0])
+    assert moved["initial"] == {"q": -1.0, "w": 2.0}
     rows = (tmp_path / "log_estimates.csv").read_text().splitlines()
     assert float(rows[1].split(",")[2]) < 0
 
