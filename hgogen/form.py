@@ -24,15 +24,17 @@ ELSEWHERE = "hgogen check MODEL tells which forms it is in, and the form origina
 
 @dataclass(frozen=True)
 class Asking:
-    """How a form is asked whether it takes a plant: its `place` among the others, the narrowest first; the options of
-    each variant, the least and most outputs it is for (0: any number), whether it takes seconds, whether it may be the
-    best: one that says nothing of observability may not."""
+    """How a form is asked whether it takes a plant: its `place` among the others, the narrowest first; the `options` of
+    each variant; the least and most outputs it is for (0: any number); whether it takes seconds to ask it (`costly`),
+    and to build an observer on it (`slow`); whether it may be the best, which one that says nothing of observability
+    may not (`candidate`)."""
 
     place: int = 100
     options: tuple[Mapping[str, Any], ...] = ({},)
     least: int = 1
     most: int = 0
     costly: bool = False
+    slow: bool = False
     candidate: bool = True
 
     def refusal(self, outputs: int) -> str:

@@ -27,9 +27,8 @@ from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
 from hgogen.theorem import Convergence, convergence
-from hgogen.which_forms import Survey
+from hgogen.which_forms import Survey, asking
 
-_SLOW = "phase"
 KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
     Convergence.PROVED: ("proved", 0),
     Convergence.ABOVE: ("proved for its theta", 0),
@@ -94,7 +93,7 @@ class Advice:
 
 
 def advice(model: Model, seen: Observability, survey: Survey, claims: Checked, *, deep: bool = False) -> Advice:
-    """What to take for a model; what may take seconds, tunings in the phase form and observers whose proof asks a
+    """What to take for a model; what may take seconds, tunings on a slow form and observers whose proof asks a
     solver, only if `deep`, but the model's own step in any case.
 
     `claims`: those of the model's own observer, whose step is not built again.
@@ -163,7 +162,7 @@ class _Tuned:
         if isinstance(table, Mapping) and table.get("accept"):
             self.accepting[kind] = tuple(table["accept"])
             return None
-        if not self.deep and (_rule(kind).costly or self._in_phase(table)):
+        if not self.deep and (_rule(kind).costly or self._on_a_slow_form(table)):
             self.slow.append(kind)
             return None
         own = self.claims.step if not self.claims.tuning else None
@@ -177,13 +176,13 @@ class _Tuned:
             return None
         return step
 
-    def _in_phase(self, table: Any) -> bool:
+    def _on_a_slow_form(self, table: Any) -> bool:
         seen: list[Any] = []
         while isinstance(table, Mapping) and "member" in table and table not in seen:
             seen.append(table)
             table = self.model.tuning.tables.get(table["member"], {})
         form = table.get("form") if isinstance(table, Mapping) else None
-        return (form.get("kind") if isinstance(form, Mapping) else form) == _SLOW
+        return asking(str(form.get("kind") if isinstance(form, Mapping) else form)).slow
 
     def left(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
         """Why tunings of observers that have no row have none."""

@@ -100,7 +100,7 @@ def _derivatives(form: Form) -> tuple[sp.Expr, ...] | None:
     return derivatives(exact(system.output[0]), rates(plant, form.n), form.n)
 
 
-@Asking(4, most=1, costly=True)
+@Asking(4, most=1, costly=True, slow=True)
 def phase(plant: System, *, original: bool = False, recovered: bool = False) -> Form:
     """The plant in phase form, or with the Jacobian of the map to it.
 
