@@ -113,3 +113,14 @@ def test_the_truth_and_the_burn_in(tmp_path: Path) -> None:
 def test_bad_words_are_refused(words: tuple[str, str], reason: str, tmp_path: Path) -> None:
     _, said = hgogen("run", "pendulum", "--data", record(tmp_path), *RUN, "-o", str(tmp_path), *words, status=2)
     assert reason in " ".join(said.replace("│", "").split())
+
+
+def test_a_record_beyond_the_declared_range_is_said(tmp_path: Path) -> None:
+    """By a fit and by a tuning; 1 rad and its motion about it, shifted by 180 degrees, leave -4 .. 4."""
+    data = ("--data", record(tmp_path, offset=180.0), *RUN[:2], *RUN[4:], "-o", str(tmp_path))
+    said = f"y leaves the declared range of q, -4..4, in {{}} of 400 samples, as far as {1 + np.pi:.4g}: widen it"
+    t = np.arange(400) * 0.01
+    count = int(np.sum(np.exp(-0.05 * t) * np.cos(4.3 * t) + np.pi > 4))
+    for words in (("fit", "--free", "a", "--starts", "1"), ("tune", "--observers", "high_gain")):
+        report = json.loads(hgogen(words[0], "pendulum", *data, *words[1:])[0])
+        assert report["notes"][0].startswith(said.format(count)), words

@@ -81,7 +81,7 @@ def tune_(
         for log, cut, columns in zip(logs.whole, logs.cuts, beside, strict=True)
     ]
     rows = judged(plant, calibration, _declared(loaded, logs.whole[0].dt), held, aheads, engine_here())
-    notes = verdicts(calibration, rows)
+    notes = (*logs.notes(), *verdicts(calibration, rows))
     paths = folder.demand("tuned.json")
     each = [_row(calibration, row) for row in rows]
     report = {

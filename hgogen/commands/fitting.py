@@ -103,13 +103,13 @@ def fit_(
         **result.as_dict(),
         "predictions": judged,
         "unjudged": unjudged,
-        "notes": [*result.notes(), *verdicts],
+        "notes": [*logs.notes(), *result.notes(), *verdicts],
         "files": list(map(str, paths)),
     }
     folder.write({**files, "fitted.json": json_text(report) + "\n"})
     shown = (
         *(log_tables.report(record.report) for record in records),
-        log_tables.fitted(result),
+        log_tables.fitted(result, logs.notes()),
         log_tables.judged(judged, verdicts, unjudged),
     )
     show(as_json, report, *shown, tables.files(paths))

@@ -30,8 +30,8 @@ def predictions(each: Sequence[Prediction], dt: float, unit: str) -> RenderableT
     return Group(table, *map(Text, said), "")
 
 
-def fitted(result: Fit) -> RenderableType:
-    """Fitted parameters, how well the outputs are followed, and what that is worth."""
+def fitted(result: Fit, notes: Iterable[str]) -> RenderableType:
+    """Fitted parameters, how well the outputs are followed, and what that is worth; `notes` on the records."""
     parts = headed("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
     for one in result.parameters:
         spread = "at its end" if one.at else _spread(one.deviation)
@@ -42,7 +42,7 @@ def fitted(result: Fit) -> RenderableType:
     follows = headed(along, "output", "fitted", "before", numbers=3)
     for name, error in result.error.items():
         follows.add_row(name, f"{error:.4g}", f"{result.unfitted[name]:.4g}")
-    return Group(parts, "", follows, *map(Text, result.notes()), "")
+    return Group(parts, "", follows, *map(Text, (*notes, *result.notes())), "")
 
 
 def _spread(deviation: float) -> str:

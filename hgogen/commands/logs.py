@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from hgogen.identification.records import Log
+from hgogen.identification.records import Log, beyond
 from hgogen.reading.measured import Record, mapping, read
 from hgogen.system import System
 
@@ -40,6 +40,10 @@ class Logs:
     def whole(self) -> tuple[Log, ...]:
         """All rows."""
         return tuple(self._log(record, len(record.t)) for record in self.records)
+
+    def notes(self) -> tuple[str, ...]:
+        """Where the records leave what the plant declares, each sentence once."""
+        return tuple(dict.fromkeys(note for log in self.whole for note in beyond(self.plant, log)))
 
     def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
         """Columns of each record that are no signals, by name."""

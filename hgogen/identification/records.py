@@ -1,6 +1,7 @@
 """Measured records as arrays, and what is demanded of them."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,3 +40,19 @@ def demanded(plant: System, record: Log, number: int) -> Log:
             raise BadLog(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
     held = held_last(u)
     return Log(np.where(np.isfinite(held), held, [resting(s) for s in plant.inputs]), y, float(record.dt))
+
+
+def beyond(plant: System, record: Log) -> Iterator[str]:
+    """A sentence for each output that shows a state outside of its declared range."""
+    for y, h, column in zip(plant.outputs, plant.output, record.y.T, strict=True):
+        state = next((x for x in plant.states if x == h and x.bounded), None)
+        if state is None:
+            continue
+        low, high = state.interval
+        outside = column[(column < low) | (column > high)]
+        if len(outside):
+            farthest = outside[np.argmax(np.maximum(low - outside, outside - high))]
+            yield (
+                f"{y.name} leaves the declared range of {state.name}, {low:g}..{high:g}, in {len(outside)} of "
+                f"{len(column)} samples, as far as {farthest:.4g}: widen it, if the unit and the sign are right"
+            )
