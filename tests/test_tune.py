@@ -161,6 +161,8 @@ def test_as_good_is_within_a_standard_error() -> None:
     assert as_good(best, best)
     assert as_good(best + np.array([0.5, -0.5, 0.5, -0.4]), best)  # mean .025, standard error .27
     assert not as_good(best + np.array([0.5, 0.4, 0.5, 0.4]), best)  # mean .45, standard error .03
+    assert as_good(best * 1.019, best)  # whatever its standard error
+    assert not as_good(best + 0.051, best)  # 2 % of the mean, 2.5, is .05
 
 
 def test_copying_has_the_error_1() -> None:

@@ -19,6 +19,7 @@ from hgogen.trials.prediction import forecasts
 
 Array = np.ndarray
 Key = TypeVar("Key", bound=Hashable)
+NOTHING = 0.02  # of a mean square: 1 % of an error
 BEGIN = 0.05  # of a record, in which an estimate may find its way
 
 
@@ -69,6 +70,8 @@ def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
 
 def as_good(errors: Array, best: Array) -> bool:
     """Whether errors by segment are above others by no more than the standard error of their difference (the rule of
-    one standard error: Breiman, Friedman, Olshen, Stone, Classification and Regression Trees, 1984)."""
+    one standard error: Breiman, Friedman, Olshen, Stone, Classification and Regression Trees, 1984), or than nothing
+    that matters."""
     difference = errors - best
-    return bool(difference.mean() <= difference.std(ddof=1) / np.sqrt(len(difference)))
+    deviation = difference.std(ddof=1) / np.sqrt(len(difference))
+    return bool(difference.mean() <= max(deviation, NOTHING * best.mean()))
