@@ -91,11 +91,7 @@ def tuned(
             nis = ", ".join(f"{each:.2g}" for each in row["nis"].values())
             cost = f"{row['operations']}", f"{row['state']} B"
             worth.add_row(mark, row["name"], row["form"], f"{row['error']:.3g}", nis, *cost, row["known"])
-    without = headed("without gains", "observer", "why")
-    for name, reason in refused.items():
-        without.add_row(name, Text(reason))
-    last = [Group(without, "")] if refused else []
-    return Group(errors, "", worth, "", *map(Text, notes), "", *last)
+    return Group(errors, "", worth, "", *map(Text, notes), "", *_without(refused))
 
 
 def report(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
@@ -149,10 +145,15 @@ def advised(
         numbers = [_cell(row[key]) for key in ("theta", "certified", "settles", "settled")]
         noise = [_cell(row["noise"].get(state)) for state in states]
         table.add_row("take" if row["name"] == best else "", row["name"], row["form"], *numbers, *noise, row["known"])
-    without = headed("without gains", "observer", "why")
+    return Group(table, "", *map(Text, notes), "", *_without(refused))
+
+
+def _without(refused: Mapping[str, str]) -> list[RenderableType]:
+    """Why observers have no gains, if any."""
+    table = headed("without gains", "observer", "why")
     for name, reason in refused.items():
-        without.add_row(name, Text(reason))
-    return Group(table, "", *map(Text, notes), "", *([Group(without, "")] if refused else []))
+        table.add_row(name, Text(reason))
+    return [Group(table, "")] if refused else []
 
 
 def _cell(value: float | None) -> str:
