@@ -19,7 +19,7 @@ MODELS = Path(__file__).resolve().parents[1] / "models"
 def test_what_grows_at_a_corner_only_while_the_plant_passes_is_not_much() -> None:
     """An empty upper tank at full pump: its error grows up to 4.2 fold from 4.3 s on, which was advised, and decays."""
     (pair,) = pairs(load(MODELS / "cascaded_tanks.py"), ("decaying",))
-    take = pair.told()[1]
+    take = pair.lengths()[1]
     assert 20 / 4 < take < 12  # the trial settles up to half of its hold, 20 s
     assert pair.settles(take)
 
