@@ -14,6 +14,9 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.analysis.observability import observability
     from hgogen.analysis.query import bound, nonzero
     from hgogen.analysis.singularity import singularity
+    from hgogen.calibration.advise import advise
+    from hgogen.calibration.tune import tune
+    from hgogen.calibration.tuned import Calibration
     from hgogen.call import sample
     from hgogen.calling.samples import Run, Sample
     from hgogen.certificates.certificate import certificate
@@ -25,8 +28,8 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.guarantees.error_system import ErrorSystem, error_system
     from hgogen.guarantees.observer_errors import observer_errors
     from hgogen.identification.fit import fit
+    from hgogen.identification.records import Log
     from hgogen.identification.result import Fit
-    from hgogen.identification.shooting import Log
     from hgogen.kalman import innovation, theta
     from hgogen.model import Model, load
     from hgogen.observer import Observer
@@ -54,6 +57,9 @@ _MODULES = {  # public files and folders
 }
 _NAMES = {  # what else is public, and the file that holds it
     **dict.fromkeys(("Run", "Sample"), "calling.samples"),
+    "advise": "calibration.advise",
+    "Calibration": "calibration.tuned",
+    "tune": "calibration.tune",
     "sample": "call",
     "from_casadi": "reading.casadi_model",
     "certificate": "certificates.certificate",
@@ -64,7 +70,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "Form": "form",
     "Fit": "identification.result",
     "fit": "identification.fit",
-    "Log": "identification.shooting",
+    "Log": "identification.records",
     "gramian": "trials.gramian",
     **dict.fromkeys(("Model", "load"), "model"),
     "observability": "analysis.observability",
@@ -84,6 +90,7 @@ _NAMES = {  # what else is public, and the file that holds it
 }
 
 __all__ = [
+    "Calibration",
     "Check",
     "Dissipation",
     "ErrorSystem",
@@ -100,6 +107,7 @@ __all__ = [
     "Step",
     "System",
     "Verdict",
+    "advise",
     "bound",
     "certificate",
     "design",
@@ -127,6 +135,7 @@ __all__ = [
     "targets",
     "theta",
     "trial",
+    "tune",
     "write",
 ]
 

@@ -68,6 +68,11 @@ _CONDITIONS: dict[type, Callable[..., Graph]] = {
 _OPERATIONS = {**_FUNCTIONS, **_CONDITIONS}  # of all arguments at once
 
 
+def sx(value: Graph) -> Graph:
+    """The value as an SX, to be read only: what is one stays the same object, for a copy costs as much as a sum."""
+    return value if isinstance(value, ca.SX) else ca.SX(value)
+
+
 def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]) -> list[Graph]:
     """The expressions as SX graphs, one scalar each; a subexpression is built once.
 
@@ -76,7 +81,7 @@ def to_casadi(expressions: Iterable[sp.Expr], symbols: Mapping[sp.Symbol, Graph]
     Raises: `NoGraph`.
     """
     memo: dict[sp.Basic, Graph] = {}
-    return [ca.SX(_convert(expression, expression, symbols, memo)) for expression in expressions]
+    return [sx(_convert(expression, expression, symbols, memo)) for expression in expressions]
 
 
 def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph], memo: dict[sp.Basic, Graph]) -> Graph:
@@ -90,7 +95,7 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
     if isinstance(node, sp.Symbol):
         if node not in symbols:
             raise NoGraph(f"the symbol {node}", str(whole))
-        value = ca.SX(symbols[node])  # a float, too: Python's own 1 / 0.0 would raise
+        value = sx(symbols[node])  # a float, too: Python's own 1 / 0.0 would raise
     elif isinstance(node, sp.Number | sp.NumberSymbol):
         value = ca.SX(float(node))
     elif isinstance(node, sp.Add) and node.is_real and not node.free_symbols:

@@ -7,8 +7,8 @@ import tokenize
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
@@ -21,7 +21,7 @@ from hgogen.errors import HgogenError, nearest
 from hgogen.guarantees.dissipation import Dissipation
 from hgogen.intervals.box import box
 from hgogen.modelfiles.arguments import arguments
-from hgogen.modelfiles.first import NoFirst, first, places
+from hgogen.modelfiles.first import NoFirst, everywhere, first
 from hgogen.modelfiles.parameters import put
 from hgogen.modelfiles.parameters import read as read_values
 from hgogen.modelfiles.place import PYTHON, NoModel, listed, located
@@ -30,12 +30,13 @@ from hgogen.modelfiles.recipe import trial_of
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.modelfiles.storage import stored
 from hgogen.modelfiles.tuning import Start, Tuning
+from hgogen.modelfiles.tunings import read as read_tunings
 from hgogen.reading import filename
 from hgogen.reading.folding import Fold
 from hgogen.reading.text_model import READERS, BadModelFile, PlainModel, read
 from hgogen.system import System
 from hgogen.trial import Trial
-from hgogen.which_forms import Row, Survey, of, survey
+from hgogen.which_forms import Row, of
 
 _PYTHON = MappingProxyType(
     {
@@ -84,7 +85,8 @@ class Model:
 
     `module` holds its parts; `fixes` says, for a part that is missing, what the file should define; `default`: the
     tuning that stands in the table `observer` of a plain-text model; `folds`: the texts of a plain-text model from
-    which SymPy folded something away; `setting`: what a user sets in the place of what the file says of its steps.
+    which SymPy folded something away; `setting`: what a user sets in the place of what the file says of its steps;
+    `tables`: tunings that a user gives, in the place of those of the same name, of which `take` is the step's own.
     """
 
     name: str
@@ -94,16 +96,19 @@ class Model:
     default: str = ""
     folds: tuple[Fold, ...] = ()
     setting: Setting = AS_WRITTEN
+    tables: Mapping[str, Any] = field(default_factory=dict)
+    take: str = ""
 
     def set(self, setting: Setting) -> "Model":
-        """The model with a form, a method or a period of its steps, or values of parameters, in the place of what its
-        file says, which is read again for these.
+        """The model with a form, a method or a period of its steps, tunings, or values of parameters, in the place of
+        what its file says, which is read again for these.
 
-        Raises: `UnknownCase`; `BadParameters`, `BadValue`.
+        Raises: `UnknownCase`; `BadFile`, `BadParameters`, `BadValue`.
         """
         setting.demand()
         model = self if setting.parameters is None else self.valued(read_values(setting.parameters))
-        return replace(model, setting=setting)
+        tables, take = (self.tables, self.take) if setting.tuning is None else read_tunings(setting.tuning)
+        return replace(model, setting=setting, tables=tables, take=take)
 
     def valued(self, values: Mapping[str, float]) -> "Model":
         """The model with other values of its plant's parameters, by name; its file is read again.
@@ -113,7 +118,7 @@ class Model:
         fresh = load(self.path)
         names = vars(fresh.module)
         names.update(put(names, fresh.plant, values))
-        return replace(fresh, setting=self.setting)
+        return replace(fresh, setting=self.setting, tables=self.tables, take=self.take)
 
     @property
     def plain(self) -> bool:
@@ -159,7 +164,7 @@ class Model:
         if not isinstance(tables, Mapping):
             reason = f"tuning is of type {type(tables).__name__}; make it a mapping from observers to their arguments"
             raise MissingPart(self.path, "tuning", reason)
-        return tables
+        return {**tables, **self.tables}
 
     def step(
         self,
@@ -175,7 +180,7 @@ class Model:
 
         Raises: `MissingPart`, `ModelFails`, `BadModelFile`, `Refuted`.
         """
-        if observer is None and (hasattr(self.module, "step") or not self.has("step")):
+        if observer is None and not self.take and (hasattr(self.module, "step") or not self.has("step")):
             return self._own_step()
         name = self._first if observer is None else observer
         tuning = self.tuned(name, dt)
@@ -208,14 +213,13 @@ class Model:
         if self.setting.form:
             yield of(self.setting.form, self.plant)
             return
-        yield from places(_surveyed(self.plant, False))
-        yield from places(_surveyed(self.plant, True))
+        yield from everywhere(self.plant)
 
     @property
     def _first(self) -> str:
         """The tuning that is the model's own step, empty if none is."""
         timed = (name for name, table in self._tables.items() if isinstance(table, Mapping) and "dt" in table)
-        return self.default or next(timed, "")
+        return self.take or self.default or next(timed, "")
 
     def _period(self) -> float:
         return self._own_period
@@ -288,11 +292,6 @@ def load(path: str | Path) -> Model:
     if why := filename.fault(file.stem):
         raise BadModelFile(str(file), "", f"{filename.BadFileName(file.stem, why)} in the name of the file")
     return _LOADERS[file.suffix](file)
-
-
-@lru_cache(maxsize=2)
-def _surveyed(plant: System, deep: bool) -> Survey:
-    return survey(plant, deep=deep)
 
 
 def _plain(path: Path) -> Model:

@@ -64,6 +64,19 @@ class Observer:
         others = {name: value for name, value in gains.items() if name not in STARTS}
         return make(base, **others, initial=initial(base))
 
+    @property
+    def initial(self) -> dict[str, float]:
+        """The plant's state, by name, that its `initial` gives, or that of its member; empty without.
+
+        Raises: `BadGain` where it was not made by `hg.observers`.
+        """
+        _, base, gains = self._making
+        if isinstance(base, Observer):
+            return base.initial
+        initial = gains.get("initial") or {}
+        names = [signal.name for signal, _ in base.estimates]
+        return dict(initial if isinstance(initial, Mapping) else zip(names, initial, strict=True))
+
     def on(self, form: Callable[[System], Form]) -> "Observer":
         """The observer, or one around the same member, made again on another form of its plant.
 

@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 
-from hgogen.graph import Graph
+from hgogen.graph import Graph, sx
 
 INF = float("inf")
 
@@ -143,11 +143,32 @@ class Block:
         return tuple(sorted({(place, size) for place, _, size in map(address, symbols)}))
 
     @cached_property
+    def written(self) -> tuple[tuple[Place, int], ...]:
+        """The places written, with their sizes, in the order of `writes`."""
+        return tuple((place, sx(value).numel()) for place, value in self.writes.items())
+
+    @cached_property
+    def copies(self) -> Mapping[Place, frozenset[Place]]:
+        """Of the places each of whose elements becomes a copy of another's: the places those are of."""
+        sources = {place: _sources(sx(value)) for place, value in self.writes.items()}
+        return {place: frozenset(source) for place, source in sources.items() if source is not None}
+
+    @cached_property
     def graph(self) -> ca.Function:
         """SX function from the places read to the places written, then the named values."""
         inputs = [sym(*place, size) for place, size in self.reads]
-        values = [ca.densify(ca.SX(value)) for value in (*self.writes.values(), *self.names.values())]
+        values = [ca.densify(sx(value)) for value in (*self.writes.values(), *self.names.values())]
         return ca.Function("block", inputs, ca.cse(values))
+
+
+def _sources(value: Graph) -> set[Place] | None:
+    """The places whose symbols the elements of an SX are; None where one is no symbol."""
+    sources: set[Place] = set()
+    for index in range(value.numel()):
+        if not (element := value[index]).is_symbolic():
+            return None
+        sources.add(address(element)[0])
+    return sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +257,7 @@ def places(program: Sequence[Statement]) -> set[tuple[Place, int]]:
     for statement in walk(program):
         if isinstance(statement, Block):
             accessed.update(statement.reads)
-            accessed.update((place, ca.SX(value).numel()) for place, value in statement.writes.items())
+            accessed.update(statement.written)
         elif isinstance(statement, Kernel):
             accessed.update(statement.arguments)
             accessed.update((place, 1) for place in (statement.result,) if place)

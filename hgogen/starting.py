@@ -32,13 +32,14 @@ Make = TypeVar("Make", bound=Callable[..., Observer])
 
 @dataclass(frozen=True)
 class Scale:
-    """What the rules read: theta, dt and D in the plant's time, S by the names of the form's states, Y and sigma by
-    those of the outputs, how many states each chain has."""
+    """What the rules read: theta, dt and D in the plant's time, S and Q by the names of the form's states (`states`,
+    `process`), Y and sigma by those of the outputs, how many states each chain has."""
 
     theta: float
     dt: float
     longest: float
     states: Mapping[str, float]
+    process: Mapping[str, float]
     outputs: Mapping[str, float]
     noise: Mapping[str, float]
     blocks: tuple[int, ...]
@@ -64,9 +65,13 @@ class Scale:
         """Y of the first output."""
         return next(iter(self.outputs.values()))
 
-    def squares(self, factor: float, exponent: int = 1) -> Gains:
-        """S_i^2 times a factor, or its inverse, by name."""
-        return {name: two(two(s * s * factor) ** exponent) for name, s in self.states.items()}
+    def start(self, exponent: int = 1) -> Gains:
+        """P_i(0), or its inverse, by name."""
+        return {name: two(two(s * s / 4) ** exponent) for name, s in self.states.items()}
+
+    def density(self, exponent: int = 1) -> Gains:
+        """Q_i, or its inverse, by name."""
+        return {name: two(two(q) ** exponent) for name, q in self.process.items()}
 
     def variance(self, exponent: int = 1) -> Any:
         """R, or its inverse, a number for one output."""
@@ -148,14 +153,7 @@ def starting_gains(
         )
     if not callable(observer):
         raise BadGain(f"observer = {observer!r}", "must be one of hg.observers, such as hg.observers.high_gain")
-    if noise is not None and not isinstance(noise, Mapping):
-        raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
-    names = [y.name for y in form.system.outputs]
-    for name, sigma in (noise or {}).items():
-        if name not in names:
-            raise BadGain(f"noise of {name!r}", f"is of no output; the outputs are {', '.join(names)}")
-        positive(f"noise of {name!r}", sigma)
-    numbers = scale(form, None if dt is None else positive("dt", dt), noise or {})
+    numbers = scale(form, dt, noise)
     try:
         gains = rule(observer).gains(numbers)
     except ArithmeticError:
@@ -163,8 +161,12 @@ def starting_gains(
     return Starting({}, numbers.dt, gains) if isinstance(gains, str) else Starting(gains, numbers.dt)
 
 
-def scale(form: Form, dt: float | None, noise: Mapping[str, float]) -> Scale:
-    """The numbers that the rules take of a form and its plant."""
+def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:
+    """The numbers that the rules take of a form and its plant.
+
+    Raises: `BadGain`, as `starting_gains`.
+    """
+    dt, noise = None if dt is None else positive("dt", dt), _sigmas(form, noise)
     rates = _pace(form.system)
     theta = max(2.0, two(2 * form.n / rates.shortest)) if rates.shortest else 2.0 * form.n
     if dt is None:
@@ -174,7 +176,21 @@ def scale(form: Form, dt: float | None, noise: Mapping[str, float]) -> Scale:
     states = dict(zip(form.names, map(_half, form.states), strict=True))
     outputs = {y.name: _span(*ends) for y, ends in zip(form.system.outputs, readings(form), strict=True)}
     deviations = {name: noise.get(name, y / 100) for name, y in outputs.items()}
-    return Scale(theta, dt, rates.longest or 1.0, states, outputs, deviations, form.blocks)
+    longest = rates.longest or 1.0
+    process = {name: s * s * (1 / longest) for name, s in states.items()}
+    return Scale(theta, dt, longest, states, process, outputs, deviations, form.blocks)
+
+
+def _sigmas(form: Form, noise: Mapping[str, float] | None) -> Mapping[str, float]:
+    """What is known of the noise. Raises: `BadGain`."""
+    if noise is not None and not isinstance(noise, Mapping):
+        raise BadGain(f"noise = {noise!r}", "must be a standard deviation for each output by its name, as {'y': 0.01}")
+    names = [y.name for y in form.system.outputs]
+    for name, sigma in (noise or {}).items():
+        if name not in names:
+            raise BadGain(f"noise of {name!r}", f"is of no output; the outputs are {', '.join(names)}")
+        positive(f"noise of {name!r}", sigma)
+    return noise or {}
 
 
 def _pace(plant: System) -> Pace:

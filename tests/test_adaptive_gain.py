@@ -159,6 +159,11 @@ def test_the_checks_of_an_observer() -> None:
     claims = by_id(checks("it", paper(), adapted()))
     assert {check.verdict for check in claims.values()} == {Verdict.PROVED}
     assert claims["convergence"].reason.startswith("gamma_inf = 20.53 is above 9.002 = max(")
+    assert claims["attenuation"].claim.startswith("in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to ")
+    assert claims["attenuation"].reason.endswith(f"; {disturbance(TORQUE, 3)}")
+    close = by_id(checks("it", paper(), adapted(low=9.0013)))["convergence"]
+    assert close.verdict is Verdict.PROVED
+    assert close.reason.startswith("gamma_inf = 9.0013 is above 9.0011 = max(")
     low = by_id(checks("it", paper(), adapted(low=9.0)))
     assert (low["convergence"].verdict, low["attenuation"].verdict) == (Verdict.UNKNOWN, Verdict.UNKNOWN)
     assert "gamma_inf = 9 is not above 9.002" in low["convergence"].reason

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 from plants import MODELS
+from rich.console import Group
 
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.commands import jobs
 from hgogen.commands.advice import Admitted, Advice, advice
+from hgogen.commands.findings import taking
 from hgogen.emit.cost import cost
 from hgogen.model import Model, load
 from hgogen.starting import rule
@@ -71,6 +73,14 @@ def test_those_with_a_proof_come_first_then_the_cheaper() -> None:
     assert {"high_gain", "cascade", "riccati"} <= {one.observer for one in advised.admitted}
     assert all(one.proposed == (one.observer not in model.tuning.tables) for one in advised.admitted)
     assert any("--deep" in note and "peaking_free" in note for note in advised.notes)
+
+
+def test_a_proof_is_said_to_be_of_continuous_time() -> None:
+    """Beside it stands what a sample costs, of a step of which nothing is proved."""
+    _, advised = asked(MODELS / "duffing.toml")
+    shown = taking(advised)
+    assert isinstance(shown, Group)
+    assert "convergence in continuous time" in str(shown.renderables[0])
 
 
 def test_a_tuning_whose_first_gains_ask_a_solver_is_built_with_its_own() -> None:

@@ -3,6 +3,7 @@
 import copy
 import json
 import random
+import re
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cache
@@ -142,6 +143,49 @@ def test_the_sentence_of_an_L2_gain_names_its_disturbance() -> None:
     assert f"G_1 = [0; 1], G_2 = [{Fraction(0.1)}] on " in sentences[0]
     assert f"G_1 = [0; 1/1000], G_2 = [{Fraction(0.1)}] on " in sentences[1]
     assert sentences[0] != sentences[1]
+
+
+def sentence_of(content: dict[str, Any], id: str) -> str:
+    (row,) = (row for row in recheck(sealed(content)).rows if row.id == id)
+    assert row.found == "verified"
+    return row.sentence
+
+
+@pytest.mark.parametrize("more", [Fraction(1, 10**k) for k in (3, 6, 9, 20)])
+def test_a_sentence_says_a_bound_that_the_gain_is_above(more: Fraction) -> None:
+    """However near: of 5.97098 it would not do to say that it is above 5.97099."""
+    content = written("low_power")
+    evidence = claim_of(content, "low_power.convergence")["evidence"]
+    bound = max(Fraction(1), 2 * Fraction(evidence["push"]) * Fraction(evidence["bound"]))
+    content["observer"]["theta"] = str(bound * (1 + more))
+    said = re.search(r"theta = (\S+) is above (\S+)", sentence_of(content, "low_power.theta"))
+    assert said is not None
+    assert bound <= Fraction(said[2]) < Fraction(said[1]) <= bound * (1 + more)
+
+
+def test_a_gain_above_its_bound_by_less_than_can_be_said_fails() -> None:
+    content = written("low_power")
+    evidence = claim_of(content, "low_power.convergence")["evidence"]
+    bound = max(Fraction(1), 2 * Fraction(evidence["push"]) * Fraction(evidence["bound"]))
+    content["observer"]["theta"] = str(bound + Fraction(1, 10**60))
+    assert found(content)["low_power.theta"] == "fails"
+
+
+def test_a_sentence_of_a_gain_that_moves_says_of_which_D_it_is() -> None:
+    """b stands in the claims alone: with another b the inequalities are others."""
+    content, said = written("updated_gain"), []
+    for b in ("1", "11/10"):
+        for id in ("updated_gain.p_1", "updated_gain.p_3"):
+            claim_of(content, id)["evidence"]["b"] = b
+        said.append([sentence_of(content, f"updated_gain.{fact}") for fact in ("p_1", "p_3")])
+        assert all(f"D = diag(b, .., b + n - 1), b = {b}" in sentence for sentence in said[-1])
+    assert not {*said[0]} & {*said[1]}
+
+
+def test_a_sentence_of_a_time_knows_no_unit() -> None:
+    """A certificate tells none, and the model may count hours."""
+    sentence = sentence_of(written("switched_gain"), "switched_gain.hold")
+    assert "in continuous time, hold = 1 is long enough" in sentence
 
 
 @pytest.mark.parametrize("case", BUILT)

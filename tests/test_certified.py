@@ -15,7 +15,9 @@ from scipy.integrate import solve_ivp
 import hgogen as hg
 from hgogen.chains.gains import coefficients
 from hgogen.check import Check, Verdict
-from hgogen.guarantees.certified import Nothing, ThetaBound, of_gains, of_poles, up
+from hgogen.guarantees.certified import Nothing, ThetaBound, of_gains, of_poles
+from hgogen.guarantees.lmi import Lyapunov
+from hgogen.intervals.digits import down, same, up
 from tests.sweep import sweep
 
 
@@ -202,11 +204,36 @@ def test_theta_above_the_bound_is_proved_and_below_it_unknown() -> None:
     top = float(bound(model("pendulum"), (-1, -1)).theta)
     low, high = theta_check(pendulum(theta=top * 0.999)), theta_check(pendulum(theta=top * 1.001))
     assert (low.verdict, high.verdict) == (Verdict.UNKNOWN, Verdict.PROVED)
-    assert f"not shown: {top * 0.999:g} is below the certified 44.3" in low.reason
+    assert f"not shown: {same(top * 0.999)} is below the certified 44.3" in low.reason
     assert "sufficient, not necessary" in low.reason
     assert "decays at least like exp(-" in high.reason
     assert high.reason.endswith("while the estimate keeps to its outer box")
     assert {c.id: c.verdict for c in pendulum().checks}["high_gain.convergence"] is Verdict.PROVED
+
+
+@pytest.mark.parametrize("more", [1e-4, 1e-6, 1e-9, 1e-12])
+def test_the_bound_that_is_said_is_below_a_theta_that_is_above_it(more: float) -> None:
+    """However near; the rate as well is said to the safe side."""
+    known = bound(model("pendulum"), (-1, -1))
+    theta = float(known.theta) * (1 + more)
+    check = theta_check(pendulum(theta=theta))
+    said = Fraction(check.reason.removeprefix("above ").partition(";")[0])
+    assert check.verdict is Verdict.PROVED
+    assert known.theta <= said < Fraction(same(theta))
+    assert check.claim == f"theta = {same(theta)} is above that bound"
+    assert Fraction(known.rate(theta)) <= (Fraction(theta) - known.theta) / (2 * known.lyapunov.peak)
+
+
+def test_a_rate_is_rounded_down() -> None:
+    """1.3 less a little is no 1.3, which is what the nearest float would print."""
+    little, peak = Fraction(1, 10**30), Fraction(1)
+    solution = Lyapunov(((Fraction(1),),), peak, (((Fraction(-1),),),))
+    steep = bound(model("pendulum"), (-1, -1)).slope
+    one = ThetaBound(2 * peak * little, solution, little + Fraction(1, 5), (sp.S.One,), steep, (sp.S.One,))
+    exactly = (Fraction(3) - 2 * one.lipschitz) / 2
+    assert exactly < Fraction(13, 10) < Fraction(float(exactly))
+    assert Fraction(one.rate(3.0)) <= exactly
+    assert down(one.rate(3.0), 2) == "1.2"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """K and P from linear matrix inequalities: known answers, an independent look at what was found, what is refused."""
 
+import re
 import sys
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,6 +57,23 @@ def stands(design: Design, slope: float, largest: float = 10.0) -> None:
     bound = (4 * slope * np.linalg.eigvalsh(P).max() + 1) / (2 * decay)
     assert float(design.gamma) >= max(1, bound) * (1 - 1e-9)
     assert {check.verdict for check in design.checks} == {Verdict.PROVED}
+
+
+@pytest.mark.parametrize(("steep", "ratio"), [(0.0, 1.5), (1.0, 64)])
+def test_the_gain_that_a_design_says_is_that_of_the_observer(steep: float, ratio: float) -> None:
+    """However far gamma_sup is above gamma_inf: on two integrators the L2 gain from the noise of y to the error, where
+    gamma stays at gamma_sup, is the largest over the frequencies. It is beyond the mu of gamma_sup = gamma_inf."""
+    design = adaptive_gain(2, slope=steep, disturbance=(((0,), (0,)), (1,)))
+    said = re.search(r"gamma_inf >= (\S+), mu <= (\S+) gamma_sup\^2$", str(design))
+    assert said is not None
+    assert design.mu is not None
+    top = ratio * float(said[1])
+    K = np.array(design.K) * top ** np.array([1, 2])
+    N, omega = np.array([[-K[0], 1], [-K[1], 0]]), np.geomspace(1e-2, 1e4, 400)
+    true = max(np.linalg.norm(np.linalg.solve(1j * w * np.eye(2) - N, K)) for w in omega)
+    assert true <= float(said[2]) * top**2
+    assert true > design.mu
+    assert Fraction(said[2]) * design.gamma**2 == pytest.approx(design.mu, rel=1e-5)
 
 
 def test_the_known_design() -> None:

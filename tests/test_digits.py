@@ -50,6 +50,14 @@ def test_a_check_says_no_more_than_is_proved() -> None:
     assert high >= 1
 
 
+@given(st.floats(1e-6, 1e6), st.floats(1e-13, 1e-2))
+def test_a_bound_that_a_number_is_above_is_printed_below_it(bound: float, more: float) -> None:
+    """Of 5.97098 and 5.970983 above it, four digits rounded up would say that 5.97098 is above 5.971."""
+    number = bound * (1 + more)
+    assert Fraction(bound) <= Fraction(up(bound, below=number)) < Fraction(same(number))
+    assert up(bound, below=bound) == up(bound, below=bound / 2) == up(bound)
+
+
 @given(st.floats(allow_nan=False))
 def test_what_is_to_be_built_again_reads_back_as_the_same(value: float) -> None:
     assert float(same(value)) == value

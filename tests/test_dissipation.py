@@ -139,6 +139,7 @@ def test_no_number_of_the_conclusion_is_below_what_is_proved() -> None:
     said = hg.dissipation(line(-20 * e), e**2, mu=Fraction(1, 3), within=[1]).conclusion
     assert "the L2 gain 0.333333334 from w" in said
     assert "0.0555555556 * integral" in said
+    assert said.startswith("in continuous time, ")  # of a step nothing is proved
 
 
 # --- an observer of a plant -------------------------------------------------------------------------------------

@@ -1,8 +1,10 @@
 """How long a high gain must hold: by the norms of the jumps between two gains, and along switchings that are bad."""
 
 import json
+import re
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,6 +64,19 @@ def test_the_time_is_the_formulas() -> None:
     expected = np.log((values[-1] / values[0]) ** 2 * ratio**4) / speed
     least = float(checks(HIGH, LOW, 1e-3)["x.hold"].fix.split()[3].rstrip(","))
     assert least == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_time_is_in_the_models_unit_and_of_the_continuous_observer() -> None:
+    """A rate of the model is per its unit of time, here the hour, and so is the time of that rate: no seconds."""
+    x1, x2 = (hg.Signal(f"x{i}", low=-2, high=2) for i in (1, 2))
+    plant = hg.System("slow", states=(x1, x2), outputs=[hg.Signal("y")], flow=[x2, -x1], output=[x1], time="h")
+    gains: dict[str, Any] = {"theta": 1e3, "theta_low": 1e2, "threshold": 1, "poles": (-1, -1.25)}
+    for hold, verdict in ((1.0, Verdict.PROVED), (1e-3, Verdict.UNKNOWN)):
+        made = hg.observers.switched_gain(hg.forms.triangular(plant), hold=hold, **gains)
+        (check,) = (check for check in made.checks if check.id == "switched_gain.hold")
+        assert check.verdict is verdict
+        assert check.claim == f"in continuous time hold = {hold:g} is long enough: switching keeps the error's decay"
+        assert not re.search(r"\bs\b", check.reason)
 
 
 def test_a_low_gain_below_the_bound_proves_nothing() -> None:

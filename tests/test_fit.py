@@ -16,8 +16,10 @@ import hgogen as hg
 from hgogen.commands.fitting import _verdicts
 from hgogen.identification.fit import CannotFit
 from hgogen.identification.information import alike, information
+from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
-from hgogen.modelfiles.parameters import BadParameters, read
+from hgogen.modelfiles.json_file import BadFile
+from hgogen.modelfiles.parameters import read
 from hgogen.structure.valued import BadValue, valued
 from hgogen.trials.prediction import predictions
 
@@ -321,11 +323,11 @@ def test_bad_records_are_refused() -> None:
     for records in ((), (np.zeros(20),)):
         with pytest.raises(CannotFit, match="records are missing; give logs"):
             hg.fit(PLANT, *records)
-    with pytest.raises(CannotFit, match="record 2 has fewer than 10 samples of y"):
+    with pytest.raises(BadLog, match="record 2 has fewer than 10 samples of y"):
         hg.fit(PLANT, log(count=20), log(count=9))
-    with pytest.raises(CannotFit, match="period nan"):
+    with pytest.raises(BadLog, match="period nan"):
         hg.fit(PLANT, hg.Log(np.zeros(20), np.zeros(20), float("nan")))
-    with pytest.raises(CannotFit, match="too fast for samples"):
+    with pytest.raises(BadLog, match="too fast for samples"):
         hg.fit(PLANT, hg.Log(np.zeros(20), np.zeros(20), 60.0))
     with pytest.raises(CannotFit, match="no parameter with a range; name those"):
         hg.fit(plants.chain(2), hg.Log(np.zeros((20, 0)), np.zeros(20), 0.1))
@@ -468,7 +470,7 @@ def test_a_python_model_has_the_values_wherever_it_reads_the_plant() -> None:
 )
 def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "values.json").write_text(text)
-    with pytest.raises(BadParameters, match=reason):
+    with pytest.raises(BadFile, match=reason):
         read(tmp_path / "values.json")
 
 

@@ -77,6 +77,8 @@ def test_zeros_signs_and_infinite_ends() -> None:
     with np.errstate(all="ignore"):
         assert [float(end[0]) for end in outward.multiply(zero, line)] == [0.0, 0.0]
         assert [float(end[0]) for end in outward.scale(zero, line)] == [0.0, 0.0]
+        assert float(outward.scale(pair(0.0, 2.0), pair(1.0, 3.0))[0][0]) == 0.0
+        assert float(outward.scale(pair(-2.0, 0.0), pair(1.0, 3.0))[1][0]) == 0.0
         assert float(outward.multiply(tiny, tiny)[0][0]) == 0.0
         assert float(outward.multiply(tiny, outward.negate(tiny))[1][0]) == 0.0
         assert [float(end[0]) for end in outward.reciprocal(right)] == [0.0, math.inf]

@@ -65,13 +65,17 @@ def test_the_core_and_the_models_slope_limit_the_step() -> None:
     assert hg.sample(observer(decay=8), hg.methods.rk4, dt=1e-3).limit == pytest.approx(2.785 / 160, rel=1e-3)
 
 
-def test_what_one_sample_adds_to_the_level() -> None:
-    """2 theta r e^2 dt/3, from both its sides; the level of before is some 1e-5 times that, its decay 1%."""
+@pytest.mark.parametrize(("method", "share"), [("rk4", 2 / 3), ("heun", 1), ("euler", 1)])
+@pytest.mark.parametrize("between", ["line", "hold"])
+def test_what_one_sample_adds_to_the_level(method: str, share: float, between: Any) -> None:
+    """A share of theta r e^2 dt, from both its sides; the level of before is some 1e-5 times that, its decay 1%."""
+    assert "by theta r e^2 dt under the root, two thirds of that by rk4" in observer().theorem.conclusion
+    step = hg.sample(observer(), getattr(hg.methods, method), dt=swing.DT, between=between, engine="python")
     y = swing.noisy(0)
-    quiet = swing.run(observer(), y, engine="python").traces["sigma"][2001]
-    y[2000] += 3
-    after = swing.run(observer(), y, engine="python").traces["sigma"][2001]
-    assert after - quiet == pytest.approx(2 * 20 * 3 * 3**2 * swing.DT / 3, rel=0.05)
+    quiet, y[2000] = step.run(u=np.zeros(len(y)), y=y).traces["sigma"][2001], y[2000] + 3
+    step.reset()
+    after = step.run(u=np.zeros(len(y)), y=y).traces["sigma"][2001]
+    assert after - quiet == pytest.approx(share * 20 * 3 * 3**2 * swing.DT, rel=0.05)
 
 
 def test_a_level_of_0_opens() -> None:

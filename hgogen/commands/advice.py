@@ -30,7 +30,7 @@ from hgogen.theorem import Convergence, convergence
 from hgogen.which_forms import Survey
 
 _SLOW = "phase"
-_KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
+KNOWN = {  # of the convergence, with the rank of those of which it is known; None where no theorem covers it
     Convergence.PROVED: ("proved", 0),
     Convergence.ABOVE: ("proved for its theta", 0),
     Convergence.BELOW: ("proved for a larger theta", 1),
@@ -59,12 +59,12 @@ class Admitted:
     @property
     def known(self) -> str:
         """What is known of its convergence, in a word."""
-        return _KNOWN[self.convergence][0]
+        return KNOWN[self.convergence][0]
 
     @property
     def rank(self) -> tuple[int, int, int]:
         """The best is the least."""
-        return _KNOWN[self.convergence][1], self.cost.operations, self.cost.functions
+        return KNOWN[self.convergence][1], self.cost.operations, self.cost.functions
 
     @property
     def proposed(self) -> bool:

@@ -76,6 +76,10 @@ _SET = {  # what a user may set of every step that a command makes
         Path,
         typer.Option("--parameters", metavar="FILE", help="Values of parameters, as `hgogen fit` writes them."),
     ),
+    "tuning": (
+        Path,
+        typer.Option("--tuning", metavar="FILE", help="Tunings, as `hgogen tune` writes them; its first is taken."),
+    ),
 }
 
 

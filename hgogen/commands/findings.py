@@ -52,7 +52,8 @@ def _answered(answer: Answer, what: str, verdict: Verdict) -> str:
 
 def taking(advice: Advice) -> RenderableType:
     """The observers that the plant admits, best first, with a line for each, and what else to do."""
-    head = Text(f"{advice.plant}: what to take, each built without accepting anything", style="bold")
+    said = "each built without accepting anything, with what is known of its convergence in continuous time"
+    head = Text(f"{advice.plant}: what to take, {said}", style="bold")
     parts: list[RenderableType] = [head]
     if advice.admitted:
         table = Table(*("observer", "form", "convergence", "cost", "take it where"), **_PLAIN)

@@ -3,13 +3,12 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from hgogen.call import CallableStep
-from hgogen.commands import tables
+from hgogen.commands import log_tables, tables
 from hgogen.commands.command import (
     Bar,
     Json,
@@ -23,16 +22,15 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.logs import Data, HeldOut, logs_of, names_in
 from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
 from hgogen.identification.fit import fit
 from hgogen.identification.result import Fit
-from hgogen.identification.shooting import Log
 from hgogen.identification.solution import ITERATIONS
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.reading.measured import Record, mapping, read
-from hgogen.system import System
+from hgogen.reading.measured import Record
 from hgogen.trials.prediction import Prediction, predictions
 
 _AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
@@ -43,7 +41,7 @@ _JUDGE = "riccati"  # the observer that starts predictions where the model has n
 @command()
 def fit_(
     model: ModelArgument,
-    data: Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")],
+    data: Data,
     observer: Tuned = None,
     setting: Setting = AS_WRITTEN,
     time: Time = None,
@@ -55,9 +53,7 @@ def fit_(
     offset: Annotated[
         str | None, typer.Option("--offset", help="The outputs to which an unknown constant is added, such as y.")
     ] = None,
-    held_out: Annotated[
-        float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
-    ] = 0.3,
+    held_out: HeldOut = 0.3,
     starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
     out: Out = None,
@@ -79,15 +75,14 @@ def fit_(
     from hgogen.trials import figures  # which takes a while to import
 
     plant = loaded.plant
-    columns = mapping(str(data[0]), map_ or (), plant.inputs, plant.outputs)
-    records = [read(path, columns, dt=None, time=time, period=period, unit=plant.time) for path in data]
-    cuts = [round(len(record.t) * (1 - held_out)) for record in records]
+    logs = logs_of(plant, data, held_out, time=time, period=period, pairs=map_ or ())
+    records, cuts = logs.records, logs.cuts
     with Bar("iterations", starts * ITERATIONS) as bar:
         result = fit(
             plant,
-            *(_data(plant, record, cut) for record, cut in zip(records, cuts, strict=True)),
-            free=_names(free) or None,
-            offset=_names(offset),
+            *logs.learned,
+            free=names_in(free) or None,
+            offset=names_in(offset),
             starts=starts,
             seed=seed,
             each=lambda start, k: bar.reach(start * ITERATIONS + k),
@@ -113,19 +108,11 @@ def fit_(
     }
     folder.write({**files, "fitted.json": json_text(report) + "\n"})
     shown = (
-        *(tables.report(record.report) for record in records),
-        tables.fitted(result),
-        tables.judged(judged, verdicts, unjudged),
+        *(log_tables.report(record.report) for record in records),
+        log_tables.fitted(result),
+        log_tables.judged(judged, verdicts, unjudged),
     )
     show(as_json, report, *shown, tables.files(paths))
-
-
-def _names(text: str | None) -> tuple[str, ...]:
-    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
-
-
-def _data(plant: System, record: Record, count: int) -> Log:
-    return Log(record.of(plant.inputs)[:count], record.of(plant.outputs)[:count], record.report.dt)
 
 
 def _judgement(

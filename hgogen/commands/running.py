@@ -1,12 +1,17 @@
 """The commands `run` and `noise`: a measured record, and what a quiet one says of noise."""
 
+import math
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from hgogen.call import CallableStep
-from hgogen.commands import jobs, tables
+from hgogen.commands import jobs, log_tables, tables
 from hgogen.commands.command import (
     Json,
     ModelArgument,
@@ -19,6 +24,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
+from hgogen.commands.logs import Truth, horizons, numbers_by_name, truth_of
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.filename import fault
@@ -34,7 +40,12 @@ Period = Annotated[
     typer.Option("--period", help="The time between rows, in the unit of the model's time, where no column has times."),
 ]
 Map = Annotated[
-    list[str] | None, typer.Option("--map", metavar="SIGNAL=COLUMN", help="Which column is a signal; repeat it.")
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="SIGNAL=COLUMN",
+        help="Which column is a signal, or what of columns, such as y='T1 + 273.15' or i='-[I (A)]'; repeat it.",
+    ),
 ]
 
 
@@ -49,26 +60,49 @@ def run_(
     map_: Map = None,
     out: Out = None,
     horizon: Annotated[str, typer.Option(help="Samples ahead of the prediction errors, such as 1,5,25.")] = "1,5,25",
+    truth: Truth = None,
+    initial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="x=1,v=0", help="The plant's state at the first row; by default the observer's own start."
+        ),
+    ] = None,
+    burn_in: Annotated[
+        float, typer.Option(min=0.0, help="The time at the beginning that no error counts, in the model's time.")
+    ] = 0.0,
     as_json: Json = False,
 ) -> None:
     """Run a model's observer over a measured record: estimates as CSV, figures, and what was wrong with the
     record.
 
+    The estimate starts from --initial, by default with what the first samples show of the states, the others where the
+    observer does.
+
     JSON keys: model, engine, record (path, rows, samples, dt, period, columns, missing, not_numbers,
     covered, absent, malformed, untimed, out_of_order, duplicates, surplus, gaps, longest_gap, filled, shift,
-    unit of time, notes), status (samples by status bit), predictions (output, ahead: samples or null for open
-    loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), files.
+    unit of time, notes), status (samples by status bit), initial (states that the first samples or --initial
+    give), predictions (output, ahead: samples or null for open
+    loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), hidden
+    (RMS error of the estimate by state, where --truth gives it), files.
     """
-    ahead = _horizons(horizon)
+    ahead = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
     folder, name = folder_of(out, loaded, observer), "record" if fault(data.stem) else data.stem
     folder.demand(f"{name}_report.json")
     step = loaded.step(observer)
-    record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs))
+    true = truth_of(loaded.plant, truth or ())
+    record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs), dict(true.values()))
     u, y = record.of(step.inputs), record.of(step.outputs)
     engine = engine_here()
+    step, begins = _begun(step, y, initial)
     done = step.run(u=u, y=y, engine=engine)
-    errors = predictions(step, done, u, y, ahead)
+    counted = _counted(step, burn_in, len(y))
+    late = replace(done, t=done.t[counted:], x=done.x[counted:], status=done.status[counted:], traces={})
+    errors = predictions(step, late, u[counted:], y[counted:], ahead)
+    hidden = {
+        state: _rms((done[state] - record.values[:, record.names.index(name)])[counted:])
+        for state, (name, _) in true.items()
+    }
     status = jobs.flagged(step, done.status)
     files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
     files |= rendered(jobs.record_figures(step, name, record, done))
@@ -78,27 +112,56 @@ def run_(
         "engine": engine,
         "record": record.report.as_dict(),
         "status": status,
+        "initial": begins,
         "predictions": [one.as_dict() for one in errors],
+        "hidden": hidden,
         "files": list(map(str, paths)),
     }
     folder.write({**files, f"{name}_report.json": json_text(report) + "\n"})
     shown = (
-        tables.report(record.report),
+        log_tables.report(record.report, begins),
         tables.status(step.bits, status, len(y)),
-        tables.predictions(errors, step.dt, step.time),
+        log_tables.predictions(errors, step.dt, step.time),
+        *log_tables.hidden(hidden, step.states),
         tables.files(paths),
     )
     show(as_json, report, *shown)
 
 
-def _horizons(text: str) -> tuple[int, ...]:
-    try:
-        ahead = tuple(int(part) for part in text.split(","))
-    except ValueError:
-        ahead = (0,)
-    if min(ahead) < 1:
-        raise typer.BadParameter(f"{text!r} must be positive whole numbers, such as 1,5,25", param_hint="--horizon")
-    return ahead
+def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
+    """The step that starts there, and what it takes from the text or, by default, from the first samples."""
+    if initial is not None:
+        values = numbers_by_name(initial, "--initial")
+        return step.started(lambda form: values), values
+    shown = _shown(step, y)
+    return (step.started(lambda form: {**step.observer.initial, **shown}), shown) if shown else (step, {})
+
+
+def _shown(step: CallableStep, y: np.ndarray) -> dict[str, float]:
+    """The states that are outputs, at their first samples, within their ranges."""
+    system, shown = step.observer.form.system, {}
+    plant = system.origin.plant if system.origin else system
+    for output, column in zip(plant.output, y.T, strict=True):
+        there = np.flatnonzero(np.isfinite(column))
+        if output in plant.states and len(there):
+            state = plant.states[plant.states.index(output)]
+            shown[state.name] = float(np.clip(column[there[0]], *state.interval))
+    return shown
+
+
+def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
+    """The first sample whose errors count. Raises: `typer.BadParameter`."""
+    first = math.ceil(burn_in / step.dt)
+    if first > samples - 2:
+        reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
+        raise typer.BadParameter(reason, param_hint="--burn-in")
+    return first
+
+
+def _rms(errors: np.ndarray) -> float | None:
+    """None where nothing was measured."""
+    there = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(there**2))) if len(there) else None
 
 
 def _record(
@@ -108,9 +171,10 @@ def _record(
     period: float | None,
     pairs: list[str] | None,
     signals: tuple[Signal, ...],
+    beside: Mapping[str, str] = MappingProxyType({}),
 ) -> Record:
     columns = mapping(str(data), pairs or (), step.inputs, step.outputs)
-    wanted = {s.name: columns[s.name] for s in signals}
+    wanted = {**{s.name: columns[s.name] for s in signals}, **beside}
     return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time)
 
 
@@ -144,4 +208,9 @@ def noise_(
     quiet = noise.quiet(record.t, begin, end, step.time)
     suggestions = [noise.suggest(s.name, record.of([s])[quiet, 0], step.dt, d, step.time) for s in step.outputs]
     value = {"model": loaded.path, "record": record.report.as_dict(), "noise": [one.as_dict() for one in suggestions]}
-    show(as_json, value, tables.report(record.report), *(tables.suggestion(one, step.time) for one in suggestions))
+    show(
+        as_json,
+        value,
+        log_tables.report(record.report),
+        *(log_tables.suggestion(one, step.time) for one in suggestions),
+    )

@@ -1,6 +1,5 @@
 """What the commands print: checks, metrics, comparisons, predictions and reports as tables."""
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -13,11 +12,9 @@ from rich.text import Text
 
 from hgogen.check import Check, Verdict
 from hgogen.commands.process import console
-from hgogen.identification.result import Fit
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import down, up
 from hgogen.program import Bit
-from hgogen.reading.measured import Report
 from hgogen.recheck.file import SHOWN
 from hgogen.recheck.verification import Rechecked
 from hgogen.theorem import Row, Theorem
@@ -26,8 +23,6 @@ from hgogen.trials.alarm import ITSELF
 from hgogen.trials.comparison import Measured
 from hgogen.trials.gramian import Gramian
 from hgogen.trials.metrics import Summary
-from hgogen.trials.noise import Suggestion
-from hgogen.trials.prediction import Prediction
 from hgogen.trials.response import Response
 from hgogen.which_forms import Survey
 
@@ -36,7 +31,7 @@ _ALIKE = 4  # rows that say the same, before they are one
 _SHORT = 20  # a reason that may be repeated
 
 
-def _table(title: str, *columns: str, numbers: int = 0) -> Table:
+def headed(title: str, *columns: str, numbers: int = 0) -> Table:
     """A table whose last `numbers` columns are flushed right."""
     table = Table(
         title=title, box=None, pad_edge=False, padding=(0, 2, 0, 0), min_width=min(len(title), console().width)
@@ -51,7 +46,7 @@ def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> Rende
     """The form's equations, `head`; the claims with their verdicts; what to do about those that are open."""
     listed = tuple(listed)
     title, *equations = head.split("\n")
-    table = _table("", "verdict", "check", "claim and reason")
+    table = headed("", "verdict", "check", "claim and reason")
     for called, check in _gathered(listed, accepted):
         at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
         said = f"{check.claim}\n{check.reason}{'; at ' + at if at else ''}"
@@ -86,7 +81,7 @@ def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tupl
 
 def survey(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
     """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
-    table = _table(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
+    table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
     before = ""
     for row in forms.answered:
         verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
@@ -108,7 +103,7 @@ def ranges(bounds: Mapping[str, Range]) -> RenderableType:
     """The ranges of expressions; nothing without one."""
     if not bounds:
         return Group()
-    table = _table("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
+    table = headed("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
     for text, one in bounds.items():
         table.add_row(Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(one.note))
     return Group(table, "")
@@ -123,7 +118,7 @@ def few(names: Iterable[Any], most: int = 8) -> str:
 def rechecked(outcome: Rechecked) -> RenderableType:
     """The claims of a certificate, and what was verified of them."""
     of = f", {outcome.observer} observer" if outcome.observer else ""
-    table = _table(f"{outcome.plant}, {outcome.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
+    table = headed(f"{outcome.plant}, {outcome.form} form{of}", "found", "claim", "what was shown", "boxes", numbers=1)
     colours = {"verified": "green", "fails": "red"}
     for row in outcome.rows:
         word = Text(f"{row.verdict}, verified" if row.found == "verified" else row.found)
@@ -138,7 +133,7 @@ def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableTyp
     if theorem is None:
         return Group()
     head = f"Theorem: {theorem.conclusion}\n({theorem.reference}), if"
-    table = _table("", "", "hypothesis", "known by")
+    table = headed("", "", "hypothesis", "known by")
     for row in hypotheses:
         standing = Text(row.standing, style=COLOURS.get(row.verdict, "cyan") if row.verdict else "magenta")
         known = "; ".join(said for said in (", ".join(row.checks), row.reason) if said)
@@ -151,7 +146,7 @@ def trials(each: Iterable[Summary], unit: str) -> RenderableType:
     """What followed each event of each trial, over the seeds; `unit`, here and below: that of the model's time."""
     parts: list[RenderableType] = []
     for one in each:
-        table = _table(
+        table = headed(
             f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {_ENGINE[one.engine]}; "
             f"settled: {one.criterion}",
             *(f"event at ({unit})", f"settled after ({unit})", f"worst ({unit})"),
@@ -185,12 +180,12 @@ def compared(
     """Observers side by side, one a row, from their first `estimate` of the plant's state `start`, by name."""
     states = list(each[0].rms)
     columns = (f"settled after each event ({unit})", "operations", "functions", "bytes of state")
-    whole = _table(title, "observer", *columns, numbers=len(columns))
+    whole = headed(title, "observer", *columns, numbers=len(columns))
     for one in each:
         settled = ", ".join(map(_number, one.settled))
         whole.add_row(one.name, settled, *map(str, (one.cost.operations, one.cost.functions, one.cost.state)))
-    rms = _table("steady error, root mean square", "observer", *states, numbers=len(states))
-    peak = _table(
+    rms = headed("steady error, root mean square", "observer", *states, numbers=len(states))
+    peak = headed(
         "peaking: largest rise of the error after an event, over the state's range",
         "observer",
         *states,
@@ -238,7 +233,7 @@ def _range(low: float, high: float) -> str:
 
 def agreements(each: Iterable[Agreement], unit: str) -> RenderableType:
     """C against Python."""
-    table = _table(
+    table = headed(
         "C against Python, double precision, relative to each state's peak",
         *(
             "trial",
@@ -263,94 +258,21 @@ def _pair(first: float | None, second: float | None) -> str:
     return _number(first) if _number(first) == _number(second) else f"{_number(first)}/{_number(second)}"
 
 
-def predictions(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
-    """RMS prediction errors."""
-    table = _table(
-        "RMS prediction error of the measured outputs",
-        *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
-        numbers=4,
-    )
-    for one in each:
-        ahead = ("all, open loop", "") if one.ahead is None else (str(one.ahead), f"{one.ahead * dt:g}")
-        table.add_row(one.output, *ahead, f"{one.model:.4g}", "" if one.copying is None else f"{one.copying:.4g}")
-    lost = {one.output: one.rejected for one in each if one.rejected}
-    said = [f"{name}: {count} that the observer rejected, not compared" for name, count in lost.items()]
-    return Group(table, *map(Text, said), "")
-
-
-def fitted(result: Fit) -> RenderableType:
-    """Fitted parameters, how well the outputs are followed, and what that is worth."""
-    parts = _table("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
-    for one in result.parameters:
-        spread = "at its end" if one.at else _spread(one.deviation)
-        parts.add_row(one.name, f"{one.value:.5g}", spread, f"{one.nominal:.5g}", Text(one.unit))
-    for one in result.offsets:
-        parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
-    along = "RMS error of the outputs along the record, from its first state"
-    follows = _table(along, "output", "fitted", "before", numbers=3)
-    for name, error in result.error.items():
-        follows.add_row(name, f"{error:.4g}", f"{result.unfitted[name]:.4g}")
-    return Group(parts, "", follows, *map(Text, result.notes()), "")
-
-
-def _spread(deviation: float) -> str:
-    return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"
-
-
-def judged(each: Sequence[Mapping[str, Any]], notes: Iterable[str], otherwise: str) -> RenderableType:
-    """Prediction errors in the rows held out, with what they say; `otherwise`: why there are none."""
-    if not each:
-        return Text(f"nothing judges the fit; {otherwise}\n")
-    table = _table(
-        "RMS prediction error in the rows held out, from an observer's estimate",
-        *("output", "samples ahead", "fitted", "before", "copying the last value"),
-        numbers=5,
-    )
-    paths = {one["record"] for one in each}
-    for one in each:
-        ahead = "all, open loop" if one["ahead"] is None else str(one["ahead"])
-        errors = (one[key] for key in ("fitted", "unfitted", "copying"))
-        name = f"{one['output']} in {one['record']}" if len(paths) > 1 else one["output"]
-        table.add_row(name, ahead, *("" if error is None else f"{error:.4g}" for error in errors))
-    return Group(table, *map(Text, notes), "")
-
-
 def status(bits: Sequence[Bit], counts: Mapping[str, int], samples: int) -> RenderableType:
     """How often each status bit was raised, and what it asks for."""
     raised = [bit for bit in bits if counts.get(bit.name)]
     if not raised:
         return Text(f"status: 0 (ok) in all {samples} samples\n")
-    table = _table(f"status over {samples} samples", "samples", "bit", "meaning", "what to do")
+    table = headed(f"status over {samples} samples", "samples", "bit", "meaning", "what to do")
     for bit in raised:
         table.add_row(str(counts[bit.name]), bit.name, Text(bit.meaning), Text(bit.action))
     return Group(table, "")
 
 
-def report(read: Report) -> RenderableType:
-    """What was found in a log."""
-    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in read.sentences()), "")
-
-
-def suggestion(noise: Suggestion, unit: str) -> RenderableType:
-    """What a quiet record suggests."""
-    table = _table(f"noise of {noise.output}, from {noise.samples} samples", "value", "", "meaning")
-    rows = (
-        ("sigma", f"{noise.sigma:.4g}", "standard deviation about a straight line"),
-        ("tau", f"{noise.tau:.4g} {unit}", "correlation time" if noise.tau else "white noise"),
-        ("d", f"{noise.d:g} {unit}", "window of the innovation"),
-        ("gamma_0", f"{noise.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {noise.spread:.3g}): theta may rise above it"),
-        ("gamma_1", f"{noise.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
-        ("R", f"{noise.R:.4g}", "spectral density of the noise; a larger R smooths more"),
-    )
-    for row in rows:
-        table.add_row(*row)
-    return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in noise.notes), "")
-
-
 def windows(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
     """What windows of several lengths show along a trial."""
     names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
-    table = _table(f"what a window d shows along trial {trial}: its observability Gramian", *names)
+    table = headed(f"what a window d shows along trial {trial}: its observability Gramian", *names)
     for one in gramians:
         (low, high), (name, share) = one.range, one.weakest
         table.add_row(f"{one.d:g}", f"{low:.2g} .. {high:.2g}", f"{one.median:.2g}", name, f"{share:.0%}")
@@ -366,7 +288,7 @@ def responses(continuous: Response, sampled: Response, unit: str) -> RenderableT
     """The gains from noise to estimates: a row for each pair and frequency, continuous and as a step has them, "-"
     where it sees an alias."""
     head = f"|H(j omega)| from noise to estimate: the linear error core, and its step of {sampled.dt:g} {unit}"
-    table = _table(head, "noise of", "error of", f"omega (rad/{unit})", "continuous", "step", numbers=3)
+    table = headed(head, "noise of", "error of", f"omega (rad/{unit})", "continuous", "step", numbers=3)
     for column in table.columns[2:]:
         column.no_wrap = True  # half a number is another number
     for j, output in enumerate(continuous.outputs):
@@ -380,7 +302,7 @@ def responses(continuous: Response, sampled: Response, unit: str) -> RenderableT
 
 def listed(summaries: Mapping[str, Mapping[str, str]]) -> RenderableType:
     """What there is of each kind, a line each with its summary."""
-    table = _table("", "", "", "")
+    table = headed("", "", "", "")
     for kind, cases in summaries.items():
         for k, (name, text) in enumerate((cases or {"none": ""}).items()):
             table.add_row("" if k else kind, name, Text(text))

@@ -22,17 +22,17 @@ def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
 
 def growth(T: Array) -> Array:
     """The largest |T^k| over all powers k >= 0, at least 1, for each T (k, N, N)."""
-    largest, power, bases = np.ones(len(T)), T, []
+    largest, powers = np.ones(len(T)), [T]
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
-        for k in range(1, POWERS + 1):
+        for _ in range(1, POWERS):
+            powers.append(powers[-1] @ T)
+        for power in powers:
             largest = np.maximum(largest, _size(power))
-            bases += [power] if k in BASES else []
-            power = power @ T
-        for base in bases:
-            for _ in range(DOUBLINGS):
-                base = base @ base
-                largest = np.maximum(largest, _size(base))
-    return largest
+        base = np.array([powers[k - 1] for k in BASES])
+        for _ in range(DOUBLINGS):
+            base = base @ base
+            largest = np.maximum(largest, _size(base).max(axis=0))
+    return np.where(np.isnan(largest), math.inf, largest)
 
 
 def continuous(M: Array, units: Array) -> Array:
@@ -55,6 +55,5 @@ def longest(grows: Callable[[float], bool], start: float, end: float) -> float:
 
 
 def _size(T: Array) -> Array:
-    """The largest sum of a row, of each; inf for what is not finite."""
-    size = np.abs(T).sum(axis=-1).max(axis=-1)
-    return np.where(np.isfinite(size), size, math.inf)
+    """The largest sum of a row, of each; inf or NaN for what is not finite."""
+    return np.asarray(np.abs(T).sum(axis=-1).max(axis=-1))

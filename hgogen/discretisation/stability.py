@@ -38,6 +38,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hgogen.discretisation.rays import AXIS, spectral_limit
 from hgogen.discretisation.runge_kutta import Tableau
 from hgogen.errors import HgogenError
 from hgogen.structure.scaling import Scaling
@@ -46,11 +47,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Rise = Callable[[float, float], float]
 
-AXIS = 1e-9  # for eig's rounding: |Re z| below which a unit z is imaginary, |z|/max below which it is 0
-ZERO = 1e-6  # the same for the Hamiltonian, whose double zeros rounding splits by the root of eps
+ZERO = 1e-6  # what AXIS is, for the Hamiltonian, whose double zeros rounding splits by the root of eps
 GRAPH = 1e12  # condition of the Hamiltonian's stable subspace from which on it is no graph: a growing mode is hidden
 STEPS = 60  # of a transient, once theta has risen; over random equations all losses came within 40
 PATIENCE = 3000  # steps of a transient in all
+AT_ONCE = 20_000  # numbers of transients that are taken side by side
 COARSE, FINE = 1.2, 1.02  # ratios of the step lengths tried in turn; the limit is low by less than FINE
 # of the least of several limits:
 EVERYWHERE = "admitted with the gains as declared at every point of the box that was tried, no proof"
@@ -101,7 +102,7 @@ def core_limit(core: Array, polynomial: Sequence[float]) -> float:
     size = np.abs(spectrum)
     if (spectrum.real > AXIS * size.max()).any():
         raise UnstableCore(complex(spectrum[np.argmax(spectrum.real)]))
-    return _spectral_limit(spectrum[size > AXIS * size.max()], polynomial)
+    return spectral_limit(spectrum[size > AXIS * size.max()], polynomial)
 
 
 def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
@@ -109,7 +110,7 @@ def decay_limits(jacobians: Array, polynomial: Sequence[float]) -> Array:
     limits = []
     for spectrum in np.linalg.eigvals(np.asarray(jacobians, dtype=float)).astype(complex):
         decaying = spectrum[spectrum.real < -AXIS * np.abs(spectrum).max(initial=0.0)]
-        limits.append(_spectral_limit(decaying, polynomial))
+        limits.append(spectral_limit(decaying, polynomial))
     return np.array(limits)
 
 
@@ -177,25 +178,6 @@ def covariance_limit(
 # --- spectra ------------------------------------------------------------------------------------------------
 
 
-def _spectral_limit(spectrum: NDArray[np.complex128], polynomial: Sequence[float]) -> float:
-    upper = spectrum[spectrum.imag >= 0.0]  # the others are conjugates
-    return min((_ray_limit(complex(eigenvalue), polynomial) for eigenvalue in upper), default=np.inf)
-
-
-def _ray_limit(eigenvalue: complex, polynomial: Sequence[float]) -> float:
-    """The first h at which |R(h lambda)| passes 1: a root of the real polynomial |R|^2 - 1 of h |lambda|."""
-    direction = eigenvalue / abs(eigenvalue)
-    terms = np.array([c * direction**k for k, c in enumerate(polynomial)])
-    excess = np.convolve(terms.real, terms.real) + np.convolve(terms.imag, terms.imag)
-    excess[0] -= 1.0
-    excess[np.abs(excess) < AXIS] = 0.0  # on the imaginary axis the low powers cancel and leave rounding
-    roots = np.roots(excess[::-1])
-    edges = np.sort(roots.real[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0.0)])
-    edges = np.concatenate(([0.0], edges, [2.0 * edges.max(initial=1.0)]))
-    grows = np.polyval(excess[::-1], (edges[1:] + edges[:-1]) / 2.0) > 0.0
-    return float(edges[np.argmax(grows)]) / abs(eigenvalue) if grows.any() else np.inf
-
-
 @dataclass(frozen=True)
 class _Riccati:
     """F (k, n, n), C (k, p, n), R^-1 (p, p), Q (n, n)."""
@@ -250,7 +232,7 @@ def _steady_limit(riccati: _Riccati, thetas: Sequence[float], polynomial: Sequen
             modes = np.concatenate((mu, mu[pairs[0]] + mu[pairs[1]]))
             modes = modes[np.abs(modes) > ZERO * np.abs(spectrum).max()]
             why = f"the covariance does not settle, for its steady value repels (theta = {theta:g})"
-            limits.append(Limit(_spectral_limit(modes, polynomial), why, i))
+            limits.append(Limit(spectral_limit(modes, polynomial), why, i))
     return min(limits, key=lambda limit: limit.dt)
 
 
@@ -308,20 +290,38 @@ class _Transients:
     rise: Rise
     tableau: Tableau
 
-    def lost(self, starts: tuple[_Start, ...], dt: float) -> tuple[_Start, ...]:
-        """The starts, at their Jacobians, from which the step loses positive definiteness at this dt."""
-        failing = (start.only(self._fails(start, dt)) for start in starts)
-        return tuple(start for start in failing if len(start.rows))
+    def lost(self, starts: tuple[_Start, ...], lengths: Sequence[float]) -> tuple[int, tuple[_Start, ...]]:
+        """Of some step lengths, the place of the first at which the step loses positive definiteness, and the starts,
+        at their Jacobians, from which it does; the last place and no start where there is none."""
+        end, failing = len(lengths), []
+        for start in starts:
+            fails = self._fails(start, lengths[:end])
+            failing.append((start, fails))
+            end = int(fails.any(axis=1).argmax()) + 1 if fails.any() else end
+        there = (start.only(fails[end - 1]) for start, fails in failing if len(fails) >= end)
+        return end - 1, tuple(start for start in there if len(start.rows))
 
-    def _fails(self, start: _Start, dt: float) -> Flags:
-        delta = self.riccati.delta(self.theta_max)
+    def _fails(self, start: _Start, lengths: Sequence[float]) -> Flags:
+        """For each length (d), up to the first at which one does, at which Jacobians (m) the transient fails (d, m)."""
+        many = 1 if start.rises else max(1, AT_ONCE // max(1, start.P.size))  # a theta that rises does it by its dt
+        rows = [np.zeros((0, len(start.rows)), dtype=bool)]
+        for first in range(0, len(lengths), many):
+            rows.append(self._run(start, lengths[first : first + many]))
+            if rows[-1].any():
+                break
+        return np.concatenate(rows)
+
+    def _run(self, start: _Start, lengths: Sequence[float]) -> Flags:
+        """The same for lengths side by side; only one where theta rises."""
+        delta, dt = self.riccati.delta(self.theta_max), np.reshape(lengths, (-1, 1, 1, 1))
         X: Array = start.P * np.outer(delta, delta)
         X = np.asarray(np.linalg.inv(X)) if self.representation == "information" else X
+        X = np.broadcast_to(X, (len(lengths), *X.shape))
         riccati, theta, left = self.riccati.only(start.rows), start.theta, STEPS
-        equation, alive = self._equation(riccati, theta), np.ones(len(X), dtype=bool)
+        equation, alive = self._equation(riccati, theta), np.ones(X.shape[:2], dtype=bool)
         for _ in range(PATIENCE):
             if start.rises:
-                theta = min(self.rise(theta, dt), self.theta_max)
+                theta = min(self.rise(theta, lengths[0]), self.theta_max)
                 equation = self._equation(riccati, theta)
             with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
                 X = _step(X, *equation, self.tableau, dt)
@@ -337,7 +337,7 @@ class _Transients:
         return (-_t(F), N, Q) if self.representation == "information" else (F, Q, N)
 
 
-def _step(X: Array, L: Array, W: Array, V: Array, tableau: Tableau, dt: float) -> Array:
+def _step(X: Array, L: Array, W: Array, V: Array, tableau: Tableau, dt: Array) -> Array:
     slopes: list[Array] = []
     for row in tableau.a:
         stage = _combined(X, slopes, row, dt)
@@ -346,7 +346,7 @@ def _step(X: Array, L: Array, W: Array, V: Array, tableau: Tableau, dt: float) -
     return _combined(X, slopes, tableau.b, dt)
 
 
-def _combined(X: Array, slopes: list[Array], weights: Sequence[float], dt: float) -> Array:
+def _combined(X: Array, slopes: list[Array], weights: Sequence[float], dt: Array) -> Array:
     X = X.copy()
     for weight, slope in zip(weights, slopes, strict=True):
         X += dt * weight * slope
@@ -354,21 +354,21 @@ def _combined(X: Array, slopes: list[Array], weights: Sequence[float], dt: float
 
 
 def _definite(X: Array) -> Flags:
-    """Finite and positive definite, over the leading axis: the pivots of X = L D L'."""
-    good: Flags = np.asarray(np.isfinite(X).all(axis=(1, 2)))
-    X = np.where(good[:, None, None], X, 0.0)
+    """Finite and positive definite, over the leading axes: the pivots of X = L D L'."""
+    good: Flags = np.asarray(np.isfinite(X).all(axis=(-2, -1)))
+    X = np.where(good[..., None, None], X, 0.0)
     for i in range(X.shape[-1]):
-        pivot, column = X[:, i, i], X[:, :, i]
+        pivot, column = X[..., i, i], X[..., :, i]
         good = good & (pivot > 0.0)
-        scale = np.where(pivot > 0.0, pivot, 1.0)[:, None, None]
-        X = X - column[:, :, None] * column[:, None, :] / scale
+        scale = np.where(pivot > 0.0, pivot, 1.0)[..., None, None]
+        X = X - column[..., :, None] * column[..., None, :] / scale
     return good
 
 
 def _transient_limit(run: _Transients, starts: tuple[_Start, ...], most: float) -> Limit:
     """The first dt, going up to `most`, at which a transient fails."""
     good = bad = min(most, 1e9)
-    while lost := run.lost(starts, good):
+    while lost := run.lost(starts, (good,))[1]:
         first, good, bad = lost, good / 8.0, good
     if good == bad:
         return Limit(np.inf, "no transient fails")
@@ -388,8 +388,8 @@ def _scan(
     first: tuple[_Start, ...],
 ) -> tuple[float, float, tuple[_Start, ...]]:
     """Going up from `good`: the last step length without loss, the first with it, and what it loses."""
-    while good * ratio < bad:
-        if lost := run.lost(starts, good * ratio):
-            return good, good * ratio, lost
-        good *= ratio
-    return good, bad, first
+    lengths = [good]
+    while lengths[-1] * ratio < bad:
+        lengths.append(lengths[-1] * ratio)
+    place, lost = run.lost(starts, lengths[1:])
+    return (lengths[place], lengths[place + 1], lost) if lost else (lengths[-1], bad, first)

@@ -2,11 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
-import casadi as ca
-
-from hgogen.program import Block, Field, Group, Loop, Place, Program, When, address, lines_of, places, walk
+from hgogen.program import Block, Field, Group, Loop, Place, Program, When, lines_of, places, walk
 from hgogen.step import Step
 
 
@@ -63,17 +60,16 @@ class Kinds:
     def _reals(self, indices: set[Place]) -> set[Place]:
         """Work places that take more than a copy of a counter, or of one of `indices`."""
         counters = {place for place, item in self.fields.items() if item.kind == "index"} | indices
-        values = ((place, v) for s in walk(self._all) if isinstance(s, Block) for place, v in s.writes.items())
-        written = self.work - {place for s in walk(self._all) if isinstance(s, Block) for place in s.writes}
-        return written | {place for place, value in values if not _copied(value, counters)}
+        blocks = [s for s in walk(self._all) if isinstance(s, Block)]
+        unwritten = self.work - {place for block in blocks for place in block.writes}
+        return unwritten | {
+            place
+            for block in blocks
+            for place in block.writes
+            if place not in block.copies or not block.copies[place] <= counters
+        }
 
     @cached_property
     def _all(self) -> Program:
         timed = (s for section in self.step.timed for s in section.program)
         return (*self.step.program, *self.step.tuning, *timed)
-
-
-def _copied(value: Any, places: set[Place]) -> bool:
-    """Whether each element of an SX is that of one of the places."""
-    elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
-    return all(element.is_symbolic() and address(element)[0] in places for element in elements)

@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
-
 from hgogen.emit.code import NOTHING, TRUTH, Code, Uses, braced, code, joined
 from hgogen.emit.described import entry
 from hgogen.emit.interface import REACHED, of_section, reached
@@ -17,6 +15,7 @@ from hgogen.emit.kinds import Kinds
 from hgogen.emit.portable import passed
 from hgogen.emit.printer import Operand, Printer, Target, body
 from hgogen.emit.syntax import Number, Real, Syntax
+from hgogen.graph import sx
 from hgogen.program import Block, Call, Copy, Kernel, Loop, Place, Program, Section, Statement, When, places, walk
 from hgogen.step import Step
 
@@ -181,12 +180,12 @@ class Writer:
         sources = {place: argument for argument, (place, _) in enumerate(reads)}
         targets = [
             self._target(place, element, size, sources.get(place), real)
-            for place, size in ((place, ca.SX(value).numel()) for place, value in block.writes.items())
+            for place, size in block.written
             for element in range(size)
         ]
         names = [
             name if size == 1 else f"{name}{element + 1}"
-            for name, size in ((name, ca.SX(value).numel()) for name, value in block.names.items())
+            for name, size in ((name, sx(value).numel()) for name, value in block.names.items())
             for element in range(size)
         ]
         hoist = [argument for place, argument in sources.items() if place in written]

@@ -54,7 +54,7 @@ from hgogen.evidence.enclosing import LOOSE, Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.certified import Nothing, slope
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import down, same, up
 from hgogen.reading.given import BadGain, reals
 from hgogen.structure.polytope import chains
 
@@ -123,6 +123,10 @@ class Disturbance:
         G, g = exact(self.plant), fmpq_mat([[number(value) for value in self.measurement]])
         second = (g * (unit(len(self.measurement)) + G.transpose() * G) * g.transpose())[0, 0]
         return 1 + largest(G * G.transpose())[1], fraction(second)
+
+    def __str__(self) -> str:
+        rows = "; ".join(" ".join(same(float(value)) for value in row) for row in self.plant)
+        return f"G_1 = [{rows}], G_2 = [{' '.join(same(float(value)) for value in self.measurement)}]"
 
 
 @dataclass(frozen=True)
@@ -288,22 +292,21 @@ def _above(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> C
         return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
     bound = max(Fraction(1), 2 * assumptions.slope * candidate.peak / candidate.decay)
     numbers = f"k <= {up(assumptions.slope)}, lambda_max(P) <= {up(candidate.peak)}, lambda >= {down(candidate.decay)}"
-    least = f"{up(bound)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
+    least = f"{up(bound, below=assumptions.low)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
+    gamma = f"gamma_inf = {same(float(assumptions.low))}"
     if not assumptions.low > bound:
-        low = (
-            f"not shown: gamma_inf = {float(assumptions.low):g} is not above {least}; this is sufficient, not necessary"
-        )
+        low = f"not shown: {gamma} is not above {least}; this is sufficient, not necessary"
         return Check(
             ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials."
         )
     speed = (assumptions.low * candidate.decay - 2 * assumptions.slope * candidate.peak) / (2 * candidate.peak)
     rate = f"the error decays at least like exp(-{down(speed, 2)} t) while the estimate keeps to its outer box"
-    above = f"gamma_inf = {float(assumptions.low):g} is above {least}; {rate}"
+    above = f"{gamma} is above {least}; {rate}"
     return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, above)
 
 
 def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Check:
-    claim = "the L2 gain from the disturbance to the error has a bound"
+    claim = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"
     if lost:
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, lost)
     mu = gain(candidate, assumptions)
@@ -312,9 +315,8 @@ def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Ch
             f"not shown: (70) asks for gamma_inf above {up(candidate.least(assumptions.slope or Fraction(0)))} at least"
         )
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
-    return Check(
-        ClaimId(maker, "attenuation"), claim, Verdict.PROVED, f"mu <= {up(mu)}, in the coordinates of integrators"
-    )
+    reason = f"mu <= {up(mu)}, in the coordinates of integrators, while the estimate keeps to its outer box"
+    return Check(ClaimId(maker, "attenuation"), claim, Verdict.PROVED, f"{reason}; {assumptions.disturbance}")
 
 
 def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:

@@ -36,8 +36,9 @@ from hgogen.evidence.enclosing import enclosure, steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.lmi import STATES, Lyapunov, common
+from hgogen.intervals import outward
 from hgogen.intervals.bounds import Range
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import down, same, up
 from hgogen.intervals.proof import Proof
 from hgogen.reading.door import Misfit
 from hgogen.structure.polytope import Corner, chains, corners, extents, fixed, signals, span
@@ -72,9 +73,9 @@ class ThetaBound:
         return {"gains": self.gains}
 
     def rate(self, theta: float) -> float:
-        """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
+        """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound; it is rounded down."""
         peak = self.lyapunov.peak
-        return float((Fraction(theta) - 2 * peak * self.lipschitz) / (2 * peak))
+        return outward.number((Fraction(theta) - 2 * peak * self.lipschitz) / (2 * peak))[0]
 
     def evidence(self, form: Form) -> Evidence | None:
         """The matrix P for A - K C in scaled coordinates, and the bound of db/dz in them."""
@@ -211,7 +212,7 @@ def checks(
     """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta, the gain of that `name`, is above it, so
     that the error decays, or does `during` some times alone."""
     exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
-    above = f"theta = {theta:g} is above that bound"
+    above = f"theta = {same(theta)} is above that bound"
     if isinstance(bound, Nothing):
         return (
             Check(ClaimId(maker, "convergence"), exists, Verdict.UNKNOWN, bound.reason, fix="Validate by trials."),
@@ -222,12 +223,12 @@ def checks(
     convergence = Check(ClaimId(maker, "convergence"), exists, Verdict.PROVED, proof, proofs=(grounds,))
     if Fraction(theta) > bound.theta:
         when = f"{during} " if during else ""
-        rate = f"above {up(bound.theta)}; {when}the error decays at least like exp(-{down(bound.rate(theta), 2)} t)"
-        rate += " while the estimate keeps to its outer box"
+        rate = f"{when}the error decays at least like exp(-{down(bound.rate(theta), 2)} t)"
+        rate = f"above {up(bound.theta, below=theta)}; {rate} while the estimate keeps to its outer box"
         return convergence, Check(
             ClaimId(maker, "theta"), above, Verdict.PROVED, rate, proofs=(replace(grounds, fact=None),)
         )
-    low = f"not shown: {theta:g} is below the certified {up(bound.theta)}; the bound is sufficient, not necessary"
+    low = f"not shown: {same(theta)} is below the certified {up(bound.theta)}; the bound is sufficient, not necessary"
     return convergence, Check(
         ClaimId(maker, "theta"), above, Verdict.UNKNOWN, low, fix=f"Raise {name}, or validate by trials."
     )

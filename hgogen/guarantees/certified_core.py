@@ -30,6 +30,7 @@ from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.guarantees.certified import GROWTHS, Nothing, slope
 from hgogen.guarantees.lmi import Lyapunov, NoSolver, common
+from hgogen.intervals import outward
 from hgogen.intervals.digits import up
 from hgogen.structure.polytope import chains
 
@@ -67,8 +68,8 @@ class CoreBound:
         return {"P": self.lyapunov.P, "push": self.push, "slope": self.steep}
 
     def rate(self, theta: float) -> float:
-        """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound."""
-        return float((Fraction(theta) - 2 * self.push * self.lipschitz) / (2 * self.lyapunov.peak))
+        """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound; it is rounded down."""
+        return outward.number((Fraction(theta) - 2 * self.push * self.lipschitz) / (2 * self.lyapunov.peak))[0]
 
     def __str__(self) -> str:
         return (

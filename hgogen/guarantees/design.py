@@ -62,8 +62,9 @@ class Design:
 
     def __str__(self) -> str:
         K = ", ".join(f"{k:g}" for k in self.K)
-        least = f"gamma_inf >= {up(self.gamma, 6)}"
-        return f"K = ({K}), sigma = {self.sigma:g}: {least}" + ("" if self.mu is None else f", mu <= {up(self.mu, 6)}")
+        least, n = f"gamma_inf >= {up(self.gamma, 6)}", len(self.K)
+        gain = "" if self.mu is None else f", mu <= {up(self.mu / self.gamma**n, 6)} gamma_sup^{n}"
+        return f"K = ({K}), sigma = {self.sigma:g}: {least}{gain}"
 
 
 @dataclass(eq=False)

@@ -68,7 +68,7 @@ class Dissipation:
         if not self.proved or self.level is None:
             return "nothing is concluded"
         return (
-            f"from e(0) in the box with V(e(0)) + {_above(self.mu**2 / 2)} * integral of |w|^2 < "
+            f"in continuous time, from e(0) in the box with V(e(0)) + {_above(self.mu**2 / 2)} * integral of |w|^2 < "
             f"{down(float(self.level), 9)} on, the error stays in the box, with the L2 gain {_above(self.mu)} from w "
             f"to e; without w it tends to 0; as long as the plant keeps to its ranges{self._condition}"
         )

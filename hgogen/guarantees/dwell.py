@@ -14,6 +14,7 @@ of switched systems with average dwell-time", CDC 1999.
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import inf
 
 from flint import arb
 
@@ -22,7 +23,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.certified import Nothing, ThetaBound, checks
-from hgogen.intervals.digits import up
+from hgogen.intervals.digits import same, up
 
 _BETWEEN = (
     "in continuous time, without noise, the error decays exponentially between switches, in every gain above a bound"
@@ -45,7 +46,7 @@ def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBou
     `MAKER.hold`, that the time `hold` is long enough: too short a one may keep the gain switching for ever."""
     convergence, above = checks(maker, low, bound, "theta_low", "between switches")
     convergence = replace(convergence, claim=_BETWEEN)
-    above = replace(above, claim=f"theta_low = {low:g}, and theta with it, is above that bound")
+    above = replace(above, claim=f"theta_low = {same(low)}, and theta with it, is above that bound")
     held = _held(ClaimId(maker, "hold"), theta, low, hold, bound)
     if isinstance(bound, Nothing):
         return convergence, above, held
@@ -55,7 +56,7 @@ def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBou
 
 
 def _held(id: ClaimId, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> Check:
-    claim = f"hold = {hold:g} is long enough: switching keeps the error's decay"
+    claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
     unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Validate by trials.")
     if isinstance(bound, Nothing) or not Fraction(low) > bound.theta:
         return replace(unknown, reason="theta_low is not above a proved bound")
@@ -66,11 +67,12 @@ def _held(id: ClaimId, theta: float, low: float, hold: float, bound: ThetaBound 
     growth = condition**2 * (Fraction(theta) / Fraction(low)) ** (2 * (len(P) - 1))
     least = arb(number(growth)).log() / arb(number(speed))
     if arb(number(Fraction(hold))) > least:
-        reason, proofs = f"above {_up(least)} s, by outward-rounded balls", (Held(least_of_P),)
+        reason, proofs = f"above {_up(least, hold)}, by outward-rounded balls", (Held(least_of_P),)
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
-    reason = f"not shown: {_up(least)} s is, and is sufficient, not necessary"
+    reason = f"not shown: {_up(least)} is, and is sufficient, not necessary"
     return replace(unknown, reason=reason, fix=f"Take hold > {_up(least)}, or validate by trials.")
 
 
-def _up(value: arb) -> str:
-    return up(float(value.upper()) * (1 + 1e-12))
+def _up(value: arb, below: float = inf) -> str:
+    """In the model's unit of time."""
+    return up(float(value.upper()) * (1 + 1e-12), below=below)

@@ -24,7 +24,7 @@ from hgogen.form import Form
 from hgogen.guarantees.lmi import Lyapunov, lyapunov
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import down, same, up
 from hgogen.intervals.proof import Proof
 from hgogen.reading.given import BadGain
 
@@ -78,31 +78,36 @@ def checks(
     numbers = {"p_1": p_1, "p_2": p_2, "p_3": p_3, "cap": cap, "gains": K}
     fall, rise = Weighted(proof.P, Fraction(b)), Weighted(proof.P, Fraction(b), proof.peak)
     stay = stays(chain, p_1, p_2, p_3, cap)
-    each = ((falls(proof, spread, p_1), fall), (rises(proof, spread, p_3), rise), (stay, *stay.proofs))
+    each = ((falls(proof, spread, p_1, b), fall), (rises(proof, spread, p_3, b), rise), (stay, *stay.proofs))
     return tuple(replace(check, proofs=tuple(Grounds(numbers, fact) for fact in facts)) for check, *facts in each)
 
 
-def falls(proof: Lyapunov, spread: np.ndarray, p_1: float) -> Check:
+def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
     """N'P + P N + p_1 (D P + P D) < 0."""
     P, N = np.array(proof.P), np.array(proof.vertices[0])
     gap = -(N.T @ P + P @ N)
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
     id, claim = ClaimId("updated_gain", "p_1"), "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
     if positive(exact(gap - Fraction(p_1) * spread)):
-        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
-    reason = "not for the P of N'P + P N = -I; another P may do"
+        return Check(id, claim, Verdict.PROVED, f"in rational arithmetic, {_about(b)}")
+    reason = f"not {_about(b)}; another P or b may do"
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_1 <= {down(0.99 * float(most))}.")
 
 
-def rises(proof: Lyapunov, spread: np.ndarray, p_3: float) -> Check:
+def rises(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
     """p_3 (D P + P D) >= 2 lambda_max(P)."""
     least = 2 * float(proof.peak) / np.linalg.eigvalsh(spread.astype(float))[0]
     id, claim = ClaimId("updated_gain", "p_3"), "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
     room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
     if positive(exact(room)):
-        return Check(id, claim, Verdict.PROVED, "in rational arithmetic, for the P of N'P + P N = -I")
-    reason = "not for the P of N'P + P N = -I; another P may do, or a gain that stays far above Gamma"
+        return Check(id, claim, Verdict.PROVED, f"in rational arithmetic, {_about(b)}")
+    reason = f"not {_about(b)}; another P or b may do, or a gain that stays far above Gamma"
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_3 >= {up(1.01 * float(least))}.")
+
+
+def _about(b: float) -> str:
+    """Of which P and D an inequality is said: with another b it is another."""
+    return f"for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {same(b)}"
 
 
 def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:

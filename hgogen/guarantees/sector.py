@@ -41,6 +41,7 @@ from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
 from hgogen.guarantees.certified import GROWTHS, Nothing, slope
 from hgogen.guarantees.lmi import STATES, lyapunov
+from hgogen.intervals import outward
 from hgogen.intervals.digits import down, up
 from hgogen.structure.polytope import chains
 
@@ -181,10 +182,11 @@ class SectorBound:
     numbers: Mapping[str, Any]
 
     def rate(self, theta: float) -> float:
-        """r (1/s) with |error(t)| <= c exp(-r t) (|error(0)| + sqrt sigma(0)) at a theta above the bound."""
+        """r (1/s) with |error(t)| <= c exp(-r t) (|error(0)| + sqrt sigma(0)) at a theta above the bound; it is rounded
+        down."""
         one, level = self.decay, Fraction(theta)
         left = (level * one.margin - 2 * one.weight * self.lipschitz) / one.weight
-        return float(min(left, one.adaptation.shape.rest(one, level, self.lipschitz)) / 2)
+        return outward.number(min(left, one.adaptation.shape.rest(one, level, self.lipschitz)) / 2)[0]
 
     def evidence(self, form: Form) -> Evidence:
         """The evidence of the decay with its margin, and the bound of dc/dw."""

@@ -9,14 +9,13 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from hgogen.calling.samples import held_last, table
-from hgogen.errors import BadArgument, nearest
+from hgogen.errors import nearest
 from hgogen.identification.information import Information, alike, information
-from hgogen.identification.motion import rates
+from hgogen.identification.motion import paced
+from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Estimate, Fit, Place
-from hgogen.identification.shooting import Log, Shooting
+from hgogen.identification.shooting import Shooting
 from hgogen.identification.solution import Solution, Solver
-from hgogen.reading.time_unit import plural
 from hgogen.signal import Signal, resting
 from hgogen.structure.valued import valued
 from hgogen.system import System
@@ -25,17 +24,14 @@ Array = np.ndarray
 BETWEEN = ("hold", "line")
 SEGMENTS = 60  # of a record, about
 WIDE = 100.0  # times its nominal value, to which a parameter without a range may go, and the same part of it
-FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
-MOST_STEPS = 50  # of a sample
 GROWN = 3.0  # of log growth in a segment, at most
-LEAST = 10  # samples of an output
 PART = 0.05  # of a direction: less of a parameter in it is none
 UNTOLD = 1.0  # of a unit: a direction with a larger standard error is not told by the records
 ROUNDED = 1e-10  # of the largest eigenvalue of the information: less is rounding
 AT = 1e-6  # of a unit, from the end of a range
 
 
-class CannotFit(BadArgument):
+class CannotFit(BadLog):
     """Records from which the parameters cannot be fitted, or parameters that cannot be."""
 
 
@@ -68,7 +64,7 @@ def fit(
     task = _Task(
         plant,
         _free(plant, free),
-        tuple(_demanded(plant, record, k) for k, record in enumerate(records, 1)),
+        tuple(demanded(plant, record, k) for k, record in enumerate(records, 1)),
         _named("offset", offset, plant.outputs),
         between,
     )
@@ -95,13 +91,8 @@ class _Task:
     def problem(self) -> Shooting:
         """With as many Runge-Kutta steps a sample as the fastest mode asks for, and segments in which errors grow by no
         more than exp(GROWN). Raises: `CannotFit`."""
-        fastest, growing = rates(self.plant)
         period = max(record.dt for record in self.records)
-        steps = max(1, math.ceil(fastest * period / FOLLOWED))
-        if steps > MOST_STEPS:
-            reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
-            fix = f"are the times in {plural(self.plant.time)}? Else narrow its ranges, or give a faster record"
-            raise CannotFit(f"plant {self.plant.name!r}", f"{reason}; {fix}")
+        steps, growing = paced(self.plant, period)
         samples = max(len(record.y) for record in self.records)
         length = math.ceil(samples / SEGMENTS)
         length = max(1, min(length, int(GROWN / (growing * period)))) if growing else length
@@ -266,18 +257,3 @@ def _named(what: str, names: Iterable[str | Signal], signals: Sequence[Signal]) 
         listed = f"there are {', '.join(known)}" if known else "there is none"
         raise CannotFit(f"{what} {name[:60]!r}", f"is unknown; {nearest(name, known, listed)}")
     return tuple(s for s in signals if s.name in wanted)
-
-
-def _demanded(plant: System, record: Log, number: int) -> Log:
-    """The record as tables of numbers, a missing input as the last one there was. Raises: `CannotFit`, `BadShape`."""
-    y = table("y", record.y, plant.outputs, None)
-    u = table("u", record.u, plant.inputs, len(y))
-    name = f"record {number}"
-    if isinstance(record.dt, str) or not 0 < record.dt < math.inf:
-        raise CannotFit(name, f"has the period {record.dt!s:.60}; give a positive time")
-    y = np.where(np.isfinite(y), y, np.nan)
-    for signal, column in zip(plant.outputs, y.T, strict=True):
-        if np.isfinite(column).sum() < LEAST:
-            raise CannotFit(name, f"has fewer than {LEAST} samples of {signal.name}; give a longer one")
-    held = held_last(u)
-    return Log(np.where(np.isfinite(held), held, [resting(s) for s in plant.inputs]), y, float(record.dt))

@@ -1,14 +1,34 @@
 """How fast a plant moves, and how fast errors of it grow, at points of its box."""
 
+import math
+
 import casadi as ca
 import numpy as np
 
 from hgogen.graph import to_casadi
+from hgogen.identification.records import BadLog
 from hgogen.program import column
+from hgogen.reading.time_unit import plural
 from hgogen.signal import resting
 from hgogen.system import System
 
 POINTS = 40
+FOLLOWED = 1.0  # |h lambda| of a Runge-Kutta step, at most
+MOST_STEPS = 50  # of a sample
+
+
+def paced(plant: System, period: float) -> tuple[int, float]:
+    """The Runge-Kutta steps of a sample that the fastest mode asks for, and the rate at which errors grow.
+
+    Raises: `BadLog` for samples too slow for the plant.
+    """
+    fastest, growing = rates(plant)
+    steps = max(1, math.ceil(fastest * period / FOLLOWED))
+    if steps > MOST_STEPS:
+        reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
+        fix = f"are the times in {plural(plant.time)}? Else narrow its ranges, or give a faster record"
+        raise BadLog(f"plant {plant.name!r}", f"{reason}; {fix}")
+    return steps, growing
 
 
 def rates(plant: System) -> tuple[float, float]:

@@ -21,21 +21,13 @@ import numpy as np
 
 from hgogen.discretisation.runge_kutta import RK4, advance, repeated
 from hgogen.graph import Graph, to_casadi
+from hgogen.identification.records import Log
 from hgogen.part import on_line
 from hgogen.program import column
 from hgogen.signal import Signal
 from hgogen.system import System
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Log:
-    """A record: u (N, m), finite, and y (N, p), NaN where nothing was measured, a period dt apart."""
-
-    u: Array
-    y: Array
-    dt: float
 
 
 @dataclass(frozen=True, eq=False)

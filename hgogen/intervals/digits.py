@@ -4,10 +4,17 @@ import math
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 
+MOST = 17  # digits in which any two floats differ
 
-def up(value: float | Fraction, digits: int = 4) -> str:
-    """The least number of so many significant digits that is not below the value."""
-    return _rounded(value, digits, ROUND_CEILING)
+
+def up(value: float | Fraction, digits: int = 4, below: float | Fraction = math.inf) -> str:
+    """The least number of so many significant digits that is not below the value; of a value that is `below` another,
+    of as many more as keep it there, up to `MOST`."""
+    while True:
+        text = _rounded(value, digits, ROUND_CEILING)
+        if digits >= MOST or not value < below or Decimal(text) < Decimal(same(float(below))):
+            return text
+        digits += 1
 
 
 def down(value: float | Fraction, digits: int = 4) -> str:

@@ -83,10 +83,12 @@ def scale(a: Pair, b: Pair) -> Pair:
     low, high = products[0], products[0]
     for product in products[1:]:
         low, high = np.minimum(low, product), np.maximum(high, product)
-    # a true 0 (both ends of one factor 0) stays
-    none = (zeros[0] & zeros[1]) | (others[0] & others[1])
-    least, most = np.where(none, 0.0, down(low)), np.where(none, 0.0, up(high))
-    return np.where((low == 0) & _same(a, b), 0.0, least), np.where((high == 0) & _other(a, b), 0.0, most)
+    least, most, edges = down(low), up(high), (low == 0, high == 0)
+    if edges[0].any() or edges[1].any():
+        none = (zeros[0] & zeros[1]) | (others[0] & others[1])  # a true 0 (both ends of one factor 0) stays
+        least = np.where(edges[0] & (none | _same(a, b)), 0.0, least)
+        most = np.where(edges[1] & (none | _other(a, b)), 0.0, most)
+    return least, most
 
 
 def _same(a: Pair, b: Pair) -> Flags:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from itertools import islice
 
 import sympy as sp
@@ -17,7 +18,7 @@ from hgogen.algebra.kinks import Norm, bent
 from hgogen.algebra.points import exact, kind, put
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
-from hgogen.intervals.box import Box, Point, Sides, sides
+from hgogen.intervals.box import Box, End, Point, Sides, sides
 from hgogen.intervals.search import Tree, everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
 from hgogen.intervals.zeros import special_point
@@ -25,6 +26,8 @@ from hgogen.intervals.zeros import special_point
 # What jumps hides from the symbolic derivative, and what bends is better read by slopes.
 JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2)
 KINKS = (sp.Abs, sp.Min, sp.Max, Norm)
+
+Ends = tuple[tuple[sp.Symbol, tuple[End, End]], ...]
 
 LIMIT = 4000
 _FIRST = 500  # boxes before a singular point is looked for
@@ -62,7 +65,14 @@ def lipschitz_bound(
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
-    whole, around = sides(sp.Tuple(*(exact(sp.sympify(row)) for row in b)), box)
+    return _lipschitz_bound(tuple(map(sp.sympify, b)), tuple(states), tuple(box.items()), boxes, relative)
+
+
+@lru_cache(maxsize=256)  # several forms, and their observers, ask for the slopes of the same rows
+def _lipschitz_bound(
+    b: tuple[sp.Expr, ...], states: tuple[sp.Symbol, ...], ends: Ends, boxes: int, relative: float
+) -> Lipschitz:
+    whole, around = sides(sp.Tuple(*map(exact, b)), dict(ends))
     rows = [row for row in whole if not (row.is_number and row.is_real)]
     read = [x for x in states if x in around.symbols]
     if not rows:

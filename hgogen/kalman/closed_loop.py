@@ -15,7 +15,7 @@ doubling: Chu, Fan, Lin, Wang, International Journal of Control 77 (2004).
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,11 +70,15 @@ class Loops:
 
     def way(self, h: float) -> Array:
         """The largest P_ii/cap_i (k) from every start to where P settles, after 1, 2, 3, 4, 6, 8, 12, .. steps."""
-        half = now = self.starts
+        return self._way(_doubled(*self._step(h)))
+
+    def _way(self, doubled: Iterable[tuple[Array, Array, Array]]) -> Array:
+        half, now = self.starts, self.starts
         largest = np.zeros(len(self.F))
-        for doubled in _doubled(*self._step(h)):
-            half, now, between = now, _moved(now, doubled), _moved(half, doubled)
-            largest = np.maximum(largest, self._shares(np.concatenate((now, between))).max(axis=(0, 2)))
+        for steps in doubled:
+            moved = _moved(np.concatenate((now, half)), steps)
+            half, now = now, moved[: len(now)]
+            largest = np.maximum(largest, self._shares(moved).max(axis=(0, 2)))
         return largest
 
     def settles(self, h: float) -> Array:
@@ -93,7 +97,9 @@ class Loops:
         free = self.way(start) <= 1
 
         def grows(h: float) -> bool:
-            return bool((growth(self.transition(h)) > most).any() or (free & ~(self.way(h) <= 1)).any())
+            doubled = list(_doubled(*self._step(h)))
+            T = self._transition(h, doubled[-1][2])
+            return bool((growth(T) > most).any() or (free & ~(self._way(doubled) <= 1)).any())
 
         bracket = end, WIDER * end  # the step of the search that is beyond `end` lies between them
         return longest(grows, start, end) if any(map(grows, bracket)) else math.inf
@@ -214,7 +220,7 @@ def _doubled(A: Array, G: Array, H: Array) -> Iterator[tuple[Array, Array, Array
         yield A, G, H
         with np.errstate(all="ignore"):
             W = one + G @ H
-            left, right = _solved(W, A), _solved(W, G)
+            left, right = _solved(W, np.array((A, G)))
             more = np.swapaxes(A, 1, 2) @ H @ left
             G, H, A = G + A @ right @ np.swapaxes(A, 1, 2), H + (more + np.swapaxes(more, 1, 2)) / 2, A @ left
             if not (np.abs(more) > SETTLED * np.abs(H).max(axis=(1, 2), keepdims=True)).any():
@@ -226,13 +232,13 @@ def _moved(P: Array, steps: tuple[Array, Array, Array]) -> Array:
     """P (s, k, n, n) after them."""
     A, G, H = steps
     with np.errstate(all="ignore"):
-        moved = [H + np.swapaxes(A, 1, 2) @ X @ _solved(np.eye(A.shape[-1]) + G @ X, A) for X in P]
-    return np.asarray(moved)
+        return np.asarray(H + np.swapaxes(A, 1, 2) @ P @ _solved(np.eye(A.shape[-1]) + G @ P, A))
 
 
 def _solved(W: Array, B: Array) -> Array:
-    """The solutions W^-1 B (k, n, n), nan where W is not finite or singular."""
-    good = np.isfinite(W).all(axis=(1, 2))
+    """The solutions W^-1 B (.., n, n), nan where W is not finite or singular."""
+    W, B = np.broadcast_arrays(W, B)
+    good = np.isfinite(W).all(axis=(-2, -1))
     good[good] = np.abs(np.linalg.det(W[good])) > 0
     solution = np.full(B.shape, np.nan)
     solution[good] = np.linalg.solve(W[good], B[good])

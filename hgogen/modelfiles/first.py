@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 from hgogen import forms, observers
@@ -9,7 +10,9 @@ from hgogen.call import CallableStep, sample
 from hgogen.check import refuted
 from hgogen.errors import HgogenError
 from hgogen.starting import Starting, starting_gains
-from hgogen.which_forms import Row, Survey
+from hgogen.system import System
+from hgogen.theorem import Convergence, convergence
+from hgogen.which_forms import Row, Survey, survey
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,12 @@ class First:
     row: Row
     starting: Starting
     step: CallableStep
+
+    @property
+    def known(self) -> Convergence | None:
+        """What is known of its convergence, None where no theorem covers it."""
+        observer = self.step.observer
+        return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
 
     @property
     def table(self) -> Mapping[str, Any]:
@@ -43,6 +52,18 @@ def places(survey: Survey) -> Iterator[Row]:
     own = survey["original"]
     yield own if own.form else replace(own, form=forms.original(survey.plant))
     yield from (row for row in survey.silent if row.kind != own.kind)
+
+
+def everywhere(plant: System, *, deep: bool = True) -> Iterator[Row]:
+    """The places of a plant; those whose forms take seconds last, and only if `deep`. A plant is surveyed once."""
+    yield from places(_surveyed(plant, False))
+    if deep:
+        yield from places(_surveyed(plant, True))
+
+
+@lru_cache(maxsize=2)
+def _surveyed(plant: System, deep: bool) -> Survey:
+    return survey(plant, deep=deep)
 
 
 def first(observer: str, rows: Iterable[Row], dt: float | None = None) -> First | NoFirst:

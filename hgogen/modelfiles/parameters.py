@@ -1,6 +1,5 @@
 """Values of a model's parameters from a file, in the place of those that the model says: {"parameters": {"k": 0.1}}."""
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,8 +8,8 @@ from typing import Any
 
 import sympy as sp
 
-from hgogen.errors import BadArgument
 from hgogen.form import Form
+from hgogen.modelfiles.json_file import BadFile, table_of
 from hgogen.observer import Observer
 from hgogen.signal import Signal
 from hgogen.step import Step
@@ -18,27 +17,18 @@ from hgogen.structure.valued import exchanged, valued
 from hgogen.system import System
 
 _MADE = (System, Form, Observer, Step)
-LARGEST = 10_000_000  # bytes
 
 
-class BadParameters(BadArgument):
+class BadParameters(BadFile):
     """A file of parameters that cannot be taken."""
 
 
 def read(path: Path) -> dict[str, float]:
     """The values by name of a JSON file, such as `hgogen fit` writes.
 
-    Raises: `BadParameters`.
+    Raises: `BadFile`.
     """
-    try:
-        with path.open("rb") as stream:
-            text = stream.read(LARGEST + 1)
-        table = json.loads(text[:LARGEST])
-    except OSError as error:
-        raise BadParameters(str(path), f"cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise BadParameters(str(path), f"is no JSON ({error}); give a file that `hgogen fit` wrote") from None
-    values = table.get("parameters") if isinstance(table, dict) else None
+    values = table_of(path, "hgogen fit").get("parameters")
     if not isinstance(values, dict):
         raise BadParameters(str(path), 'has no table "parameters"; write {"parameters": {"NAME": value}}')
     for name, value in values.items():

@@ -1,4 +1,4 @@
-"""What a user sets in the place of what a model's file says: form, method, period, precision, parameters."""
+"""What a user sets in the place of what a model's file says: form, method, period, precision, parameters, tuning."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -17,13 +17,14 @@ class UnknownCase(BadArgument):
 @dataclass(frozen=True)
 class Setting:
     """A form and a method by name, the period `dt` in the model's unit of time, the precision `real`, "float" or
-    "double", and a file of values of `parameters`; None for what its file says."""
+    "double", a file of values of `parameters` and one of a `tuning`; None for what its file says."""
 
     form: str | None = None
     method: str | None = None
     dt: float | None = None
     real: Real | None = None
     parameters: Path | None = None
+    tuning: Path | None = None
 
     def __bool__(self) -> bool:
         """Whether anything is set."""

@@ -62,8 +62,7 @@ LIMITED = limited(
 
 def _starting(scale: Scale) -> Gains:
     """The inverses of a Kalman filter's."""
-    Q, start = scale.squares(1 / scale.longest, -1), scale.squares(1 / 4, -1)
-    return {"Q": Q, "P0": start, "R": scale.variance(-1)}
+    return {"Q": scale.density(-1), "P0": scale.start(-1), "R": scale.variance(-1)}
 
 
 @starts(

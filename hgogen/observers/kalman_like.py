@@ -98,7 +98,7 @@ LIMITED = limited(
     "a_i(u) vanishes at times and the plant is state-affine",
     "an input that is regularly persistent, which is checked",
     "n(n+3)/2",
-    lambda s: {"rho": two(1 / s.longest), "R": s.variance(), "covariance": s.squares(1 / 4)},
+    lambda s: {"rho": two(1 / s.longest), "R": s.variance(), "covariance": s.start()},
 )
 def kalman_like(
     form: Form,

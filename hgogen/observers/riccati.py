@@ -46,8 +46,7 @@ LIMITED = limited(
 
 def _starting(scale: Scale) -> Gains:
     """A Kalman filter's."""
-    Q, start = scale.squares(1 / scale.longest), scale.squares(1 / 4)
-    return {"Q": Q, "R": scale.variance(), "covariance": start}
+    return {"Q": scale.density(), "R": scale.variance(), "covariance": scale.start()}
 
 
 @starts(

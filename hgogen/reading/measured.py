@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from hgogen.reading import mapped
 from hgogen.reading.given import unmasked
 from hgogen.reading.log import BadRecord, Column, Table, table
 from hgogen.reading.time_unit import plural, seconds
@@ -157,8 +158,8 @@ def read(
 ) -> Record:
     """The log at `path` on the grid of `dt`, of its own period where None; `unit`: that of all times, the model's.
 
-    Args: `columns` maps signal names to column names; `time` names the column of times, or `period`
-    is the time between rows.
+    Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
+    the column of times, or `period` is the time between rows.
 
     Raises: `BadRecord`.
     """
@@ -171,7 +172,7 @@ def read(
         if name == column and name not in log.header:
             listed = ", ".join(filter(None, log.header))
             raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
-    series = {name: log.column(column) for name, column in columns.items()}
+    series = {name: mapped.column(log, text) for name, text in columns.items()}
     if time is not None:
         times = _stamps(log, log.column(time), unit)
     else:

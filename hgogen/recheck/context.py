@@ -195,6 +195,7 @@ def value_of(text: Expression, values: Mapping[str, Quotient], algebra: Algebra)
 
 # --- pieces of rules
 
+_MOST = 40  # digits of a number in a sentence
 RANGE = ("expression", "box", "low", "high", "tree")  # what the evidence of an enclosure has
 
 
@@ -255,14 +256,26 @@ def cut(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def short(value: Fraction, way: int = 0) -> str:
-    """A number as a sentence prints it: rounded to 6 digits where it is long, up for `way` 1, down for `way` -1."""
+def short(value: Fraction, way: int = 0, digits: int = 6) -> str:
+    """A number as a sentence prints it: rounded to so many digits where it is long, up for `way` 1, down for -1."""
     text = str(value)
     if len(text) <= 12:
         return text
     rounding = {1: ROUND_CEILING, 0: ROUND_HALF_EVEN, -1: ROUND_FLOOR}[way]
-    rounded = Digits(prec=6, rounding=rounding).divide(Decimal(value.numerator), Decimal(value.denominator))
-    return f"{rounded:f}" if -4 <= rounded.adjusted() < 6 else f"{rounded:e}"
+    rounded = Digits(prec=digits, rounding=rounding).divide(Decimal(value.numerator), Decimal(value.denominator))
+    return f"{rounded:f}" if -4 <= rounded.adjusted() < digits else f"{rounded:e}"
+
+
+def is_above(value: Fraction, bound: Fraction) -> str:
+    """The words that a number is above a smaller one, in as many digits as it takes to tell them apart.
+
+    Raises: `NotShown` where so many would be too many to read.
+    """
+    for digits in range(6, _MOST):
+        high, low = short(value, -1, digits), short(bound, 1, digits)
+        if Fraction(high) > Fraction(low):
+            return f"{high} is above {low}"
+    raise NotShown(f"{short(value)} is above {short(bound)} by less than {_MOST} digits tell")
 
 
 def on(box: Box) -> str:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import Any
 
 from mpmath import libmp
@@ -68,8 +68,18 @@ class Interval:
         return bool(libmp.mpf_le(self.ends[1], _rounded(bound, _DOWN)))
 
 
-def _rounded(value: Fraction, direction: str) -> Any:
-    return libmp.from_rational(value.numerator, value.denominator, PRECISION, direction)
+def _rounded(value: Fraction | float, direction: str) -> Any:
+    """A number rounded in a direction; an infinite one as it is."""
+    if not isinstance(value, Fraction):
+        if math.isinf(value):
+            return libmp.from_float(value)
+        value = Fraction(value)
+    return _quotient(value.numerator, value.denominator, direction)
+
+
+@lru_cache(maxsize=1 << 14)  # a model's constants, and the ends that neighbouring boxes share
+def _quotient(numerator: int, denominator: int, direction: str) -> Any:
+    return libmp.from_rational(numerator, denominator, PRECISION, direction)
 
 
 def point(value: Fraction) -> Interval:
@@ -79,11 +89,7 @@ def point(value: Fraction) -> Interval:
 
 def between(low: Fraction | float, high: Fraction | float) -> Interval:
     """The interval from low to high, either of which may be infinite."""
-    ends = (
-        libmp.fninf if low == -math.inf else _rounded(Fraction(low), _DOWN),
-        libmp.finf if high == math.inf else _rounded(Fraction(high), _UP),
-    )
-    return Interval(ends)
+    return Interval((_rounded(low, _DOWN), _rounded(high, _UP)))
 
 
 def intersection(a: Interval, b: Interval) -> Interval:

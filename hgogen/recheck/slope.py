@@ -89,29 +89,36 @@ def steep(
 
     def attempt(box: Box) -> Try:
         try:
-            J = [row[1:] for row in _jacobian(rows, names, box)]
-            S = [evaluate(factor, sides(box), intervals) for factor in scale]
+            J = _scaled(rows, names, box, scale)
         except Undefined:
             return Try(False)
-        if S:
-            J = [[S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)]
         if within(J, bound):
             return Try(True)
         varying = _second(rows, names, box, scale)
         if varying is None:
             return Try(False)
         centre = centre_of(box)
-        middle = _second(rows, names, centre, scale)
-        if middle is None:
+        try:
+            middle = _scaled(rows, names, centre, scale)
+        except Undefined:
             return Try(False)
         away = {k: side - point(Fraction(centre[name][0])) for k, (name, side) in enumerate(sides(box).items())}
         refined = [
-            [intersection(x, mean_value(at.value, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
+            [intersection(x, mean_value(at, dx.slopes, away)) for x, at, dx in zip(*three, strict=True)]
             for three in zip(J, middle, varying, strict=True)
         ]
         return Try(within(refined, bound), weights([x for row in varying for x in row]))
 
     return attempt
+
+
+def _scaled(
+    rows: Sequence[Expression], names: Sequence[str], box: Box, scale: Sequence[Expression]
+) -> list[list[Interval]]:
+    """S J S^-1 on a box; J where there is no scale."""
+    J = [row[1:] for row in _jacobian(rows, names, box)]
+    S = [evaluate(factor, sides(box), intervals) for factor in scale]
+    return [[S[i] * x / S[j] for j, x in enumerate(row)] for i, row in enumerate(J)] if S else J
 
 
 def _second(
@@ -152,32 +159,36 @@ def weights(entries: Sequence[Dual]) -> Slopes:
 
 def frobenius(J: list[list[Interval]], bound: Fraction) -> bool:
     """The sum of squares is at most bound^2."""
-    squares = [intervals.power(x, 2) for row in J for x in row]
-    total = point(Fraction(0))
-    for square in squares:
-        total = total + square
-    return total.at_most(bound**2)
+    return _total(map(_squared, zip(*J, strict=True))).at_most(bound**2)
 
 
 def spectral(J: list[list[Interval]], bound: Fraction) -> bool:
     """|J| <= bound by Frobenius' norm, or bound^2 I - J'J > 0 by the pivots of its LDL' in intervals."""
-    if frobenius(J, bound):
+    columns = list(zip(*J, strict=True))
+    squares = [_squared(column) for column in columns]
+    if _total(squares).at_most(bound**2):
         return True
-    n = len(J[0])
-    M = [[-_dot([row[i] for row in J], [row[j] for row in J]) for j in range(n)] for i in range(n)]
-    for i in range(n):
-        square = point(Fraction(0))
-        for row in J:
-            square = square + intervals.power(row[i], 2)
-        M[i][i] = point(bound**2) - square
+    n, most = len(columns), point(bound**2)
+    M = [[most - square] * n for square in squares]
+    for i, j in combinations(range(n), 2):
+        M[i][j] = M[j][i] = -_dot(columns[i], columns[j])
     return positive(M)
 
 
-def _dot(a: list[Interval], b: list[Interval]) -> Interval:
+def _squared(column: Sequence[Interval]) -> Interval:
+    """The sum of the squares."""
+    return _total(intervals.power(x, 2) for x in column)
+
+
+def _total(values: Iterable[Interval]) -> Interval:
     total = point(Fraction(0))
-    for x, y in zip(a, b, strict=True):
-        total = total + x * y
+    for value in values:
+        total = total + value
     return total
+
+
+def _dot(a: Sequence[Interval], b: Sequence[Interval]) -> Interval:
+    return _total(x * y for x, y in zip(a, b, strict=True))
 
 
 def positive(M: list[list[Interval]]) -> bool:

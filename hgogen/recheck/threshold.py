@@ -5,7 +5,7 @@ from fractions import Fraction
 
 from .box import NotShown
 from .chain import built
-from .context import Context, Shown, short
+from .context import Context, Shown, is_above, short
 from .file import Claim, Observer
 from .matrix import scalar
 from .rule import Verify
@@ -23,6 +23,6 @@ def above(threshold: Callable[[Observer, Claim], Fraction], which: str = "theta"
         bound = threshold(observer, convergence) if convergence else None
         if bound is None or not chosen > bound:
             raise NotShown(f"{which} = {short(chosen)} is not above the bound")
-        return Shown(f"{which} = {short(chosen)} is above {short(bound, 1)}")
+        return Shown(f"{which} = {is_above(chosen, bound)}")
 
     return shown

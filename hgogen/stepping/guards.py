@@ -12,12 +12,12 @@ import casadi as ca
 
 from hgogen.check import Verdict
 from hgogen.form import Form
-from hgogen.graph import Graph
+from hgogen.graph import Graph, sx
 from hgogen.intervals.box import box
 from hgogen.intervals.glance import enclose
 from hgogen.observer import Observer
 from hgogen.part import Clock
-from hgogen.program import INF, Block, Field, Place, Program, When, address, column, sym, walk
+from hgogen.program import INF, Block, Field, Place, Program, When, column, sym, walk
 from hgogen.signal import Signal
 from hgogen.structure.dynamics import HUGE, widened
 
@@ -242,18 +242,21 @@ def guard_state(program: Program, state: tuple[Field, ...], others: Program = ()
 
 def _written(program: Program) -> set[Place]:
     """The places that a program changes."""
-    writes = (item for s in walk(program) if isinstance(s, Block) for item in s.writes.items())
-    return {p for p, value in writes if not _same(value, sym(*p, ca.SX(value).numel())) and not _of_member(value)}
+    writes = ((s, *item) for s in walk(program) if isinstance(s, Block) for item in s.written)
+    return {
+        place
+        for block, place, size in writes
+        if not _same(block.writes[place], sym(*place, size)) and not _of_member(block, place)
+    }
 
 
-def _of_member(value: Graph) -> bool:
-    """Whether the value is that of a field of a group, which is kept in its box there."""
-    elements = (ca.SX(value)[i] for i in range(ca.SX(value).numel()))
-    return all(e.is_symbolic() and address(e)[0].struct not in STRUCTS for e in elements)
+def _of_member(block: Block, place: Place) -> bool:
+    """Whether the value written is that of a field of a group, which is kept in its box there."""
+    return place in block.copies and all(source.struct not in STRUCTS for source in block.copies[place])
 
 
 def _same(a: Graph, b: Graph) -> bool:
-    return bool(ca.is_equal(ca.densify(ca.SX(a)), b, 1))
+    return bool(ca.is_equal(ca.densify(sx(a)), b, 1))
 
 
 def _in_its_box(field: Field) -> Block:

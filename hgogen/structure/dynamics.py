@@ -8,7 +8,7 @@ the others are folded.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from typing import Any
 
 import casadi as ca
@@ -24,6 +24,7 @@ from hgogen.intervals.glance import contains_zero, enclose
 from hgogen.program import INF, column, sym
 from hgogen.signal import Signal, resting
 from hgogen.structure.sided import Sided, sided
+from hgogen.system import System
 
 # A value beyond this is absurd in any unit; its square still is a float.
 HUGE = 1e15
@@ -247,7 +248,8 @@ class Dynamics:
         plant = [p for p in self.form.system.parameters if p.bounded]
         graph = ca.Function("F", [self._z, self._u, *(sym("plant", p.name) for p in plant)], [matrix])
         nominal = [float(p.nominal or 0) for p in plant]
-        return np.array([np.array(graph(v[: self.n], v[self.n :], *nominal)) for v in points])
+        wide = graph(points[:, : self.n].T, points[:, self.n :].T, *nominal)  # the matrices side by side
+        return np.ascontiguousarray(np.array(wide).reshape(matrix.shape[0], len(points), -1).swapaxes(0, 1))
 
     @cached_property
     def _z(self) -> Graph:
@@ -305,11 +307,16 @@ class Dynamics:
 
     def _convert(self, expressions: Any, z: Graph, u: Graph, states: Sequence[sp.Symbol] | None = None) -> list[Graph]:
         system = self.form.system
-        constants = {p: value for p, value in system.nominal.items() if not p.bounded}
         symbols = {s: z[i] for i, s in enumerate(states or self.form.states)}
         symbols |= {s: u[i] for i, s in enumerate(system.inputs)}
         symbols |= {p: sym("plant", p.name) for p in system.parameters if p.bounded}
-        return to_casadi([sp.sympify(e).subs(constants) for e in expressions], symbols)
+        return to_casadi([_with_constants(sp.sympify(e), system) for e in expressions], symbols)
+
+
+@lru_cache(maxsize=512)  # the same rows are asked for at each stage of a step
+def _with_constants(expression: sp.Expr, system: System) -> sp.Expr:
+    """The expression with the values of the parameters that have no range."""
+    return expression.subs({p: value for p, value in system.nominal.items() if not p.bounded})
 
 
 def _regular(matrix: Graph, test: Graph) -> Graph:

@@ -64,6 +64,9 @@ FAR = 1e300
 BINS = 700  # a line is drawn by the smallest and the largest value in each of so many parts of the time axis
 
 
+Points = Sequence[tuple[float, float]]
+
+
 def states(step: Step, trajectory: Trajectory) -> Figure:
     """One panel for each state: truth, estimate, and what was measured of it."""
     truth = trajectory.truth
@@ -126,6 +129,29 @@ def errors(
         axes[0].set_title(f"one seed, the largest in each 1/{PARTS} of the time", loc="right", pad=3, fontsize=7)
         at = (axes[0].get_position().x1 + 0.01, 1.0)
         figure.legend(axes[0].get_lines(), list(of), loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
+    return figure
+
+
+def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit: str) -> Figure:
+    """Two panels over theta: the time to settle, and the largest noise of an estimate, over its state's range; a line
+    for each observer, named beside them. `settled`, `noise`: (theta, value) by observer."""
+    with rc_context(STYLE):
+        beside = HANDLE + LETTER * max(map(len, noise))
+        figure, axes = _figure(
+            2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), beside=beside
+        )
+        every = sorted({theta for points in noise.values() for theta, _ in points})
+        for k, name in enumerate(noise):
+            look: Any = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
+            for axis, points in zip(axes, (settled[name], noise[name]), strict=True):
+                axis.loglog(*np.array(points or [(np.nan, np.nan)]).T, marker=".", label=name, **look)
+        axes[0].set_xlim(every[0], every[-1] if len(every) > 1 else every[0] + 1)
+        axes[0].set_title("time to settle", loc="left", pad=3)
+        axes[0].set_ylabel(unit)
+        axes[1].set_title("noise of an estimate, over its state's range", loc="left", pad=3)
+        axes[1].set_xlabel("theta")
+        at = (axes[0].get_position().x1 + 0.01, 1.0)
+        figure.legend(axes[1].get_lines(), list(noise), loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
     return figure
 
 

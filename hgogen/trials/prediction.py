@@ -9,21 +9,16 @@ sample; a predicted reading is limited to the output's declared range, as the se
 rejected is as good as missing: nothing is compared with it, and nothing copied from it.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from hgogen.calling.samples import Run, held_last
-from hgogen.discretisation.runge_kutta import RK4, advance
-from hgogen.graph import Graph, to_casadi
-from hgogen.part import on_line
-from hgogen.program import column, sym
+from hgogen.discretisation.open_loop import open_loop
 from hgogen.signal import Signal
 from hgogen.step import Step
-from hgogen.structure.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
@@ -47,28 +42,71 @@ class Prediction:
         return asdict(self)
 
 
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Errors (N, p) of predictions `ahead` samples ahead (None: in open loop), at the samples predicted: of the
+    `model`, and of `copying` the last measured value (None in open loop); `compared` (N, p): where there are any."""
+
+    ahead: int | None
+    model: np.ndarray
+    copying: np.ndarray | None
+    compared: np.ndarray
+
+
 def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> tuple[Prediction, ...]:
     """The prediction errors on y (N, p) from the estimates of a run with inputs u (N, m): for each number of samples
     ahead, then in open loop."""
-    x, unused = run.x, _raised(step, ("MISSING", "REJECTED"), step.outputs, run.status)
-    rejected = np.isfinite(y) & unused
-    y = np.where(rejected, np.nan, y)
-    move, read, enter = _functions(step)
+    rejected = _rejected(step, run, y).sum(axis=0).tolist()
+    return tuple(
+        Prediction(
+            signal.name,
+            one.ahead,
+            _rms(one.model[one.compared[:, j], j]) or 0.0,
+            None if one.copying is None else _rms(one.copying[one.compared[:, j], j]),
+            int(one.compared[:, j].sum()),
+            rejected[j],
+        )
+        for one in forecasts(step, run, u, y, ahead)
+        for j, signal in enumerate(step.outputs)
+        if one.compared[:, j].any()
+    )
+
+
+def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> Iterator[Forecast]:
+    """As `predictions`, sample by sample."""
+    y = np.where(_rejected(step, run, y), np.nan, y)
+    model = open_loop(step.observer.form, step.dt, step.between)
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
-    z = np.array(enter(x.T))
-    last = held_last(y)
-    wanted, errors = sorted(set(ahead)), []
+    z = np.array(model.enter(run.x.T))
+    wanted, last = sorted(set(ahead)), held_last(y)
     for h in range(1, max(wanted, default=0) + 1):
         now, after = _shifted(u, h - 1), _shifted(u, h)
-        z = np.array(move(z, now.T, after.T))
+        z = np.array(model.move(z, now.T, after.T))
         if h in wanted and h < len(y):
-            predicted = _limited(np.array(read(z, after.T)).T, step.outputs)[:-h]
-            errors += _errors(step, h, predicted, y[h:], last[:-h])
-    alone = np.array(move.mapaccum(len(y) - 1)(enter(x[0]), u[:-1].T, u[1:].T)) if len(y) > 1 else z[:, :0]
-    free = _limited(np.array(read(alone, u[1:].T)).T, step.outputs)
-    errors += _errors(step, None, free, y[1:], None)
-    lost = dict(zip((s.name for s in step.outputs), rejected.sum(axis=0).tolist(), strict=True))
-    return tuple(replace(one, rejected=lost[one.output]) for one in errors)
+            predicted = _limited(np.array(model.read(z, after.T)).T, step.outputs)[:-h]
+            yield _compared(h, predicted, y, last[:-h])
+    start = model.enter(run.x[0])
+    alone = np.array(model.move.mapaccum(len(y) - 1)(start, u[:-1].T, u[1:].T)) if len(y) > 1 else z[:, :0]
+    yield _compared(None, _limited(np.array(model.read(alone, u[1:].T)).T, step.outputs), y, None)
+
+
+def _compared(ahead: int | None, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None) -> Forecast:
+    """Predictions and copies of the last samples of y."""
+    first = len(y) - len(predicted)
+
+    def at_its_sample(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.full((first, y.shape[1]), np.nan), values - y[first:]])
+
+    there = np.isfinite(y) & (np.arange(len(y))[:, None] >= first)
+    if copied is None:
+        return Forecast(ahead, at_its_sample(predicted), None, there)
+    copying = at_its_sample(copied)
+    return Forecast(ahead, at_its_sample(predicted), copying, there & np.isfinite(copying))
+
+
+def _rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
+    """Whether the step did not use a sample that there is (N, p)."""
+    return np.asarray(np.isfinite(y) & _raised(step, ("MISSING", "REJECTED"), step.outputs, run.status))
 
 
 def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: np.ndarray) -> np.ndarray:
@@ -78,50 +116,10 @@ def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: 
     return np.asarray(status[:, None] & np.array(masks, np.uint32) != 0)
 
 
-def _errors(
-    step: Step, ahead: int | None, predicted: np.ndarray, y: np.ndarray, copied: np.ndarray | None
-) -> list[Prediction]:
-    result = []
-    for j, signal in enumerate(step.outputs):
-        there = np.isfinite(y[:, j]) if copied is None else np.isfinite(y[:, j] + copied[:, j])
-        model = _rms(predicted[there, j] - y[there, j])
-        copying = None if copied is None else _rms(copied[there, j] - y[there, j])
-        if there.any():
-            result.append(Prediction(signal.name, ahead, model or 0.0, copying, int(there.sum()), 0))
-    return result
-
-
 def _rms(error: np.ndarray) -> float:
     """The root mean square of an error, computed without squares that overflow."""
     most = float(np.abs(error).max(initial=0.0))
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
-
-
-def _functions(step: Step) -> tuple[Any, Any, Any]:
-    """CasADi functions: z one sample on from (z, u now, u then), the reading from (z, u), z from the
-    plant's state."""
-    form = step.observer.form
-    dynamics = Dynamics(form)
-    z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(step.states))
-    u0, u1 = (ca.SX.sym(name, len(step.inputs)) for name in ("u0", "u1"))
-
-    def between(c: float) -> Graph:
-        return u1 if step.between == "hold" else on_line(c, u0, u1)
-
-    moved = advance(RK4, lambda v, c: {"z": dynamics.flow(v["z"], between(c))}, {"z": z}, step.dt).result["z"]
-    plant = dict(zip(step.states, ca.vertsplit(x), strict=True))
-    plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
-    return (
-        ca.Function("move", [z, u0, u1], [_nominal(step, moved)]),
-        ca.Function("read", [z, u1], [_nominal(step, dynamics.output(z, u1))]),
-        ca.Function("enter", [x], [column(to_casadi(form.entry, plant))]),
-    )
-
-
-def _nominal(step: Step, graph: Graph) -> Graph:
-    """The graph with tunable parameters at their nominal values."""
-    tunable = [(sym("plant", field.name), field.initial[0]) for field in step.plant]
-    return ca.substitute([graph], [s for s, _ in tunable], [ca.SX(v) for _, v in tunable])[0] if tunable else graph
 
 
 def _as_the_step_takes_it(u: np.ndarray, inputs: tuple[Signal, ...]) -> np.ndarray:

@@ -27,7 +27,7 @@ from typing import Any
 
 from ..box import NotShown
 from ..chain import built, integrators, slope
-from ..context import Context, Shown, on, short
+from ..context import Context, Shown, is_above, on, short
 from ..file import Built, Claim, Observer
 from ..interval import intervals, point
 from ..matrix import (
@@ -87,7 +87,7 @@ def convergence(context: Context, claim: Claim) -> Shown:
     if not low > least:
         raise NotShown(f"gamma_inf = {short(low)} is not above {short(least, 1)}")
     _, boxes = _at(context, claim, low)
-    above = f"the error converges exponentially: gamma_inf = {short(low)} is above {short(least, 1)}"
+    above = f"the error converges exponentially: gamma_inf = {is_above(low, least)}"
     return Shown(f"in continuous time, without noise, {above}{on(context.form.box)}", boxes)
 
 
@@ -175,7 +175,7 @@ def falls(context: Context, claim: Claim) -> Shown:
     """N'P + P N + p_1 (D P + P D) < 0."""
     p_1, (P, N, spread) = above_zero(built(context, claim).numbers, "p_1"), _weighted(context, claim)
     demand_positive({"-N'P - P N - p_1 (D P + P D)": minus(scaled(Fraction(-1), twice(P, N)), scaled(p_1, spread))})
-    return Shown(f"p_1 = {short(p_1)} is small enough for its P")
+    return Shown(f"p_1 = {short(p_1)} is small enough: N'P + P N + p_1 (D P + P D) < 0 {_of(claim)}")
 
 
 def rises(context: Context, claim: Claim) -> Shown:
@@ -195,7 +195,12 @@ def rises(context: Context, claim: Claim) -> Shown:
             and _same(other.evidence) != _same(claim.evidence)
         ):
             raise NotShown("its P is not that of updated_gain.p_1")
-    return Shown(f"p_3 = {short(p_3)} is large enough for its P")
+    return Shown(f"p_3 = {short(p_3)} is large enough: p_3 (D P + P D) >= 2 lambda_max(P) {_of(claim)}")
+
+
+def _of(claim: Claim) -> str:
+    """The words for the matrices of an inequality: of another D it is another."""
+    return f"for its P and D = diag(b, .., b + n - 1), b = {short(scalar(claim.evidence, 'b'))}"
 
 
 def _same(evidence: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -209,7 +214,10 @@ def stays(context: Context, claim: Claim) -> Shown:
     gamma, boxes = _at(context, claim, cap, norm=frobenius)
     if not p_1 * (p_2 - cap) + p_3 * gamma < 0:
         raise NotShown(f"Gamma = {short(gamma, 1)} is not below p_1 (cap - p_2)/p_3")
-    return Shown(f"L' < 0 at the cap {short(cap)}, where Gamma <= {short(gamma, 1)}{on(context.form.box)}", boxes)
+    return Shown(
+        f"in continuous time, L' < 0 at the cap {short(cap)}, where Gamma <= {short(gamma, 1)}{on(context.form.box)}",
+        boxes,
+    )
 
 
 def _weighted(context: Context, claim: Claim) -> tuple[Matrix, Matrix, Matrix]:
@@ -237,7 +245,7 @@ def held(context: Context, claim: Claim) -> Shown:
     lost = intervals.function("log", (point(growth),))
     if not theta >= low or (point((theta - 2 * peak * L) / peak * hold) - lost).sign <= 0:
         raise NotShown(f"hold = {short(hold)} is not shown to be long enough")
-    return Shown(f"hold = {short(hold)} s is long enough: switching keeps the error's decay")
+    return Shown(f"in continuous time, hold = {short(hold)} is long enough: switching keeps the error's decay")
 
 
 _SLOPED = (*STEEP, "units", "scale", "P", "peak")

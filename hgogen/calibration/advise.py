@@ -1,0 +1,201 @@
+"""Gains without a record: what ranges, noise, the sampling period and a wanted settling time give each observer, and
+what other values of theta would do on a trial.
+
+    theta = tau_n/T,   exp(-tau) (1 + tau + .. + tau^(n-1)/(n-1)!) = 1/100 at tau = tau_n
+
+T the wanted time: n poles at -theta bring the response to a first error down to a hundredth of it by then. Without one
+theta is that of the starting gains. On the trial, its noise taken away, an error settles or does not; what the noise
+alone does to the estimate is the RMS of the difference between two runs, with it and without, in the steady part.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hgogen.calibration.grid import gains_of, observers_named, step_of, thetas
+from hgogen.call import CallableStep
+from hgogen.calling import native
+from hgogen.calling.samples import Engine
+from hgogen.check import Check, refuted
+from hgogen.errors import HgogenError
+from hgogen.evidence.grounds import Grounds
+from hgogen.modelfiles.first import First, everywhere
+from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
+from hgogen.reading.door import asks_a_plant
+from hgogen.reading.given import positive
+from hgogen.starting import Scale, Starting, scale, two
+from hgogen.system import System
+from hgogen.trial import Trial, try_out
+from hgogen.trials.metrics import metrics
+from hgogen.which_forms import Row
+
+LEFT = 0.01  # of a first error
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A theta on the trial: the time to settle from its start, None where it does not; the RMS that noise alone makes
+    of the estimate, by state."""
+
+    theta: float
+    settled: float | None
+    noise: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Advised:
+    """Gains of an observer: `first` with form and step; its `theta`, None where it has none; from which theta on it is
+    `certified`, None where no bound is proved; what was `tried`, its own theta among it: of an observer without theta
+    that alone, without a trial nothing."""
+
+    first: First
+    theta: float | None
+    certified: float | None
+    tried: tuple[Tried, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the observer."""
+        return self.first.observer
+
+    @property
+    def own(self) -> Tried | None:
+        """What its own theta does on the trial."""
+        return next((one for one in self.tried if one.theta == (self.theta or 0.0)), None)
+
+    @property
+    def settles(self) -> float | None:
+        """The first theta tried that settles."""
+        return min((one.theta for one in self.tried if one.settled is not None), default=None)
+
+    @property
+    def sentence(self) -> str:
+        """How its theta stands to what is certified and to what settles; empty without theta."""
+        if self.theta is None:
+            return ""
+        said = []
+        if self.certified is not None:
+            ratio = self.certified / self.theta
+            far = f"{ratio:.2g} times below" if ratio >= 1 else "above"
+            said.append(f"is {far} what is certified, {self.certified:.3g}")
+        if self.tried and self.own is not None and self.own.settled is None:
+            other = (
+                f", {self.settles:g} is the first that does" if self.settles else ", nor does another that was tried"
+            )
+            said.append(f"does not settle in the trial{other}")
+        return f"theta {self.theta:g} of {self.name} {', and '.join(said)}" if said else ""
+
+
+@asks_a_plant
+def advise(
+    plant: System,
+    *,
+    dt: float | None = None,
+    noise: Mapping[str, float] | None = None,
+    settling: float | None = None,
+    observers: Iterable[str] | None = None,
+    trial: Trial | None = None,
+    rows: Iterable[Row] | None = None,
+    deep: bool = False,
+    each: Callable[[str], None] = lambda what: None,
+) -> tuple[tuple[Advised, ...], dict[str, str]]:
+    """Gains of the observers that a plant admits, and why others have none, by observer.
+
+    `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
+    output, by default 1 % of half its range; `settling`: the time in which a first error should be gone; `trial`: on
+    which values of theta are tried; `rows`: the forms to ask, by default those that the plant is in, those that
+    take seconds if `deep`; `each(what)` is called after every observer.
+
+    Raises: `UnknownObserver`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
+    """
+    asked = tuple(everywhere(plant, deep=deep) if rows is None else rows)
+    ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial)
+    advised: list[Advised] = []
+    refused: dict[str, str] = {}
+    for name in observers_named(observers):
+        one = ask.of(name, asked)
+        if isinstance(one, str):
+            refused[name] = one
+        else:
+            advised.append(one)
+        each(name)
+    return tuple(advised), refused
+
+
+@dataclass(frozen=True)
+class _Ask:
+    dt: float | None
+    noise: Mapping[str, float] | None
+    settling: float | None
+    trial: Trial | None
+
+    def of(self, name: str, rows: Iterable[Row]) -> Advised | str:
+        """On the first form that admits the observer, or why there is none."""
+        refusals = ["the plant is in none of its forms"]
+        for row in rows:
+            if row.form is None or refuted(row.form.checks):
+                continue
+            base = scale(row.form, self.dt, self.noise)
+            if self.settling is not None:
+                base = replace(base, theta=max(1.0, two(tau(max(base.blocks)) / self.settling)))
+            try:
+                first = _first(name, row, base)
+            except HgogenError as error:
+                refusals.append(str(error))
+                continue
+            return first if isinstance(first, str) else self._tried(first, row, base)
+        return refusals[:2][-1]
+
+    def _tried(self, first: First, row: Row, base: Scale) -> Advised:
+        reads = gains_of(first.observer, replace(base, theta=2 * base.theta)) != first.starting.gains
+        values = sorted({base.theta, *thetas(base.theta, base.dt)}) if reads and self.trial else [base.theta]
+        tried = []
+        for theta in values:
+            try:
+                one = _first(first.observer, row, replace(base, theta=theta))
+            except HgogenError:
+                continue
+            if isinstance(one, First) and self.trial is not None:
+                tried.append(_on(one.step, self.trial, theta if reads else 0.0, base.noise))
+        return Advised(first, base.theta if reads else None, _bound(first.step.observer.checks), tuple(tried))
+
+
+def tau(n: int) -> float:
+    """The time, in units of 1/theta, after which n poles at -theta leave a hundredth of a first error, by bisection."""
+    low, high = 0.0, 100.0 + 10 * n
+    while high - low > 1e-9:
+        middle = (low + high) / 2
+        left = math.exp(-middle) * sum(middle**k / math.factorial(k) for k in range(n))
+        low, high = (middle, high) if left > LEFT else (low, middle)
+    return high
+
+
+def _first(name: str, row: Row, numbers: Scale) -> First | str:
+    assert row.form is not None
+    gains = gains_of(name, numbers)
+    if isinstance(gains, str):
+        return gains
+    return First(name, row, Starting(gains, numbers.dt), step_of(name, row.form, gains, numbers.dt, {}))
+
+
+def _on(step: CallableStep, trial: Trial, theta: float, noise: Mapping[str, float]) -> Tried:
+    engine: Engine = "c" if native.compiler() else "python"
+    clean, noisy = (
+        next(try_out(step, replace(trial, noise=each), engine, (0,)))
+        for each in ({}, {name: OrnsteinUhlenbeck(sigma) for name, sigma in noise.items()})
+    )
+    steady = clean.truth.t >= trial.steady_from - 1e-9
+    with np.errstate(all="ignore"):
+        rms = np.sqrt(np.mean((noisy.x - clean.x)[steady] ** 2, axis=0))
+    names = [s.name for s in step.states]
+    return Tried(theta, metrics(step, clean).responses[0].settled, dict(zip(names, rms.tolist(), strict=True)))
+
+
+def _bound(checks: Iterable[Check]) -> float | None:
+    """The bound on theta that is proved."""
+    grounds = (proof for check in checks for proof in check.proofs if isinstance(proof, Grounds))
+    bounds: list[Any] = [getattr(ground.fact, "theta", None) for ground in grounds]
+    return next((float(bound) for bound in bounds if bound is not None), None)

@@ -1,0 +1,118 @@
+"""What steps are worth on rows held out: prediction errors at several horizons, errors of hidden states, innovations.
+
+    NIS = mean of e^2/s, 1 of an innovation e that is as large as the filter says (variance s)
+
+beside two ways without a model: copying the last value, and going on along the last two (differencing), which estimates
+a state that is by definition the rate of an output.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hgogen.calibration.tuned import Calibration
+from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine, held_last
+from hgogen.identification.records import Log
+from hgogen.system import System
+from hgogen.trials.prediction import forecasts
+
+Array = np.ndarray
+COPYING, DIFFERENCING = "copying", "differencing"
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A record of which the rows from `cut` on are held out; `truth` (N) of hidden states by name."""
+
+    log: Log
+    cut: int
+    truth: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Of one row: `errors` (RMS) of predictions by samples ahead and output, `hidden` (RMS) by state, `nis` by output;
+    empty where there are none."""
+
+    name: str
+    errors: Mapping[int, Mapping[str, float]]
+    hidden: Mapping[str, float]
+    nis: Mapping[str, float]
+
+
+def judged(
+    plant: System,
+    calibration: Calibration,
+    others: Mapping[str, CallableStep],
+    records: Sequence[Held],
+    ahead: Iterable[int],
+    engine: Engine,
+) -> tuple[Judged, ...]:
+    """The rows tuned, `others` by name, and what does without a model."""
+    horizons = tuple(sorted(set(ahead)))
+    steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
+    nis = {row.name: row.nis([(held.log, held.cut) for held in records]) for row in calibration.rows}
+    rows = [Judged(name, *_of_step(step, records, horizons, engine), nis.get(name, {})) for name, step in steps.items()]
+    return (*rows, *_without_a_model(plant, records, horizons))
+
+
+def _of_step(
+    step: CallableStep, records: Sequence[Held], ahead: tuple[int, ...], engine: Engine
+) -> tuple[dict[int, dict[str, float]], dict[str, float]]:
+    squares: dict[int, list[Array]] = {h: [] for h in ahead}
+    hidden: dict[str, list[Array]] = {}
+    for held in records:
+        step.reset()
+        run = step.run(u=held.log.u, y=held.log.y, engine=engine)
+        for one in forecasts(step, run, held.log.u, held.log.y, ahead):
+            if one.ahead is not None:
+                squares[one.ahead].append(np.where(one.compared, one.model, np.nan)[held.cut :])
+        for name, true in held.truth.items():
+            hidden.setdefault(name, []).append((run[name] - true)[held.cut :, None])
+    names = [y.name for y in step.outputs]
+    errors = {h: dict(zip(names, _rms(parts), strict=True)) for h, parts in squares.items() if parts}
+    return errors, {name: _rms(parts)[0] for name, parts in hidden.items()}
+
+
+def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, ...]) -> tuple[Judged, ...]:
+    rates = _rates(plant)
+    errors: dict[str, dict[int, list[Array]]] = {name: {h: [] for h in ahead} for name in (COPYING, DIFFERENCING)}
+    hidden: dict[str, list[Array]] = {}
+    for held in records:
+        y, last = held.log.y, held_last(held.log.y)
+        moved = np.diff(last, axis=0, prepend=last[:1])
+        for h in ahead:
+            for name, guess in ((COPYING, last), (DIFFERENCING, last + h * moved)):
+                errors[name][h].append((guess[:-h] - y[h:])[max(0, held.cut - h) :])
+        for state, (output, sign) in rates.items():
+            if state in held.truth:
+                rate = sign * moved[:, output] / held.log.dt
+                hidden.setdefault(state, []).append((rate - held.truth[state])[held.cut :, None])
+    names = [y.name for y in plant.outputs]
+    return tuple(
+        Judged(
+            name,
+            {h: dict(zip(names, _rms(parts), strict=True)) for h, parts in every.items()},
+            {s: _rms(parts)[0] for s, parts in hidden.items()} if name == DIFFERENCING else {},
+            {},
+        )
+        for name, every in errors.items()
+    )
+
+
+def _rates(plant: System) -> dict[str, tuple[int, int]]:
+    """The states that are by definition the rate of an output, or minus it: its number and the sign."""
+    flow = dict(zip(plant.states, plant.flow, strict=True))
+    shown = {x: j for j, x in enumerate(plant.output) if x in flow}
+    return {
+        str(sign * flow[x]): (j, sign) for x, j in shown.items() for sign in (1, -1) if sign * flow[x] in plant.states
+    }
+
+
+def _rms(parts: Sequence[Array]) -> list[float]:
+    """Of each column, NaN where nothing was compared."""
+    columns = np.concatenate(parts).T
+    finite = (column[~np.isnan(column)] for column in columns)
+    return [float(np.sqrt(np.mean(column**2))) if len(column) else float("nan") for column in finite]

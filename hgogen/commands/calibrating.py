@@ -1,0 +1,143 @@
+"""The command `tune`: gains of observers from measured records."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Any
+
+import typer
+
+from hgogen.calibration.judged import Held, Judged, judged
+from hgogen.calibration.tune import tune
+from hgogen.calibration.tuned import Calibration, Tuned
+from hgogen.calibration.verdicts import verdicts
+from hgogen.call import CallableStep
+from hgogen.commands import log_tables, tables
+from hgogen.commands.advice import KNOWN
+from hgogen.commands.command import Bar, Json, ModelArgument, Out, command, engine_here, folder_of, json_text, show
+from hgogen.commands.logs import Data, Deep, HeldOut, Truth, horizons, logs_of, names_in, truth_of
+from hgogen.commands.process import note
+from hgogen.commands.running import Map, Period, Time
+from hgogen.emit.cost import cost
+from hgogen.errors import HgogenError
+from hgogen.model import Model, load
+from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.which_forms import of
+
+Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
+
+
+@command()
+def tune_(
+    model: ModelArgument,
+    data: Data,
+    observers: Names = None,
+    setting: Setting = AS_WRITTEN,
+    time: Time = None,
+    period: Period = None,
+    map_: Map = None,
+    truth: Truth = None,
+    held_out: HeldOut = 0.3,
+    ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
+    segments: Annotated[
+        int, typer.Option(min=2, help="Of each record, by which gains that others chose are judged.")
+    ] = 5,
+    horizon: Annotated[str, typer.Option(help="Samples ahead of the errors held out, such as 1,5,25.")] = "1,5,25",
+    deep: Deep = False,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Tune the observers that a plant admits to measured records, and say which to take. The file `tuned.json` that it
+    writes is what `--tuning` of every command that makes a step takes.
+
+    JSON keys: model, records (as in `run`), tuning (tables by name), take, ahead, segments, rows (name, form, error:
+    cross-validated, in errors of copying, errors held out by samples ahead and output, hidden by state, nis by output,
+    known: of its convergence, operations, functions, state in bytes, likelihood), refused (why, by observer), notes,
+    files.
+    """
+    aheads = horizons(horizon, "--horizon")
+    loaded = load(model).set(setting)
+    plant, folder = loaded.plant, folder_of(out, loaded)
+    folder.demand("tuned.json")
+    true = truth_of(plant, truth or ())
+    logs = logs_of(
+        plant, data, held_out, dt=setting.dt, time=time, period=period, pairs=map_ or (), beside=dict(true.values())
+    )
+    with Bar("trials", 100) as bar:
+        calibration = tune(
+            plant,
+            *logs.learned,
+            observers=names_in(observers) or None,
+            ahead=ahead,
+            segments=segments,
+            method=setting.method or "continuous_discrete",
+            real=setting.real or "double",
+            rows=None if setting.form is None else (of(setting.form, plant),),
+            deep=deep,
+            each=lambda _: bar.tick(),
+        )
+    beside = logs.columns([name for name, _ in true.values()])
+    held = [
+        Held(log, cut if held_out else 0, {state: columns[name] for state, (name, _) in true.items()})
+        for log, cut, columns in zip(logs.whole, logs.cuts, beside, strict=True)
+    ]
+    rows = judged(plant, calibration, _declared(loaded, logs.whole[0].dt), held, aheads, engine_here())
+    notes = verdicts(calibration, rows)
+    paths = folder.demand("tuned.json")
+    each = [_row(calibration, row) for row in rows]
+    report = {
+        "model": loaded.path,
+        "records": [record.report.as_dict() for record in logs.records],
+        "take": calibration.best.name,
+        "tuning": {row.name: row.table for row in calibration.rows},
+        "ahead": ahead,
+        "segments": segments,
+        "rows": each,
+        "refused": dict(calibration.refused),
+        "notes": list(notes),
+        "files": list(map(str, paths)),
+    }
+    folder.write({"tuned.json": json_text(report) + "\n"})
+    shown = (
+        *(log_tables.report(record.report) for record in logs.records),
+        log_tables.tuned(each, calibration.best.name, notes, calibration.refused, bool(held_out)),
+    )
+    show(as_json, report, *shown, tables.files(paths))
+
+
+def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
+    """The steps of the model's own tunings at the period of the record, as far as there are."""
+    steps, refused = {}, []
+    own = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
+    for name in own.tuning.tables:
+        try:
+            steps[f"{name}, as declared"] = own.step(name)
+        except HgogenError:
+            refused.append(name)
+    if refused:
+        note(f"no step at {dt:g} {model.plant.time} of the model's own tunings {', '.join(refused)}")
+    return steps
+
+
+def _row(calibration: Calibration, row: Judged) -> dict[str, Any]:
+    """For JSON and the table."""
+    tuned = next((one for one in calibration.rows if one.name == row.name), None)
+    return {
+        "name": row.name,
+        **({} if tuned is None else _of_tuned(tuned)),
+        "held_out": {str(h): dict(errors) for h, errors in row.errors.items()},
+        "hidden": dict(row.hidden),
+        "nis": dict(row.nis),
+    }
+
+
+def _of_tuned(row: Tuned) -> Mapping[str, Any]:
+    used = cost(row.first.step)
+    return {
+        "form": row.first.row.name,
+        "error": row.error,
+        "known": KNOWN[row.first.known][0],
+        "operations": used.operations,
+        "functions": used.functions,
+        "state": used.state,
+        "likelihood": row.noise.likelihood if row.noise else None,
+    }

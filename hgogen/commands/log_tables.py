@@ -1,0 +1,159 @@
+"""Tables of what measured records tell: fits, tunings, predictions, noise."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from hgogen.commands.tables import headed
+from hgogen.identification.result import Fit
+from hgogen.reading.measured import Report
+from hgogen.signal import Signal
+from hgogen.trials.noise import Suggestion
+from hgogen.trials.prediction import Prediction
+
+
+def predictions(each: Sequence[Prediction], dt: float, unit: str) -> RenderableType:
+    """RMS prediction errors."""
+    table = headed(
+        "RMS prediction error of the measured outputs",
+        *("output", "samples ahead", f"time ahead ({unit})", "from the estimate", "copying the last value"),
+        numbers=4,
+    )
+    for one in each:
+        ahead = ("all, open loop", "") if one.ahead is None else (str(one.ahead), f"{one.ahead * dt:g}")
+        table.add_row(one.output, *ahead, f"{one.model:.4g}", "" if one.copying is None else f"{one.copying:.4g}")
+    lost = {one.output: one.rejected for one in each if one.rejected}
+    said = [f"{name}: {count} that the observer rejected, not compared" for name, count in lost.items()]
+    return Group(table, *map(Text, said), "")
+
+
+def fitted(result: Fit) -> RenderableType:
+    """Fitted parameters, how well the outputs are followed, and what that is worth."""
+    parts = headed("fitted parameters", "name", "value", "standard error", "before", "unit", numbers=4)
+    for one in result.parameters:
+        spread = "at its end" if one.at else _spread(one.deviation)
+        parts.add_row(one.name, f"{one.value:.5g}", spread, f"{one.nominal:.5g}", Text(one.unit))
+    for one in result.offsets:
+        parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
+    along = "RMS error of the outputs along the record, from its first state"
+    follows = headed(along, "output", "fitted", "before", numbers=3)
+    for name, error in result.error.items():
+        follows.add_row(name, f"{error:.4g}", f"{result.unfitted[name]:.4g}")
+    return Group(parts, "", follows, *map(Text, result.notes()), "")
+
+
+def _spread(deviation: float) -> str:
+    return f"{deviation:.2g}" if math.isfinite(deviation) else "not told"
+
+
+def judged(each: Sequence[Mapping[str, Any]], notes: Iterable[str], otherwise: str) -> RenderableType:
+    """Prediction errors in the rows held out, with what they say; `otherwise`: why there are none."""
+    if not each:
+        return Text(f"nothing judges the fit; {otherwise}\n")
+    table = headed(
+        "RMS prediction error in the rows held out, from an observer's estimate",
+        *("output", "samples ahead", "fitted", "before", "copying the last value"),
+        numbers=5,
+    )
+    paths = {one["record"] for one in each}
+    for one in each:
+        ahead = "all, open loop" if one["ahead"] is None else str(one["ahead"])
+        errors = (one[key] for key in ("fitted", "unfitted", "copying"))
+        name = f"{one['output']} in {one['record']}" if len(paths) > 1 else one["output"]
+        table.add_row(name, ahead, *("" if error is None else f"{error:.4g}" for error in errors))
+    return Group(table, *map(Text, notes), "")
+
+
+def tuned(
+    rows: Sequence[Mapping[str, Any]], best: str, notes: Iterable[str], refused: Mapping[str, str], held_out: bool
+) -> RenderableType:
+    """Tuned observers, what they are worth and cost, which to take, and why others have no gains."""
+    ahead = [(h, y) for h, errors in rows[0]["held_out"].items() for y in errors]
+    hidden = list(rows[0]["hidden"])
+    where = "in the rows held out" if held_out else "in all rows, since none were held out"
+    errors = headed(
+        f"RMS errors {where}: of predictions, by output and samples ahead, and of hidden states",
+        *("", "observer", *(f"{y} {h}" for h, y in ahead), *hidden),
+        numbers=len(ahead) + len(hidden),
+    )
+    worth = headed(
+        "tuned observers; cross-validated: of predictions, over that of copying the last value",
+        *("", "observer", "form", "cross-validated", "NIS", "operations", "state", "convergence"),
+    )
+    for row in rows:
+        mark = "take" if row["name"] == best else ""
+        cells = [f"{row['held_out'][h][y]:.4g}" for h, y in ahead]
+        errors.add_row(mark, row["name"], *cells, *(_cell(row["hidden"].get(x)) for x in hidden))
+        if "error" in row:
+            nis = ", ".join(f"{each:.2g}" for each in row["nis"].values())
+            cost = f"{row['operations']}", f"{row['state']} B"
+            worth.add_row(mark, row["name"], row["form"], f"{row['error']:.3g}", nis, *cost, row["known"])
+    without = headed("without gains", "observer", "why")
+    for name, reason in refused.items():
+        without.add_row(name, Text(reason))
+    last = [Group(without, "")] if refused else []
+    return Group(errors, "", worth, "", *map(Text, notes), "", *last)
+
+
+def report(read: Report, begins: Mapping[str, float] | None = None) -> RenderableType:
+    """What was found in a log; `begins`: the states that it gives the estimate to start from."""
+    lines = list(read.sentences())
+    if begins:
+        at = ", ".join(f"{name} = {value:g}" for name, value in begins.items())
+        lines.append(f"the estimate starts at {at}, and elsewhere where the observer does")
+    return Group(Text(read.path, style="bold"), *(Text(f"  {said}") for said in lines), "")
+
+
+def hidden(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list[RenderableType]:
+    """Errors of states whose truth was measured, if any."""
+    if not errors:
+        return []
+    units = {x.name: x.unit for x in states}
+    table = headed("RMS error of the estimate, by the truth", "state", "error", "unit")
+    for name, error in errors.items():
+        table.add_row(name, _cell(error) or "nothing measured", Text(units[name]))
+    return [Group(table, "")]
+
+
+def suggestion(noise: Suggestion, unit: str) -> RenderableType:
+    """What a quiet record suggests."""
+    table = headed(f"noise of {noise.output}, from {noise.samples} samples", "value", "", "meaning")
+    rows = (
+        ("sigma", f"{noise.sigma:.4g}", "standard deviation about a straight line"),
+        ("tau", f"{noise.tau:.4g} {unit}", "correlation time" if noise.tau else "white noise"),
+        ("d", f"{noise.d:g} {unit}", "window of the innovation"),
+        ("gamma_0", f"{noise.gamma_0:.4g}", f"sigma^2 d (1 + 6.5 x {noise.spread:.3g}): theta may rise above it"),
+        ("gamma_1", f"{noise.gamma_1:.4g}", "2 gamma_0: theta rises fully above it"),
+        ("R", f"{noise.R:.4g}", "spectral density of the noise; a larger R smooths more"),
+    )
+    for row in rows:
+        table.add_row(*row)
+    return Group(table, *(Text(f"doubt: {note}", style="yellow") for note in noise.notes), "")
+
+
+def advised(
+    rows: Sequence[Mapping[str, Any]], best: str, unit: str, notes: Iterable[str], refused: Mapping[str, str]
+) -> RenderableType:
+    """Gains without a record, and what they do on the trial."""
+    states = list(dict.fromkeys(state for row in rows for state in row["noise"]))
+    table = headed(
+        "gains from ranges, noise and period; noise: the RMS that it alone makes of an estimate on the trial",
+        *("", "observer", "form", "theta", "certified from", "settles from", f"settles in ({unit})"),
+        *(f"noise of {state}" for state in states),
+        "convergence",
+    )
+    for row in rows:
+        numbers = [_cell(row[key]) for key in ("theta", "certified", "settles", "settled")]
+        noise = [_cell(row["noise"].get(state)) for state in states]
+        table.add_row("take" if row["name"] == best else "", row["name"], row["form"], *numbers, *noise, row["known"])
+    without = headed("without gains", "observer", "why")
+    for name, reason in refused.items():
+        without.add_row(name, Text(reason))
+    return Group(table, "", *map(Text, notes), "", *([Group(without, "")] if refused else []))
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"

@@ -1,0 +1,113 @@
+"""Measured records on the command line: which columns are signals, and the rows held out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from hgogen.identification.records import Log
+from hgogen.reading.measured import Record, mapping, read
+from hgogen.system import System
+
+Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")]
+Truth = Annotated[
+    list[str] | None,
+    typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),
+]
+Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")]
+HeldOut = Annotated[
+    float, typer.Option(min=0.0, max=0.9, help="The part at the end of each record that judges, and is not fitted.")
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Logs:
+    """Records of a plant; of each the rows before `cuts` are learned from."""
+
+    plant: System
+    records: tuple[Record, ...]
+    cuts: tuple[int, ...]
+
+    @property
+    def learned(self) -> tuple[Log, ...]:
+        """The rows to learn from."""
+        return tuple(self._log(record, cut) for record, cut in zip(self.records, self.cuts, strict=True))
+
+    @property
+    def whole(self) -> tuple[Log, ...]:
+        """All rows."""
+        return tuple(self._log(record, len(record.t)) for record in self.records)
+
+    def columns(self, names: Sequence[str]) -> tuple[dict[str, np.ndarray], ...]:
+        """Columns of each record that are no signals, by name."""
+        return tuple({name: record.values[:, record.names.index(name)] for name in names} for record in self.records)
+
+    def _log(self, record: Record, count: int) -> Log:
+        u, y = record.of(self.plant.inputs)[:count], record.of(self.plant.outputs)[:count]
+        return Log(u, y, record.report.dt)
+
+
+def logs_of(
+    plant: System,
+    data: Sequence[Path],
+    held_out: float,
+    *,
+    dt: float | None = None,
+    time: str | None,
+    period: float | None,
+    pairs: Sequence[str],
+    beside: dict[str, str] | None = None,
+) -> Logs:
+    """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
+    other columns by name.
+
+    Raises: `BadRecord`.
+    """
+    columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **(beside or {})}
+    records = tuple(read(path, columns, dt=dt, time=time, period=period, unit=plant.time) for path in data)
+    return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
+
+
+def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Of each state whose truth was measured: the name of its column among the signals, and the file's, or an
+    expression. Raises: `typer.BadParameter`."""
+    names = [x.name for x in (plant.origin.plant if plant.origin else plant).states]
+    columns = {}
+    for text in pairs:
+        state, _, column = (part.strip() for part in text.partition("="))
+        if state not in names or not column:
+            reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
+            raise typer.BadParameter(reason, param_hint="--truth")
+        columns[state] = (f"truth of {state}", column)
+    return columns
+
+
+def numbers_by_name(text: str, option: str) -> dict[str, float]:
+    """Numbers from a text such as "x=1,v=0". Raises: `typer.BadParameter`."""
+    numbers = {}
+    for part in text.split(","):
+        name, _, number = part.partition("=")
+        try:
+            numbers[name.strip()] = float(number)
+        except ValueError:
+            raise typer.BadParameter(f"{part!r} must read NAME=NUMBER", param_hint=option) from None
+    return numbers
+
+
+def names_in(text: str | None) -> tuple[str, ...]:
+    """What a text such as "a,b" names."""
+    return tuple(part.strip() for part in (text or "").split(",") if part.strip())
+
+
+def horizons(text: str, option: str) -> tuple[int, ...]:
+    """Numbers of samples ahead, from a text such as "1,5,25". Raises: `typer.BadParameter`."""
+    try:
+        ahead = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        ahead = (0,)
+    if min(ahead) < 1:
+        raise typer.BadParameter(f"{text!r} must be positive whole numbers, such as 1,5,25", param_hint=option)
+    return ahead

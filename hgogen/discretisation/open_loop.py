@@ -1,0 +1,54 @@
+"""The model of a form without correction, one sample on: classical Runge-Kutta, parameters at their nominal values.
+
+Its nonlinear part is evaluated in the declared box, as in an observer.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from hgogen.discretisation.runge_kutta import RK4, advance, repeated
+from hgogen.form import Form
+from hgogen.graph import Graph, to_casadi
+from hgogen.part import on_line
+from hgogen.program import column, sym
+from hgogen.structure.dynamics import Dynamics
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLoop:
+    """CasADi functions: `move` (z, u now, u then) -> z one sample on, `read` (z, u) -> y, `enter` (x) -> z, of the
+    plant's state as it was first declared."""
+
+    move: Any
+    read: Any
+    enter: Any
+
+
+def open_loop(form: Form, dt: float, between: str, steps: int = 1) -> OpenLoop:
+    """The model over a sample of `dt`, in so many Runge-Kutta steps; `between`: how inputs go on, "line" or "hold"."""
+    dynamics, states = Dynamics(form), [signal for signal, _ in form.estimates]
+    z, x = ca.SX.sym("z", form.n), ca.SX.sym("x", len(states))
+    now, then = (ca.SX.sym(name, len(form.system.inputs)) for name in ("now", "then"))
+
+    def rate(values: Any, c: float) -> dict[str, Graph]:
+        return {"z": dynamics.flow(values["z"], then if between == "hold" else on_line(c, now, then))}
+
+    moved = advance(repeated(RK4, steps) if steps > 1 else RK4, rate, {"z": z}, dt).result["z"]
+    plant = dict(zip(states, ca.vertsplit(x), strict=True))
+    plant |= {p: ca.SX(float(value)) for p, value in form.system.nominal.items()}
+    return OpenLoop(
+        ca.Function("move", [z, now, then], [_nominal(form, moved)]),
+        ca.Function("read", [z, then], [_nominal(form, dynamics.output(z, then))]),
+        ca.Function("enter", [x], [column(to_casadi(form.entry, plant))]),
+    )
+
+
+def _nominal(form: Form, graph: Graph) -> Graph:
+    """The graph with tunable parameters at their nominal values."""
+    tunable = [p for p in form.system.parameters if p.bounded]
+    if not tunable:
+        return graph
+    values = [ca.SX(float(p.nominal or 0.0)) for p in tunable]
+    return ca.substitute([graph], [sym("plant", p.name) for p in tunable], values)[0]

@@ -1,0 +1,150 @@
+"""Gains without a record: known poles, what is certified, what settles, and bad input."""
+
+import json
+from math import exp
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import gamma
+from test_cli import hgogen
+
+import hgogen as hg
+from hgogen.calibration.advise import Advised, advise, tau
+from hgogen.model import load
+from hgogen.modelfiles.setting import Setting
+from hgogen.reading.given import BadGain
+
+MODEL = load("pendulum")
+(TRIAL,) = MODEL.trials()
+ROWS, REFUSED = advise(MODEL.plant, dt=5e-3, noise={"y": 1e-3}, observers=["high_gain", "riccati", "bank"], trial=TRIAL)
+HIGH_GAIN, RICCATI = ROWS
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 12])
+def test_n_poles_leave_a_hundredth(n: int) -> None:
+    """The tail of a gamma distribution of shape n."""
+    assert tau(n) == pytest.approx(gamma.isf(0.01, n), abs=1e-8)
+
+
+def test_a_wanted_time_gives_theta() -> None:
+    (row,), _ = advise(MODEL.plant, dt=1e-3, settling=0.5, observers=["high_gain"])
+    assert row.theta == float(f"{gamma.isf(0.01, 2) / 0.5:.1e}")
+    assert row.first.starting.gains["theta"] == row.theta
+    assert row.tried == ()
+
+
+def test_it_settles_in_the_wanted_time() -> None:
+    """A double integrator, whose error is that of two poles, down to 5 % of its range from all of it."""
+    x, v = hg.Signal("x", low=-1, high=1), hg.Signal("v", low=-1, high=1)
+    plant = hg.System("chain", states=(x, v), outputs=(hg.Signal("y"),), flow=[v, 0 * v], output=[x])
+    trial = hg.trial.Trial("rest", 3, start={"x": 0, "v": 0}, estimate={"x": 0, "v": 0.05}, seeds=(0,))
+    (row,), _ = advise(plant, dt=1e-3, settling=0.5, observers=["high_gain"], trial=trial)
+    assert row.own is not None
+    assert row.own.settled == 0  # 0.05 of a range of 2 is within the band
+    run = row.first.step.started(lambda form: {"x": 0, "v": 1.0})
+    error = abs(run.run(y=np.zeros(1000)).x)
+    theta = row.theta or 0.0
+    assert error[:, 0].max() == pytest.approx(exp(-1) / theta, rel=0.05)  # of t exp(-theta t)
+    assert error[500:, 1].max() == pytest.approx((1 + theta / 2) * exp(-theta / 2), rel=0.01)  # (1 + theta t) exp(..)
+
+
+def test_what_is_certified_is_the_bound_of_the_check() -> None:
+    """Above it the claim is proved, below it not."""
+    assert HIGH_GAIN.certified is not None
+    form = hg.forms.triangular(MODEL.plant)
+    for factor, proved in ((1.001, True), (0.999, False)):
+        observer = hg.observers.high_gain(form, theta=HIGH_GAIN.certified * factor, poles=(-1, -1))
+        (claim,) = (check for check in observer.checks if check.id == "high_gain.theta")
+        assert (claim.verdict == "proved") is proved
+    assert f"times below what is certified, {HIGH_GAIN.certified:.3g}" in HIGH_GAIN.sentence
+    assert RICCATI.certified is RICCATI.theta is None
+    assert RICCATI.sentence == ""
+
+
+def test_a_larger_theta_settles_sooner_and_takes_up_more_noise() -> None:
+    settled = [one.settled for one in HIGH_GAIN.tried]
+    assert len(settled) >= 8
+    assert None not in settled
+    assert settled == sorted(settled, reverse=True)
+    noise = [one.noise["w"] for one in HIGH_GAIN.tried if one.theta > 20]
+    assert noise == sorted(noise)
+    assert noise[-1] > 4 * noise[0]
+    assert HIGH_GAIN.own in HIGH_GAIN.tried
+
+
+def test_the_noise_is_that_of_the_linear_observer() -> None:
+    """At a large theta the error system is the core alone: of white noise, by its Gramian, sampled by what runs."""
+    one = HIGH_GAIN.tried[-2]
+    theta, dt = one.theta, 5e-3
+    decay = exp(-theta * dt)
+    # x' = -theta 2 (x - y) + v, v' = -theta^2 (x - y): two poles at -theta, the noise held for dt
+    A, B = np.array([[-2 * theta, 1.0], [-(theta**2), 0]]), np.array([2 * theta, theta**2])
+    move = decay * (np.eye(2) + (A + theta * np.eye(2)) * dt)  # exp(A dt), A + theta I is nilpotent
+    push = np.linalg.solve(A, (move - np.eye(2)) @ B)
+    P = np.zeros((2, 2))
+    for _ in range(4000):
+        P = move @ P @ move.T + np.outer(push, push) * 1e-6
+    assert one.noise["w"] == pytest.approx(np.sqrt(P[1, 1]), rel=0.25)  # 500 samples of the last tenth, and a line
+
+
+def test_an_observer_around_another_says_so() -> None:
+    assert set(REFUSED) == {"bank"}
+    assert "goes around another observer" in REFUSED["bank"]
+
+
+def test_what_does_not_settle_is_said() -> None:
+    tried = tuple(
+        type(HIGH_GAIN.tried[0])(theta, settled, {}) for theta, settled in ((2.0, None), (4.0, None), (8.0, 1.0))
+    )
+    row = Advised(HIGH_GAIN.first, 2.0, None, tried)
+    assert row.sentence == "theta 2 of high_gain does not settle in the trial, 8 is the first that does"
+    none = Advised(HIGH_GAIN.first, 2.0, 1.0, tried[:2])
+    assert none.sentence == (
+        "theta 2 of high_gain is above what is certified, 1, and does not settle in the trial, nor does another that "
+        "was tried"
+    )
+
+
+def test_the_command_writes_gains_that_others_take(tmp_path: Path) -> None:
+    out = ("-o", str(tmp_path), "--observers", "high_gain,riccati", "--dt", "0.005")
+    report = json.loads(hgogen("advise", "pendulum", "--noise", "y=1e-3", *out, "--json")[0])
+    assert report["take"] == "high_gain"  # proved for a larger theta, before one without a bound
+    assert {Path(file).name for file in report["files"]} == {"advised.svg", "advised.png", "advised.json"}
+    model = MODEL.set(Setting(tuning=tmp_path / "advised.json"))
+    assert model.step().observer.name == "high_gain"
+    assert model.step().dt == 0.005
+    assert model.step("riccati").gains[1].initial == (float(f"{1e-3**2 * 0.005:.1e}"),)
+
+
+def test_without_a_trial_there_are_gains_alone(tmp_path: Path) -> None:
+    (tmp_path / "chain.toml").write_text(
+        'name = "chain"\n[states]\nx = {low = -1, high = 1, flow = "v"}\nv = {low = -1, high = 1, flow = "-x"}\n'
+        '[outputs]\ny = {equation = "x"}\n'
+    )
+    printed, said = hgogen("advise", str(tmp_path / "chain.toml"), "--observers", "high_gain", "-o", str(tmp_path))
+    assert "has no trial, on which values of theta would be tried" in said
+    assert "high_gain" in printed
+    assert json.loads((tmp_path / "advised.json").read_text())["rows"][0]["tried"] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--noise", "y"), "must read NAME=NUMBER"),
+        (("--noise", "z=1"), "noise of 'z' is of no output"),
+        (("--noise", "y=0"), "noise of 'y'"),
+        (("--settling", "0"), "settling"),
+        (("--dt", "-1"), "dt"),
+        (("--observers", "rickati"), "rickati"),
+    ],
+)
+def test_bad_input_is_refused(words: tuple[str, str], reason: str, tmp_path: Path) -> None:
+    _, said = hgogen("advise", "pendulum", *words, "-o", str(tmp_path), status=2)
+    assert reason in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_time_must_be_positive() -> None:
+    with pytest.raises(BadGain, match="settling"):
+        advise(MODEL.plant, settling=-1.0)
