@@ -247,12 +247,7 @@ class _Function:
             case ast.Name(id=name):
                 return self._name(name), ATOM
             case ast.BinOp(left=left, op=sign, right=right) | ast.Compare(left=left, ops=[sign], comparators=[right]):
-                text, binds = _INFIX[type(sign)]
-                both = isinstance(node, ast.Compare)
-                whole = f"{self._value(left, binds + 0.1 * both)}{text}{self._value(right, binds + 0.1)}"
-                if self.words.real in self.syntax.rounded and self._kind(node) == "real":
-                    return self.syntax.rounded[self.words.real].format(whole), ATOM
-                return whole, binds
+                return self._infix(self._kind(node), left, sign, right)
             case ast.BoolOp(op=ast.And(), values=values):
                 return " && ".join(self._value(each, AND + 0.1) for each in values), AND
             case ast.UnaryOp(op=ast.USub(), operand=operand):
@@ -268,6 +263,15 @@ class _Function:
             case ast.Call(func=ast.Name(id=name), args=arguments):
                 return self._call(name, arguments)
         raise NotImplementedError(ast.unparse(node))
+
+    def _infix(self, kind: str, left: ast.expr, sign: ast.operator | ast.cmpop, right: ast.expr) -> Text:
+        """A sign between two values. A sum or product groups to the left; of comparisons neither side is one."""
+        text, binds = _INFIX[type(sign)]
+        least = binds + 0.1 * isinstance(sign, ast.cmpop)
+        whole = f"{self._value(left, least)}{text}{self._value(right, binds + 0.1)}"
+        if self.words.real in self.syntax.rounded and kind == "real":
+            return self.syntax.rounded[self.words.real].format(whole), ATOM
+        return whole, binds
 
     def _name(self, name: str) -> str:
         return self._count(self.words.counts[name]) if name in self.words.counts else self.words.reals.get(name, name)
