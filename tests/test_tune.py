@@ -263,6 +263,21 @@ def test_the_tables_make_the_same_steps(tmp_path: Path) -> None:
     assert model.step().observer.name == "riccati"
 
 
+def test_a_tuning_takes_the_place_of_the_table_observer(tmp_path: Path) -> None:
+    """Of a model in plain text, whose table names its kind, as a tuning of that name need not."""
+    (tmp_path / "spring.toml").write_text(
+        f'{MODEL}[observer]\nkind = "high_gain"\ntheta = 9\npoles = [-1, -1]\ndt = 1\n'
+    )
+    tables = {row.name: row.table for row in TUNED.rows}
+    (tmp_path / "tuned.json").write_text(json.dumps({"tuning": tables, "take": "riccati"}))
+    model = load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json"))
+    assert model.step("high_gain").observer.name == "high_gain"
+    assert model.step("high_gain").dt == DT
+    assert model.step().observer.name == "riccati"
+    (tmp_path / "tuned.json").write_text(json.dumps({"tuning": {"high_gain": tables["high_gain"]}}))
+    assert load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json")).step().dt == DT
+
+
 MODEL = """
 name = "spring"
 [states]
