@@ -204,6 +204,13 @@ def test_an_erratic_row_is_not_as_good() -> None:
     assert not as_good(np.array([0.1, 0.1, 6.0, 0.1, 0.1]), np.array([0.4, 0.5, 0.4, 0.5, 0.4]))
 
 
+def test_errors_that_differ_by_rounding_are_as_good() -> None:
+    """Those of two filters with the same gains in other coordinates; half a percent of an error is no rounding."""
+    best = np.array([1.0, 2.0, 3.0])
+    assert as_good(best * (1 + 1e-4), best)
+    assert not as_good(best * 1.01, best)
+
+
 TUNED = hg.tune(PLANT, log(5)[0], observers=["riccati", "high_gain", "bank"])
 
 

@@ -21,6 +21,7 @@ from hgogen.trials.prediction import forecasts
 
 Array = np.ndarray
 Key = TypeVar("Key", bound=Hashable)
+ALIKE = 2e-3  # of E: a thousandth of an error, as two filters that differ by rounding have
 BEGIN = 0.05  # of a record, in which an estimate may find its way
 
 
@@ -100,7 +101,7 @@ def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
 def as_good(errors: Array, best: Array) -> bool:
     """Whether errors by segment are above the best by no more than one standard error (the rule of Breiman, Friedman,
     Olshen, Stone, Classification and Regression Trees, 1984), that of their difference or that of the best, whichever
-    is less: errors that scatter widely are no reason to prefer them."""
+    is less: errors that scatter widely are no reason to prefer them. Errors that differ by rounding are as good."""
     difference = errors - best
-    scatter = min(difference.std(ddof=1), best.std(ddof=1))
-    return bool(difference.mean() <= scatter / np.sqrt(len(difference)))
+    scatter = min(difference.std(ddof=1), best.std(ddof=1)) / np.sqrt(len(difference))
+    return bool(difference.mean() <= max(scatter, ALIKE * best.mean()))
