@@ -156,7 +156,8 @@ class Model:
     @property
     def tuning(self) -> Tuning:
         """The observers that the file defines, by name; empty where it defines no `tuning`. Raises: `MissingPart`."""
-        return Tuning(self.path, self.plant, self._tables, self.default, self.setting)
+        default = "" if self.default in self.tables else self.default  # what a user gives is no table `observer`
+        return Tuning(self.path, self.plant, self._tables, default, self.setting)
 
     @property
     def _tables(self) -> Mapping[str, Any]:

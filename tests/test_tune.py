@@ -161,8 +161,8 @@ def test_as_good_is_within_a_standard_error() -> None:
     assert as_good(best, best)
     assert as_good(best + np.array([0.5, -0.5, 0.5, -0.4]), best)  # mean .025, standard error .27
     assert not as_good(best + np.array([0.5, 0.4, 0.5, 0.4]), best)  # mean .45, standard error .03
-    assert as_good(best * 1.019, best)  # whatever its standard error
-    assert not as_good(best + 0.051, best)  # 2 % of the mean, 2.5, is .05
+    assert as_good(best * 1.0019, best)  # a rounding, whatever its standard error
+    assert not as_good(best * 1.0021, best)  # 2e-3 of it is none; the standard error of this difference is a quarter
 
 
 def test_copying_has_the_error_1() -> None:
@@ -173,6 +173,45 @@ def test_copying_has_the_error_1() -> None:
     errors = Judge((hg.Log(np.zeros((400, 0)), y, 1.0),), 1, 4, "python").errors(step)
     assert errors.shape == (4,)
     assert errors.mean() == pytest.approx(1, rel=0.1)  # segments against the whole record
+
+
+STILL = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])
+
+
+def judge(y: np.ndarray, ahead: int, segments: int, plant: hg.System = STILL) -> np.ndarray:
+    """E_s of a filter of a plant that stands still, which with so high a gain takes the last value."""
+    step = hg.sample(hg.observers.riccati(hg.forms.triangular(plant), Q={"x": 1.0}, R=1e-9), dt=1.0)
+    return Judge((hg.Log(np.zeros((len(y), 0)), np.reshape(y, (len(y), -1)), 1.0),), ahead, segments, "python").errors(
+        step
+    )
+
+
+WALK = np.cumsum(np.random.default_rng(0).uniform(-0.1, 0.1, 60))
+
+
+def test_a_segment_without_a_sample_does_not_count() -> None:
+    """An empty one would count as one without an error."""
+    missing = np.where((np.arange(60) > 20) & (np.arange(60) < 40), np.nan, WALK)
+    assert len(judge(missing, 1, 20)) == 14
+    assert judge(missing, 1, 20).min() > 0
+    assert judge(WALK[:20], 1, 50).mean() == pytest.approx(1, rel=0.1)  # fewer samples than segments
+
+
+def test_an_output_that_stands_still_does_not_count() -> None:
+    assert len(judge(np.ones(60), 1, 5)) == 0
+    assert len(judge(WALK, 60, 5)) == 0
+
+
+def test_an_erratic_row_is_not_as_good() -> None:
+    """Its errors scatter so that their difference has a large standard error; those of the best do not."""
+    assert not as_good(np.array([0.1, 0.1, 6.0, 0.1, 0.1]), np.array([0.4, 0.5, 0.4, 0.5, 0.4]))
+
+
+def test_errors_that_differ_by_rounding_are_as_good() -> None:
+    """Those of two filters with the same gains in other coordinates; half a percent of an error is no rounding."""
+    best = np.array([1.0, 2.0, 3.0])
+    assert as_good(best * (1 + 1e-4), best)
+    assert not as_good(best * 1.01, best)
 
 
 TUNED = hg.tune(PLANT, log(5)[0], observers=["riccati", "high_gain", "bank"])
@@ -234,6 +273,21 @@ def test_the_tables_make_the_same_steps(tmp_path: Path) -> None:
     assert model.step().observer.name == "riccati"
 
 
+def test_a_tuning_takes_the_place_of_the_table_observer(tmp_path: Path) -> None:
+    """Of a model in plain text, whose table names its kind, as a tuning of that name need not."""
+    (tmp_path / "spring.toml").write_text(
+        f'{MODEL}[observer]\nkind = "high_gain"\ntheta = 9\npoles = [-1, -1]\ndt = 1\n'
+    )
+    tables = {row.name: row.table for row in TUNED.rows}
+    (tmp_path / "tuned.json").write_text(json.dumps({"tuning": tables, "take": "riccati"}))
+    model = load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json"))
+    assert model.step("high_gain").observer.name == "high_gain"
+    assert model.step("high_gain").dt == DT
+    assert model.step().observer.name == "riccati"
+    (tmp_path / "tuned.json").write_text(json.dumps({"tuning": {"high_gain": tables["high_gain"]}}))
+    assert load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json")).step().dt == DT
+
+
 MODEL = """
 name = "spring"
 [states]
@@ -259,6 +313,40 @@ def test_differencing_is_exact_on_a_line() -> None:
     copied = next(row for row in rows if row.name == "copying")
     assert copied.errors[5]["y"] == pytest.approx(5 * 0.5 * DT)
     assert copied.hidden == {}
+
+
+def test_differencing_goes_on_along_the_last_two_measured() -> None:
+    """Of a sensor with every fifth sample."""
+    y = np.where(np.arange(50) % 5 == 0, 0.5 * DT * np.arange(50), np.nan)
+    record = hg.Log(np.zeros((50, 1)), y[:, None], DT)
+    line = judged(PLANT, TUNED, {}, [Held(record, 20, {"v": np.full(50, 0.5)})], (1, 7), "python")[-1]
+    assert line.errors[1]["y"] == pytest.approx(0, abs=1e-12)
+    assert line.errors[7]["y"] == pytest.approx(0, abs=1e-12)
+    assert line.hidden["v"] == pytest.approx(0, abs=1e-12)
+
+
+def test_missing_inputs_and_samples_leave_a_number_or_none() -> None:
+    """An input without a number is held; where no row held out has a sample, there is no NIS."""
+    record, _ = log(7, 600)
+    u = np.where(np.arange(600) % 3, np.nan, np.ravel(record.u))
+    silent = np.where(np.arange(600) < 400, record.y, np.nan)
+    rows = judged(PLANT, TUNED, {}, [Held(hg.Log(u[:, None], record.y[:, None], DT), 400, {})], (1,), "python")
+    assert np.isfinite(rows[0].nis["y"])
+    rows = judged(PLANT, TUNED, {}, [Held(hg.Log(u[:, None], silent[:, None], DT), 400, {})], (1,), "python")
+    assert rows[0].nis == {}
+    assert np.isnan(rows[0].errors[1]["y"])
+    assert "nan" not in " ".join(verdicts(TUNED, rows))
+
+
+def test_a_sample_that_a_step_rejects_does_not_tune() -> None:
+    """999 is beyond what the sensor of the spring can give; a filter that takes it finds noise of such a size."""
+    record, _ = log(5, 400)
+    y = np.array(record.y)
+    y[100::100] = 999
+    missing = np.where(y == 999, np.nan, y)
+    ends = [hg.tune(PLANT, hg.Log(record.u, each, DT), observers=["riccati"]) for each in (y, missing)]
+    assert ends[0].best.table == ends[1].best.table
+    assert ends[0].best.error == ends[1].best.error
 
 
 def test_the_truth_judges_the_rows_held_out_alone() -> None:
@@ -299,6 +387,20 @@ def test_the_verdict_says_why_and_where_measures_disagree() -> None:
         "innovations of y are 3 times as large as high_gain takes them to be, in the rows held out: they scatter more "
         "there, and its variances are not to be trusted",
     )
+
+
+def test_the_verdict_says_where_copying_does_better_and_what_is_judged() -> None:
+    bad = row("riccati", 1.3)
+    made: Any = SimpleNamespace(best=bad, rows=(bad,), tied=(bad,), ahead=1)
+    rows = [
+        Judged("riccati", {1: {"y": 0.2}}, {}, {"y": 9.0}),
+        Judged("copying", {1: {"y": 0.1}}, {}, {}),
+        Judged("differencing", {1: {"y": 0.5}}, {}, {}),
+    ]
+    said = verdicts(made, rows, "in all rows")
+    assert said[1].startswith("no gains of riccati do better than copying the last value: the model does not predict")
+    assert said[2] == "in all rows, copying predicts y as well as riccati, 1 sample ahead"
+    assert "in all rows: they scatter more there" in said[3]
 
 
 def test_a_proof_ranks_before_known_noise_and_that_before_the_cost() -> None:
@@ -356,6 +458,7 @@ plant = hg.System("arm", states=(q, w), inputs=(tau,), outputs=(y,), parameters=
         ({"observers": ["rickati"]}, "observer 'rickati' is none; did you mean riccati"),
         ({"ahead": 0}, "must be at least 1 and 2"),
         ({"segments": 1}, "must be at least 1 and 2"),
+        ({"ahead": 100}, "show no change of an output over 100 samples in at least 2 of their segments"),
         ({"observers": ["bank"]}, "has no observer that can be tuned: bank: it goes around another observer"),
     ],
 )
@@ -367,10 +470,47 @@ def test_what_cannot_be_tuned_is_refused(change: dict[str, Any], reason: str) ->
 def test_records_are_demanded() -> None:
     with pytest.raises(CannotTune, match="records are missing"):
         hg.tune(PLANT)
-    with pytest.raises(CannotTune, match="have different periods"):
+    with pytest.raises(CannotTune, match=r"have different periods, 0\.05, 0\.1; read them on one grid, as --dt does"):
         hg.tune(PLANT, log(8, 100)[0], hg.Log(np.zeros(100), np.zeros(100), 0.1))
+    with pytest.raises(CannotTune, match="show no change of an output over 1 sample in at"):
+        hg.tune(PLANT, hg.Log(np.zeros(100), np.ones(100), DT))
     with pytest.raises(BadLog, match="fewer than 10 samples of y"):
         hg.tune(PLANT, log(8, 5)[0])
+
+
+def test_periods_of_one_grid_may_differ_by_rounding() -> None:
+    """As typical times between the rows of two logs do."""
+    first, second = log(8, 100)[0], log(9, 100)[0]
+    tuned = hg.tune(PLANT, first, hg.Log(second.u, second.y, DT * (1 + 1e-9)), observers=["high_gain"])
+    assert tuned.best.table["dt"] == DT
+
+
+def test_adaptive_can_be_asked_by_its_name() -> None:
+    assert {row.name for row in hg.tune(PLANT, log(8, 200)[0], observers=["adaptive"]).rows} == {"riccati", "adaptive"}
+
+
+def test_each_reason_is_said_once() -> None:
+    hidden = hg.System("hidden", states=(X, V), outputs=(Y,), flow=[-X, -V], output=[X])
+    with pytest.raises(CannotTune) as refused:
+        hg.tune(hidden, hg.Log(np.zeros((100, 0)), np.exp(-0.05 * np.arange(100)), DT))
+    assert str(refused.value).count("the plant is in none of its forms") == 1
+
+
+def test_the_command_says_what_to_do(tmp_path: Path) -> None:
+    """A truth without a number, a horizon beyond the record, a tuning of the model's own that makes no step."""
+    (tmp_path / "spring.toml").write_text(MODEL + '[observer]\nkind = "riccati"\nQ = {x = 1}\nR = 1\ndt = 0.05\n')
+    record, _ = log(8, 100)
+    rows = (f"{k * DT:g},{u:g},{y:g}," for k, (u, y) in enumerate(zip(record.u, record.y, strict=True)))
+    (tmp_path / "log.csv").write_text("\n".join(["t,u,y,v", *rows]) + "\n")
+    words = (
+        *("tune", str(tmp_path / "spring.toml"), "--data", str(tmp_path / "log.csv"), "--time", "t"),
+        *("--observers", "high_gain", "-o", str(tmp_path)),
+    )
+    assert "holds no number for truth of v; say --truth v=COLUMN" in hgogen(*words, "--truth", "v=v", status=2)[1]
+    said, beside = hgogen(*words, "--horizon", "1,500", "--json")
+    assert json.loads(said)["notes"][-1] == "no record is long enough to judge predictions 500 samples ahead"
+    assert "no step at 0.05 s of the model's own tuning riccati: " in beside
+    assert "v" in beside.partition("tuning riccati: ")[2]
 
 
 @pytest.mark.parametrize(

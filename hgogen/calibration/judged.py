@@ -2,15 +2,16 @@
 
     NIS = mean of e^2/s, 1 of an innovation e that is as large as the filter says (variance s)
 
-beside two ways without a model: copying the last value, and going on along the last two (differencing), which estimates
-a state that is by definition the rate of an output.
+beside two ways without a model: copying the last value, and going on along the last two that were measured
+(differencing), which estimates a state that is by definition the rate of an output.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hgogen.calibration.readable import readable
 from hgogen.calibration.tuned import Calibration
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, held_last
@@ -52,6 +53,7 @@ def judged(
 ) -> tuple[Judged, ...]:
     """The rows tuned, `others` by name, and what does without a model."""
     horizons = tuple(sorted(set(ahead)))
+    records = [replace(held, log=readable(plant, held.log, k)) for k, held in enumerate(records, 1)]
     steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
     nis = {row.name: row.nis([(held.log, held.cut) for held in records]) for row in calibration.rows}
     rows = [Judged(name, *_of_step(step, records, horizons, engine), nis.get(name, {})) for name, step in steps.items()]
@@ -81,10 +83,10 @@ def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, .
     errors: dict[str, dict[int, list[Array]]] = {name: {h: [] for h in ahead} for name in (COPYING, DIFFERENCING)}
     hidden: dict[str, list[Array]] = {}
     for held in records:
-        y, last = held.log.y, held_last(held.log.y)
-        moved = np.diff(last, axis=0, prepend=last[:1])
+        y = held.log.y
+        last, age, moved = _last_two(y)
         for h in ahead:
-            for name, guess in ((COPYING, last), (DIFFERENCING, last + h * moved)):
+            for name, guess in ((COPYING, last), (DIFFERENCING, last + (age + h) * moved)):
                 errors[name][h].append((guess[:-h] - y[h:])[max(0, held.cut - h) :])
         for state, (output, sign) in rates.items():
             if state in held.truth:
@@ -100,6 +102,18 @@ def _without_a_model(plant: System, records: Sequence[Held], ahead: tuple[int, .
         )
         for name, every in errors.items()
     )
+
+
+def _last_two(y: Array) -> tuple[Array, Array, Array]:
+    """Of each sample of y (N, p) the last value, how many samples old it is, and the change a sample between the last
+    two values, 0 where there is one alone."""
+    count = np.arange(len(y))[:, None]
+    at = np.maximum.accumulate(np.where(np.isfinite(y), count, -1), axis=0)
+    before = np.take_along_axis(at, np.maximum(at - 1, 0), axis=0)
+    there = (at > 0) & (before >= 0) & (before < at)
+    last = held_last(y)
+    change = last - np.take_along_axis(last, np.maximum(before, 0), axis=0)
+    return last, count - at, np.where(there, change, 0.0) / np.where(there, at - before, 1)
 
 
 def _rates(plant: System) -> dict[str, tuple[int, int]]:

@@ -2,24 +2,26 @@
 
     c_j^2 = mean of (y_j(k+h) - y_j(k))^2,   E_s = mean over outputs j of mean over segment s of (e_j(k+h|k)/c_j)^2
 
-so that copying the last value has 1. A gain is chosen on the segments but one, and judged by that one; what is said of
-it is the root of the mean of these judgements (cross-validation).
+so that copying the last value has 1. An output that stands still in a record has no c_j and does not count there, nor
+does a segment in which nothing can be compared. A gain is chosen on the segments but one, and judged by that one; what
+is said of it is the root of the mean of these judgements (cross-validation).
 """
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from hgogen.call import CallableStep
-from hgogen.calling.samples import Engine
+from hgogen.calling.samples import Engine, held_last
 from hgogen.identification.records import Log
 from hgogen.trials.prediction import forecasts
 
 Array = np.ndarray
 Key = TypeVar("Key", bound=Hashable)
-NOTHING = 0.02  # of a mean square: 1 % of an error
+ALIKE = 2e-3  # of E: a thousandth of an error, as two filters that differ by rounding have
 BEGIN = 0.05  # of a record, in which an estimate may find its way
 
 
@@ -33,30 +35,58 @@ class Judge:
     engine: Engine
 
     def errors(self, step: CallableStep) -> Array:
-        """E_s (segments of all records), infinite where the estimate is lost."""
+        """E_s (segments of all records in which something can be compared), infinite where the estimate is lost."""
         with np.errstate(all="ignore"):
-            return np.concatenate([self._of(step, record) for record in self.records])
+            parts = zip(self.records, self._scales, self._parts, strict=True)
+            return np.concatenate([self._of(step, *each) for each in parts])
 
-    def _of(self, step: CallableStep, record: Log) -> Array:
+    @property
+    def count(self) -> int:
+        """How many segments have an error."""
+        return sum(map(len, self._parts))
+
+    @cached_property
+    def _moves(self) -> list[Array]:
+        """(y_j(k+h) - y_j(k))^2 at each sample of the records that has a last value, else NaN; (N, p)."""
+        h, moves = self.ahead, []
+        for record in self.records:
+            squares = np.full(record.y.shape, np.nan)
+            squares[h:] = (record.y[h:] - held_last(record.y)[: len(record.y[h:])]) ** 2
+            moves.append(squares)
+        return moves
+
+    @cached_property
+    def _scales(self) -> list[Array]:
+        """c_j^2 (p) of each record, NaN of an output that stands still or is never compared."""
+        means = [np.array([_mean(column) for column in squares.T]) for squares in self._moves]
+        return [np.where(mean > 0, mean, np.nan) for mean in means]
+
+    @cached_property
+    def _parts(self) -> list[list[Array]]:
+        """Of each record the samples of its segments, of those in which something can be compared."""
+        every = []
+        for squares, scale in zip(self._moves, self._scales, strict=True):
+            there = np.isfinite(squares / scale).any(axis=1)
+            parts = np.array_split(np.arange(round(BEGIN * len(squares)), len(squares)), self.segments)
+            every.append([part for part in parts if there[part].any()])
+        return every
+
+    def _of(self, step: CallableStep, record: Log, scale: Array, parts: Sequence[Array]) -> Array:
         step.reset()
         run = step.run(u=record.u, y=record.y, engine=self.engine)
         errors = next(forecasts(step, run, record.u, record.y, (self.ahead,)))
-        assert errors.copying is not None
         squares = np.where(errors.compared, errors.model, np.nan) ** 2
-        copied = np.nanmean(np.where(errors.compared, errors.copying, np.nan) ** 2, axis=0)
-        shares = squares / np.where(copied > 0, copied, 1.0)
-        parts = np.array_split(shares[round(BEGIN * len(shares)) :], self.segments)
-        means = np.array(
-            [[np.nanmean(column) if np.isfinite(column).any() else 0.0 for column in part.T] for part in parts]
-        )
-        lost = ~np.isfinite(run.x).all() or np.isinf(squares).any()
-        return np.full(len(parts), np.inf) if lost else means.mean(axis=1)
+        if not np.isfinite(run.x).all() or not np.isfinite(squares[errors.compared]).all():
+            return np.full(len(parts), np.inf)
+        means = [[_mean(column) for column in (squares / scale)[part].T] for part in parts]
+        each = np.array([_mean(np.array(outputs)) for outputs in means])
+        return np.where(np.isnan(each), np.inf, each)
 
 
 def _mean(values: Array) -> float:
-    """Of what was compared, 0 where nothing was."""
+    """Of what is finite, NaN where nothing is."""
     there = values[np.isfinite(values)]
-    return float(there.mean()) if len(there) else 0.0
+    return float(there.mean()) if len(there) else np.nan
 
 
 def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
@@ -69,9 +99,9 @@ def chosen(errors: Mapping[Key, Array]) -> tuple[Key, Array]:
 
 
 def as_good(errors: Array, best: Array) -> bool:
-    """Whether errors by segment are above others by no more than the standard error of their difference (the rule of
-    one standard error: Breiman, Friedman, Olshen, Stone, Classification and Regression Trees, 1984), or than nothing
-    that matters."""
+    """Whether errors by segment are above the best by no more than one standard error (the rule of Breiman, Friedman,
+    Olshen, Stone, Classification and Regression Trees, 1984), that of their difference or that of the best, whichever
+    is less: errors that scatter widely are no reason to prefer them. Errors that differ by rounding are as good."""
     difference = errors - best
-    deviation = difference.std(ddof=1) / np.sqrt(len(difference))
-    return bool(difference.mean() <= max(deviation, NOTHING * best.mean()))
+    scatter = min(difference.std(ddof=1), best.std(ddof=1)) / np.sqrt(len(difference))
+    return bool(difference.mean() <= max(scatter, ALIKE * best.mean()))

@@ -55,8 +55,8 @@ class Tuned:
         for record, cut in records:
             e, s = self.likelihood.innovations(self.noise, record)
             ratios.append((e**2 / s)[max(0, cut - 1) :])
-        means = np.nanmean(np.concatenate(ratios), axis=0).tolist()
-        return dict(zip(self.noise.sample, means, strict=True))
+        columns = (column[np.isfinite(column)] for column in np.concatenate(ratios).T)
+        return {y: float(there.mean()) for y, there in zip(self.noise.sample, columns, strict=True) if len(there)}
 
     @property
     def rank(self) -> tuple[int, bool, int]:

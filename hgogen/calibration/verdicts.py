@@ -7,19 +7,21 @@ from hgogen.calibration.judged import COPYING, DIFFERENCING, Judged
 from hgogen.calibration.tuned import Calibration, Tuned
 
 AS_WELL = 1.05  # times an error: as well
+HELD_OUT, ALL = "in the rows held out", "in all rows"
 CONSISTENT = 2.0  # times larger or smaller than 1: a NIS of a filter whose variances are right
 
 
-def verdicts(calibration: Calibration, rows: Sequence[Judged]) -> tuple[str, ...]:
-    """Of a calibration and what is held out."""
+def verdicts(calibration: Calibration, rows: Sequence[Judged], where: str = HELD_OUT) -> tuple[str, ...]:
+    """Of a calibration and of rows that are judged, by default those held out."""
     judged = {row.name: row for row in rows}
     best = judged[calibration.best.name]
     return (
         _taken(calibration),
-        *_other_horizons(best, judged),
-        *_without_a_model(best, judged),
+        *_no_better(calibration),
+        *_other_horizons(best, judged, where),
+        *_without_a_model(best, judged, where),
         *_hidden(best, judged),
-        *_doubts(calibration.best, best),
+        *_doubts(calibration.best, best, where),
     )
 
 
@@ -36,30 +38,38 @@ def _taken(calibration: Calibration) -> str:
     return f"{said}; {first.name} errs {first.error:.3g}, within the standard error, but {best.name} {why}"
 
 
+def _no_better(calibration: Calibration) -> Iterator[str]:
+    if calibration.best.error >= 1:
+        yield (
+            f"no gains of {calibration.best.name} do better than copying the last value: the model does not predict "
+            "these records; fit its parameters, check ranges, units and period, or give a longer record"
+        )
+
+
 def _ahead(samples: int) -> str:
     return f"{samples} sample{'s' * (samples > 1)} ahead"
 
 
-def _other_horizons(best: Judged, judged: Mapping[str, Judged]) -> Iterator[str]:
-    """Where another row errs clearly less in the rows held out."""
+def _other_horizons(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
+    """Where another row errs clearly less."""
     for ahead, errors in best.errors.items():
         for output, error in errors.items():
             others = {name: row.errors[ahead][output] for name, row in judged.items() if name not in _MODELLESS}
             name = min(others, key=lambda each: others[each] if others[each] == others[each] else math.inf)
             if others[name] * AS_WELL < error:
                 better = f"{name} predicts {output} better {_ahead(ahead)}, {others[name]:.3g} for {error:.3g}"
-                yield f"in the rows held out, {better}"
+                yield f"{where}, {better}"
 
 
-def _without_a_model(best: Judged, judged: Mapping[str, Judged]) -> Iterator[str]:
+def _without_a_model(best: Judged, judged: Mapping[str, Judged], where: str) -> Iterator[str]:
     """Where no model does as well."""
     for name in _MODELLESS:
         for output in next(iter(best.errors.values()), {}):
             pairs = [(h, errors[output], judged[name].errors[h][output]) for h, errors in best.errors.items()]
             as_well = [str(h) for h, own, other in pairs if other <= AS_WELL * own]
             if as_well:
-                samples = f"{', '.join(as_well)} samples ahead"
-                yield f"in the rows held out, {name} predicts {output} as well as {best.name}, {samples}"
+                samples = f"{', '.join(as_well)} sample{'s' * (as_well != ['1'])} ahead"
+                yield f"{where}, {name} predicts {output} as well as {best.name}, {samples}"
 
 
 def _hidden(best: Judged, judged: Mapping[str, Judged]) -> Iterator[str]:
@@ -75,13 +85,13 @@ def _hidden(best: Judged, judged: Mapping[str, Judged]) -> Iterator[str]:
             yield f"by the truth of {state}, which is not tuned on, {better}"
 
 
-def _doubts(best: Tuned, judged: Judged) -> Iterator[str]:
+def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
     for output, nis in judged.nis.items():
         if not 1 / CONSISTENT <= nis <= CONSISTENT:
             more = "more" if nis > 1 else "less"
             yield (
-                f"innovations of {output} are {math.sqrt(nis):.2g} times as large as {best.name} takes them to be, in "
-                f"the rows held out: they scatter {more} there, and its variances are not to be trusted"
+                f"innovations of {output} are {math.sqrt(nis):.2g} times as large as {best.name} takes them to be, "
+                f"{where}: they scatter {more} there, and its variances are not to be trusted"
             )
     thetas = sorted({numbers.theta for numbers, _ in best.tried})
     if len(thetas) > 1 and best.numbers.theta in (thetas[0], thetas[-1]):

@@ -1,6 +1,6 @@
 """The command `tune`: gains of observers from measured records."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -9,7 +9,7 @@ import typer
 from hgogen.calibration.judged import Held, Judged, judged
 from hgogen.calibration.tune import tune
 from hgogen.calibration.tuned import Calibration, Tuned
-from hgogen.calibration.verdicts import verdicts
+from hgogen.calibration.verdicts import ALL, HELD_OUT, verdicts
 from hgogen.call import CallableStep
 from hgogen.commands import log_tables, tables
 from hgogen.commands.advice import KNOWN
@@ -59,8 +59,18 @@ def tune_(
     plant, folder = loaded.plant, folder_of(out, loaded)
     folder.demand("tuned.json")
     true = truth_of(plant, truth or ())
+    options = {name: f"--truth {state}=COLUMN" for state, (name, _) in true.items()}
+    beside = dict(true.values())
     logs = logs_of(
-        plant, data, held_out, dt=setting.dt, time=time, period=period, pairs=map_ or (), beside=dict(true.values())
+        plant,
+        data,
+        held_out,
+        dt=setting.dt,
+        time=time,
+        period=period,
+        pairs=map_ or (),
+        beside=beside,
+        options=options,
     )
     with Bar("trials", 100) as bar:
         calibration = tune(
@@ -75,13 +85,14 @@ def tune_(
             deep=deep,
             each=lambda _: bar.tick(),
         )
-    beside = logs.columns([name for name, _ in true.values()])
+    measured = logs.columns(list(beside))
     held = [
         Held(log, cut if held_out else 0, {state: columns[name] for state, (name, _) in true.items()})
-        for log, cut, columns in zip(logs.whole, logs.cuts, beside, strict=True)
+        for log, cut, columns in zip(logs.whole, logs.cuts, measured, strict=True)
     ]
     rows = judged(plant, calibration, _declared(loaded, logs.whole[0].dt), held, aheads, engine_here())
-    notes = (*logs.notes(), *verdicts(calibration, rows))
+    said = verdicts(calibration, rows, HELD_OUT if held_out else ALL)
+    notes = (*logs.notes(), *said, *_too_far(aheads, rows[0]))
     paths = folder.demand("tuned.json")
     each = [_row(calibration, row) for row in rows]
     report = {
@@ -106,16 +117,23 @@ def tune_(
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:
     """The steps of the model's own tunings at the period of the record, as far as there are."""
-    steps, refused = {}, []
+    steps, refused = {}, {}
     own = replace(model, setting=replace(model.setting, dt=dt), tables={}, take="")
     for name in own.tuning.tables:
         try:
             steps[f"{name}, as declared"] = own.step(name)
-        except HgogenError:
-            refused.append(name)
-    if refused:
-        note(f"no step at {dt:g} {model.plant.time} of the model's own tunings {', '.join(refused)}")
+        except HgogenError as error:
+            refused[name] = str(error)
+    for name, reason in refused.items():
+        note(f"no step at {dt:g} {model.plant.time} of the model's own tuning {name}: {reason}")
     return steps
+
+
+def _too_far(aheads: Iterable[int], row: Judged) -> Iterator[str]:
+    """Horizons at which nothing is compared."""
+    far = [str(h) for h in sorted(set(aheads)) if h not in row.errors]
+    if far:
+        yield f"no record is long enough to judge predictions {', '.join(far)} samples ahead"
 
 
 def _row(calibration: Calibration, row: Judged) -> dict[str, Any]:

@@ -78,7 +78,9 @@ _SET = {  # what a user may set of every step that a command makes
     ),
     "tuning": (
         Path,
-        typer.Option("--tuning", metavar="FILE", help="Tunings, as `hgogen tune` writes them; its first is taken."),
+        typer.Option(
+            "--tuning", metavar="FILE", help="Tunings, as `hgogen tune` writes them; of these the row to take is."
+        ),
     ),
 }
 

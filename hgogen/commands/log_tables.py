@@ -85,7 +85,7 @@ def tuned(
     )
     for row in rows:
         mark = "take" if row["name"] == best else ""
-        cells = [f"{row['held_out'][h][y]:.4g}" for h, y in ahead]
+        cells = [_cell(row["held_out"][h][y]) for h, y in ahead]
         errors.add_row(mark, row["name"], *cells, *(_cell(row["hidden"].get(x)) for x in hidden))
         if "error" in row:
             nis = ", ".join(f"{each:.2g}" for each in row["nis"].values())
@@ -157,4 +157,4 @@ def _without(refused: Mapping[str, str]) -> list[RenderableType]:
 
 
 def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+    return "" if value is None or math.isnan(value) else f"{value:.4g}"

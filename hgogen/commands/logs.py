@@ -1,8 +1,9 @@
 """Measured records on the command line: which columns are signals, and the rows held out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated
 
 import numpy as np
@@ -63,15 +64,18 @@ def logs_of(
     time: str | None,
     period: float | None,
     pairs: Sequence[str],
-    beside: dict[str, str] | None = None,
+    beside: Mapping[str, str] = MappingProxyType({}),
+    options: Mapping[str, str] = MappingProxyType({}),
 ) -> Logs:
     """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
-    other columns by name.
+    other columns by name, which `options` name.
 
     Raises: `BadRecord`.
     """
-    columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **(beside or {})}
-    records = tuple(read(path, columns, dt=dt, time=time, period=period, unit=plant.time) for path in data)
+    columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **beside}
+    records = tuple(
+        read(path, columns, dt=dt, time=time, period=period, unit=plant.time, options=options) for path in data
+    )
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
 
 

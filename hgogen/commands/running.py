@@ -49,6 +49,9 @@ Map = Annotated[
 ]
 
 
+ROUNDING = 1e-12  # of a time over a period
+
+
 @command()
 def run_(
     model: ModelArgument,
@@ -151,7 +154,7 @@ def _shown(step: CallableStep, y: np.ndarray) -> dict[str, float]:
 
 def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
     """The first sample whose errors count. Raises: `typer.BadParameter`."""
-    first = math.ceil(burn_in / step.dt)
+    first = math.ceil(burn_in / step.dt * (1 - ROUNDING))
     if first > samples - 2:
         reason = f"{burn_in:g} {step.time} leaves nothing of a record of {samples * step.dt:g} {step.time}"
         raise typer.BadParameter(reason, param_hint="--burn-in")

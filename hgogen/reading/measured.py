@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -155,8 +156,10 @@ def read(
     time: str | None = None,
     period: float | None = None,
     unit: str = "s",
+    options: Mapping[str, str] = MappingProxyType({}),
 ) -> Record:
-    """The log at `path` on the grid of `dt`, of its own period where None; `unit`: that of all times, the model's.
+    """The log at `path` on the grid of `dt`, of its own period where None; `unit`: that of all times, the model's;
+    `options`: what names the column of a name, where it is not "--map NAME=COLUMN".
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
     the column of times, or `period` is the time between rows.
@@ -182,9 +185,8 @@ def read(
     for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
             example = f", but cells such as {one.example!r}" if one.example else ""
-            raise BadRecord(
-                log.path, f"the column {one.name!r} holds no number for {name}{example}; say --map {name}=COLUMN"
-            )
+            fix = options.get(name, f"--map {name}=COLUMN")
+            raise BadRecord(log.path, f"the column {one.name!r} holds no number for {name}{example}; say {fix}")
     return record
 
 
