@@ -42,6 +42,8 @@ def test_an_empty_cell_is_told_from_one_that_is_no_number(log: Path) -> None:
     empty, word = column(table(log), "2*[Current(A)]"), column(table(log), "2*[a b]")
     assert (empty.empty, empty.not_numbers) == (1, 0)
     assert (word.empty, word.not_numbers, word.example) == (0, 1, "x")
+    both = column(table(log), "[Current(A)] + [a b]")  # one row has an empty cell, another the word
+    assert (both.empty, both.not_numbers, both.example) == (1, 1, "x")
 
 
 @pytest.mark.parametrize(
@@ -85,6 +87,11 @@ def test_the_estimate_starts_from_the_first_sample(tmp_path: Path) -> None:
     assert moved["initial"] == {"q": -1.0, "w": 2.0}
     rows = (tmp_path / "log_estimates.csv").read_text().splitlines()
     assert float(rows[1].split(",")[2]) < 0
+
+
+def test_the_estimate_starts_within_the_range_of_the_state(tmp_path: Path) -> None:
+    far = record(tmp_path, offset=400)  # the first sample is 1 rad and 400 degrees, the range of q ends at 4 rad
+    assert json.loads(hgogen("run", "pendulum", "--data", far, *RUN, "-o", str(tmp_path))[0])["initial"] == {"q": 4.0}
 
 
 def test_the_truth_and_the_burn_in(tmp_path: Path) -> None:

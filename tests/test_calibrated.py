@@ -1,0 +1,125 @@
+"""Parts of tuning and advising by themselves: two outputs, the refinement, the rows held out, and files."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import gamma
+
+import hgogen as hg
+from hgogen.calibration.adaptive import FILTER, adaptive
+from hgogen.calibration.advise import advise
+from hgogen.calibration.grid import Search, thetas
+from hgogen.calibration.judged import Judged
+from hgogen.calibration.likelihood import Likelihood, Noise
+from hgogen.calibration.tuned import Tuned
+from hgogen.calibration.verdicts import verdicts
+from hgogen.modelfiles.json_file import BadFile
+from hgogen.modelfiles.tunings import read
+from hgogen.starting import scale, two
+
+DT = 0.1
+X, V, W = (hg.Signal(name, low=-5, high=5) for name in "xvw")
+Y, Z = hg.Signal("y"), hg.Signal("z")
+PAIR = hg.System("pair", states=(X, W), outputs=(Y, Z), flow=[W / 2 - X, X / 3 - W], output=[X, W])
+CHAINS = hg.System("chains", states=(X, V, W), outputs=(Y, Z), flow=[V, -X, X - W], output=[X, W])
+SPRING = hg.System("spring", states=(X, V), outputs=(Y,), flow=[V, -X], output=[X])
+
+
+def test_the_likelihood_of_two_outputs_is_that_of_both_at_once() -> None:
+    """Sum of e_j^2/s_j + log s_j over the outputs one after the other = r' S^-1 r + log det S of both, to rounding."""
+    form = hg.forms.block_triangular(PAIR)
+    numbers = scale(form, DT, {})
+    y = np.random.default_rng(0).normal(size=(30, 2))
+    record = hg.Log(np.zeros((30, 0)), y, DT)
+    q, sigma = dict.fromkeys(form.names, 0.3), {"y": 0.4, "z": 0.7}
+    e, s = Likelihood(form, (record,), numbers, "hold", 1).innovations(Noise(q, sigma, 0.0, True), record)
+    A, eye = DT * np.array([[-1, 1 / 2], [1 / 3, -1]]), np.eye(2)
+    Phi = eye + A @ (eye + A / 2 @ (eye + A / 3 @ (eye + A / 4)))  # what classical Runge-Kutta is of a linear plant
+    x, P, R = y[0], np.diag([unit**2 / 4 for unit in numbers.states.values()]), np.diag([0.4**2, 0.7**2])
+    expected = []
+    for sample in y[1:]:
+        x, P = Phi @ x, Phi @ P @ Phi.T + 0.3 * DT * eye
+        S, r = P + R, sample - x
+        expected.append(r @ np.linalg.solve(S, r) + np.log(np.linalg.det(S)))
+        gain = P @ np.linalg.inv(S)
+        x, P = x + gain @ r, P - gain @ P
+    assert (e**2 / s + np.log(s)).sum(axis=1) == pytest.approx(np.array(expected), abs=1e-9)
+
+
+def test_the_search_is_refined_next_to_the_best() -> None:
+    """Half way, in the logarithm, from the best theta of the grid to its two neighbours."""
+    form = hg.forms.triangular(SPRING)
+    base = scale(form, 1e-3, {})
+    grid = thetas(base.theta, 1e-3)
+    best = len(grid) // 2
+    task: Any = SimpleNamespace(
+        dt=1e-3,
+        noises={},
+        sampling={},
+        each=lambda name: None,
+        step=lambda name, form, gains: gains["theta"],
+        judge=SimpleNamespace(errors=lambda theta: np.full(3, np.log(theta / grid[best]) ** 2)),
+    )
+    row: Any = SimpleNamespace(form=form)
+    tuned = Search(task, "high_gain", row, base).search()
+    assert tuned is not None
+    tried = [numbers.theta for numbers, _ in tuned.tried]
+    assert tried == [*grid, *(two((grid[best] * grid[k]) ** 0.5) for k in (best - 1, best + 1))]
+
+
+def tuned(**over: Any) -> Tuned:
+    """A filter with theta = 1 whose errors by segment are 4 and 5."""
+    row: Any = SimpleNamespace(form="form")
+    first = SimpleNamespace(row=row, starting=SimpleNamespace(gains={}), step="plain")
+    numbers = SimpleNamespace(n=2, theta=1.0)
+    values: dict[str, Any] = {"noise": None, "likelihood": None, "errors": np.array([4.0, 5.0]), **over}
+    return Tuned(name=FILTER, first=first, numbers=numbers, sampling={}, tried=(), **values)
+
+
+def test_an_adaptive_theta_adds_the_errors_that_it_makes() -> None:
+    """By segment, to those cross-validated of the filter: what it makes more than the filter does."""
+    traces = SimpleNamespace(traces={"innovation": np.ones(20)})
+    step = SimpleNamespace(reset=lambda: None, run=lambda **record: traces)
+    task: Any = SimpleNamespace(
+        dt=DT,
+        records=(SimpleNamespace(u=None, y=None),),
+        each=lambda name: None,
+        step=lambda name, form, gains: step,
+        judge=SimpleNamespace(engine="python", errors=lambda each: np.array([1, 3] if each == "plain" else [2.0, 2.5])),
+    )
+    made = adaptive(task, tuned())
+    assert isinstance(made, Tuned)
+    assert made.errors.tolist() == [5.0, 4.5]
+
+
+def test_the_innovations_of_the_rows_held_out_are_all_counted() -> None:
+    """The first innovation is that of row 1: of 10 rows held out from row 4, those of rows 4 to 9."""
+    rows = np.arange(1.0, 10.0)[:, None]
+    likelihood = SimpleNamespace(innovations=lambda noise, record: (rows, np.full_like(rows, 2.0)))
+    one = tuned(noise=Noise({}, {"y": 1.0}, 0.0, True), likelihood=likelihood)
+    record: Any = None
+    assert one.nis([(record, 4)])["y"] == pytest.approx(np.mean(rows[3:] ** 2) / 2)
+    assert one.nis([(record, 0)])["y"] == pytest.approx(np.mean(rows**2) / 2)
+
+
+@pytest.mark.parametrize(("nis", "said"), [(0.49, "less"), (0.51, ""), (1.99, ""), (2.01, "more")])
+def test_variances_are_doubted_on_both_sides(nis: float, said: str) -> None:
+    best: Any = SimpleNamespace(name="riccati", error=0.5, rank=(1, False, 9), noise=None, tried=(), numbers=None)
+    made: Any = SimpleNamespace(best=best, rows=(best,), tied=(best,), ahead=1)
+    doubts = verdicts(made, [Judged("riccati", {}, {}, {"y": nis})])[1:]
+    assert [f"they scatter {said} there" in doubt for doubt in doubts] == [True] * bool(said)
+
+
+def test_a_wanted_time_is_that_of_the_longest_chain() -> None:
+    (row,), _ = advise(CHAINS, dt=1e-3, settling=0.5, observers=["high_gain"])
+    assert row.first.step.observer.form.blocks == (2, 1)
+    assert row.theta == two(gamma.isf(0.01, 2) / 0.5)
+
+
+def test_a_tuning_that_is_no_table_is_refused_beside_one_that_is(tmp_path: Path) -> None:
+    (tmp_path / "tuned.json").write_text('{"tuning": {"a": {}, "b": 1}}')
+    with pytest.raises(BadFile, match='has no table "tuning" of tables'):
+        read(tmp_path / "tuned.json")
