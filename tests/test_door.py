@@ -11,7 +11,7 @@ import hgogen as hg
 from hgogen.check import Verdict
 from hgogen.errors import HgogenError
 from hgogen.guarantees import certified
-from hgogen.reading.door import Misfit
+from hgogen.reading.door import Misfit, remembers
 
 x1, x2, y = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1), hg.Signal("y")
 PLANT = hg.System("plant", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[x1])
@@ -93,3 +93,21 @@ def test_what_overflows_keeps_its_lower_end() -> None:
 def test_a_least_value_of_zero_is_zero(text: str) -> None:
     """Not the float below it."""
     assert hg.bound(text, BOX).low == 0
+
+
+def test_a_question_is_asked_once_of_equal_plants_and_options() -> None:
+    """Another range is another plant, and what cannot be compared is asked anew."""
+    asked = []
+
+    @remembers
+    def question(plant: hg.System, order: object = ()) -> int:
+        asked.append((plant, order))
+        return len(asked)
+
+    def one(low: float) -> hg.System:
+        x = hg.Signal("x", low=low, high=1)
+        return hg.System("one", states=(x,), outputs=(hg.Signal("y"),), flow=[-x], output=[x])
+
+    assert [question(one(-1)), question(one(-1)), question(one(-2))] == [1, 1, 2]
+    assert [question(one(-1), order=(1,)), question(one(-1), order=(1,)), question(one(-1), order=(2,))] == [3, 3, 4]
+    assert [question(one(-1), order=[1]), question(one(-1), order=[1])] == [5, 6]

@@ -223,7 +223,7 @@ def test_a_pole_of_the_writing_alone_refutes_nothing(monkeypatch: pytest.MonkeyP
     quotient = sp.Mul(x1 + x2, sp.Pow(x1 + x2, -1, evaluate=False), evaluate=False)
     module = importlib.import_module("hgogen.forms.phase")
     monkeypatch.setattr(module, "determinant", lambda rows: Determinant(quotient, ()))
-    rank = checks(hg.forms.phase(plant("chain", x, [x2, -x1], x1)))["rank"]
+    rank = checks(hg.forms.phase(plant("as_a_quotient", x, [x2, -x1], x1)))["rank"]
     assert rank.verdict is Verdict.UNKNOWN
     assert "as it is written it is 0/0 there" in rank.reason
 

@@ -20,7 +20,7 @@ from hgogen.algebra.rank import observability as ranks
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, ClaimId, Verdict
-from hgogen.reading.door import asks_a_plant
+from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.system import System
 
 
@@ -139,6 +139,7 @@ class Observability:
 
 
 @asks_a_plant
+@remembers
 def observability(plant: System) -> Observability:
     """The generic observability of a plant, whose parameters without a range stand at their nominal values.
 

@@ -29,7 +29,7 @@ from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.singular import minimal, singular
-from hgogen.reading.door import asks_a_plant
+from hgogen.reading.door import asks_a_plant, remembers
 from hgogen.system import System
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
@@ -135,6 +135,7 @@ class Singularity:
 
 
 @asks_a_plant
+@remembers
 def singularity(plant: System, limit: int = LIMIT) -> Singularity:
     """The plant's singular set with the derivatives of its inputs, and the next jets on it.
 

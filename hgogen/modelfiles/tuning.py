@@ -27,7 +27,6 @@ In Python `form` may be a function of the plant, and every value may be what the
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -48,7 +47,6 @@ from hgogen.system import System
 _OPTIONS = ("between", "periods")  # what `sample` takes beside method and dt
 _SAMPLING = ("method", "dt", *_OPTIONS)
 _PLACED = ("kind", "form", "member", *_SAMPLING)  # the other keys are the observer's arguments
-_FORMS = 16  # are remembered
 Start = Callable[[Form], Mapping[str, float]]
 _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
 
@@ -166,7 +164,7 @@ class Tuning:
         make = self._case(where, forms, kind)
         if callable(make):
             self._arguments(where, make, options)
-        return self._refusals(where, lambda: _formed(make, self.plant, options))
+        return self._refusals(where, lambda: make(self.plant, **options))
 
     def _case(self, where: str, folder: Any, name: Any) -> Any:
         """A case of a plural folder by name; what is no text stands for itself."""
@@ -198,18 +196,3 @@ class Tuning:
         if getattr(refused, "kind", "") == form.kind or not form.structured:
             return ""
         return "The plant is state-affine, which is proved: kalman_like takes its form state_affine."
-
-
-def _formed(make: Callable[..., Any], plant: System, options: Mapping[str, Any]) -> Any:
-    """The form, made once for all the tunings that ask for it, where its arguments can be compared."""
-    pairs = tuple(options.items())
-    try:
-        hash((make, pairs))
-    except TypeError:
-        return make(plant, **options)
-    return _once(make, plant, pairs)
-
-
-@lru_cache(maxsize=_FORMS)
-def _once(make: Callable[..., Any], plant: System, options: tuple[tuple[str, Any], ...]) -> Any:
-    return make(plant, **dict(options))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import lru_cache, wraps
 from typing import Any, TypeVar, cast
 
 import sympy as sp
@@ -12,6 +12,7 @@ from hgogen.reading.filename import shown
 from hgogen.system import System
 
 Asked = TypeVar("Asked", bound=Callable[..., Any])
+_ANSWERS = 16  # of each question are remembered
 
 
 @dataclass(eq=False)
@@ -36,6 +37,26 @@ def asks_a_plant(question: Asked) -> Asked:
         return question(plant, *args, **options)
 
     return cast(Asked, guarded)
+
+
+def remembers(question: Asked) -> Asked:
+    """The function of a plant with its last answers, which do not change: a survey, the observers that are tried and
+    each command ask the same of one plant. What cannot be compared is asked anew."""
+
+    @lru_cache(maxsize=_ANSWERS)
+    def once(plant: System, args: tuple[Any, ...], options: tuple[tuple[str, Any], ...]) -> Any:
+        return question(plant, *args, **dict(options))
+
+    @wraps(question)
+    def remembered(plant: System, *args: Any, **options: Any) -> Any:
+        pairs = tuple(options.items())
+        try:
+            hash((args, pairs))
+        except TypeError:
+            return question(plant, *args, **options)
+        return once(plant, args, pairs)
+
+    return cast(Asked, remembered)
 
 
 def scalar(value: Any, what: str) -> sp.Expr:
