@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +82,14 @@ def claimed(form: hg.Form) -> list[Check]:
 
 
 def of_model(path: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(text_of_model(path))
+    return content
+
+
+@cache
+def text_of_model(path: Path) -> str:
     claims = jobs.checked(load(path))
-    return certificate(claims.form, claims.checks, claims.observer)
+    return json.dumps(certificate(claims.form, claims.checks, claims.observer))
 
 
 # --- what is written is verified ------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -52,18 +53,23 @@ def log(
     seed: int | None = None, sigma: float = 0.01, start: tuple[float, float] = (1.0, 0.0), count: int = N
 ) -> hg.Log:
     """What the spring does with the true values, by SciPy, with white noise unless there is no seed."""
-    t = DT * np.arange(count)
+    y = moved(start, count)
+    u = drive(DT * np.arange(count))
+    return hg.Log(u, y.copy() if seed is None else y + sigma * np.random.default_rng(seed).normal(size=count), DT)
+
+
+@cache
+def moved(start: tuple[float, float], count: int) -> np.ndarray:
     k, c, g = TRUE.values()
     at, states = np.array(start), []
-    for each in t:
+    for each in DT * np.arange(count):
         states.append(at)
         u = drive(each)
         done = solve_ivp(
             lambda _, z, u=u: [z[1], -k * z[0] - c * z[1] - z[0] ** 3 + g * u], (0, DT), at, rtol=1e-10, atol=1e-12
         )
         at = done.y[:, -1]
-    y = np.array(states)[:, 0]
-    return hg.Log(drive(t), y if seed is None else y + sigma * np.random.default_rng(seed).normal(size=count), DT)
+    return np.array(states)[:, 0]
 
 
 def test_without_noise_the_values_are_found() -> None:

@@ -2,12 +2,14 @@
 
 import itertools
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hgogen as hg
+from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.emit.syntax import Real
 from hgogen.model import Model, load
@@ -18,6 +20,19 @@ needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C comp
 MODELS = [load(path) for path in FILES]
 every = pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 each = pytest.mark.parametrize("model", [model for model in MODELS if model.has("step")], ids=lambda model: model.name)
+
+
+@cache
+def built(name: str) -> CallableStep:
+    (model,) = (model for model in MODELS if model.name == name)
+    return model.step()
+
+
+def fresh(model: Model) -> CallableStep:
+    """The model's own step, which is built once, as new."""
+    step = built(model.name)
+    step.reset()
+    return step
 
 
 def test_there_are_models() -> None:
@@ -36,7 +51,7 @@ def test_the_file_is_named_after_its_plant_and_says_what_it_is(model: Model) -> 
 
 @each
 def test_every_claim_about_its_form_has_a_verdict(model: Model) -> None:
-    observer = model.step().observer
+    observer = fresh(model).observer
     assert len({check.id for check in observer.checks}) == len(observer.checks) > 2
     refuted = {check.id for check in observer.checks if check.verdict is hg.Verdict.REFUTED}
     assert refuted <= set(observer.accepted)
@@ -46,14 +61,14 @@ def test_every_claim_about_its_form_has_a_verdict(model: Model) -> None:
 def test_its_tuning_is_what_its_step_uses(model: Model) -> None:
     """`tuning` maps an observer's name, or one with `kind`, to its gains; the step is built from one of them."""
     kinds = {table.get("kind", name) for name, table in model.tuning.tables.items()}
-    assert model.step().observer.name in kinds
+    assert fresh(model).observer.name in kinds
     assert kinds <= set(hg.observers.__all__)
 
 
 @each
 def test_a_record_over_its_ranges_stays_finite(model: Model) -> None:
     """The inputs and outputs swing over half their ranges, at the model's own sampling period."""
-    step = model.step()
+    step = fresh(model)
     k = np.arange(300)[:, None]
 
     def swing(signals: tuple[hg.Signal, ...], pace: float) -> np.ndarray:
@@ -70,7 +85,7 @@ def test_a_record_over_its_ranges_stays_finite(model: Model) -> None:
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_its_c_compiles_clean_and_checks_itself(model: Model, real: Real) -> None:
     """Every warning is an error; the recorded vectors come out bit for bit."""
-    files = hg.targets.c99(model.step(), real=real)
+    files = hg.targets.c99(fresh(model), real=real)
     printed = native.run_check(files, ("-O2", f"-D{model.name.upper()}_EXACT"))
     assert printed == f"{model.name}: 64 samples as recorded\n"
 
@@ -80,7 +95,7 @@ def test_its_trial_stays_finite(model: Model) -> None:
     """At most 4000 samples of the first trial, one seed; in the second half the error is less than the box is wide."""
     if not model.has("trial"):
         pytest.skip("has no trial")
-    step = model.step()
+    step = fresh(model)
     trial = model.trials()[0]
     duration = min(trial.duration, 4000 * step.dt)
     jumps = tuple(jump for jump in trial.jumps if jump.time < duration)

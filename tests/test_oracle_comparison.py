@@ -58,10 +58,18 @@ class Variant:
     missing: float = 0.0
 
     def step(self) -> Any:
-        return neuron.step(self.theta, between=self.between)
+        """As new; built once for both engines."""
+        step = built(self)
+        step.reset()
+        return step
 
     def oracle(self) -> ekf.Observer:
         return replace(fn.observer(self.law, self.innovation), between=self.between)
+
+
+@cache
+def built(variant: Variant) -> Any:
+    return neuron.step(variant.theta, between=variant.between)
 
 
 LOGISTIC = replace(fn.adaptive(), mu=ekf.logistic(0.16, 500.0))

@@ -2,8 +2,9 @@
 
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from types import CodeType, FrameType
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -16,9 +17,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "hgogen"
 
 
-def folder(code: CodeType) -> str:
-    """The folder of the package in which a function stands, "" for one at its root or of a library."""
-    path = Path(code.co_filename)
+@cache
+def folder(file: str) -> str:
+    """The folder of the package in which a file stands, "" for one at its root or of a library."""
+    path = Path(file)
     inner = path.relative_to(PACKAGE).parts if path.is_relative_to(PACKAGE) else ()
     return inner[0] if len(inner) > 1 else ""
 
@@ -28,9 +30,9 @@ def calls(function: Callable[[], Any]) -> set[tuple[str, str]]:
     pairs: set[tuple[str, str]] = set()
 
     def called(frame: FrameType, event: str, _: Any) -> None:
-        callee, caller = folder(frame.f_code), frame.f_back
+        callee, caller = folder(frame.f_code.co_filename), frame.f_back
         while event == "call" and callee and caller is not None:
-            if above := folder(caller.f_code):
+            if above := folder(caller.f_code.co_filename):
                 pairs.add((above, callee))
                 return
             caller = caller.f_back
