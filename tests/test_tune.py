@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,12 +22,14 @@ from hgogen.calibration.score import Judge, as_good, chosen
 from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Tuned
 from hgogen.calibration.verdicts import verdicts
+from hgogen.commands.calibrating import _beside, _own_forms
 from hgogen.errors import BadArgument
 from hgogen.identification.records import BadLog
 from hgogen.model import load
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.setting import Setting
 from hgogen.modelfiles.tunings import read
+from hgogen.reading.text_model import BadModelFile
 from hgogen.starting import scale
 from hgogen.theorem import Convergence
 
@@ -526,3 +529,41 @@ def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "tuned.json").write_text(text)
     with pytest.raises(BadFile, match=reason):
         read(tmp_path / "tuned.json")
+
+
+# --- the forms of a model's own tunings
+
+
+def test_a_form_may_be_that_of_another_tuning() -> None:
+    """As a file of tunings says it where the model makes its form by a function."""
+    tanks = load("cascaded_tanks")
+    tables = {
+        "mine": {"kind": "riccati", "form": {"kind": "triangular", "of": "hamilton_jacobi"}, "Q": {"x2": 1, "w": 1}}
+    }
+    tuning = replace(tanks, tables=tables).tuning
+    assert tuning.form("mine") == tuning.form("riccati")
+    assert tuning.form("mine").names == ("x2", "w")
+
+
+@pytest.mark.parametrize("of", ["nothing", "mine", "yours"])
+def test_a_form_of_no_tuning_is_refused(of: str) -> None:
+    tables = {"mine": {"form": {"of": of}}, "yours": {"form": {"of": "mine"}}}
+    with pytest.raises(
+        BadModelFile, match=r"tuning\.mine\.form\.of: names '(nothing|mine)', no tuning that has a form"
+    ):
+        replace(load("pendulum"), tables=tables).tuning.form("mine")
+
+
+def test_forms_of_functions_are_asked_once_each() -> None:
+    (row,) = _own_forms(load("cascaded_tanks"))
+    assert (row.kind, row.options) == ("triangular", {"of": "riccati"})
+    assert row.form is not None
+    assert row.form.names == ("x2", "w")
+    assert list(_own_forms(load("pendulum"))) == []
+
+
+def test_a_name_that_the_model_has_is_not_taken() -> None:
+    calibration = _beside(load("pendulum"), TUNED)
+    assert {row.name for row in calibration.rows} == {"riccati_tuned", "high_gain_tuned", "adaptive"}
+    assert calibration["riccati_tuned"].table["kind"] == "riccati"
+    assert calibration["adaptive"].table == TUNED["adaptive"].table

@@ -11,6 +11,7 @@ from hgogen.calibration.tune import tune
 from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calibration.verdicts import ALL, HELD_OUT, verdicts
 from hgogen.call import CallableStep
+from hgogen.check import worst
 from hgogen.commands import log_tables, tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import Bar, Json, ModelArgument, Out, command, engine_here, folder_of, json_text, show
@@ -20,8 +21,9 @@ from hgogen.commands.running import Map, Period, Time
 from hgogen.emit.cost import cost
 from hgogen.errors import HgogenError
 from hgogen.model import Model, load
+from hgogen.modelfiles.first import everywhere
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
-from hgogen.which_forms import of
+from hgogen.which_forms import Row, of
 
 Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
 
@@ -81,10 +83,10 @@ def tune_(
             segments=segments,
             method=setting.method or "continuous_discrete",
             real=setting.real or "double",
-            rows=None if setting.form is None else (of(setting.form, plant),),
-            deep=deep,
+            rows=(of(setting.form, plant),) if setting.form else (*_own_forms(loaded), *everywhere(plant, deep=deep)),
             each=lambda _: bar.tick(),
         )
+    calibration = _beside(loaded, calibration)
     measured = logs.columns(list(beside))
     held = [
         Held(log, cut if held_out else 0, {state: columns[name] for state, (name, _) in true.items()})
@@ -113,6 +115,25 @@ def tune_(
         log_tables.tuned(each, calibration.best.name, notes, calibration.refused, bool(held_out)),
     )
     show(as_json, report, *shown, tables.files(paths))
+
+
+def _beside(model: Model, calibration: Calibration) -> Calibration:
+    """With names that the model's own tunings do not have."""
+    own = replace(model, tables={}).tuning.tables
+    named = (replace(row, name=f"{row.name}_tuned" if row.name in own else row.name) for row in calibration.rows)
+    return replace(calibration, rows=tuple(named))
+
+
+def _own_forms(model: Model) -> Iterator[Row]:
+    """The forms that the model's own tunings make by a function of theirs, which no survey of the plant knows."""
+    seen: list[Any] = []
+    for name, table in model.tuning.tables.items():
+        make = table.get("form") if isinstance(table, Mapping) else None
+        if callable(make) and make not in seen:
+            seen.append(make)
+            form = model.tuning.form(name)
+            verdict = worst(form.checks).verdict
+            yield Row(form.kind, verdict, (), f"as the tuning {name}", form=form, options={"of": name})
 
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:

@@ -5,7 +5,8 @@
     [tuning.high_gain]                # plain text; a complex pole is [re, im]
     theta = 20
     poles = [[-1, 0.5], [-1, -0.5]]   # of a form with a chain for each of several outputs, a list for each chain
-    form = "triangular"               # one of hg.forms, or {kind = "original", order = ["x2", "x1"]} with its arguments
+    form = "triangular"               # one of hg.forms, or {kind = "original", order = ["x2", "x1"]} with arguments, or
+                                      # {of = "filter"}, the form of another tuning
     method = "rk4"                    # one of hg.methods
     dt = 1e-3                         # s; by default that of the model's own step
     between = "line"                  # or "hold"
@@ -97,7 +98,7 @@ class Tuning:
         elif "member" in table:
             raise BadModelFile(self.file, f"{where}.member", f"{make.__name__} is no observer around another one")
         else:
-            base = self._form(f"{where}.form", self.setting.form or table.get("form", "triangular"))
+            base = self.form(name)
             if start is not None and isinstance(base, Form):
                 gains = {key: value for key, value in gains.items() if key not in STARTS}
                 gains |= {"initial": start(base)}
@@ -105,6 +106,17 @@ class Tuning:
             gains = {**gains, "poles": poles(gains["poles"], len(getattr(base, "blocks", ())))}
         observer: Observer = self._refusals(where, lambda: make(base, **gains))
         return observer
+
+    def form(self, name: str) -> Any:
+        """The form of a tuning that is around no other. Raises: as `step`."""
+        entry, where = self.setting.form or self.table(name).get("form", "triangular"), f"{self.where(name)}.form"
+        passed = [name]
+        while isinstance(entry, Mapping) and "of" in entry:
+            passed.append(str(entry["of"]))
+            if passed[-1] not in self.tables or passed[-1] in passed[:-1]:
+                raise BadModelFile(self.file, f"{where}.of", f"names {passed[-1]!r:.60}, no tuning that has a form")
+            entry = self.table(passed[-1]).get("form", "triangular")
+        return self._form(where, entry)
 
     def period(self, name: str) -> float:
         """The dt (s) of a tuning. Raises: `BadModelFile` where it has none."""
