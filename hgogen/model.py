@@ -157,7 +157,7 @@ class Model:
     def tuning(self) -> Tuning:
         """The observers that the file defines, by name; empty where it defines no `tuning`. Raises: `MissingPart`."""
         default = "" if self.default in self.tables else self.default  # what a user gives is no table `observer`
-        return Tuning(self.path, self.plant, self._tables, default, self.setting)
+        return Tuning(self.path, self.plant, self._tables, default, self.setting, lambda name: name not in self.tables)
 
     @property
     def _tables(self) -> Mapping[str, Any]:

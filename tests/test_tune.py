@@ -291,6 +291,14 @@ def test_a_tuning_takes_the_place_of_the_table_observer(tmp_path: Path) -> None:
     assert load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json")).step().dt == DT
 
 
+def test_a_tuning_of_another_model_is_refused_by_its_file(tmp_path: Path) -> None:
+    (tmp_path / "spring.toml").write_text(MODEL)
+    (tmp_path / "tuned.json").write_text('{"tuning": {"riccati": {"Q": {"h": 1}, "R": 1, "dt": 1}}, "take": "riccati"}')
+    words = ("check", str(tmp_path / "spring.toml"), "--tuning", str(tmp_path / "tuned.json"))
+    said = hgogen(*words, status=2)[1].replace("\n", "")
+    assert f"{tmp_path / 'spring.toml'}, {tmp_path / 'tuned.json'}, tuning.riccati: " in said
+
+
 MODEL = """
 name = "spring"
 [states]

@@ -55,16 +55,20 @@ _TYPES = {"kind": TEXT, "dt": NUMBER, "between": TEXT}
 @dataclass(frozen=True)
 class Tuning:
     """The tunings of a plant by name; `default` is the name of the one that stands in the table `observer`; `setting`:
-    what holds in the place of what the tables say."""
+    what holds in the place of what the tables say; `own`: whether a table stands in `file`, and not in the file of
+    tunings that is set."""
 
     file: str
     plant: System
     tables: Mapping[str, Mapping[str, Any]]
     default: str = ""
     setting: Setting = AS_WRITTEN
+    own: Callable[[str], bool] = lambda name: True
 
     def where(self, name: str) -> str:
         """The path of keys to a table in its file."""
+        if not self.own(name):
+            return f"{self.setting.tuning}, tuning.{name}"
         return "observer" if name == self.default else f"tuning.{name}"
 
     def step(
