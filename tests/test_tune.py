@@ -168,6 +168,19 @@ def test_as_good_is_within_a_standard_error() -> None:
     assert not as_good(best * 1.0021, best)  # 2e-3 of it is none; the standard error of this difference is a quarter
 
 
+def test_a_short_record_weighs_as_it_is_long() -> None:
+    """380 rows and 20 have 19 segments and one, and one scale: what moves little in a short one is no great error."""
+    long, short = log(3, 380)[0], log(4, 20)[0]
+    slow = hg.Log(0 * np.array(short.u), 1e-3 * np.array(short.y), DT)
+    judge = Judge((demanded(long), demanded(slow)), 1, 10, "python")
+    step = hg.sample(hg.observers.high_gain(FORM, theta=4, poles=(-1, -1)), dt=DT)
+    errors = judge.errors(step)
+    assert len(errors) == 20
+    alone = Judge((demanded(long),), 1, 19, "python").errors(step)
+    assert errors[:19] == pytest.approx(alone, rel=0.06)  # the scale is of 400 rows, 20 of which hardly move
+    assert errors[19] < 0.1
+
+
 def test_copying_has_the_error_1() -> None:
     """A plant that stands still predicts what it estimates, which with so high a gain is the last value."""
     still = hg.System("still", states=(X,), outputs=(Y,), flow=[0 * X], output=[X])

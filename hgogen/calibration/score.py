@@ -1,6 +1,6 @@
 """How well a step predicts records, segment by segment.
 
-    c_j^2 = mean of (y_j(k+h) - y_j(k))^2,   E_s = mean over outputs j of mean over segment s of (e_j(k+h|k)/c_j)^2
+    c_j^2 = mean over all records of (y_j(k+h) - y_j(k))^2,   E_s = mean over outputs j of mean over segment s of (e_j(k+h|k)/c_j)^2
 
 so that copying the last value has 1. An output that stands still in a record has no c_j and does not count there, nor
 does a segment in which nothing can be compared. A gain is chosen on the segments but one, and judged by that one; what
@@ -27,7 +27,8 @@ BEGIN = 0.05  # of a record, in which an estimate may find its way
 
 @dataclass(frozen=True)
 class Judge:
-    """What steps are judged by: `records`, `ahead` samples, in so many `segments`, run by `engine`."""
+    """What steps are judged by: `records`, `ahead` samples, in so many `segments` a record of mean length, run by
+    `engine`."""
 
     records: Sequence[Log]
     ahead: int
@@ -57,17 +58,20 @@ class Judge:
 
     @cached_property
     def _scales(self) -> list[Array]:
-        """c_j^2 (p) of each record, NaN of an output that stands still or is never compared."""
-        means = [np.array([_mean(column) for column in squares.T]) for squares in self._moves]
-        return [np.where(mean > 0, mean, np.nan) for mean in means]
+        """c_j^2 (p) of all records, for each record NaN of an output that stands still there or is never compared."""
+        whole = np.array([_mean(column) for column in np.concatenate(self._moves).T])
+        moving = [np.array([_mean(column) > 0 for column in squares.T]) for squares in self._moves]
+        return [np.where(moves, whole, np.nan) for moves in moving]
 
     @cached_property
     def _parts(self) -> list[list[Array]]:
-        """Of each record the samples of its segments, of those in which something can be compared."""
-        every = []
+        """Of each record the samples of its segments, of those in which something can be compared; a record has as
+        many as its length is of the mean one's, and one at least."""
+        every, mean = [], sum(map(len, self._moves)) / len(self._moves)
         for squares, scale in zip(self._moves, self._scales, strict=True):
             there = np.isfinite(squares / scale).any(axis=1)
-            parts = np.array_split(np.arange(round(BEGIN * len(squares)), len(squares)), self.segments)
+            count = max(1, round(self.segments * len(squares) / mean))
+            parts = np.array_split(np.arange(round(BEGIN * len(squares)), len(squares)), count)
             every.append([part for part in parts if there[part].any()])
         return every
 
