@@ -1,6 +1,7 @@
 """How well a step predicts records, segment by segment.
 
-    c_j^2 = mean over all records of (y_j(k+h) - y_j(k))^2,   E_s = mean over outputs j of mean over segment s of (e_j(k+h|k)/c_j)^2
+    c_j^2 = mean over all records of (y_j(k+h) - y_j(k))^2
+    E_s = mean over outputs j of the mean over segment s of (e_j(k+h|k)/c_j)^2
 
 so that copying the last value has 1. An output that stands still in a record has no c_j and does not count there, nor
 does a segment in which nothing can be compared. A gain is chosen on the segments but one, and judged by that one; what
