@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from test_cli import hgogen
 
 import hgogen as hg
-from hgogen.calibration.judged import DIFFERENCING, Held, Judged, judged
+from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
 from hgogen.calibration.likelihood import Likelihood, Noise
 from hgogen.calibration.score import Judge, as_good, chosen
 from hgogen.calibration.tune import CannotTune
@@ -383,6 +383,29 @@ def test_the_truth_judges_the_rows_held_out_alone() -> None:
     assert rows["riccati"].hidden["v"] == pytest.approx(np.sqrt(np.mean((v - states[:, 1])[400:] ** 2)))
     assert rows["riccati"].nis["y"] == pytest.approx(1, abs=5 * np.sqrt(2 / 200))
     assert rows["high_gain"].nis == {}
+
+
+def test_colour_is_counted_by_correlations() -> None:
+    """Of white noise 20 erfc(sqrt 2) = .91 in the mean, over 200 records within 4 of its standard error; of a moving
+    average of two the first alone, r = .5; of a slow sine all."""
+    draw = np.random.default_rng(0)
+    counts = [coloured(draw.normal(size=2000)) for _ in range(200)]
+    assert np.mean(counts) == pytest.approx(0.91, abs=4 * np.std(counts) / np.sqrt(200))
+    e = draw.normal(size=20001)
+    assert 1 <= coloured(e[1:] + e[:-1]) <= 4
+    assert coloured(np.sin(np.arange(2000) / 100)) == 20
+    assert coloured(np.zeros(100)) == 0
+
+
+def test_a_tone_that_the_model_lacks_is_said() -> None:
+    """Of 9 rad/s beside the plant's 2; without it the innovations are white."""
+    record, _ = log(9, 1500)
+    y = np.array(record.y)
+    for tone, white in ((0.0, True), (0.1, False)):
+        heard = hg.Log(record.u, y + tone * np.sin(9 * DT * np.arange(len(y))), DT)
+        made = hg.tune(PLANT, heard, observers=["riccati"])
+        said = verdicts(made, judged(PLANT, made, {}, [Held(demanded(heard), 500, {})], (1,), "python"))
+        assert any("innovations of y are not white" in one for one in said) is not white
 
 
 def row(name: str, error: float, **over: Any) -> Any:

@@ -7,7 +7,7 @@ beside two ways without a model: copying the last value, and going on along the 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from hgogen.system import System
 from hgogen.trials.prediction import forecasts
 
 Array = np.ndarray
+LAGS = 20
 COPYING, DIFFERENCING = "copying", "differencing"
 
 
@@ -34,13 +35,15 @@ class Held:
 
 @dataclass(frozen=True)
 class Judged:
-    """Of one row: `errors` (RMS) of predictions by samples ahead and output, `hidden` (RMS) by state, `nis` by output;
+    """Of one row: `errors` (RMS) of predictions by samples ahead and output, `hidden` (RMS) by state, `nis` by output,
+    `coloured` by output: how many of the first `LAGS` correlations of the innovations are not those of white noise;
     empty where there are none."""
 
     name: str
     errors: Mapping[int, Mapping[str, float]]
     hidden: Mapping[str, float]
     nis: Mapping[str, float]
+    coloured: Mapping[str, int] = field(default_factory=dict)
 
 
 def judged(
@@ -55,9 +58,27 @@ def judged(
     horizons = tuple(sorted(set(ahead)))
     records = [replace(held, log=readable(plant, held.log, k)) for k, held in enumerate(records, 1)]
     steps = {row.name: row.first.step for row in calibration.rows} | dict(others)
-    nis = {row.name: row.nis([(held.log, held.cut) for held in records]) for row in calibration.rows}
-    rows = [Judged(name, *_of_step(step, records, horizons, engine), nis.get(name, {})) for name, step in steps.items()]
+    rows_held = [(held.log, held.cut) for held in records]
+    innovations = {row.name: row.innovations(rows_held) for row in calibration.rows}
+    rows = [
+        Judged(
+            name,
+            *_of_step(step, records, horizons, engine),
+            {y: float(np.mean(e**2)) for y, e in innovations.get(name, {}).items()},
+            {y: coloured(e) for y, e in innovations.get(name, {}).items()},
+        )
+        for name, step in steps.items()
+    ]
     return (*rows, *_without_a_model(plant, records, horizons))
+
+
+def coloured(e: Array) -> int:
+    """How many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of white noise
+    does (Box, Jenkins, Time Series Analysis, 1970)."""
+    centred = e - e.mean()
+    power, lags = float(centred @ centred), range(1, min(LAGS + 1, len(e)))
+    correlations = (float(centred[k:] @ centred[:-k]) / power for k in lags if power)
+    return int(sum(abs(r) > 2 / np.sqrt(len(e)) for r in correlations))
 
 
 def _of_step(

@@ -47,16 +47,17 @@ class Tuned:
         kind = {} if self.name == self.first.observer else {"kind": self.first.observer}
         return {**kind, **self.first.table, **self.sampling}
 
-    def nis(self, records: Iterable[tuple[Log, int]]) -> dict[str, float]:
-        """The mean of e^2/s of innovations, by output, in rows of records from a number on; empty without noise."""
+    def innovations(self, records: Iterable[tuple[Log, int]]) -> dict[str, Array]:
+        """Innovations over their deviations, e/sqrt(s), by output, in rows of records from a number on; empty without
+        noise."""
         if self.noise is None or self.likelihood is None:
             return {}
-        ratios = []
+        scaled = []
         for record, cut in records:
             e, s = self.likelihood.innovations(self.noise, record)
-            ratios.append((e**2 / s)[max(0, cut - 1) :])
-        columns = (column[np.isfinite(column)] for column in np.concatenate(ratios).T)
-        return {y: float(there.mean()) for y, there in zip(self.noise.sample, columns, strict=True) if len(there)}
+            scaled.append((e / np.sqrt(s))[max(0, cut - 1) :])
+        columns = (column[np.isfinite(column)] for column in np.concatenate(scaled).T)
+        return {y: there for y, there in zip(self.noise.sample, columns, strict=True) if len(there)}
 
     @property
     def rank(self) -> tuple[int, bool, int]:

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from hgogen.calibration.judged import COPYING, DIFFERENCING, Judged
+from hgogen.calibration.judged import COPYING, DIFFERENCING, LAGS, Judged
 from hgogen.calibration.tuned import Calibration, Tuned
 
 AS_WELL = 1.05  # times an error: as well
 HELD_OUT, ALL = "in the rows held out", "in all rows"
+COLOURED = 5  # of the first correlations: more in one white record of 5,000
 CONSISTENT = 2.0  # times larger or smaller than 1: a NIS of a filter whose variances are right
 
 
@@ -92,6 +93,12 @@ def _doubts(best: Tuned, judged: Judged, where: str) -> Iterator[str]:
             yield (
                 f"innovations of {output} are {math.sqrt(nis):.2g} times as large as {best.name} takes them to be, "
                 f"{where}: they scatter {more} there, and its variances are not to be trusted"
+            )
+    for output, count in judged.coloured.items():
+        if count > COLOURED:
+            yield (
+                f"innovations of {output} are not white, {count} of the first {LAGS} correlations, {where}: the plant "
+                "does more than the model, a sensor or an input is late, or the noise is slow; see longer horizons too"
             )
     thetas = sorted({numbers.theta for numbers, _ in best.tried})
     if len(thetas) > 1 and best.numbers.theta in (thetas[0], thetas[-1]):

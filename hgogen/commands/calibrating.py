@@ -53,8 +53,8 @@ def tune_(
 
     JSON keys: model, records (as in `run`), tuning (tables by name), take, ahead, segments, rows (name, form, error:
     cross-validated, in errors of copying, errors held out by samples ahead and output, hidden by state, nis by output,
-    known: of its convergence, operations, functions, state in bytes, likelihood), refused (why, by observer), notes,
-    files.
+    coloured by output: how many correlations of the innovations are not those of white noise, known: of its
+    convergence, operations, functions, state in bytes, likelihood), refused (why, by observer), notes, files.
     """
     aheads = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
@@ -166,6 +166,7 @@ def _row(calibration: Calibration, row: Judged) -> dict[str, Any]:
         "held_out": {str(h): dict(errors) for h, errors in row.errors.items()},
         "hidden": dict(row.hidden),
         "nis": dict(row.nis),
+        "coloured": dict(row.coloured),
     }
 
 
