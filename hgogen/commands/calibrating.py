@@ -74,7 +74,7 @@ def tune_(
         beside=beside,
         options=options,
     )
-    with Bar("trials", 100) as bar:
+    with Bar("trials", None) as bar:
         calibration = tune(
             plant,
             *logs.learned,

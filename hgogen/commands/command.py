@@ -180,9 +180,9 @@ def one_or_all(trials: tuple[Trial, ...], name: str | None) -> tuple[Trial, ...]
 
 
 class Bar(Progress):
-    """A progress bar on the standard error stream, if that is a terminal."""
+    """A progress bar on the standard error stream, if that is a terminal; `total`: None where nobody knows it."""
 
-    def __init__(self, what: str, total: int) -> None:
+    def __init__(self, what: str, total: int | None) -> None:
         err = Console(stderr=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
         super().__init__(*columns, console=err, transient=True, disable=not err.is_terminal)
