@@ -145,6 +145,14 @@ def test_bad_input_is_refused(words: tuple[str, str], reason: str, tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
+def test_a_plant_that_no_observer_takes_is_refused(tmp_path: Path) -> None:
+    """Each reason once, and no file of gains that has none."""
+    _, said = hgogen("advise", "sir", "-o", str(tmp_path), status=2)
+    assert "admits none of these observers" in said
+    assert said.count("the plant is in none of its forms") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_time_must_be_positive() -> None:
     with pytest.raises(BadGain, match="settling"):
         advise(MODEL.plant, settling=-1.0)

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.calibration.grid import gains_of, observers_named, step_of, thetas
+from hgogen.calibration.grid import gains_of, observers_named, reasons, step_of, thetas
 from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.check import Check, refuted
-from hgogen.errors import HgogenError
+from hgogen.errors import BadArgument, HgogenError
 from hgogen.evidence.grounds import Grounds
 from hgogen.modelfiles.first import First, everywhere
 from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
@@ -89,6 +89,10 @@ class Advised:
         return f"theta {self.theta:g} of {self.name} {', and '.join(said)}" if said else ""
 
 
+class NoneAdmitted(BadArgument):
+    """A plant that no observer takes, of those that were asked."""
+
+
 @asks_a_plant
 def advise(
     plant: System,
@@ -109,7 +113,7 @@ def advise(
     which values of theta are tried; `rows`: the forms to ask, by default those that the plant is in, those that
     take seconds if `deep`; `each(what)` is called after every observer.
 
-    Raises: `UnknownObserver`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
+    Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
     asked = tuple(everywhere(plant, deep=deep) if rows is None else rows)
     ask = _Ask(dt, noise, None if settling is None else positive("settling", settling), trial)
@@ -122,6 +126,8 @@ def advise(
         else:
             advised.append(one)
         each(name)
+    if not advised:
+        raise NoneAdmitted(f"plant {plant.name!r}", f"admits none of these observers: {reasons(refused)}")
     return tuple(advised), refused
 
 

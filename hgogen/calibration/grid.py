@@ -98,6 +98,14 @@ def observers_named(names: Iterable[str] | None) -> tuple[str, ...]:
     return known if names is None else tuple(dict.fromkeys(names))
 
 
+def reasons(refused: Mapping[str, object]) -> str:
+    """Why there are no gains, each reason once."""
+    names: dict[str, list[str]] = {}
+    for name, reason in refused.items():
+        names.setdefault(str(reason), []).append(name)
+    return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
+
+
 def gains_of(observer: str, numbers: Scale) -> Gains | str:
     """What the rule of an observer makes of a scale, or why nothing."""
     try:

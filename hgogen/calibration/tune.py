@@ -3,12 +3,12 @@
 Gains are chosen by what they predict `ahead` samples ahead, and judged on segments that did not choose them.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Literal
 
 from hgogen.calibration.adaptive import ADAPTIVE, FILTER, adaptive
-from hgogen.calibration.grid import Task, observers_named
+from hgogen.calibration.grid import Task, observers_named, reasons
 from hgogen.calibration.readable import readable
 from hgogen.calibration.score import Judge
 from hgogen.calibration.tuned import Calibration, Tuned
@@ -76,14 +76,6 @@ def tune(
         done[ADAPTIVE] = adaptive(task, plain)
     tuned = sorted((one for one in done.values() if isinstance(one, Tuned)), key=lambda one: one.error)
     if not tuned:
-        raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {_reasons(done)}")
+        raise CannotTune(f"plant {plant.name!r}", f"has no observer that can be tuned: {reasons(done)}")
     refused = {name: one for name, one in done.items() if isinstance(one, str)}
     return Calibration(tuple(tuned), refused, ahead, segments)
-
-
-def _reasons(refused: Mapping[str, Tuned | str]) -> str:
-    """Why there are no gains, each reason once."""
-    names: dict[str, list[str]] = {}
-    for name, reason in refused.items():
-        names.setdefault(str(reason), []).append(name)
-    return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())

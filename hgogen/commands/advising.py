@@ -78,7 +78,7 @@ def advise_(
             each=lambda _: bar.tick(),
         )
     rows = [_row(one) for one in advised]
-    best = min(advised, key=_rank).name if advised else ""
+    best = min(advised, key=_rank).name
     notes = [one.sentence for one in advised if one.sentence]
     drawn = {"advised": _figure(advised, plant)} if any(len(one.tried) > 1 for one in advised) else {}
     files: dict[str, str | bytes] = {**rendered(drawn)}
