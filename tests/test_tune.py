@@ -373,6 +373,14 @@ def test_a_sample_that_a_step_rejects_does_not_tune() -> None:
     assert ends[0].best.error == ends[1].best.error
 
 
+def test_a_rate_of_the_other_sign_is_differenced_as_well() -> None:
+    fall = hg.System("fall", states=(X, V), outputs=(Y,), flow=[-V, -X], output=[X])
+    tuned = hg.tune(fall, hg.Log(np.zeros((60, 0)), np.cos(np.arange(60) * DT), DT), observers=["high_gain"])
+    record = hg.Log(np.zeros((50, 0)), 0.5 * DT * np.arange(50)[:, None], DT)
+    rows = judged(fall, tuned, {}, [Held(record, 10, {"v": np.full(50, -0.5)})], (1,), "python")
+    assert next(row for row in rows if row.name == DIFFERENCING).hidden["v"] == pytest.approx(0, abs=1e-12)
+
+
 def test_the_truth_judges_the_rows_held_out_alone() -> None:
     record, states = log(7, 600)
     held = Held(demanded(record), 400, {"v": np.where(np.arange(600) < 400, np.nan, states[:, 1])})
