@@ -259,7 +259,7 @@ class CallableStep(Step):
 
     @property
     def _engine(self) -> Engine:
-        return self.engine or ("c" if native.compiler() else "python")
+        return self.engine or native.engine()
 
     @cached_property
     def _entries(self) -> Mapping[str, Entry]:

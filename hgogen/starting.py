@@ -154,11 +154,16 @@ def starting_gains(
     if not callable(observer):
         raise BadGain(f"observer = {observer!r}", "must be one of hg.observers, such as hg.observers.high_gain")
     numbers = scale(form, dt, noise)
-    try:
-        gains = rule(observer).gains(numbers)
-    except ArithmeticError:
-        gains = "they are beyond a double; give the signals other units"
+    gains = gains_of(observer, numbers)
     return Starting({}, numbers.dt, gains) if isinstance(gains, str) else Starting(gains, numbers.dt)
+
+
+def gains_of(observer: Callable[..., Observer], numbers: Scale) -> Gains | str:
+    """What the rule of an observer makes of a scale, or in a sentence why nothing."""
+    try:
+        return rule(observer).gains(numbers)
+    except ArithmeticError:
+        return "they are beyond a double; give the signals other units"
 
 
 def scale(form: Form, dt: float | None = None, noise: Mapping[str, float] | None = None) -> Scale:

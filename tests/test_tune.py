@@ -114,7 +114,7 @@ def test_the_likelihood_is_that_of_another_filter(missing: int) -> None:
 
 def test_known_noise_is_found() -> None:
     """Of 12 records the means lie within 4 standard errors of what made them, and no maximum is above the best."""
-    ends = [likelihood(log(seed)[0]).maxima()[0] for seed in range(12)]
+    ends = [likelihood(log(seed)[0]).maxima[0] for seed in range(12)]
     for values, true in (([n.process["v"] for n in ends], DENSITY), ([n.sample["y"] for n in ends], SIGMA)):
         logs = np.log(values)
         assert abs(logs.mean() - np.log(true)) < 4 * logs.std(ddof=1) / np.sqrt(len(logs)) + 0.02
@@ -126,7 +126,7 @@ def test_the_maximum_is_one() -> None:
     """No neighbour is more likely, and the innovations are as large as the filter says."""
     record = demanded(log(3)[0])
     own = likelihood(record)
-    best = own.maxima()[0]
+    best = own.maxima[0]
 
     def minus_log(noise: Noise) -> float:
         e, s = own.innovations(noise, record)
@@ -142,7 +142,7 @@ def test_the_maximum_is_one() -> None:
 
 
 def test_a_rate_by_definition_has_no_noise() -> None:
-    best = likelihood(log(4, 300)[0]).maxima()[0]
+    best = likelihood(log(4, 300)[0]).maxima[0]
     assert best.process["x"] == pytest.approx(1e-10 * SCALE.process["x"])
     assert best.process["v"] > 1e-3 * DENSITY
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.calibration.grid import gains_of, observers_named, reasons, step_of, thetas
+from hgogen import observers as every
+from hgogen.calibration.grid import observers_named, reasons, step_of, thetas
 from hgogen.call import CallableStep
 from hgogen.calling import native
-from hgogen.calling.samples import Engine
 from hgogen.check import Check, refuted
 from hgogen.errors import BadArgument, HgogenError
 from hgogen.evidence.grounds import Grounds
@@ -26,7 +26,7 @@ from hgogen.modelfiles.first import First, everywhere
 from hgogen.modelfiles.scenario import OrnsteinUhlenbeck
 from hgogen.reading.door import asks_a_plant
 from hgogen.reading.given import positive
-from hgogen.starting import Scale, Starting, scale, two
+from hgogen.starting import Scale, Starting, gains_of, scale, two
 from hgogen.system import System
 from hgogen.trial import Trial, try_out
 from hgogen.trials.metrics import metrics
@@ -156,12 +156,13 @@ class _Ask:
         return refusals[:2][-1]
 
     def _tried(self, first: First, row: Row, base: Scale) -> Advised:
-        reads = gains_of(first.observer, replace(base, theta=2 * base.theta)) != first.starting.gains
+        observer = getattr(every, first.observer)
+        reads = gains_of(observer, replace(base, theta=2 * base.theta)) != first.starting.gains
         values = sorted({base.theta, *thetas(base.theta, base.dt)}) if reads and self.trial else [base.theta]
         tried = []
         for theta in values:
             try:
-                one = _first(first.observer, row, replace(base, theta=theta))
+                one = first if theta == base.theta else _first(first.observer, row, replace(base, theta=theta))
             except HgogenError:
                 continue
             if isinstance(one, First) and self.trial is not None:
@@ -181,14 +182,14 @@ def tau(n: int) -> float:
 
 def _first(name: str, row: Row, numbers: Scale) -> First | str:
     assert row.form is not None
-    gains = gains_of(name, numbers)
+    gains = gains_of(getattr(every, name), numbers)
     if isinstance(gains, str):
         return gains
     return First(name, row, Starting(gains, numbers.dt), step_of(name, row.form, gains, numbers.dt, {}))
 
 
 def _on(step: CallableStep, trial: Trial, theta: float, noise: Mapping[str, float]) -> Tried:
-    engine: Engine = "c" if native.compiler() else "python"
+    engine = native.engine()
     clean, noisy = (
         next(try_out(step, replace(trial, noise=each), engine, (0,)))
         for each in ({}, {name: OrnsteinUhlenbeck(sigma) for name, sigma in noise.items()})

@@ -7,13 +7,14 @@ R where the likelihood has a maximum, theta and the longest time from a grid, re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from hgogen import methods
 from hgogen import observers as every
-from hgogen.calibration.likelihood import Likelihood, Noise
+from hgogen.calibration.likelihood import Likelihood
 from hgogen.calibration.score import Judge, chosen
 from hgogen.calibration.tuned import Tuned
 from hgogen.call import CallableStep, sample
@@ -25,7 +26,7 @@ from hgogen.identification.motion import paced
 from hgogen.identification.records import Log
 from hgogen.modelfiles.arguments import value
 from hgogen.modelfiles.first import First
-from hgogen.starting import Gains, Scale, Starting, rule, scale, two
+from hgogen.starting import Gains, Scale, Starting, gains_of, scale, two
 from hgogen.step import StepMayFail
 from hgogen.which_forms import Row
 
@@ -44,7 +45,6 @@ class Task:
     sampling: Mapping[str, str]
     real: Real
     each: Callable[[str], None]
-    noises: dict[str, tuple[Noise, ...]] = field(default_factory=dict)
     likelihoods: dict[str, Likelihood] = field(default_factory=dict)
 
     @property
@@ -62,7 +62,7 @@ class Task:
                 refusals.append("its form asks for derivatives of inputs, which are in no record")
                 continue
             search = Search(self, name, row, scale(row.form, self.dt))
-            gains = gains_of(name, search.base)
+            gains = gains_of(getattr(every, name), search.base)
             if isinstance(gains, str):
                 return gains
             if (best := search.search()) is not None:
@@ -74,14 +74,14 @@ class Task:
         """Of an observer at the period of the records. Raises: as the observer and `sample` do."""
         return step_of(name, form, gains, self.dt, self.sampling, self.real)
 
-    def noise(self, form: Form, base: Scale) -> tuple[Noise, ...]:
-        """The maxima of the likelihood on a form."""
-        if form.kind not in self.noises:
+    def likelihood(self, row: Row, form: Form, base: Scale) -> Likelihood:
+        """On a form, made once for all observers: two forms of one kind have other coordinates."""
+        if row.kind not in self.likelihoods:
             steps, _ = paced(form.system, self.dt)
-            likelihood = Likelihood(form, self.records, base, self.sampling["between"], steps)
-            self.likelihoods[form.kind] = likelihood
-            self.noises[form.kind] = likelihood.maxima(lambda: self.each("likelihood"))
-        return self.noises[form.kind]
+            every_start = partial(self.each, "likelihood")
+            made = Likelihood(form, self.records, base, self.sampling["between"], steps, every_start)
+            self.likelihoods[row.kind] = made
+        return self.likelihoods[row.kind]
 
 
 class UnknownObserver(BadArgument):
@@ -104,14 +104,6 @@ def reasons(refused: Mapping[str, object]) -> str:
     for name, reason in refused.items():
         names.setdefault(str(reason), []).append(name)
     return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
-
-
-def gains_of(observer: str, numbers: Scale) -> Gains | str:
-    """What the rule of an observer makes of a scale, or why nothing."""
-    try:
-        return rule(getattr(every, observer)).gains(numbers)
-    except ArithmeticError:
-        return "they are beyond a double; give the signals other units"
 
 
 def step_of(
@@ -156,8 +148,10 @@ class Search:
         if not errors:
             return None
         best, judged = chosen(errors)
-        noise = next((one for one in self._noises if one.sample is self.scales[best].noise), None)
-        likelihood = self.task.likelihoods.get(self._form.kind) if noise else None
+        filters = self._reads(process={name: 2 * q for name, q in self.base.process.items()})
+        likelihood = self._likelihood if filters else None
+        maxima = likelihood.maxima if likelihood else ()
+        noise = next((one for one in maxima if one.sample is self.scales[best].noise), None)
         tried = tuple((self.scales[k], float(np.sqrt(e.mean()))) for k, e in errors.items())
         return Tuned(
             self.name, self.steps[best], self.scales[best], noise, likelihood, self.task.sampling, judged, tried
@@ -183,8 +177,7 @@ class Search:
         if self._reads(longest=2 * self.base.longest):
             scales = [replace(one, longest=one.longest * factor) for one in scales for factor in LONG]
         if self._reads(noise={name: 2 * sigma for name, sigma in self.base.noise.items()}):
-            maxima = self.task.noise(self._form, self.base)
-            scales = [replace(one, **noise.on(one)) for one in scales for noise in maxima]
+            scales = [replace(one, **noise.on(one)) for one in scales for noise in self._likelihood.maxima]
         return scales
 
     def _between(self, best: int, tried: Iterable[int]) -> Iterator[Scale]:
@@ -202,10 +195,8 @@ class Search:
             yield from (of(two((value * other) ** 0.5)) for other in neighbours)
 
     @property
-    def _noises(self) -> tuple[Noise, ...]:
-        """The maxima of the likelihood, where Q and R are read."""
-        doubled = {name: 2 * q for name, q in self.base.process.items()}
-        return self.task.noises.get(self._form.kind, ()) if self._reads(process=doubled) else ()
+    def _likelihood(self) -> Likelihood:
+        return self.task.likelihood(self.row, self._form, self.base)
 
     @property
     def _form(self) -> Form:
@@ -214,10 +205,11 @@ class Search:
 
     def _reads(self, **values: Any) -> bool:
         """Whether gains change with a number."""
-        return gains_of(self.name, replace(self.base, **values)) != gains_of(self.name, self.base)
+        observer = getattr(every, self.name)
+        return gains_of(observer, replace(self.base, **values)) != gains_of(observer, self.base)
 
     def _first(self, numbers: Scale) -> First | None:
-        gains = gains_of(self.name, numbers)
+        gains = gains_of(getattr(every, self.name), numbers)
         if isinstance(gains, str):
             self.refusals.append(gains)
             return None

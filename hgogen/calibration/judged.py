@@ -6,6 +6,7 @@ beside two ways without a model: copying the last value, and going on along the 
 (differencing), which estimates a state that is by definition the rate of an output.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,7 +18,7 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, held_last
 from hgogen.identification.records import Log
 from hgogen.system import System
-from hgogen.trials.prediction import forecasts
+from hgogen.trials.prediction import forecasts, rms
 
 Array = np.ndarray
 LAGS = 20
@@ -150,4 +151,4 @@ def _rms(parts: Sequence[Array]) -> list[float]:
     """Of each column, NaN where nothing was compared."""
     columns = np.concatenate(parts).T
     finite = (column[~np.isnan(column)] for column in columns)
-    return [float(np.sqrt(np.mean(column**2))) if len(column) else float("nan") for column in finite]
+    return [rms(column) if len(column) else math.nan for column in finite]

@@ -63,22 +63,24 @@ class Noise:
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """The likelihood of records on a form; `scale`: the units; `between`: how inputs go on, "line" or "hold"; `steps`:
-    Runge-Kutta steps a sample."""
+    Runge-Kutta steps a sample; `each` is called after every start of the search."""
 
     form: Form
     records: Sequence[Log]
     scale: Scale
     between: str
     steps: int
+    each: Callable[[], None] = lambda: None
 
-    def maxima(self, each: Callable[[], None] = lambda: None) -> tuple[Noise, ...]:
-        """The maxima found from `STARTS`, the most likely first; `each` is called after every start."""
+    @cached_property
+    def maxima(self) -> tuple[Noise, ...]:
+        """The maxima found from `STARTS`, the most likely first."""
         ended: list[tuple[float, Array, bool]] = []
         for process, sample in STARTS:
             start = [process] * len(self._noisy) + [sample] * len(self.form.output)
             end = self._solver(x0=start, lbx=-BOUND, ubx=BOUND)
             ended.append((-float(end["f"]), end["x"].full().ravel(), bool(self._solver.stats()["success"])))
-            each()
+            self.each()
         finite = [one for one in ended if np.isfinite(one[0])]
         return tuple(self._noise(*one) for one in _distinct(sorted(finite, key=lambda one: (not one[2], -one[0]))))
 

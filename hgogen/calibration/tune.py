@@ -64,7 +64,7 @@ def tune(
     if ahead < 1 or segments < 2:
         raise CannotTune(f"ahead={ahead}, segments={segments}", "must be at least 1 and 2")
     logs = tuple(replace(readable(plant, record, k), dt=dts[0]) for k, record in enumerate(records, 1))
-    judge = Judge(logs, ahead, segments, "c" if native.compiler() else "python")
+    judge = Judge(logs, ahead, segments, native.engine())
     if judge.count < 2:
         reason = f"show no change of an output over {ahead} sample{'s' * (ahead > 1)} in at least 2 of their segments"
         raise CannotTune("records", f"{reason}; give longer ones in which the plant moves, or a shorter ahead")

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Literal
 
 from hgogen.errors import HgogenError
 from hgogen.target import CannotWrite, Sources, demand, write
@@ -80,6 +81,11 @@ def compiler() -> str | None:
         if path:
             return path
     return None
+
+
+def engine() -> Literal["c", "python"]:
+    """What takes samples here: the compiled step where there is a compiler, else Python."""
+    return "c" if compiler() else "python"
 
 
 def library(files: Mapping[str, str]) -> ctypes.CDLL:

@@ -1,7 +1,7 @@
 """What goes into a step and what comes out of it: numbers at the door, one sample, a record."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -107,6 +107,11 @@ class Run:
 
     def __getitem__(self, name: str) -> np.ndarray:
         return np.asarray(self.x[:, _position(name, self.names)])
+
+    def since(self, first: int) -> "Run":
+        """What it gives from the sample of that number on."""
+        traces = {name: values[first:] for name, values in self.traces.items()}
+        return replace(self, t=self.t[first:], x=self.x[first:], traces=traces, status=self.status[first:])
 
 
 # --- the door -----------------------------------------------------------------------------------------------

@@ -165,10 +165,10 @@ def engine_here(reader: Reader | None = None) -> Engine:
     """The reader that is asked for, else C where there is a compiler, else Python, and says so."""
     if reader:
         return reader.value
-    if native.compiler():
-        return "c"
-    note(str(native.NoCompilerWarning.__doc__))
-    return "python"
+    engine = native.engine()
+    if engine == "python":
+        note(str(native.NoCompilerWarning.__doc__))
+    return engine
 
 
 def one_or_all(trials: tuple[Trial, ...], name: str | None) -> tuple[Trial, ...]:

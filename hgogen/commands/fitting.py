@@ -166,5 +166,4 @@ def _step(model: Model, observer: str | None, dt: float) -> CallableStep:
 def _predicted(step: CallableStep, record: Record, cut: int) -> tuple[Prediction, ...]:
     u, y = record.of(step.inputs), record.of(step.outputs)
     done = step.run(u=u, y=y, engine=engine_here())
-    rest = replace(done, t=done.t[cut:], x=done.x[cut:], status=done.status[cut:], traces={})
-    return predictions(step, rest, u[cut:], y[cut:], _AHEAD)
+    return predictions(step, done.since(cut), u[cut:], y[cut:], _AHEAD)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
@@ -31,7 +30,7 @@ from hgogen.reading.filename import fault
 from hgogen.reading.measured import Record, mapping, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
-from hgogen.trials.prediction import predictions
+from hgogen.trials.prediction import predictions, rms
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
@@ -100,8 +99,7 @@ def run_(
     step, begins = _begun(step, y, initial)
     done = step.run(u=u, y=y, engine=engine)
     counted = _counted(step, burn_in, len(y))
-    late = replace(done, t=done.t[counted:], x=done.x[counted:], status=done.status[counted:], traces={})
-    errors = predictions(step, late, u[counted:], y[counted:], ahead)
+    errors = predictions(step, done.since(counted), u[counted:], y[counted:], ahead)
     hidden = {
         state: _rms((done[state] - record.values[:, record.names.index(name)])[counted:])
         for state, (name, _) in true.items()
@@ -164,7 +162,7 @@ def _counted(step: CallableStep, burn_in: float, samples: int) -> int:
 def _rms(errors: np.ndarray) -> float | None:
     """None where nothing was measured."""
     there = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(there**2))) if len(there) else None
+    return rms(there) if len(there) else None
 
 
 def _record(

@@ -61,8 +61,8 @@ def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Itera
         Prediction(
             signal.name,
             one.ahead,
-            _rms(one.model[one.compared[:, j], j]) or 0.0,
-            None if one.copying is None else _rms(one.copying[one.compared[:, j], j]),
+            rms(one.model[one.compared[:, j], j]) or 0.0,
+            None if one.copying is None else rms(one.copying[one.compared[:, j], j]),
             int(one.compared[:, j].sum()),
             rejected[j],
         )
@@ -116,7 +116,7 @@ def _raised(step: Step, bits: Iterable[str], signals: Sequence[Signal], status: 
     return np.asarray(status[:, None] & np.array(masks, np.uint32) != 0)
 
 
-def _rms(error: np.ndarray) -> float:
+def rms(error: np.ndarray) -> float:
     """The root mean square of an error, computed without squares that overflow."""
     most = float(np.abs(error).max(initial=0.0))
     return most * float(np.sqrt(np.mean((error / most) ** 2))) if most else 0.0
