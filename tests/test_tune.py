@@ -16,12 +16,14 @@ from scipy.linalg import expm
 from test_cli import hgogen
 
 import hgogen as hg
+from hgogen.calibration.grid import Task
 from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judged
 from hgogen.calibration.likelihood import Likelihood, Noise
 from hgogen.calibration.score import Judge, as_good, chosen
 from hgogen.calibration.tune import CannotTune
 from hgogen.calibration.tuned import Tuned
 from hgogen.calibration.verdicts import verdicts
+from hgogen.check import Verdict
 from hgogen.commands.calibrating import _beside, _own_forms
 from hgogen.errors import BadArgument
 from hgogen.identification.records import BadLog
@@ -32,6 +34,7 @@ from hgogen.modelfiles.tunings import read
 from hgogen.reading.text_model import BadModelFile
 from hgogen.starting import scale
 from hgogen.theorem import Convergence
+from hgogen.which_forms import Row
 
 DATA = Path(os.environ.get("HGOGEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 RECORD = DATA / "pendulum_energy_shaping.csv"
@@ -581,6 +584,20 @@ def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "tuned.json").write_text(text)
     with pytest.raises(BadFile, match=reason):
         read(tmp_path / "tuned.json")
+
+
+def test_two_forms_of_one_kind_have_noise_of_their_own() -> None:
+    """As those of a plant and of its recast, both triangular, in other coordinates."""
+    p, q = hg.Signal("p", low=-5, high=5), hg.Signal("q", low=-10, high=10)
+    twin = hg.System("twin", states=(p, q), inputs=(U,), outputs=(Y,), flow=[q, -4 * p - 0.4 * q + U], output=[p])
+    record = demanded(log(5, 300)[0])
+    sampling = {"method": "continuous_discrete", "between": "line"}
+    task = Task((record,), Judge((record,), 1, 5, "python"), sampling, "double", lambda name: None)
+    for plant, name, options in ((PLANT, "v", {}), (twin, "q", {"of": "riccati"})):
+        form = hg.forms.triangular(plant)
+        tuned = task.tuned("riccati", [Row("triangular", Verdict.PROVED, (), "", form=form, options=options)])
+        assert isinstance(tuned, Tuned)
+        assert set(tuned.table["Q"]) == {str(plant.states[0]), name}
 
 
 # --- the forms of a model's own tunings

@@ -76,12 +76,12 @@ class Task:
 
     def likelihood(self, row: Row, form: Form, base: Scale) -> Likelihood:
         """On a form, made once for all observers: two forms of one kind have other coordinates."""
-        if row.kind not in self.likelihoods:
+        if row.name not in self.likelihoods:
             steps, _ = paced(form.system, self.dt)
             every_start = partial(self.each, "likelihood")
             made = Likelihood(form, self.records, base, self.sampling["between"], steps, every_start)
-            self.likelihoods[row.kind] = made
-        return self.likelihoods[row.kind]
+            self.likelihoods[row.name] = made
+        return self.likelihoods[row.name]
 
 
 class UnknownObserver(BadArgument):
