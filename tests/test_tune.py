@@ -578,6 +578,7 @@ def test_the_command_says_what_to_do(tmp_path: Path) -> None:
         ("[]", 'has no table "tuning" of tables'),
         ('{"tuning": {"a": 1}}', 'has no table "tuning" of tables'),
         ('{"tuning": {"a": {}}, "take": "b"}', "takes 'b', which is none of its tunings: a"),
+        ('{"tuning": {"a": {}}, "take": ["a"]}', r"takes \['a'\], which is none of its tunings: a"),
     ],
 )
 def test_a_bad_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:

@@ -16,6 +16,6 @@ def read(path: Path) -> tuple[Mapping[str, Any], str]:
     tables, take = content.get("tuning"), content.get("take", "")
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
         raise BadFile(str(path), 'has no table "tuning" of tables; write {"tuning": {"riccati": {"Q": .., "R": ..}}}')
-    if take and take not in tables:
+    if take not in ("", *tables):
         raise BadFile(str(path), f"takes {take!r:.60}, which is none of its tunings: {', '.join(tables)}")
-    return tables, str(take)
+    return tables, take
