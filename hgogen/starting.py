@@ -61,6 +61,11 @@ class Scale:
         return {"theta": self.theta, "poles": self.poles}
 
     @property
+    def kalman(self) -> Gains:
+        """Q, R and P(0), as Kalman filters take them."""
+        return {"Q": self.density(), "R": self.variance(), "covariance": self.start()}
+
+    @property
     def reading(self) -> float:
         """Y of the first output."""
         return next(iter(self.outputs.values()))

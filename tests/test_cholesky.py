@@ -29,7 +29,7 @@ def updates(n: int) -> tuple[Any, Any]:
     lower = ca.tril(S)
     return (
         ca.Function("triangle", [stack], [triangle(stack)[0]]),
-        ca.Function("carlson", [S, c, r], carlson(lower, c, r)),
+        ca.Function("carlson", [S, c, r], carlson(lower, lower.T @ c.T, r)),
     )
 
 

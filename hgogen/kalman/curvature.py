@@ -21,9 +21,9 @@ from hgogen.discretisation.lengths import Lengths
 from hgogen.discretisation.runge_kutta import RK4
 from hgogen.graph import Graph
 from hgogen.kalman.covariance import covariance_ode, information_ode, pack, pivots, solve, unpack
-from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.riccati_part import Around
 from hgogen.method import Explicit
-from hgogen.part import Clock, Ode, Part, Pieces
+from hgogen.part import Clock, Ode, Pieces
 from hgogen.program import Bit, Block, Field, Place, Program, When, sym
 
 RESTARTED = Bit(
@@ -35,10 +35,9 @@ VIEWS = {"information": ("S", information_ode), "covariance": ("P", covariance_o
 
 
 @dataclass(frozen=True, eq=False)
-class Curved(Part):
+class Curved(Around):
     """A Riccati observer at theta = 1 with the term; `rate` (1/s): SX scalar, at most `fastest`."""
 
-    plain: Riccati
     rate: Graph
     fastest: float
 

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from hgogen.graph import Graph
-from hgogen.part import Part
+from hgogen.part import Clock, Part, Pieces
 from hgogen.program import Bit, Field, sym
 from hgogen.structure.dynamics import Dynamics
 from hgogen.structure.scaling import Scaled, Scaling, scaling
@@ -127,3 +127,18 @@ class Riccati(Part):
     def spread(self) -> Graph:
         """The diagonal of Delta^-1 as an SX column."""
         return ca.vertcat(*self.scaling.spread(self.theta.value))
+
+
+@dataclass(frozen=True, eq=False)
+class Around(Part):
+    """A Riccati observer, `plain`, whose step is carried out by another rule than the method's for it."""
+
+    plain: Riccati
+
+
+@dataclass(frozen=True, eq=False)
+class AtSamples(Around):
+    """A filter, in words `name`, that predicts and corrects as `build` says, the same by each method that does so."""
+
+    name: str
+    build: Callable[[Clock], Pieces]

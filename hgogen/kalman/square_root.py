@@ -24,6 +24,7 @@ from hgogen.part import Clock, Pieces
 from hgogen.program import Block, Field, Place, Program, column, sym
 from hgogen.reading.given import BadGain
 
+RULE = "continuous-discrete, S S'"
 LARGEST = 7  # states: beyond, straight-line code fills the flash
 
 
@@ -38,7 +39,7 @@ def square_root(part: Riccati, clock: Clock) -> Pieces:
     return Pieces(
         fields=(part.z, _root(part, clock)),
         **common(part, clock),
-        predict=(_predict(part, clock), *(_cap(part) if part.forgetting is None else _renewed(part, clock))),
+        predict=(_predict(part, clock), *(within_cap(part) if part.forgetting is None else _renewed(part, clock))),
         update=tuple(_update(part, clock, j) for j in range(clock.outputs)),
     )
 
@@ -61,10 +62,9 @@ def triangle(stack: Graph) -> Graph:
     return S, names
 
 
-def carlson(S: Graph, c: Graph, r: Graph) -> tuple[Graph, Graph]:
-    """S after one scalar measurement with row c (1, n) and variance r, and the gain (n)."""
-    n = S.shape[0]
-    f, after = S.T @ c.T, ca.SX(S)
+def carlson(S: Graph, f: Graph, r: Graph) -> tuple[Graph, Graph]:
+    """S after one scalar measurement of variance r whose row c (1, n) has f = S'c' (n), and the gain (n)."""
+    n, after = S.shape[0], ca.SX(S)
     alpha, b = r, ca.SX(n, 1)
     for j in reversed(range(n)):
         if f[j].is_zero():
@@ -96,7 +96,8 @@ def _root(part: Riccati, clock: Clock) -> Field:
     )
 
 
-def _symbols(part: Riccati) -> Graph:
+def symbols(part: Riccati) -> Graph:
+    """S (n, n) as it stands in the state."""
     n = part.dynamics.n
     packed, S = sym("state", "root", n * (n + 1) // 2), ca.SX(n, n)
     for k, (i, j) in enumerate(_pairs(n)):
@@ -104,21 +105,22 @@ def _symbols(part: Riccati) -> Graph:
     return S
 
 
-def _written(S: Graph) -> dict[Place, Graph]:
+def written(S: Graph) -> dict[Place, Graph]:
+    """What makes S (n, n) that of the state."""
     return {Place("state", "root"): column(S[i, j] for i, j in _pairs(S.shape[0]))}
 
 
 def _predict(part: Riccati, clock: Clock) -> Block:
     moved = Moved(part, clock)
     stages = moved.stages()
-    transition, S = moved.transition(stages), _symbols(part)
+    transition, S = moved.transition(stages), symbols(part)
     if part.forgetting is not None:
         S = ca.sqrt(sym("derived", "growth")) * S
     shaped = part.scaled_factor() @ ca.diag(ca.sqrt(moved.weights()))
     S, names = triangle(ca.horzcat(transition @ S, shaped))
     return Block(
         f"z by classical Runge-Kutta; P = S S' by {moved.equation}",
-        {Place("state", part.z.name): stages.result["z"], **_written(S)},
+        {Place("state", part.z.name): stages.result["z"], **written(S)},
         {**stages.names, **entries("Phi", transition), **names},
     )
 
@@ -126,32 +128,34 @@ def _predict(part: Riccati, clock: Clock) -> Block:
 def _renewed(part: Riccati, clock: Clock) -> Program:
     blocks = []
     for i, row in enumerate(Moved(part, clock).priors(), 1):
-        S, _ = carlson(_symbols(part), row, ca.SX(1))
-        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", _written(S)))
+        S = symbols(part)
+        S, _ = carlson(S, S.T @ row.T, ca.SX(1))
+        blocks.append(Block(f"what is forgotten of z{i} tends to S_0", written(S)))
     return (*blocks, prior_status(part, _variances(part)))
 
 
 def _variances(part: Riccati) -> list[Graph]:
-    S = _symbols(part)
+    S = symbols(part)
     return [ca.dot(S[i, :], S[i, :]) for i in range(part.dynamics.n)]
 
 
-def _cap(part: Riccati) -> Program:
-    S = _symbols(part)
+def within_cap(part: Riccati) -> Program:
+    """P held below its cap."""
+    S = symbols(part)
 
     def scaled(scale: Graph) -> dict[Place, Graph]:
-        return _written(ca.diag(scale) @ S)
+        return written(ca.diag(scale) @ S)
 
     return capped(part, _variances(part), scaled)
 
 
 def _update(part: Riccati, clock: Clock, output: int) -> Program:
-    moved = Moved(part, clock)
-    S, gain = carlson(_symbols(part), moved.row(output), moved.variance(output))
+    moved, S = Moved(part, clock), symbols(part)
+    S, gain = carlson(S, S.T @ moved.row(output).T, moved.variance(output))
     return (
         Block(
             "correct by the scalar update",
-            {Place("state", part.z.name): moved.z + gain * sym("work", "e"), **_written(S)},
+            {Place("state", part.z.name): moved.z + gain * sym("work", "e"), **written(S)},
             {f"K{i + 1}": gain[i] for i in range(part.dynamics.n)},
         ),
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from hgogen.discretisation.lengths import Lengths
 from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.riccati_part import Riccati
-from hgogen.kalman.square_root import square_root
+from hgogen.kalman.square_root import RULE, square_root
 from hgogen.method import NoCovariance
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode, Pieces
@@ -24,7 +24,7 @@ from hgogen.part import Clock, Ode, Pieces
 class Cholesky:
     """P = S S' of a Riccati observer by predict and correct."""
 
-    name: str = "continuous-discrete, S S'"
+    name: str = RULE
 
     def ode(self, part: Ode, clock: Clock) -> Pieces:
         """Refused. Raises: `NoCovariance`."""

@@ -14,23 +14,18 @@ authors' ECC 2009 paper).
 import math
 from collections.abc import Iterable
 
-import numpy as np
-
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
-from hgogen.kalman.covariance import factor
+from hgogen.kalman.extended import extended
 from hgogen.kalman.kalman_theorems import of_form
-from hgogen.kalman.riccati_part import Riccati
 from hgogen.kalman.theta import Theta, constant
-from hgogen.kalman.weights import cap, limited, positive, spd, wide
-from hgogen.observer import Observer, founded, linearised, state_field
+from hgogen.observer import Observer, founded, linearised
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
-from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
-from hgogen.starting import Gains, Scale, starts
+from hgogen.reading.named import Matrix, Values
+from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
-from hgogen.structure.dynamics import Dynamics
-from hgogen.structure.scaling import ALIGNED, noise_equation, scaling
+from hgogen.structure.scaling import ALIGNED, noise_equation
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
 EQUATIONS = (
@@ -38,22 +33,12 @@ EQUATIONS = (
     "S' = -(A + b*)' S - S (A + b*) + C' R_theta^-1 C - S Q_theta S",
 )
 
-LIMITED = limited(
-    "the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared ranges",
-    "wait for measurements; if it stays while they come, scale Q and R down together",
-)
-
-
-def _starting(scale: Scale) -> Gains:
-    """A Kalman filter's."""
-    return {"Q": scale.density(), "R": scale.variance(), "covariance": scale.start()}
-
 
 @starts(
     "the noise is known (theta = 1 is the Kalman filter), there are several outputs, or a_i varies with u",
     "converges from nearby; for jumps an adaptive theta",
     "n(n+3)/2",
-    _starting,
+    lambda scale: scale.kalman,
     quick=math.inf,
 )
 def riccati(
@@ -82,42 +67,21 @@ def riccati(
     """
     accept = founded("riccati", form, accept, takes=linearised)
     theta = theta if isinstance(theta, Theta) else constant(theta)
-    n, outputs = form.n, len(form.output)
+    outputs = len(form.output)
     if outputs > 1 and theta.peak != 1 and form.alignment not in ALIGNED:
         raise BadGain(
             f"theta up to {theta.peak:g}",
             f"wants a chain for each of the {outputs} outputs of {form.system.name}, aligned at the tops or the ends; "
             'take the form block_triangular, align "top" or "end", or theta = 1',
         )
-    noise = spd("Q", of_coordinates("Q", Q, form), n)
-    start = spd("covariance", np.ones(n) if covariance is None else of_coordinates("covariance", covariance, form), n)
-    variances = positive("R", of_outputs("R", R, form), outputs)
-    shape, weights = factor(noise)
-    gains = (
-        wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
-        wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
-        *theta.gains,
-    )
-    dynamics = Dynamics(form)
-    z = state_field(form, initial, theta.peak)
-    part = Riccati(
-        dynamics=dynamics,
-        z=z,
-        theta=theta,
-        weights=sym("gain", "Q", n),
-        factor=shape,
-        R=sym("gain", "R", outputs),
-        covariance=start,
-        cap=cap(dynamics, z, noise, variances, start, theta.peak, scaling(form, theta.scaled)),
-        limited=LIMITED,
-        nominal=(noise, np.array(variances)),
-    )
+    filter = extended(form, Q, R, covariance, initial, theta)
+    dynamics, z = filter.part.dynamics, filter.part.z
     return Observer(
         form=form,
         name="riccati",
-        parts=(part, *theta.parts(dynamics, z)),
-        gains=gains,
-        z=sym("state", "z", n),
+        parts=(filter.part, *theta.parts(dynamics, z)),
+        gains=(*filter.gains, *theta.gains),
+        z=sym("state", "z", form.n),
         dynamics=dynamics,
         checks=(*form.checks, *clamped("riccati", form), _theorem(theta)),
         accepted=accept,
@@ -126,7 +90,7 @@ def riccati(
             *EQUATIONS,
             noise_equation(form, theta.scaled),
             theta.law(form.system.time),
-            *whole("Q", noise, form),
+            *filter.equations,
         ),
         reference=REFERENCE,
         traces=theta.traces,

@@ -9,8 +9,9 @@ from hgogen.discretisation.lengths import Lengths
 from hgogen.errors import HgogenError
 from hgogen.kalman.covariance import covariance_ode, information_ode
 from hgogen.kalman.curvature import Curved, curved, curved_lengths
+from hgogen.kalman.factored import factored_lengths
 from hgogen.kalman.predictor import Predictors
-from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.riccati_part import AtSamples, Riccati
 from hgogen.method import Method
 from hgogen.observer import Observer
 from hgogen.part import Clock, Jump, Ode, Part, Pieces
@@ -21,7 +22,7 @@ from hgogen.stepping.parallel import Parallel, judge_lengths, parallel
 def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
     """A part as memory and statements.
 
-    Raises: what the method raises of a part that it does not take.
+    Raises: what the method raises of a part that it does not take; `MovesAtSamples`.
     """
     match part:
         case Ode():
@@ -30,6 +31,8 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
             return method.riccati(part, clock)
         case Curved():
             return curved(part, method, clock)
+        case AtSamples():
+            return _at_samples(part, method, clock)
         case Predictors(predictor=predictor, build=build):
             return build(predictor, clock)
         case Jump(build=build):
@@ -37,6 +40,24 @@ def pieces(part: Part, method: Method, clock: Clock) -> Pieces:
         case Parallel():
             return parallel(part, clock, lambda each: pieces(each, method, clock))
     raise TypeError(f"no rule makes statements of a {type(part).__name__}")
+
+
+@dataclass(eq=False)
+class MovesAtSamples(HgogenError):
+    """A method that integrates, asked of a filter that predicts and corrects."""
+
+    method: str
+    filter: str
+
+    def __str__(self) -> str:
+        return f"{self.method} integrates, {self.filter} predicts and corrects: take continuous_discrete or cholesky"
+
+
+def _at_samples(part: AtSamples, method: Method, clock: Clock) -> Pieces:
+    """Raises: `MovesAtSamples` by a method that would not correct the filter that it stands on at a sample."""
+    if not method.riccati(part.plain, clock).update:
+        raise MovesAtSamples(method.name, part.name)
+    return part.build(clock)
 
 
 @dataclass(eq=False)
@@ -62,6 +83,8 @@ def equation(part: Part, view: Literal["information", "covariance"]) -> Ode | No
             return information_ode(part) if view == "information" else covariance_ode(part)
         case Curved():
             return part.equation(view)
+        case AtSamples(name=name):
+            raise NoEquation(name, "it predicts and corrects at samples")
         case Jump(flow=flow):
             return Ode((), lambda values, u, y, valid: flow)
         case Parallel():
@@ -89,6 +112,8 @@ def lengths(observer: Observer, method: Method, dt: float) -> Iterator[Lengths]:
                 yield method.riccati_lengths(part, dt)
             case Curved():
                 yield from curved_lengths(part, method, dt)
+            case AtSamples(plain=plain):
+                yield factored_lengths(plain, dt)
             case Predictors(predictor=predictor):
                 yield predictor.lengths
             case Parallel(member=member):

@@ -20,8 +20,7 @@ import numpy as np
 
 from hgogen.chains.core import core, nominal, numbers
 from hgogen.discretisation.stability import closed_loop_rates
-from hgogen.kalman.curvature import Curved
-from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.riccati_part import Around, Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock, Ode
 from hgogen.stepping.parallel import Parallel
@@ -72,7 +71,7 @@ def _rate(part: Any, observer: Observer, clock: Clock) -> float | None:
         case Riccati():
             decays = closed_loop_rates(*part.linearised(POINTS), *part.nominal, part.theta.late, part.scaling)
             return _typical(decays[decays[:, 0] > HIDDEN * decays[:, -1]])
-        case Curved():
+        case Around():
             return _rate(part.plain, observer, clock)
         case Parallel():
             return rate(part.member, clock)

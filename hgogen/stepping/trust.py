@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.kalman.curvature import Curved
-from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.riccati_part import Around, Riccati
 from hgogen.observer import Observer
 from hgogen.part import Clock
 from hgogen.stepping.guards import readings
@@ -37,7 +36,7 @@ def _noise(part: Any) -> np.ndarray | None:
     match part:
         case Riccati():
             return part.nominal[1]
-        case Curved():
+        case Around():
             return _noise(part.plain)
         case Parallel():
             return next((R for each in part.member.parts if (R := _noise(each)) is not None), None)

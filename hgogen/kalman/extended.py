@@ -1,0 +1,71 @@
+"""What a Kalman filter of a form is declared by: noises, a first covariance, and a first estimate, checked at the door.
+
+Shared by the observers that carry a covariance of the plant's state with its noises as gains.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hgogen.form import Form
+from hgogen.kalman.covariance import factor
+from hgogen.kalman.riccati_part import Riccati
+from hgogen.kalman.theta import Theta, constant
+from hgogen.kalman.weights import cap, limited, positive, spd, wide
+from hgogen.observer import state_field
+from hgogen.program import Field, sym
+from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.structure.dynamics import Dynamics
+from hgogen.structure.scaling import scaling
+
+LIMITED = limited(
+    "the covariance reached its cap: a long loss of measurements, or Q and R much too large for the declared ranges",
+    "wait for measurements; if it stays while they come, scale Q and R down together",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """The filter as a part, its `gains` Q and R, and `equations`: lines for the banner, of a Q that is no diagonal."""
+
+    part: Riccati
+    gains: tuple[Field, ...]
+    equations: tuple[str, ...]
+
+
+def extended(
+    form: Form,
+    Q: Matrix,
+    R: float | Values,
+    covariance: Matrix | None,
+    initial: Values | None,
+    theta: Theta | None = None,
+) -> Extended:
+    """The filter of what `observers.riccati` says of its arguments; theta = 1 without one.
+
+    Raises: `BadGain`, `BadNames`.
+    """
+    n, outputs, theta = form.n, len(form.output), theta or constant(1.0)
+    noise = spd("Q", of_coordinates("Q", Q, form), n)
+    start = spd("covariance", np.ones(n) if covariance is None else of_coordinates("covariance", covariance, form), n)
+    variances = positive("R", of_outputs("R", R, form), outputs)
+    shape, weights = factor(noise)
+    dynamics = Dynamics(form)
+    z = state_field(form, initial, theta.peak)
+    part = Riccati(
+        dynamics=dynamics,
+        z=z,
+        theta=theta,
+        weights=sym("gain", "Q", n),
+        factor=shape,
+        R=sym("gain", "R", outputs),
+        covariance=start,
+        cap=cap(dynamics, z, noise, variances, start, theta.peak, scaling(form, theta.scaled)),
+        limited=LIMITED,
+        nominal=(noise, np.array(variances)),
+    )
+    gains = (
+        wide("Q", weights, "process noise, diagonal factor", "z^2/s", form.names),
+        wide("R", variances, "output noise", "y^2 s", names_of(form.system.outputs)),
+    )
+    return Extended(part, gains, whole("Q", noise, form))

@@ -1,0 +1,86 @@
+"""Iterated extended Kalman filter: at each sample the estimate that fits sample and prediction best, by Gauss-Newton.
+
+    minimise  |z+ - z|^2_(P^-1) + (y - h(z+))^2 h/R   at each sample, in passes from z on, by halved steps where needed
+    P <- P - K c P,  K = P c'/(R/h + c P c'),  c = dh/dz at z+
+
+Between samples it is the extended Kalman filter, and so it is for outputs linear in the state. A comparator for
+`riccati`, of the same Q, R and P(0), where an output bends within what the estimate may be off. Source: Bell, Cathey,
+"The iterated Kalman filter update as a Gauss-Newton method", IEEE TAC 38 (1993).
+"""
+
+from collections.abc import Iterable
+from functools import partial
+
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.kalman.extended import extended
+from hgogen.kalman.iterated import Iterated, iterated
+from hgogen.kalman.kalman_theorems import KALMAN, of_form
+from hgogen.kalman.riccati_part import AtSamples
+from hgogen.kalman.square_root import LARGEST
+from hgogen.observer import Observer, founded, linearised
+from hgogen.program import sym
+from hgogen.reading.given import BadGain, real
+from hgogen.reading.named import Matrix, Values
+from hgogen.starting import starts
+from hgogen.theorem import Hypothesis
+
+REFERENCE = "Bell, Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE TAC 38 (1993)"
+EQUATIONS = (
+    "at a sample: z+ minimises |z+ - z|^2_(P^-1) + (y - h(z+))^2 h/R, in passes from z on",
+    "P <- P - K c P, K = P c'/(R/h + c P c'), c = dh/dz at z+",
+)
+THEOREM = KALMAN.under(
+    Hypothesis(
+        "a sample moves the estimate so little that the first pass is the last",
+        verdict=Verdict.UNKNOWN,
+        reason="the theorem is of continuous time, where there is nothing to repeat",
+    )
+)
+MOST = 10  # passes: each is the output, its row and a cost in straight-line code
+
+
+@starts(
+    "the noise is known and an output bends within what the estimate may be off",
+    "as `riccati`",
+    "n(n+3)/2",
+    lambda scale: scale.kalman,
+    quick=LARGEST,
+)
+def iterated_ekf(
+    form: Form,
+    *,
+    Q: Matrix,
+    R: float | Values,
+    passes: int = 4,
+    initial: Values | None = None,
+    covariance: Matrix | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The iterated extended Kalman filter of `form`, of up to 7 states.
+
+    Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `passes`, from 1 to 10, of each sample of an output that is
+    not linear in the state; `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model whose
+    Jacobian is not finite somewhere on the box.
+    """
+    accept = founded("iterated_ekf", form, accept, takes=linearised)
+    if form.n > LARGEST:
+        raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
+    if real("passes", passes) not in range(1, MOST + 1):
+        raise BadGain(f"passes = {passes!r}", f"must be a whole number, from 1 to {MOST}")
+    filter = extended(form, Q, R, covariance, initial)
+    return Observer(
+        form=form,
+        name="iterated_ekf",
+        parts=(AtSamples(filter.part, "the iterated filter", partial(iterated, Iterated(filter.part, int(passes)))),),
+        gains=filter.gains,
+        z=sym("state", "z", form.n),
+        dynamics=filter.part.dynamics,
+        checks=form.checks,
+        accepted=accept,
+        theorem=of_form(THEOREM, form),
+        equations=(*EQUATIONS, f"at most {passes} passes a sample", *filter.equations),
+        reference=REFERENCE,
+    )

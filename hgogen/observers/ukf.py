@@ -1,0 +1,119 @@
+"""Unscented Kalman filter in its square-root form: sigma points carry mean and covariance, no Jacobian does.
+
+    points   z and z +- g s_i,  S S' = P,  g = alpha sqrt(n + kappa)
+    time     z, P: mean and covariance of the points after a Runge-Kutta step each; P <- P + h Q
+    sample   K = S f/(r + |f|^2),  z <- z + K (y - mean of h),  P <- P - K (r + |f|^2) K'
+
+With f the half differences of h over pairs of points, and r = R/h with what their bends add. On a linear plant it is
+the Kalman filter. A comparator for `riccati`, of the same Q, R and P(0): it sees further than a slope, for 2n + 1
+models a step. Source: Julier, "The scaled unscented transformation", ACC 2002; van der Merwe, Wan, ICASSP 2001.
+"""
+
+from collections.abc import Iterable
+from functools import partial
+from math import sqrt
+
+from hgogen.check import Verdict
+from hgogen.form import Form
+from hgogen.kalman.extended import extended
+from hgogen.kalman.riccati_part import AtSamples
+from hgogen.kalman.square_root import LARGEST
+from hgogen.kalman.unscented import Unscented, unscented
+from hgogen.observer import Observer, founded, linearised
+from hgogen.program import sym
+from hgogen.reading.given import BadGain, positive, real
+from hgogen.reading.named import Matrix, Values
+from hgogen.starting import starts
+from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
+
+REFERENCE = (
+    "van der Merwe, Wan, The square-root unscented Kalman filter for state and parameter-estimation, ICASSP 2001"
+)
+EQUATIONS = (
+    "points z, z +- g s_i with S S' = P; z, P: their mean and covariance after a step, P <- P + h Q",
+    "K = S f/(r + |f|^2), z <- z + K (y - mean of h), f the half differences of h over pairs of points",
+)
+THEOREM = Theorem(
+    "the estimate's mean square error stays bounded",
+    (
+        *FORM,
+        Hypothesis(
+            "the first error, the noises and the terms that the points miss are small enough",
+            verdict=Verdict.UNKNOWN,
+            reason="the theorem's constants are existential: no number is known to be small enough",
+            reference="theorem 1",
+        ),
+        Hypothesis(
+            "the outputs are linear in the state, and the covariance stays between two positive bounds",
+            verdict=Verdict.UNKNOWN,
+            reason="nothing here bounds the covariance along a trajectory",
+            reference="theorem 1",
+        ),
+        *OPERATION,
+    ),
+    "Xiong, Zhang, Chan, Performance evaluation of UKF-based nonlinear filtering, Automatica 42 (2006)",
+)
+
+
+@starts(
+    "the noise is known and the model bends within what the estimate may be off",
+    "as `riccati`; where the points lie",
+    "n(n+3)/2",
+    lambda scale: scale.kalman,
+    quick=LARGEST,
+)
+def ukf(
+    form: Form,
+    *,
+    Q: Matrix,
+    R: float | Values,
+    alpha: float = 1.0,
+    beta: float = 2.0,
+    kappa: float = 0.0,
+    initial: Values | None = None,
+    covariance: Matrix | None = None,
+    accept: Iterable[str] = (),
+) -> Observer:
+    """The unscented Kalman filter of `form`, of up to 7 states.
+
+    Args: `Q`, `R`, `initial`, `covariance` as in `riccati`; `alpha` > 0, `beta` and `kappa` > -n of the scaled
+    unscented transform, with alpha^2 <= beta, which keeps P positive definite; a point lies alpha sqrt(n + kappa)
+    deviations g off the estimate, from 1e-3 to 1e3. In floats rounding adds about 6e-8 |z|/g to a deviation at each
+    step. `accept` ids of refuted checks to build on all the same.
+
+    Raises: `Refuted` for a refuted hypothesis that is not accepted; `BadGain`; `BadNames`; `Singular` for a model whose
+    Jacobian is not finite somewhere on the box, by which the cap of P is set.
+    """
+    accept = founded("ukf", form, accept, takes=linearised)
+    if form.n > LARGEST:
+        raise BadGain("ukf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
+    reach, more = _points(form.n, positive("alpha", alpha), real("beta", beta), real("kappa", kappa))
+    filter = extended(form, Q, R, covariance, initial)
+    points = Unscented(filter.part, reach, more)
+    return Observer(
+        form=form,
+        name="ukf",
+        parts=(AtSamples(filter.part, "the unscented filter", partial(unscented, points)),),
+        gains=filter.gains,
+        z=sym("state", "z", form.n),
+        dynamics=filter.part.dynamics,
+        checks=form.checks,
+        accepted=accept,
+        theorem=THEOREM,
+        equations=(*EQUATIONS, f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}", *filter.equations),
+        reference=REFERENCE,
+    )
+
+
+def _points(n: int, alpha: float, beta: float, kappa: float) -> tuple[float, float]:
+    """g and beta - alpha^2. Raises: `BadGain`."""
+    if not kappa > -n:
+        raise BadGain(f"kappa = {kappa:g}", f"must be above -{n}, the number of states with a minus")
+    reach = alpha * sqrt(n + kappa)
+    if not 1e-3 <= reach <= 1e3:
+        wanted = "must be from 1e-3 to 1e3: floats lose what closer points differ by"
+        raise BadGain(f"alpha sqrt(n + kappa) = {reach:g}", wanted)
+    if not alpha**2 <= beta <= 1e6:
+        wanted = f"must be from alpha^2 = {alpha**2:g} to 1e6, so that the covariance stays positive"
+        raise BadGain(f"beta = {beta:g}", wanted)
+    return reach, beta - alpha**2

@@ -1,0 +1,248 @@
+"""The unscented and the iterated Kalman filter: against the textbook's sums, a Kalman filter, and a minimiser."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracle import unscented as oracle
+from plants import chain, two_outputs
+from scipy.optimize import minimize
+
+import hgogen as hg
+from hgogen.calling import native
+from hgogen.reading.given import BadGain
+from hgogen.stepping.discretise import MovesAtSamples, NoEquation
+
+NAN = float("nan")
+PREDICT_CORRECT = [hg.methods.continuous_discrete, hg.methods.cholesky]
+COMPARATORS = [hg.observers.ukf, hg.observers.iterated_ekf]
+Q, R, P0 = np.array([[0.02, 0.01], [0.01, 0.3]]), (2e-3, 5e-3), np.diag([0.3, 0.5])
+
+
+def swinging(*outputs: Callable[[Any, Any], Any], width: float = 20.0) -> hg.System:
+    """A pendulum with a cubic spring, of the outputs given as functions of angle and rate."""
+    q, w = (hg.Signal(name, low=-width, high=width) for name in ("q", "w"))
+    u = hg.Signal("u", low=-5, high=5)
+    return hg.System(
+        "swinging",
+        states=(q, w),
+        inputs=(u,),
+        outputs=tuple(hg.Signal(f"y{j + 1}", low=-1e4, high=1e4) for j in range(len(outputs))),
+        flow=(w, u - sp.sin(q) * 4 - q**3 / 10 - w / 5),
+        output=tuple(h(q, w) for h in outputs),
+    )
+
+
+BENT = swinging(lambda q, w: sp.sin(q) + q / 4 + w**2 / 20, lambda q, w: w + q**2 / 3)
+
+
+def bent_flow(z: np.ndarray, u: float) -> np.ndarray:
+    return np.array([z[1], u - 4 * np.sin(z[0]) - z[0] ** 3 / 10 - z[1] / 5])
+
+
+def bent_output(z: np.ndarray) -> np.ndarray:
+    return np.array([np.sin(z[0]) + z[0] / 4 + z[1] ** 2 / 20, z[1] + z[0] ** 2 / 3])
+
+
+def record(count: int, dt: float, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """An input and noisy samples of BENT along it; some samples are missing."""
+    rng = np.random.default_rng(seed)
+    u, z, rows = np.sin(np.arange(count) * dt * 1.3), np.array([0.6, -0.4]), []
+    for k in range(count):
+        if k:
+            z = oracle.runge_kutta(bent_flow, z, (u[k - 1], u[k]), dt)
+        rows.append(bent_output(z) + rng.standard_normal(2) * np.sqrt(np.array(R) / dt) * 0.2)
+    y = np.array(rows)
+    y[40:55, 0], y[70:90] = NAN, NAN
+    return u, y
+
+
+def made(make: Any, plant: hg.System = BENT, method: Any = hg.methods.cholesky, dt: float = 0.01, **more: Any) -> Any:
+    outputs = len(plant.outputs)
+    gains = {"Q": Q, "R": R[:outputs], "covariance": P0, "initial": (0.1, 0.2)} | more
+    return hg.sample(make(hg.forms.original(plant), **gains), method, dt=dt)
+
+
+# --- the unscented filter -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", PREDICT_CORRECT)
+@pytest.mark.parametrize(("alpha", "beta", "kappa"), [(1.0, 2.0, 0.0), (0.5, 2.0, 1.0), (1.2, 1.44, 3.0)])
+def test_it_is_the_textbooks_filter(method: Any, alpha: float, beta: float, kappa: float) -> None:
+    """Of two bent outputs, with samples missing. The weighted sums lose eps/alpha^2 in the textbook's order; 1e3
+    operations in each of 200 steps, forgotten within 50 of them."""
+    u, y = record(200, 0.01)
+    step = made(hg.observers.ukf, method=method, alpha=alpha, beta=beta, kappa=kappa)
+    run = step.run(u=u, y=y, engine="python")
+    start = np.array([0.1, 0.2])
+    wanted = oracle.run(bent_flow, bent_output, Q, np.array(R), start, P0, 0.01, u, y, alpha, beta, kappa)
+    assert np.abs(run.x - wanted).max() < 1e-10
+    plain = made(hg.observers.riccati).run(u=u, y=y, engine="python")
+    assert np.abs(run.x - plain.x).max() > 1e-3  # the bends matter
+
+
+def test_the_middle_point_may_weigh_less_than_nothing() -> None:
+    """alpha = 0.01: W_0c is -2e4, and the textbook's P is what is left of large sums; here nothing is taken away. By
+    the limit of close points it is the same filter as with alpha = 0.02, but for terms of fourth order."""
+    u, y = record(200, 0.01)
+    close, closer = (made(hg.observers.ukf, alpha=a, kappa=0.0).run(u=u, y=y, engine="python") for a in (0.02, 0.01))
+    assert np.abs(close.x - closer.x).max() < 1e-3
+    assert not close.status[:, None].any() or (close.status == closer.status).all()
+
+
+def integrators() -> hg.System:
+    """Three in a chain."""
+    x = [hg.Signal(f"x{i}", low=-20, high=20) for i in (1, 2, 3)]
+    return hg.System(
+        "integrators", states=x, inputs=(), outputs=(hg.Signal("y"),), flow=(x[1], x[2], 0), output=(x[0],)
+    )
+
+
+@pytest.mark.parametrize("make", COMPARATORS)
+def test_on_a_linear_plant_it_is_the_kalman_filter(make: Any) -> None:
+    """In plain numpy with Phi = R_4(hF), which for a chain of three is exp(hF): F^3 = 0."""
+    rng = np.random.default_rng(1)
+    y = 0.3 * np.sin(np.arange(300) * 0.03)[:, None] + 0.05 * rng.standard_normal((300, 1))
+    gains = {"Q": (0.1, 0.2, 0.3), "R": 1e-3, "covariance": (1.0, 2.0, 3.0)}
+    step = hg.sample(make(hg.forms.original(integrators()), **gains), hg.methods.cholesky, dt=0.01)
+    run = step.run(y=y, engine="python")
+    F = np.diag(np.ones(2), 1)
+    Phi = np.eye(3) + 0.01 * F + 0.01**2 / 2 * F @ F
+    z, P, noise = np.zeros(3), np.diag([1.0, 2.0, 3.0]), 0.01 * np.diag([0.1, 0.2, 0.3])
+    for k, sample in enumerate(y[:, 0]):
+        if k:
+            z, P = Phi @ z, Phi @ P @ Phi.T + noise
+        K = P[:, 0] / (P[0, 0] + 1e-3 / 0.01)
+        z, P = z + K * (sample - z[0]), P - np.outer(K, P[0])
+        assert run.x[k] == pytest.approx(z, abs=1e-9)
+
+
+def inputs_of(step: Any, count: int) -> dict[str, np.ndarray]:
+    return {"u": np.zeros((count, len(step.inputs)))} if step.inputs else {}
+
+
+@pytest.mark.parametrize("make", COMPARATORS)
+@pytest.mark.parametrize("method", [hg.methods.euler, hg.methods.rk4, hg.methods.rk4_covariance, hg.methods.heun])
+def test_a_method_that_integrates_is_refused(make: Any, method: Any) -> None:
+    with pytest.raises(MovesAtSamples, match="predicts and corrects: take continuous_discrete or cholesky"):
+        made(make, method=method)
+
+
+@pytest.mark.parametrize("make", COMPARATORS)
+def test_it_is_no_differential_equation(make: Any) -> None:
+    functions = hg.targets.casadi(made(make))
+    with pytest.raises(NoEquation, match="it predicts and corrects at samples; take its step"):
+        functions.derivative  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("gains", "sentence"),
+    [
+        ({"alpha": 0.0}, "alpha = 0.0 must be a positive finite number"),
+        ({"alpha": 1e-5}, "alpha sqrt(n + kappa) = 1.41421e-05 must be from 1e-3 to 1e3"),
+        ({"alpha": 2.0}, "beta = 2 must be from alpha^2 = 4 to 1e6, so that the covariance stays positive"),
+        ({"beta": -1.0}, "beta = -1 must be from alpha^2 = 1 to 1e6"),
+        ({"beta": NAN}, "beta"),
+        ({"kappa": -2.0}, "kappa = -2 must be above -2, the number of states with a minus"),
+        ({"kappa": 1e9}, "must be from 1e-3 to 1e3"),
+        ({"kappa": NAN}, "kappa"),
+        ({"kappa": "many"}, "kappa"),
+    ],
+)
+def test_points_that_are_none_are_refused(gains: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(BadGain) as error:
+        made(hg.observers.ukf, **gains)
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("passes", [0, 11, 2.5, NAN, "two"])
+def test_passes_that_are_no_number_of_them_are_refused(passes: Any) -> None:
+    with pytest.raises(BadGain, match="passes"):
+        made(hg.observers.iterated_ekf, passes=passes)
+
+
+@pytest.mark.parametrize("make", COMPARATORS)
+def test_more_than_seven_states_are_refused(make: Any) -> None:
+    with pytest.raises(BadGain, match=f"{make.__name__} takes up to 7 states, there are 8; take riccati, which loops"):
+        make(hg.forms.original(chain(8)), Q=(1,) * 8, R=1)
+
+
+@pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+@pytest.mark.parametrize("make", COMPARATORS)
+@pytest.mark.parametrize("real", ["float", "double"])
+def test_its_c_has_the_bits_of_python(make: Any, real: Any) -> None:
+    """Of bent outputs, which no shipped model that it takes has."""
+    step = made(make)
+    files = hg.targets.c99(step, real=real)
+    assert native.run_check(files, ("-O2", f"-D{step.name.upper()}_EXACT")).endswith("samples as recorded\n")
+
+
+@pytest.mark.parametrize("make", COMPARATORS)
+def test_it_takes_several_outputs_and_parameters(make: Any) -> None:
+    step = hg.sample(make(hg.forms.original(two_outputs()), Q=(1, 1, 1), R=(0.1, 0.2)), dt=0.01)
+    assert step.rule == "continuous-discrete, S S'"
+    assert np.isfinite(step.run(**inputs_of(step, 50), y=np.full((50, 2), 0.3), engine="python").x).all()
+
+
+# --- the iterated filter --------------------------------------------------------------------------------------
+
+
+def corrected(passes: int, y: float, h: Callable[[Any, Any], Any], r: float = 0.2) -> tuple[np.ndarray, Any]:
+    """The estimate after the first sample y of one output h, from (0.1, 0.2) with P0, which no step has moved yet; and
+    the cost that it minimises."""
+    plant = swinging(h)
+    step = made(hg.observers.iterated_ekf, plant, passes=passes, R=(r * 0.01,))
+    x = step.run(u=np.zeros(1), y=np.array([[y]]), engine="python").x[0]
+    read = sp.lambdify(plant.states, plant.output[0])
+
+    def cost(z: np.ndarray) -> float:
+        off = z - np.array([0.1, 0.2])
+        return float(off @ np.linalg.solve(P0, off) + (y - read(*z)) ** 2 / r)
+
+    return x, cost
+
+
+@given(st.floats(-3, 3), st.sampled_from(["square", "sine", "exponential"]))
+@settings(deadline=None, max_examples=20)
+def test_the_estimate_minimises_the_cost_of_a_sample(y: float, kind: str) -> None:
+    """Ten passes come within a hundredth of what there is to gain from where the prediction stands: the method of Gauss
+    and Newton converges linearly where the error stays large. The minimum next to it is that of Nelder and Mead."""
+    h = {"square": lambda q, w: q + q**2 / 4, "sine": lambda q, w: q + sp.sin(w) / 2, "exponential": exponential}[kind]
+    x, cost = corrected(10, y, h)
+    least = minimize(cost, x, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-13}).fun
+    assert cost(x) - least <= 0.01 * (cost(np.array([0.1, 0.2])) - least) + 1e-10
+
+
+def exponential(q: Any, w: Any) -> Any:
+    return sp.exp(q / 2) + w / 4
+
+
+def test_no_pass_makes_the_estimate_worse() -> None:
+    """h = atan(5 q): from afar the full Gauss-Newton step overshoots to where the slope is none."""
+    costs = []
+    for passes in (1, 2, 4, 8):
+        x, cost = corrected(passes, -1.2, lambda q, w: sp.atan(5 * (q - sp.Rational(3, 2))), r=1e-4)
+        costs.append(cost(x))
+    assert costs == sorted(costs, reverse=True)
+    assert costs[0] <= cost(np.array([0.1, 0.2]))
+
+
+def test_one_pass_is_the_extended_kalman_filters_correction() -> None:
+    """Where its cost falls; the covariance after it is by the row at the new estimate."""
+    x, _ = corrected(1, 0.3, lambda q, w: q + q**2 / 4)
+    plain = made(hg.observers.riccati, swinging(lambda q, w: q + q**2 / 4), R=(2e-3,))
+    assert x == pytest.approx(plain.run(u=np.zeros(1), y=np.array([[0.3]]), engine="python").x[0], abs=1e-12)
+
+
+def test_it_takes_a_distance_for_what_it_is_where_one_pass_does_not() -> None:
+    """To a beacon, within .1, of a state that is known in one direction: one linearisation lands a third of the way
+    beyond the circle, and P does not know of it."""
+    costs = []
+    for passes in (1, 10):
+        x, cost = corrected(passes, 0.9, lambda q, w: sp.sqrt((q - 1) ** 2 + 8 * (w - 1) ** 2 + 0.01), r=1e-2)
+        costs.append(cost(x))
+    assert costs[1] < costs[0] / 3
