@@ -41,6 +41,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.system import System
     from hgogen.target import write
     from hgogen.trials import excitation
+    from hgogen.trials.campaign import campaign
     from hgogen.trials.gramian import gramian
     from hgogen.trials.reference import reference
     from hgogen.trials.response import response
@@ -60,6 +61,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "advise": "calibration.advise",
     "Calibration": "calibration.tuned",
     "tune": "calibration.tune",
+    "campaign": "trials.campaign",
     "sample": "call",
     "from_casadi": "reading.casadi_model",
     "certificate": "certificates.certificate",
@@ -109,6 +111,7 @@ __all__ = [
     "Verdict",
     "advise",
     "bound",
+    "campaign",
     "certificate",
     "design",
     "dissipation",

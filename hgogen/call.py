@@ -180,6 +180,12 @@ class CallableStep(Step):
             self._kept.places[place][:] = array
         return tune()
 
+    @property
+    def tuned(self) -> dict[str, tuple[float, ...]]:
+        """The gains and the tunable parameters of the plant as they stand, by name."""
+        kinds = [*(("plant", f.name) for f in self.plant), *(("gain", f.name) for f in self.gains)]
+        return {name: tuple(map(float, self._kept.places[Place(kind, name)].ravel())) for kind, name in kinds}
+
     def save(self) -> bytes:
         """The state as the bytes of the C struct."""
         return bytes(self._kept.state)

@@ -7,7 +7,8 @@ link, a device, a pipe or a socket is refused, as a folder on the way and in the
 import os
 import secrets
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -91,6 +92,31 @@ def write(files: Mapping[str, str | bytes], folder: str | Path) -> list[Path]:
         for temporary in staged:
             temporary.unlink(missing_ok=True)
     return paths
+
+
+@contextmanager
+def lines_of(name: str, folder: str | Path) -> Iterator[tuple[str, Callable[[str], None]]]:
+    """The whole lines of a file in `folder`, which are there already, and a function that adds one, ended by a new
+    line, to a file that is made with the first; a line that an earlier writer left unfinished is taken away then.
+
+    Raises: `CannotWrite`.
+    """
+    (path,) = demand([name], folder)
+    try:
+        text = path.read_bytes().decode(errors="replace") if path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "r+b" if path.exists() else "wb") as stream:
+            stream.truncate(len(whole.encode()))
+            stream.seek(0, os.SEEK_END)
+
+            def add(line: str) -> None:
+                stream.write(line.encode())
+                stream.flush()
+
+            yield whole, add
+    except OSError as error:
+        raise _failed(error, Path(folder)) from error
 
 
 def demand(names: Iterable[str], folder: str | Path) -> list[Path]:

@@ -25,7 +25,7 @@ from hgogen.form import Form
 from hgogen.graph import CVODES, Graph, to_casadi
 from hgogen.modelfiles.scenario import BadTrial, Jump, OrnsteinUhlenbeck, Settled, Sine, read_field, t
 from hgogen.reading.time_unit import plural
-from hgogen.signal import resting
+from hgogen.signal import Signal, resting
 from hgogen.system import System
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
 
 
 MEMORY = 1 << 30  # bytes of one seed's truth, measurements and estimates
+_TOGETHER = 1 << 20  # numbers of measurements that are made at once
 _BESIDE = 4  # numbers a sample beside states, inputs and outputs: its time, status and traces
 
 
@@ -144,17 +145,94 @@ def simulate(plant: System, trial: Trial, dt: float) -> Truth:
 
     Raises: `BadTrial` for names or numbers that do not fit, or a plant that cannot be integrated that far.
     """
-    trial = replace(trial, inputs=_inputs(plant, trial))
-    _validate(plant, trial, dt)
-    times = np.arange(round(trial.duration / dt) + 1) * dt
-    time, x = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states))
-    u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: time})
-    symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
-    symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
-    flow = ca.vertcat(*to_casadi(plant.flow, symbols))
-    states = _integrate(plant, trial, {"x": x, "t": time, "ode": flow}, times)
-    measure = ca.Function("measure", [x, time], [ca.vertcat(*to_casadi(plant.output, symbols))])
-    return Truth(times, states, _sampled(plant, trial, times), np.array(measure(states.T, times[None, :])).T)
+    return Plant(plant, trial, dt).truth(trial.start)
+
+
+class Plant:
+    """A plant along a trial, made once for several truths.
+
+    `free`: parameters whose values differ from truth to truth; the others are nominal.
+
+    Raises: `BadTrial` for names or numbers that do not fit.
+    """
+
+    def __init__(self, plant: System, trial: Trial, dt: float, free: Sequence[Signal] = ()) -> None:
+        self._plant = plant
+        self._trial = trial = replace(trial, inputs=_inputs(plant, trial))
+        _validate(plant, trial, dt)
+        self.times = np.arange(round(trial.duration / dt) + 1) * dt
+        self.u = _sampled(plant, trial, self.times)
+        time, x, p = ca.SX.sym("t"), ca.SX.sym("x", len(plant.states)), ca.SX.sym("p", len(free))
+        u = to_casadi([sp.sympify(trial.inputs[s.name]) for s in plant.inputs], {t: time})
+        symbols = dict(zip(plant.states, ca.vertsplit(x), strict=True)) if plant.states else {}
+        symbols |= dict(zip(plant.inputs, u, strict=True)) | {p: float(v) for p, v in plant.nominal.items()}
+        symbols |= dict(zip(free, ca.vertsplit(p), strict=True)) if free else {}
+        self._ode: Mapping[str, Graph] = {"x": x, "t": time, "p": p, "ode": ca.vertcat(*to_casadi(plant.flow, symbols))}
+        self._measure = ca.Function("measure", [x, time, p], [ca.vertcat(*to_casadi(plant.output, symbols))])
+        self._segments = list(_segments(trial, self.times))
+        self._integrators: dict[float, ca.Function] = {}
+
+    def truth(self, start: Mapping[str, float], parameters: Sequence[float] = ()) -> Truth:
+        """The truth from a state by name, with values of the free parameters.
+
+        Raises: `BadTrial` for a plant that cannot be integrated that far.
+        """
+        x = self._integrated(start, np.array(parameters, dtype=float))
+        times = self.times[None, :]
+        y = np.array(self._measure(x.T, times, np.tile(np.array(parameters, dtype=float)[:, None], times.shape)))
+        return Truth(self.times, x, self.u, y.T)
+
+    def _integrated(self, start: Mapping[str, float], p: np.ndarray) -> np.ndarray:
+        """States (N, n), from jump to jump; a jump takes effect at its very time."""
+        index = {s.name: i for i, s in enumerate(self._plant.states)}
+        now = np.array([start[s.name] for s in self._plant.states], dtype=float)
+        states = np.empty((len(self.times), len(now)))
+        for segment in self._segments:
+            for jump in self._trial.jumps:
+                if jump.time == segment.begin:
+                    now[index[jump.state]] = jump.value
+            states[segment.here] = now
+            if segment.stops:
+                reached = self._reached(segment, now, p)
+                states[segment.inside], now = reached[: len(segment.inside)], reached[-1].copy()
+        return states
+
+    def _reached(self, segment: "_Segment", now: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """The states at a segment's stops. Raises: `BadTrial`."""
+        options = {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
+        begin, stops = segment.begin, segment.stops
+        try:
+            if begin not in self._integrators:
+                self._integrators[begin] = ca.integrator("truth", "cvodes", self._ode, begin, stops, options)
+            reached = np.array(self._integrators[begin](x0=now, p=p)["xf"]).T
+        except RuntimeError:
+            reached = np.full((len(stops), len(now)), np.nan)
+        if not np.isfinite(reached).all():
+            raise BadTrial(
+                self._trial.name,
+                f"the plant cannot be integrated from t = {begin:g} to t = {stops[-1]:g}; it may escape in finite "
+                "time or leave the domain of a function: check flow, start and inputs, or shorten the trial",
+            )
+        return reached
+
+
+@dataclass(frozen=True, eq=False)
+class _Segment:
+    """The time from an event at `begin` to the next: the samples `here` at the event itself (a mask), those `inside`
+    (their numbers), and the times at which the integration stops, the next event's among them."""
+
+    begin: float
+    here: np.ndarray
+    inside: np.ndarray
+    stops: list[float]
+
+
+def _segments(trial: Trial, times: np.ndarray) -> Iterator[_Segment]:
+    grain = 1e-9 * times[1]  # a jump this near to a sample is on it
+    for begin, end in pairwise((*trial.events, math.inf)):
+        inside = np.flatnonzero((times > begin + grain) & (times < end - grain))
+        stops = [*times[inside], *([end] if end <= times[-1] + grain else [])]
+        yield _Segment(begin, np.abs(times - begin) <= grain, inside, stops)
 
 
 def _sampled(plant: System, trial: Trial, times: np.ndarray) -> np.ndarray:
@@ -176,51 +254,13 @@ def _inputs(plant: System, trial: Trial) -> dict[str, Any]:
     return {name: rate for name, rate in rates.items() if name in {s.name for s in plant.inputs}} | dict(trial.inputs)
 
 
-def _integrate(plant: System, trial: Trial, ode: Mapping[str, Graph], times: np.ndarray) -> np.ndarray:
-    """States (N, n) at `times`, from jump to jump; a jump takes effect at its very time."""
-    index = {s.name: i for i, s in enumerate(plant.states)}
-    now = np.array([trial.start[s.name] for s in plant.states], dtype=float)
-    states = np.empty((len(times), len(now)))
-    grain = 1e-9 * times[1]  # a jump this near to a sample is on it
-    events = (*trial.events, math.inf)
-    for begin, end in pairwise(events):
-        for jump in trial.jumps:
-            if jump.time == begin:
-                now[index[jump.state]] = jump.value
-        on_grid = np.abs(times - begin) <= grain
-        states[on_grid] = now
-        inside = np.flatnonzero((times > begin + grain) & (times < end - grain))
-        stops = [*times[inside], *([end] if end <= times[-1] + grain else [])]
-        if not stops:
-            continue
-        reached = _segment(trial, ode, now, begin, stops)
-        states[inside], now = reached[: len(inside)], reached[-1].copy()
-    return states
-
-
-def _segment(trial: Trial, ode: Mapping[str, Graph], start: np.ndarray, begin: float, stops: list[float]) -> np.ndarray:
-    options = {**CVODES, "abstol": 1e-13, "reltol": 1e-13}
-    try:
-        integrator = ca.integrator("truth", "cvodes", ode, begin, stops, options)
-        reached = np.array(integrator(x0=start)["xf"]).T
-    except RuntimeError:
-        reached = np.full((len(stops), len(start)), np.nan)
-    if not np.isfinite(reached).all():
-        raise BadTrial(
-            trial.name,
-            f"the plant cannot be integrated from t = {begin:g} to t = {stops[-1]:g}; it may escape in finite "
-            "time or leave the domain of a function: check flow, start and inputs, or shorten the trial",
-        )
-    return reached
-
-
-def noisy(plant: System, truth: Truth, trial: Trial, seed: int) -> np.ndarray:
-    """What is measured, y (N, p): the truth plus the noise of this seed, output after output from one
-    generator."""
-    rng, y = np.random.default_rng(seed), truth.y.copy()
+def noisy(plant: System, truth: Truth, trial: Trial, seeds: Sequence[int]) -> np.ndarray:
+    """What is measured, y (k, N, p): the truth plus the noise of each of k seeds, output after output from one
+    generator a seed."""
+    rngs, y = [np.random.default_rng(seed) for seed in seeds], np.repeat(truth.y[None], len(seeds), axis=0)
     for j, signal in enumerate(plant.outputs):
         if signal.name in trial.noise:
-            y[:, j] += trial.noise[signal.name].at(truth.t, rng)
+            y[:, :, j] += trial.noise[signal.name].at(truth.t, rngs).T
     return y
 
 
@@ -237,15 +277,35 @@ def try_out(
     system = step.observer.form.system
     plant = system if system.origin is None else system.origin.plant
     truth = simulate(plant, trial, step.dt)
-    u = _sampled(system, trial, truth.t)
-    start = step.started(trial.first_estimate).save() if trial.estimate else None
-    for seed in trial.seeds if seeds is None else seeds:
-        y = _at_their_times(step, noisy(plant, truth, trial, seed))
-        step.reset()
-        if start is not None:
+    seeds = trial.seeds if seeds is None else seeds
+    yield from tried(step, trial, truth, first_memory(step, trial), seeds, engine)
+
+
+def first_memory(step: CallableStep, trial: Trial) -> bytes:
+    """The memory of a step at a trial's start: its estimate is the trial's, else its own.
+
+    Raises: `BadGain` for an estimate that the observer cannot start from.
+    """
+    if trial.estimate:
+        return step.started(trial.first_estimate).save()
+    step.reset()
+    return step.save()
+
+
+def tried(
+    step: CallableStep, trial: Trial, truth: Truth, start: bytes, seeds: Sequence[int], engine: Engine | None
+) -> Iterator[Trajectory]:
+    """The step over a truth of its plant, from the memory `start`, one trajectory for each seed."""
+    system = step.observer.form.system
+    plant = system if system.origin is None else system.origin.plant
+    u, every = _sampled(system, trial, truth.t), max(1, _TOGETHER // truth.y.size)
+    for first in range(0, len(seeds), every):
+        some = seeds[first : first + every]
+        for seed, measured in zip(some, noisy(plant, truth, trial, some), strict=True):
+            y = _at_their_times(step, measured)
             step.restore(start)
-        run = step.run(u=u, y=y, engine=engine)
-        yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
+            run = step.run(u=u, y=y, engine=engine)
+            yield Trajectory(trial, seed, truth, y, run.x, run.traces, run.status, run.engine)
 
 
 def _at_their_times(step: CallableStep, y: np.ndarray) -> np.ndarray:

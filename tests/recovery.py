@@ -245,7 +245,7 @@ def record(name: str, step: CallableStep, truth: Truth) -> tuple[np.ndarray, np.
     loaded, trial = model(name), calm(model(name).trials()[0])
     system = step.observer.form.system
     plant = system if system.origin is None else system.origin.plant
-    y = noisy(plant, truth, trial, trial.seeds[0])
+    y = noisy(plant, truth, trial, trial.seeds[:1])[0]
     assert loaded.plant.outputs
     return _sampled(system, replace(trial, duration=truth.t[-1]), truth.t), _at_their_times(step, y)
 
@@ -472,7 +472,7 @@ def doubt(name: str, step: CallableStep, seeds: int = 1, jumps: bool = False) ->
         truth = simulate(plant, trial, step.dt)
         u = _sampled(system, trial, truth.t)
         for seed in trial.seeds[:seeds]:
-            y = _at_their_times(step, noisy(plant, truth, trial, seed))
+            y = _at_their_times(step, noisy(plant, truth, trial, [seed])[0])
             step.reset()
             chunk = max(1, len(y) // 1200)
             for k in range(0, len(y), chunk):

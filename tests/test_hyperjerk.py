@@ -98,7 +98,7 @@ def test_tables_1_and_2_by_simulation(name: str) -> None:
     exact, make = truth(30, 5e-4), getattr(hg.observers, name)
     step = hg.sample(make(clipped(), **MODEL.module.tuning[name]), dt=5e-4)
     for omega, row in zip(OMEGA, TABLES[name], strict=True):
-        y = noisy(MODEL.plant, exact, replace(TONE, noise={"y": Sine(0.1, omega)}), 0)
+        y = noisy(MODEL.plant, exact, replace(TONE, noise={"y": Sine(0.1, omega)}), [0])[0]
         step.reset()
         late = np.abs(step.run(y=y).x - exact.x)[-24000:].max(axis=0) / 0.1
         assert late[:3] == pytest.approx(row[:3], rel=6e-3)
@@ -111,7 +111,7 @@ def test_tables_1_and_2_by_simulation(name: str) -> None:
 def test_the_models_observers_have_the_tables_first_three_rows(name: str, rel: float) -> None:
     exact, step = truth(30, 5e-4), hg.sample(MODEL.step(name).observer, dt=5e-4)
     for omega, row in zip(OMEGA, TABLES[name], strict=True):
-        y = noisy(MODEL.plant, exact, replace(TONE, noise={"y": Sine(0.1, omega)}), 0)
+        y = noisy(MODEL.plant, exact, replace(TONE, noise={"y": Sine(0.1, omega)}), [0])[0]
         step.reset()
         run = step.run(y=y)
         assert np.abs(run.x - exact.x)[-24000:, :3].max(axis=0) / 0.1 == pytest.approx(row[:3], rel=rel)

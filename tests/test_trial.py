@@ -69,7 +69,7 @@ def test_truth_and_noise_are_the_oracles():
     assert truth.t == pytest.approx(oracle.times(scenario), abs=1e-12)
     assert truth.u[:, 0] == pytest.approx(np.sin(truth.t), abs=1e-15)
     for seed in (0, 7):
-        noise = noisy(NEURON.plant, truth, trial, seed) - truth.y
+        noise = noisy(NEURON.plant, truth, trial, [seed])[0] - truth.y
         assert noise[:, 0] == pytest.approx(oracle.noise(range(seed, seed + 1), len(truth.t))[0], abs=1e-14)
 
 
@@ -216,7 +216,7 @@ def test_a_plant_that_escapes_is_a_sentence(capfd: pytest.CaptureFixture[str]):
 def test_noise_has_its_deviation_and_correlation(tau: float):
     plant, trial = moving(lambda x, v, u: 0 * x, duration=2000.0, noise={"y": OrnsteinUhlenbeck(0.5, tau)})
     truth = simulate(plant, trial, 0.1)
-    noise = (noisy(plant, truth, trial, 3) - truth.y)[:, 0]
+    noise = (noisy(plant, truth, trial, [3])[0] - truth.y)[:, 0]
     rho = math.exp(-0.1 / tau) if tau else 0.0
     # Over N samples the estimate of the variance has the relative deviation sqrt(2/N (1 + rho^2)/(1 - rho^2)), that of
     # rho sqrt((1 - rho^2)/N): four deviations.
@@ -230,7 +230,7 @@ def test_outputs_draw_their_noise_one_after_the_other():
     plant = hg.System("pair", states=(x,), outputs=(y1, y2), flow=[-x], output=[x, x])
     noise = {"y1": OrnsteinUhlenbeck(1.0), "y2": OrnsteinUhlenbeck(1.0)}
     trial = Trial("pair", 1.0, {"x": 0.0}, noise=noise)
-    y = noisy(plant, simulate(plant, trial, 0.1), trial, 5)
+    y = noisy(plant, simulate(plant, trial, 0.1), trial, [5])[0]
     assert y.T.ravel() == pytest.approx(np.random.default_rng(5).standard_normal(22))
 
 

@@ -12,7 +12,9 @@ from hgogen.call import CallableStep
 from hgogen.calling import native
 from hgogen.calling.samples import Engine
 from hgogen.commands import jobs, tables
+from hgogen.commands.campaigning import campaigns
 from hgogen.commands.command import (
+    NO_RUNS,
     Bar,
     Folder,
     Json,
@@ -20,6 +22,7 @@ from hgogen.commands.command import (
     OneTrial,
     Out,
     ReaderOption,
+    Runs,
     Seeds,
     Tuned,
     command,
@@ -218,9 +221,10 @@ def simulate_(
     seeds: Seeds = None,
     reader: ReaderOption = None,
     trial: OneTrial = None,
+    asked: Runs = NO_RUNS,
     as_json: Json = False,
 ) -> None:
-    """Try a model's observer on its trials and print the metrics.
+    """Try a model's observer on its trials and print the metrics; with --vary or --runs, a campaign of many runs.
 
     JSON keys: model, gains (as in `check`), trials (trial, criterion: what settled means, seeds, engine, times of the
     events, settled and worst time to settle after each, peak of theta as [smallest, largest], calm: time until
@@ -228,15 +232,22 @@ def simulate_(
     latched: seeds in which theta does not come back, alarm_ratio: innovation at the largest theta over its threshold,
     rms by state, clamped: samples outside the box after the first 5%, left: the plant's own states and inputs that
     leave their declared ranges, a list of signal, low, high, time: the first, value there, farthest, each: the same by
-    seed, without left).
+    seed, without left); of a campaign model, gains, campaigns (trial, observer, engine, criterion, runs, failed: those
+    without a truth, varied: name, what, low, high, quantiles: name, low 5 %, middle 50 %, high 95 %, worst, run: the
+    one that had it; with --repeat its run: varied, metrics, failed).
     """
     loaded = load(model).set(setting)
     step, trials = loaded.step(observer), loaded.trials()
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
+    gains = {gain.name: by_name(gain) for gain in step.gains}
+    if asked:
+        rows, shown = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, asked, seeds)
+        show(as_json, {"model": loaded.path, "gains": gains, "campaigns": rows}, *shown)
+        return
     done = _tried(step, chosen, engine, seeds)
     summaries = jobs.summaries(step, done, engine, note)
     pairs = zip(jobs.told(summaries, done), done, strict=True)
     listed_ = [{**summary, "each": [seed.as_dict() for seed in one.each]} for summary, one in pairs]
-    report = {"model": loaded.path, "gains": {gain.name: by_name(gain) for gain in step.gains}, "trials": listed_}
+    report = {"model": loaded.path, "gains": gains, "trials": listed_}
     head = f"{step.observer.name} observer: {', '.join(map(written, step.gains))}\n"
     show(as_json, report, head, tables.trials(summaries, step.time))

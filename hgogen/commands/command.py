@@ -64,6 +64,25 @@ OneTrial = Annotated[str | None, typer.Option("--trial", help="The trial of this
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone; the keys are listed above.")]
 
 
+@dataclass(frozen=True)
+class Runs:
+    """A campaign as a user asks for it; None where nothing is said."""
+
+    vary: str | None = None
+    runs: int | None = None
+    draw: int | None = None
+    jobs: int | None = None
+    scheduler: str | None = None
+    results: Path | None = None
+    repeat: int | None = None
+
+    def __bool__(self) -> bool:
+        """Whether anything is said."""
+        return any(value is not None for value in vars(self).values())
+
+
+NO_RUNS = Runs()
+
 _SET = {  # what a user may set of every step that a command makes
     "form": (str, typer.Option("--form", metavar="NAME", help="The form, in the place of the model's.")),
     "method": (str, typer.Option("--method", metavar="NAME", help="The method, in the place of the model's.")),
@@ -85,21 +104,53 @@ _SET = {  # what a user may set of every step that a command makes
 }
 
 
-def _settable(function: Callable[..., None]) -> Callable[..., None]:
-    """A command with an option for each part of a `Setting` in the place of its argument of that type, if any."""
+_CAMPAIGN = {  # what a user may say of runs that differ
+    "vary": (
+        str,
+        typer.Option(
+            "--vary",
+            metavar="LIST",
+            help="What differs from run to run, in its range, by 10%, by 0.2 or in 0.8..1.2: states by name or x0, "
+            "parameters by name or `parameters`, noise, as in x0,a=10%,noise=0.5..2.",
+        ),
+    ),
+    "runs": (int, typer.Option("--runs", metavar="N", help="How many runs, 1000 by default; run k has noise seed k.")),
+    "draw": (int, typer.Option("--draw", metavar="SEED", help="Seed of what varies, by default 0.")),
+    "jobs": (int, typer.Option("--jobs", metavar="N", min=1, help="Processes, by default one for each core.")),
+    "scheduler": (str, typer.Option("--scheduler", metavar="ADDRESS", help="Scheduler of a Dask cluster that runs.")),
+    "results": (
+        Path,
+        typer.Option(
+            "--results", metavar="FOLDER", help="Folder of the runs' numbers as they come; runs there are not repeated."
+        ),
+    ),
+    "repeat": (int, typer.Option("--repeat", metavar="K", min=0, help="Run number K of the campaign alone.")),
+}
+_GROUPS = ((Setting, _SET), (Runs, _CAMPAIGN))
+
+
+def _with_options(function: Callable[..., None]) -> Callable[..., None]:
+    """A command with an option for each part of a `Setting`, and of `Runs`, in the place of its argument of that type,
+    if any."""
+    for kind, options in _GROUPS:
+        function = _with_group(function, kind, options)
+    return function
+
+
+def _with_group(function: Callable[..., None], group: Any, options: Mapping[str, Any]) -> Callable[..., None]:
     parameters = signature(function).parameters
-    place = next((name for name, each in parameters.items() if each.annotation is Setting), None)
+    place = next((name for name, each in parameters.items() if each.annotation is group), None)
     if place is None:
         return function
 
     @wraps(function)
     def taking(**arguments: Any) -> None:
-        chosen = Setting(**{name: arguments.pop(name) for name in _SET})
+        chosen = group(**{name: arguments.pop(name) for name in options})
         function(**arguments, **{place: chosen})
 
     taking.__annotations__ = {name: each.annotation for name, each in parameters.items() if name != place}
-    taking.__annotations__ |= {name: Annotated[kind | None, option] for name, (kind, option) in _SET.items()}
-    defaults = {**{name: each.default for name, each in parameters.items()}, **dict.fromkeys(_SET)}
+    taking.__annotations__ |= {name: Annotated[kind | None, option] for name, (kind, option) in options.items()}
+    defaults = {**{name: each.default for name, each in parameters.items()}, **dict.fromkeys(options)}
     taking.__signature__ = Signature(  # type: ignore[attr-defined]
         [
             Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=kind)
@@ -115,7 +166,7 @@ def command(cls: type[TyperCommand] = TyperCommand) -> Callable[[Callable[..., N
     def register(function: Callable[..., None]) -> Any:
         app = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
 
-        function = _settable(function)
+        function = _with_options(function)
 
         @app.command(cls=cls)
         @wraps(function)
@@ -191,6 +242,10 @@ class Bar(Progress):
     def tick(self) -> None:
         """One more is done."""
         self.advance(self._only)
+
+    def advance_by(self, done: int) -> None:
+        """So many more are done."""
+        self.advance(self._only, done)
 
     def reach(self, done: int) -> None:
         """So many are done."""

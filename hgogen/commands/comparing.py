@@ -6,13 +6,16 @@ import typer
 
 from hgogen.call import CallableStep
 from hgogen.commands import jobs, tables
+from hgogen.commands.campaigning import campaigns
 from hgogen.commands.command import (
+    NO_RUNS,
     Bar,
     Json,
     ModelArgument,
     OneTrial,
     Out,
     ReaderOption,
+    Runs,
     Seeds,
     command,
     engine_here,
@@ -44,6 +47,7 @@ def compare_(
     seeds: Seeds = None,
     trial: OneTrial = None,
     reader: ReaderOption = None,
+    asked: Runs = NO_RUNS,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -59,13 +63,14 @@ def compare_(
     start: the states that all observers and that the plant begin with, left: as in `simulate`,
     observers: a list of name, observer, method,
     settled after each event, rms and peak by state, clamped, operations, functions, state and params in bytes of the C
-    in float), files.
+    in float), files; of a campaign, with --vary or --runs, model, dt, engine, campaigns (as in `simulate`).
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     names = _names(loaded, observers)
     chosen, engine = one_or_all(loaded.trials(), trial), engine_here(reader)
-    folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
+    if not asked:
+        folder.demand(*(f"{one.name}_errors.svg" for one in chosen))
     steps = {one.name: _started(loaded, names, one) for one in chosen}
     first = steps[chosen[0].name]
     unit, dt = loaded.plant.time, min(step.dt for step in first.values())
@@ -74,6 +79,10 @@ def compare_(
         note(f"all sampled at dt = {dt:g} {unit}, the shortest; {', '.join(longer)} would be sampled more slowly")
         for one in chosen:
             steps[one.name] |= _started(loaded, longer, one, dt)
+    if asked:
+        rows, tables_ = campaigns(lambda one: steps[one.name], chosen, engine, asked, seeds)
+        show(as_json, {"model": loaded.path, "dt": dt, "engine": engine, "campaigns": rows}, *tables_)
+        return
     counts = {one.name: one.seeds if seeds is None else tuple(range(seeds)) for one in chosen}
     tried: list[tuple[Trial, list[Measured]]] = []
     with Bar("trials", len(names) * sum(map(len, counts.values()))) as bar:

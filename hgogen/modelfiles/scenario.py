@@ -6,7 +6,7 @@ settled   |error of x_i| <= band for a while
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
@@ -20,6 +20,7 @@ from hgogen.reading.expression import parse
 from hgogen.signal import Signal
 
 SEEDS = 1000  # at most
+FEW = 16  # columns, up to which lists are faster than rows of an array; the numbers are the same
 t = Signal("t", "", "time")  # inputs of a trial are expressions of this
 
 
@@ -41,9 +42,10 @@ class OrnsteinUhlenbeck:
     sigma: float
     tau: float = 0.0
 
-    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """The noise at evenly spaced `times` (N)."""
-        return _ornstein_uhlenbeck(self, rng.standard_normal(len(times)), times[1] - times[0])
+    def at(self, times: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
+        """The noise (N, k) at evenly spaced `times` (N) of each of k generators."""
+        normal = np.column_stack([rng.standard_normal(len(times)) for rng in rngs])
+        return _ornstein_uhlenbeck(self, normal, times[1] - times[0])
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,9 @@ class Sine:
     amplitude: float
     omega: float
 
-    def at(self, times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """The noise at `times` (N)."""
-        return np.asarray(self.amplitude * np.sin(self.omega * times))
+    def at(self, times: np.ndarray, rngs: Sequence[np.random.Generator]) -> np.ndarray:
+        """The noise (N, k) at `times` (N)."""
+        return np.tile(self.amplitude * np.sin(self.omega * times)[:, None], len(rngs))
 
 
 @dataclass(frozen=True)
@@ -80,10 +82,16 @@ def _ornstein_uhlenbeck(noise: OrnsteinUhlenbeck, normal: np.ndarray, dt: float)
     rho = math.exp(-dt / noise.tau) if noise.tau > 0 else 0.0
     scaled = noise.sigma * normal
     scaled[1:] *= math.sqrt(1.0 - rho * rho)
-    values = scaled.tolist()
+    if scaled.shape[1] < FEW:
+        return np.column_stack([_recursion(column.tolist(), rho) for column in scaled.T])
+    return np.asarray(_recursion(scaled, rho))
+
+
+def _recursion(values: Any, rho: float) -> Any:
+    """values_k + rho values_(k-1), in place, of a list of numbers or of the rows of an array."""
     for k in range(1, len(values)):
         values[k] += rho * values[k - 1]
-    return np.array(values)
+    return values
 
 
 # --- as what a field may be given ---------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from hgogen.kalman.riccati_part import AtSamples
 from hgogen.kalman.square_root import LARGEST
 from hgogen.observer import Observer, founded, linearised
 from hgogen.program import sym
-from hgogen.reading.given import BadGain, real
+from hgogen.reading.given import BadGain, count
 from hgogen.reading.named import Matrix, Values
 from hgogen.starting import starts
 from hgogen.theorem import Hypothesis
@@ -68,13 +68,12 @@ def iterated_ekf(
     accept = founded("iterated_ekf", form, accept, takes=linearised)
     if form.n > LARGEST:
         raise BadGain("iterated_ekf", f"takes up to {LARGEST} states, there are {form.n}; take riccati, which loops")
-    if real("passes", passes) not in range(1, MOST + 1):
-        raise BadGain(f"passes = {passes!r}", f"must be a whole number, from 1 to {MOST}")
+    passes = count("passes", passes, 1, MOST)
     filter = extended(form, Q, R, covariance, initial)
     return Observer(
         form=form,
         name="iterated_ekf",
-        parts=(AtSamples(filter.part, "the iterated filter", partial(iterated, Iterated(filter.part, int(passes)))),),
+        parts=(AtSamples(filter.part, "the iterated filter", partial(iterated, Iterated(filter.part, passes))),),
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=filter.part.dynamics,

@@ -53,6 +53,14 @@ def positive(name: str, value: Any) -> float:
     return number
 
 
+def count(name: str, value: Any, low: int, high: int) -> int:
+    """A whole number from `low` to `high`. Raises: `BadGain` for anything else."""
+    number = real(name, value)
+    if isinstance(value, bool) or not low <= number <= high or number != round(number):
+        raise BadGain(f"{name} = {value!r}", f"must be a whole number, from {low} to {high}")
+    return int(number)
+
+
 def unmasked(value: Any) -> Any:
     """The value with NaN for each entry that is masked, in arrays inside of sequences as well.
 

@@ -1,0 +1,363 @@
+"""Campaigns: what varies and how, the same numbers whoever computes them, results that a stopped campaign goes on from,
+quantiles and the run that repeats the worst."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import MODELS
+
+import hgogen as hg
+from hgogen.model import load
+from hgogen.reading.given import BadGain
+from hgogen.target import lines_of
+from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Sine, Trial, simulate, try_out
+from hgogen.trials.campaign import BadCampaign, Outcome, Spread, earlier, head, line, outcome, spreads
+from hgogen.trials.metrics import Metrics, Response, metrics
+from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
+
+NAN = float("nan")
+
+
+def plant() -> hg.System:
+    """x1' = x2, x2' = -a sin x1 - b x2 + u, y = x1; b has no range."""
+    x1, x2 = (hg.Signal(f"x{i}", low=-4, high=4) for i in (1, 2))
+    a, b = hg.Signal("a", nominal=2, low=1, high=3), hg.Signal("b", nominal=0.2)
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y", low=-5, high=5)
+    flow = (x2, -a * sp.sin(x1) - b * x2 + u)
+    return hg.System("swing", states=(x1, x2), inputs=(u,), outputs=(y,), parameters=(a, b), flow=flow, output=(x1,))
+
+
+PLANT = plant()
+TRIAL = Trial("let_go", 2.0, {"x1": 1.0, "x2": 0.0}, {"u": sp.Rational(1, 10)}, {"y": OrnsteinUhlenbeck(0.01, 0.05)})
+
+
+def step(**options: Any) -> Any:
+    observer = hg.observers.high_gain(hg.forms.triangular(PLANT), theta=5, poles=(-1, -1))
+    return hg.sample(observer, dt=0.01, **options)
+
+
+# --- what varies ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("asked", "wanted"),
+    [
+        ("x1", [("x1", "start", -4, 4)]),
+        ("x0", [("x1", "start", -4, 4), ("x2", "start", -4, 4)]),
+        ("x1=10%", [("x1", "start", 0.9, 1.1)]),
+        ("x2=0.5", [("x2", "start", -0.5, 0.5)]),
+        (" x1 = -1..1.5e0 , a", [("x1", "start", -1, 1.5), ("a", "parameter", 1, 3)]),
+        ("parameters", [("a", "parameter", 1, 3)]),
+        ("parameters=10%", [("a", "parameter", 1.8, 2.2), ("b", "parameter", 0.18, 0.22)]),
+        ("noise=50%", [("noise", "noise", 0.5, 1.5)]),
+        ("noise=0..2", [("noise", "noise", 0, 2)]),
+        ({"x1": 0.25, "a": None}, [("x1", "start", 0.75, 1.25), ("a", "parameter", 1, 3)]),
+    ],
+)
+def test_what_varies_and_how_far(asked: Any, wanted: list[tuple[str, str, float, float]]) -> None:
+    read = varied(asked, PLANT, TRIAL)
+    assert [(each.name, each.what) for each in read] == [row[:2] for row in wanted]
+    assert [(each.low, each.high) for each in read] == [pytest.approx(row[2:]) for row in wanted]
+
+
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        ("x3", "vary 'x3'"),
+        ("x1,x1", "x1 varies already; name it once"),
+        ("x0,x1=1%", "x1 varies already; name it once"),
+        ("b", "it has no range; declare low= and high=, or say how far, as in 10% or 0.2"),
+        ("a=2", "[0, 4] leaves its range [1, 3]; say less, or declare a wider range"),
+        ("x2=10%", "'10%' leaves nothing to vary about 0"),
+        ("x1=1..0", "leaves nothing to vary about 1"),
+        ("x1=-1", "leaves nothing to vary about 1"),
+        ("x1=abc", "'abc' is no interval; write NAME, NAME=10%, NAME=0.2 or NAME=0.8..1.2"),
+        ("x1=nan", "'nan' is no interval"),
+        ("x1=", "write NAME, NAME=10%"),
+        ("", "write NAME, NAME=10%"),
+        ("noise", "say by which factor, as in noise=50% or noise=0.5..2"),
+        ("noise=150%", "a factor from -0.5 on is below 0; say less"),
+        ({"x1": NAN}, "'nan' is no interval"),
+    ],
+)
+def test_what_cannot_vary_is_refused(asked: Any, sentence: str) -> None:
+    with pytest.raises(BadVariation) as error:
+        varied(asked, PLANT, TRIAL)
+    assert sentence in str(error.value)
+
+
+def test_noise_of_a_trial_without_noise_is_refused() -> None:
+    with pytest.raises(BadVariation, match="the trial quiet has none; give it noise"):
+        varied("noise=10%", PLANT, Trial("quiet", 1.0, TRIAL.start, TRIAL.inputs))
+
+
+@given(st.integers(1, 40), st.integers(0, 9))
+@settings(max_examples=25, deadline=None)
+def test_one_draw_lies_in_each_part_of_an_interval(count: int, seed: int) -> None:
+    each = (Varied("x1", "start", -1.0, 3.0), Varied("a", "parameter", 1.0, 2.0))
+    draws = hypercube(each, count, seed)
+    shares = (draws.values - [-1.0, 1.0]) / [4.0, 1.0] * count
+    assert (np.sort(np.clip(np.floor(shares + 1e-9), 0, count - 1), axis=0) == np.arange(count)[:, None]).all()
+    assert (draws.values == hypercube(each, count, seed).values).all()
+
+
+def test_two_quantities_and_two_seeds_have_orders_of_their_own() -> None:
+    each = (Varied("x1", "start", 0.0, 1.0), Varied("x2", "start", 0.0, 1.0))
+    first, second = (hypercube(each, 50, seed).values for seed in (0, 1))
+    orders = {tuple(np.argsort(column)) for column in (*first.T, *second.T)}
+    assert len(orders) == 4
+
+
+# --- the numbers ------------------------------------------------------------------------------------------------
+
+
+def test_a_run_is_the_trial_of_its_draw() -> None:
+    """Each against `try_out` of a trial, and a plant, that say the same outright."""
+    made = hg.campaign(step(engine="python"), TRIAL, 3, "x1=20%,a=10%,noise=50%", seed=4, engine="python")
+    outcomes = sorted(made.run(jobs=1), key=lambda one: one.run)
+    for one in outcomes:
+        x1, a, factor = one.varied.values()
+        a_signal = hg.Signal("a", nominal=a)
+        flow = [sp.sympify(e).subs(PLANT.parameters[0], a_signal) for e in PLANT.flow]
+        other = hg.System(
+            "swing",
+            states=PLANT.states,
+            inputs=PLANT.inputs,
+            outputs=PLANT.outputs,
+            parameters=(a_signal, PLANT.parameters[1]),
+            flow=flow,
+            output=PLANT.output,
+        )
+        truth = simulate(other, Trial("t", 2.0, {"x1": x1, "x2": 0.0}, TRIAL.inputs), 0.01)
+        rng = np.random.default_rng(one.run)
+        y = truth.y + OrnsteinUhlenbeck(0.01 * factor, 0.05).at(truth.t, [rng])
+        estimate = step().run(u=np.full(len(y), 0.1), y=y, engine="python").x
+        late = truth.t >= 1.8 - 1e-9
+        wanted = np.sqrt(np.mean((estimate - truth.x)[late] ** 2, axis=0))
+        assert one.metrics is not None
+        assert list(one.metrics.rms.values()) == pytest.approx(wanted, rel=1e-6)  # the truth to 1e-13 a step
+
+
+def test_noise_alone_is_the_trials_seeds() -> None:
+    made = step()
+    outcomes = sorted(hg.campaign(made, TRIAL, 20).run(jobs=1), key=lambda one: one.run)
+    plain = [metrics(made, one) for one in try_out(made, TRIAL, seeds=range(20))]
+    assert [one.metrics for one in outcomes] == plain
+
+
+@pytest.mark.parametrize("vary", [None, "x1=20%", "noise=50%", "a=10%,noise=20%"])
+def test_a_run_has_the_same_numbers_alone(vary: str | None) -> None:
+    made = hg.campaign(step(), TRIAL, 70, vary)
+    every = {one.run: one for one in made.run(jobs=1)}
+    assert sorted(every) == list(range(70))
+    assert [*made.run([33, 2, 69], jobs=1)] == [every[33], every[2], every[69]]
+
+
+def test_processes_give_the_same_numbers() -> None:
+    made = hg.campaign(step(), TRIAL, 20, "x1=20%,noise=50%")
+    assert {one.run: one for one in made.run(jobs=2)} == {one.run: one for one in made.run(jobs=1)}
+
+
+def test_noise_of_many_seeds_together_has_the_bits_of_each_alone() -> None:
+    """Lists for few columns, rows of an array for many."""
+    times = np.arange(50) * 0.1
+    for noise in (OrnsteinUhlenbeck(0.3, 0.7), OrnsteinUhlenbeck(0.3), Sine(0.2, 3.0)):
+        together = noise.at(times, [np.random.default_rng(seed) for seed in range(40)])
+        alone = [noise.at(times, [np.random.default_rng(seed)])[:, 0] for seed in range(40)]
+        assert (together == np.column_stack(alone)).all()
+
+
+def test_a_plant_that_escapes_is_said_and_counted() -> None:
+    """x' = a x^2 from 1: for a = 1 it is gone at 1."""
+    x, a, y = hg.Signal("x", low=-9, high=9), hg.Signal("a", nominal=0.1, low=0.1, high=3), hg.Signal("y")
+    system = hg.System("escapes", states=(x,), outputs=(y,), parameters=(a,), flow=(a * x**2,), output=(x,))
+    observer = hg.observers.riccati(hg.forms.original(system), Q=(1,), R=0.1)
+    trial = Trial("late", 1.0, {"x": 1.0})
+    outcomes = list(hg.campaign(hg.sample(observer, dt=0.01), trial, 12, "a").run(jobs=1))
+    gone = [one for one in outcomes if one.metrics is None]
+    assert {one.run for one in gone} == {one.run for one in outcomes if one.varied["a"] > 1.0}
+    assert gone
+    assert all("cannot be integrated" in one.failed for one in gone)
+    assert spreads(outcomes)[0].run not in {one.run for one in gone}
+    assert spreads(gone) == []
+
+
+@pytest.mark.parametrize(("runs", "seed"), [(0, 0), (-1, 0), (1.5, 0), (NAN, 0), (math.inf, 0), (True, 0), (3, -1)])
+def test_a_number_of_runs_that_is_none_is_refused(runs: Any, seed: Any) -> None:
+    with pytest.raises(BadGain, match="must be a whole number, from"):
+        hg.campaign(step(), TRIAL, runs, seed=seed)
+
+
+def test_a_trial_that_does_not_fit_is_refused_before_any_process() -> None:
+    with pytest.raises(BadTrial, match="says nothing of 'u'"):
+        list(hg.campaign(step(), Trial("t", 1.0, TRIAL.start), 5).run(jobs=2))
+
+
+# --- a cluster --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_numbers() -> None:
+    distributed = pytest.importorskip("distributed")
+    made = hg.campaign(step(), TRIAL, 20, "x1=20%")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        outcomes = {one.run: one for one in made.run(scheduler=cluster.scheduler_address)}
+    assert outcomes == {one.run: one for one in made.run(jobs=1)}
+
+
+@pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1"])
+def test_a_scheduler_that_does_not_answer_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("hgogen.trials.campaign.PATIENCE", "1s")
+    with pytest.raises(BadCampaign, match=f"scheduler {address} does not answer"):
+        list(hg.campaign(step(), TRIAL, 2).run(scheduler=address))
+
+
+def test_without_the_package_of_the_cluster_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(BadCampaign, match=r'pip install "hgogen\[cluster\]"'):
+        list(hg.campaign(step(), TRIAL, 2).run(scheduler="tcp://127.0.0.1:1"))
+
+
+# --- results in a file ------------------------------------------------------------------------------------------
+
+
+def test_an_outcome_is_read_as_it_was_written() -> None:
+    for one in hg.campaign(step(), TRIAL, 3, "x1=20%").run(jobs=1):
+        assert outcome(json.loads(line(one))) == one
+    lost = Outcome(3, {"a": 1.0}, None, "it escaped")
+    assert outcome(json.loads(line(lost))) == lost
+
+
+def test_a_file_of_another_campaign_is_refused() -> None:
+    first, second = hg.campaign(step(), TRIAL, 3, "x1=20%"), hg.campaign(step(), TRIAL, 3, "x1=21%")
+    assert earlier(first, head(first), "file") == {}
+    for text in (head(second), "something else\n", "\n"):
+        with pytest.raises(BadCampaign, match="file holds the results of another campaign"):
+            earlier(first, text, "file")
+
+
+def test_the_digest_is_of_what_the_numbers_depend_on() -> None:
+    made = step()
+    tuned = step()
+    tuned.tune(theta=4.0)
+    changed = [
+        hg.campaign(made, TRIAL, 3),
+        hg.campaign(made, TRIAL, 3, "x1=1%"),
+        hg.campaign(made, TRIAL, 4, "x1=1%"),
+        hg.campaign(made, TRIAL, 3, "x1=1%", seed=1),
+        hg.campaign(made, Trial("let_go", 2.5, TRIAL.start, TRIAL.inputs), 3),
+        hg.campaign(made.made_again(dt=0.02), TRIAL, 3),
+        hg.campaign(made.made_again(real="float"), TRIAL, 3),
+        hg.campaign(tuned, TRIAL, 3),
+    ]
+    assert len({one.digest for one in changed}) == len(changed)
+    again = step()
+    again.run(u=np.zeros(5), y=np.ones(5))
+    assert hg.campaign(again, TRIAL, 9).digest == changed[0].digest
+
+
+def test_lines_are_added_to_whole_ones(tmp_path: Path) -> None:
+    for known, new in (("", "a\n"), ("a\n", "b\n"), ("a\nb\n", "c")):
+        with lines_of("lines", tmp_path / "made") as (text, add):
+            assert text == known
+            add(new)
+    with lines_of("lines", tmp_path / "made") as (text, add):
+        assert text == "a\nb\n"
+        add("d\n")
+    assert (tmp_path / "made" / "lines").read_text() == "a\nb\nd\n"
+
+
+# --- what it says -----------------------------------------------------------------------------------------------
+
+
+def ran(run: int, settled: float | None, rms: float) -> Outcome:
+    return Outcome(run, {}, Metrics(run, "c", (Response(0.0, settled, None, None, None, None),), {"x": rms}, 0))
+
+
+def test_quantiles_are_values_that_runs_had_and_never_is_the_worst() -> None:
+    outcomes = [ran(k, None if k == 7 else float(k), 1 / (k + 1)) for k in reversed(range(20))]
+    settled, error = spreads(outcomes, "h")
+    assert settled == Spread("settled after 0 h", 0.0, 10.0, 19.0, None, 7)
+    assert error == Spread("steady error of x", 1 / 20, 1 / 11, 1 / 2, 1.0, 0)
+
+
+def test_an_error_that_is_no_number_is_the_worst() -> None:
+    assert spreads([ran(0, 1.0, 2.0), ran(1, 1.0, NAN)])[1] == Spread("steady error of x", 2.0, 2.0, None, None, 1)
+
+
+# --- the command ------------------------------------------------------------------------------------------------
+
+
+def hgogen(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "hgogen", *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env={**os.environ})
+
+
+def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
+    """Some lines of its file, the last one broken off, then all of it again, and a run by itself."""
+    words = ("simulate", str(MODELS / "pendulum.py"), "--vary", "x0=0.1", "--runs", "6", "--jobs", "1", "--json")
+    folder = ("--results", "a folder")
+    whole = json.loads(hgogen(tmp_path, *words).stdout)["campaigns"]
+    assert json.loads(hgogen(tmp_path, *words, *folder).stdout)["campaigns"] == whole
+    (file,) = (tmp_path / "a folder").iterdir()
+    lines = file.read_text().splitlines(keepends=True)
+    assert len(lines) == 7
+    marked = lines[2].replace('"failed": ""', '"failed": "as it was"')
+    file.write_text("".join([lines[0], marked, lines[3][:40]]))
+    again = hgogen(tmp_path, *words, *folder)
+    assert json.loads(again.stdout)["campaigns"] == whole
+    after = file.read_text().splitlines(keepends=True)
+    assert after[:2] == [lines[0], marked]
+    assert sorted(after[2:]) == sorted({*lines[1:]} - {lines[2]})
+    worst = whole[0]["quantiles"][0]
+    alone = json.loads(hgogen(tmp_path, *words, "--repeat", str(worst["run"])).stdout)["campaigns"][0]
+    assert alone["run"]["run"] == worst["run"]
+    assert alone["run"]["metrics"]["responses"][0]["settled"] == worst["worst"]
+    other = hgogen(tmp_path, *words[:-1], *folder, "--draw", "3")
+    assert other.returncode == 2
+    assert "holds the results of another campaign" in other.stderr
+    assert file.read_text().splitlines(keepends=True) == after
+
+
+def test_observers_are_compared_on_the_same_draws(tmp_path: Path) -> None:
+    words = ("compare", str(MODELS / "pendulum.py"), "--observers", "high_gain,riccati", "--vary", "x0=0.1,noise=50%")
+    done = hgogen(tmp_path, *words, "--runs", "4", "--jobs", "1")
+    assert done.returncode == 0, done.stderr
+    assert "high_gain, trial knock, 4 runs" in done.stdout
+    assert "riccati, trial knock, 4 runs" in done.stdout
+    assert not (tmp_path / "build").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--vary", "x9"), "vary 'x9'"),
+        (("--vary", ""), "write NAME"),
+        (("--runs", "0"), "runs = 0 must be a whole number, from 1"),
+        (("--runs", "3", "--repeat", "3"), "the runs are numbered from 0 to 2"),
+        (("--runs", "3", "--seeds", "2"), "run k of a campaign has the noise of seed k; give --runs"),
+    ],
+)
+def test_bad_options_are_sentences(tmp_path: Path, options: tuple[str, ...], sentence: str) -> None:
+    done = hgogen(tmp_path, "simulate", str(MODELS / "pendulum.py"), *options)
+    assert done.returncode == 2
+    assert sentence in " ".join(done.stderr.replace("│", " ").split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_neuron_is_sent_to_processes() -> None:
+    """A step of a model's file, whose theta adapts and whose trial has jumps and an estimate."""
+    model = load(MODELS / "fitzhugh_nagumo.py")
+    made = hg.campaign(model.step(), model.trials()[0], 4)
+    assert {one.run: one for one in made.run(jobs=2)} == {one.run: one for one in made.run(jobs=1)}
