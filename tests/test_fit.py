@@ -104,6 +104,32 @@ def test_a_short_record_tells_by_the_residuals_that_are_left() -> None:
     assert fit.parameters[0].deviation == pytest.approx(said, rel=1e-4)
 
 
+def test_a_robust_fit_is_not_moved_by_samples_that_are_wrong() -> None:
+    """Every tenth sample is off by 1, a hundred deviations of the others: least squares is off by many of them."""
+    bad = log(seed=5)
+    y = bad.y.copy()
+    y[::10] += 1.0
+    wrong = hg.Log(bad.u, y, DT)
+    plain, robust = (hg.fit(PLANT, wrong, free=("k", "c", "g"), starts=1, robust=how) for how in (False, True))
+    clean = hg.fit(PLANT, bad, free=("k", "c", "g"), starts=1)
+    for one, alone, other in zip(robust.parameters, clean.parameters, plain.parameters, strict=True):
+        assert abs(one.value - TRUE[one.name]) < 4 * one.deviation  # of 3 numbers
+        assert alone.deviation < one.deviation < 2 * alone.deviation
+        assert abs(other.value - TRUE[one.name]) > 4 * alone.deviation or other.deviation > 5 * one.deviation
+    assert robust.outlying == {"y": pytest.approx(0.1, abs=0.01)}
+    assert any("of the residuals of y lie beyond 5 times their typical size" in note for note in robust.notes())
+
+
+def test_a_robust_fit_of_a_clean_record_is_the_plain_one() -> None:
+    """Within a few per cent of its errors; without noise it finds the values."""
+    plain, robust = (hg.fit(PLANT, log(seed=6), free=("k", "c", "g"), starts=1, robust=how) for how in (False, True))
+    for one, other in zip(robust.parameters, plain.parameters, strict=True):
+        assert abs(one.value - other.value) < other.deviation
+        assert one.deviation == pytest.approx(other.deviation, rel=0.25)
+    exact = hg.fit(PLANT, log(), free=("k", "c", "g"), starts=1, robust=True)
+    assert [p.value for p in exact.parameters] == pytest.approx(list(TRUE.values()), rel=1e-3)
+
+
 def test_several_records_share_the_parameters_and_have_states_of_their_own() -> None:
     fit = hg.fit(PLANT, log(1, count=200), log(2, start=(-1.5, 2.0), count=150), free=["k", "c", "g"], starts=1)
     one, other = fit.first

@@ -56,6 +56,9 @@ def fit_(
     held_out: HeldOut = 0.3,
     starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="A sample far off counts by its distance, not by its square.")
+    ] = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -65,7 +68,8 @@ def fit_(
     JSON keys: model, records (as in `run`), parameters (by name), deviation (standard errors, null where the records do
     not tell), nominal, at_end (low or high end of its range), offsets, first (states at the first row of each record),
     error, spread, unfitted (by output, RMS: of the residual, about the mean, with the values before), alike (residuals
-    that tell as much as one), untold (directions), confined (states), starts (cost, status, iterations), predictions
+    that tell as much as one), untold (directions), confined (states), outlying (share by output), starts (cost,
+    status, iterations), predictions
     (of the rows held out: record, output, ahead, fitted, unfitted, copying), unjudged (why there are none, or empty),
     notes, files.
     """
@@ -85,6 +89,7 @@ def fit_(
             offset=names_in(offset),
             starts=starts,
             seed=seed,
+            robust=robust,
             each=lambda start, k: bar.reach(start * ITERATIONS + k),
         )
     judged, unjudged = (

@@ -14,6 +14,7 @@ from hgogen.identification.information import Information, alike, information
 from hgogen.identification.motion import paced
 from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Estimate, Fit, Place
+from hgogen.identification.robust import WRONG, corner, deviation, influence
 from hgogen.identification.shooting import Shooting
 from hgogen.identification.solution import Solution, Solver
 from hgogen.signal import Signal, resting
@@ -28,6 +29,7 @@ GROWN = 3.0  # of log growth in a segment, at most
 PART = 0.05  # of a direction: less of a parameter in it is none
 UNTOLD = 1.0  # of a unit: a direction with a larger standard error is not told by the records
 ROUNDED = 1e-10  # of the largest eigenvalue of the information: less is rounding
+AGAIN = 4  # passes of a robust fit, each with the corner of the last one's residuals
 AT = 1e-6  # of a unit, from the end of a range
 
 
@@ -43,6 +45,7 @@ def fit(
     between: Literal["hold", "line"] = "hold",
     starts: int = 3,
     seed: int = 0,
+    robust: bool = False,
     each: Callable[[int, int], None] = lambda start, iteration: None,
 ) -> Fit:
     """The parameters with which the plant follows the records best, by multiple shooting.
@@ -50,8 +53,9 @@ def fit(
     `records`: inputs u (N, m), outputs y (N, p), NaN where nothing was measured, and their period; `free`: the
     parameters that are fitted, by default those with a range, which bounds them; another stays within a hundredth and a
     hundred times its value. `offset`: the outputs to which an unknown constant is added; `between`: how inputs go on
-    between samples; `starts`: the first from the nominal values, the others random within the ranges; `each(start,
-    iteration)` is called after every iteration.
+    between samples; `starts`: the first from the nominal values, the others random within the ranges; `robust`: a
+    sample far off, as one of a sensor that failed, counts by its distance, not by its square; `each(start, iteration)`
+    is called after every iteration.
 
     Raises: `CannotFit`; `BadShape`, `BadNames` for records of another shape.
     """
@@ -74,7 +78,11 @@ def fit(
     finite = [one for one in ended if np.isfinite(one.cost)]
     if not finite:
         raise CannotFit(f"plant {plant.name!r}", "has no finite residuals from any start; narrow the ranges")
-    return task.result(min(finite, key=lambda one: (not one.settled, one.cost)), ended)
+    best = min(finite, key=lambda one: (not one.settled, one.cost))
+    for _ in range(AGAIN if robust else 0):  # the residuals of least squares are those of outliers too
+        task = replace(task, corner=task.corners(best.unknowns))
+        best = task.solver.solve(best.unknowns, partial(each, starts - 1))
+    return task.result(best, (best,) if robust else ended)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +94,19 @@ class _Task:
     records: tuple[Log, ...]
     offset: tuple[Signal, ...]
     between: str
+    corner: Array | None = None
+
+    def corners(self, unknowns: Array) -> Array:
+        """The corner of the loss of each output, from its residuals there."""
+        residuals = information(self.problem, unknowns, self.solver.unit).outputs
+        return np.array([corner(e / scale) for e, scale in zip(residuals, self.problem.scale, strict=True)])
+
+    def _told(self, outputs: Sequence[Array]) -> list[Array]:
+        """What the residuals of each output tell, in units of its scale."""
+        scaled = [e / scale for e, scale in zip(outputs, self.problem.scale, strict=True)]
+        if self.corner is None:
+            return scaled
+        return [influence(e, c) for e, c in zip(scaled, self.corner, strict=True)]
 
     @cached_property
     def problem(self) -> Shooting:
@@ -109,7 +130,7 @@ class _Task:
         unit = [*map(_unit, self.free), *(self.problem.scale[self.plant.outputs.index(y)] for y in self.offset)]
         unit += [_unit(x) for x in self.plant.states] * segments
         low, high = np.array(ends, dtype=float).T
-        return Solver(self.problem, low, high, np.array(unit))
+        return Solver(self.problem, low, high, np.array(unit), self.corner)
 
     @property
     def nominal(self) -> Array:
@@ -141,12 +162,12 @@ class _Task:
     def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
         """The fit with what the records tell of it."""
         known, count = information(self.problem, best.unknowns, self.solver.unit), len(self.free)
-        follow = [alike(e) for e in known.outputs]
+        follow = [alike(e) for e in self._told(known.outputs)]
         deviations, untold = self._deviations(known, max(follow), best.unknowns)
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))
         first = (dict(zip(map(str, self.plant.states), at[:, 0].full().ravel().tolist(), strict=True)) for at in nodes)
-        still = replace(self, free=(), offset=())
+        still = replace(self, free=(), offset=(), corner=None)
         before = information(still.problem, still.solver.solve(still.nominal).unknowns, still.solver.unit)
         return Fit(
             valued(self.plant, {e.name: e.value for e in estimates[:count]}),
@@ -161,6 +182,7 @@ class _Task:
             untold,
             self._confined(best.unknowns),
             tuple(ended),
+            self._by_output(float(np.mean(np.abs(e) > WRONG * deviation(e))) for e in known.outputs),
         )
 
     def _deviations(
@@ -175,7 +197,7 @@ class _Task:
         before = self.solver.unit[: len(inner)][inner]
         ranged = np.array([*(p.bounded for p in self.free), *[True] * len(self.offset)])[inner]
         unit = np.where(ranged, before, np.maximum(before, np.abs(unknowns[: len(inner)][inner])))
-        every = np.concatenate(known.outputs) / np.repeat(self.problem.scale, list(map(len, known.outputs)))
+        every = np.concatenate(self._told(known.outputs))
         fitted = len(names) + self.problem.n * len(self.records)  # numbers that took a residual each
         left = len(every) - fitted
         noise = max(float(every @ every) / left * together, np.finfo(float).tiny) if left > 0 else math.inf

@@ -38,7 +38,8 @@ class Fit:
     residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the residual of the plant as
     it was given, its states fitted alone; `alike`: how many residuals of each output tell as much as one that is
     independent of the others; `untold`: directions of parameters that the records do not tell, each by its parts in
-    units of ranges; `confined`: the states that lie at an end of their range; `starts`: how each ended.
+    units of ranges; `confined`: the states that lie at an end of their range; `starts`: how each ended, of a robust fit
+    its last pass; `outlying`: of each output the share of the residuals beyond 5 deviations, these by their median.
     """
 
     plant: System
@@ -53,6 +54,7 @@ class Fit:
     untold: tuple[dict[str, float], ...]
     confined: tuple[str, ...]
     starts: tuple[Solution, ...]
+    outlying: dict[str, float]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -69,6 +71,7 @@ class Fit:
             "alike": self.alike,
             "untold": list(self.untold),
             "confined": list(self.confined),
+            "outlying": self.outlying,
             "starts": [{"cost": s.cost, "status": s.status, "iterations": s.iterations} for s in self.starts],
         }
 
@@ -98,6 +101,9 @@ class Fit:
                     f"residuals of {name} follow each other, {share}: the plant does more than the model, or "
                     "the noise is slow, as that of a coarse encoder"
                 )
+        for name, part in self.outlying.items():
+            if part and self.error[name] > FINE * self.spread[name]:
+                lines.append(f"{part:.2g} of the residuals of {name} lie beyond 5 times their typical size")
         best = min(one.cost for one in self.starts)
         higher = [one.cost / best for one in self.starts if one.cost > best * (1 + SAME)] if best else []
         if len(self.starts) > 1:

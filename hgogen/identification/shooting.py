@@ -51,6 +51,11 @@ class Shooting:
     offset: tuple[Signal, ...] = ()
 
     @cached_property
+    def output(self) -> Array:
+        """The number of the output of each residual."""
+        return np.concatenate([np.nonzero(np.isfinite(record.y))[1] for record in self.records])
+
+    @cached_property
     def step(self) -> Any:
         """(x, p, u now, u then) -> x one sample on, with dt as the last argument."""
         x, p, h = ca.SX.sym("x", self.n), ca.SX.sym("p", len(self.free)), ca.SX.sym("dt")

@@ -3,6 +3,9 @@
 Unknowns are in units of their ranges. Beside the residuals stands a pull of each parameter to its start of 1e-3 of its
 unit: where a record tells nothing of a direction of parameters, they stay where they were and do not wander to a bound;
 where it tells something, 1e-6 of a unit squared is nothing.
+
+A residual e costs e^2/2, or with a corner c the pseudo-Huber loss c^2 (sqrt(1 + (e/c)^2) - 1), which grows like c |e|
+beyond c. Source of the loss: Charbonnier, Blanc-Feraud, Aubert, Barlaud, IEEE Trans. Image Processing 6 (1997).
 """
 
 import signal
@@ -27,7 +30,7 @@ _QUIET = {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS, "tol": TOLERANC
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The `unknowns` with their `cost`, half the sum of the squared residuals without the pull; how IPOPT ended, and
+    """The `unknowns` with their `cost`, that of the residuals without the pull; how IPOPT ended, and
     after how many `iterations`; `settled`: whether it converged."""
 
     unknowns: Array
@@ -39,12 +42,14 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Solver:
-    """IPOPT on a problem: `low`, `high` (v): bounds of the unknowns, which may be infinite; `unit` (v): their sizes."""
+    """IPOPT on a problem: `low`, `high` (v): bounds of the unknowns, which may be infinite; `unit` (v): their sizes;
+    `corner` (p): of each output, in units of its scale, None for squares."""
 
     problem: Shooting
     low: Array
     high: Array
     unit: Array
+    corner: Array | None = None
 
     def solve(self, start: Array, each: Callable[[int], None] = lambda _: None) -> Solution:
         """From the unknowns `start` (v); `each(k)` after iteration k."""
@@ -57,7 +62,7 @@ class Solver:
             result = solver(x0=begin, p=begin[: self._free], **bounds)
         end = result["x"].full().ravel()
         stats = solver.stats()
-        cost = float(self._squares(end * self.unit))
+        cost = float(self._cost(end * self.unit))
         return Solution(end * self.unit, cost, stats["return_status"], stats["iter_count"], bool(stats["success"]))
 
     @property
@@ -65,9 +70,16 @@ class Solver:
         return len(self.problem.free)
 
     @cached_property
-    def _squares(self) -> Any:
+    def _cost(self) -> Any:
         v, residuals, _ = self.problem.graph
-        return ca.Function("squares", [v], [ca.sumsqr(residuals) / 2])
+        return ca.Function("cost", [v], [self._loss(residuals)])
+
+    def _loss(self, residuals: Any) -> Any:
+        """What the residuals (MX) cost together."""
+        if self.corner is None:
+            return ca.sumsqr(residuals) / 2
+        c = ca.DM(self.corner[self.problem.output])
+        return ca.sum1(c**2 * (ca.sqrt(1 + (residuals / c) ** 2) - 1))
 
     @cached_property
     def _gaps(self) -> Any:
@@ -76,16 +88,16 @@ class Solver:
 
     @cached_property
     def _scaled(self) -> tuple[Any, Any, Any, Any]:
-        """The unknowns in their units, the start of the parameters, the residuals with the pull, and the gaps."""
+        """The unknowns in their units, the start of the parameters, what is minimised, and the gaps."""
         v, residuals, gaps = self.problem.graph
         w, p = ca.MX.sym("w", self.problem.size), ca.MX.sym("p", self._free)
         errors, jumps = ca.Function("problem", [v], [residuals, gaps])(w * self.unit)
-        return w, p, ca.vertcat(errors, PULL * (w[: self._free] - p)), jumps
+        return w, p, self._loss(errors) + ca.sumsqr(PULL * (w[: self._free] - p)) / 2, jumps
 
     @cached_property
     def _nlp(self) -> dict[str, Any]:
-        w, p, residuals, gaps = self._scaled
-        return {"x": w, "p": p, "f": ca.sumsqr(residuals) / 2, "g": gaps}
+        w, p, cost, gaps = self._scaled
+        return {"x": w, "p": p, "f": cost, "g": gaps}
 
 
 @contextmanager
