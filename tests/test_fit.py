@@ -104,6 +104,33 @@ def test_a_short_record_tells_by_the_residuals_that_are_left() -> None:
     assert fit.parameters[0].deviation == pytest.approx(said, rel=1e-4)
 
 
+def test_a_sensor_that_lags_has_its_lag_and_does_not_move_the_parameters() -> None:
+    """y' = (x - y)/tau, the lag of SciPy's x taken exactly on the line between samples."""
+    tau, x = 0.2, moved((1.0, 0.0), N)
+    y, rho = x.copy(), np.exp(-DT / tau)
+    gain = tau / DT * (1 - rho)
+    for k in range(1, N):
+        y[k] = rho * y[k - 1] + (gain - rho) * x[k - 1] + (1 - gain) * x[k]
+    slow = hg.Log(drive(DT * np.arange(N)), y, DT)
+    fit = hg.fit(PLANT, slow, free=("k", "c", "g"), lag=["y"], starts=1)
+    assert [p.value for p in fit.parameters] == pytest.approx(list(TRUE.values()), rel=0.02)
+    (lag,) = fit.lags
+    assert (lag.name, lag.unit) == ("y", "s")
+    assert lag.value == pytest.approx(tau, rel=0.02)
+    assert any("the sensor of y lags, which the model does not say" in note for note in fit.notes())
+    assert fit.plant.states == PLANT.states
+    assert list(fit.first[0]) == ["x", "v"]
+    assert fit.as_dict()["lags"] == {"y": lag.value}
+    without = hg.fit(PLANT, slow, free=("k", "c", "g"), starts=1)
+    assert without.error["y"] > 10 * fit.error["y"]
+
+
+def test_where_no_sensor_lags_none_is_seen() -> None:
+    fit = hg.fit(PLANT, log(seed=2, sigma=1e-3), free=("k", "c", "g"), lag=["y"], starts=1)
+    assert fit.lags[0].at == "low"
+    assert "the records show no lag of y of half a sample or more" in fit.notes()
+
+
 def test_a_robust_fit_is_not_moved_by_samples_that_are_wrong() -> None:
     """Every tenth sample is off by 1, a hundred deviations of the others: least squares is off by many of them."""
     bad = log(seed=5)

@@ -53,6 +53,9 @@ def fit_(
     offset: Annotated[
         str | None, typer.Option("--offset", help="The outputs to which an unknown constant is added, such as y.")
     ] = None,
+    lag: Annotated[
+        str | None, typer.Option("--lag", help="The outputs whose sensor follows by an unknown first-order lag.")
+    ] = None,
     held_out: HeldOut = 0.3,
     starts: Annotated[int, typer.Option(min=1, max=1000, help="Starts of the search, the first at the nominals.")] = 3,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
@@ -66,12 +69,11 @@ def fit_(
     what `--parameters` of every command that makes a step takes.
 
     JSON keys: model, records (as in `run`), parameters (by name), deviation (standard errors, null where the records do
-    not tell), nominal, at_end (low or high end of its range), offsets, first (states at the first row of each record),
-    error, spread, unfitted (by output, RMS: of the residual, about the mean, with the values before), alike (residuals
-    that tell as much as one), untold (directions), confined (states), outlying (share by output), starts (cost,
-    status, iterations), predictions
-    (of the rows held out: record, output, ahead, fitted, unfitted, copying), unjudged (why there are none, or empty),
-    notes, files.
+    not tell), nominal, at_end (low or high end of its range), lags, offsets, first (states at the first row of each
+    record), error, spread, unfitted (by output, RMS: of the residual, about the mean, with the values before), alike
+    (residuals that tell as much as one), untold (directions), confined (states), outlying (share by output), starts
+    (cost, status, iterations), predictions (of the rows held out: record, output, ahead, fitted, unfitted, copying),
+    unjudged (why there are none, or empty), notes, files.
     """
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
@@ -87,6 +89,7 @@ def fit_(
             *logs.learned,
             free=names_in(free) or None,
             offset=names_in(offset),
+            lag=names_in(lag),
             starts=starts,
             seed=seed,
             robust=robust,

@@ -36,6 +36,8 @@ def fitted(result: Fit, notes: Iterable[str]) -> RenderableType:
     for one in result.parameters:
         spread = "at its end" if one.at else _spread(one.deviation)
         parts.add_row(one.name, f"{one.value:.5g}", spread, f"{one.nominal:.5g}", Text(one.unit))
+    for one in result.lags:
+        parts.add_row(f"lag of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "", Text(one.unit))
     for one in result.offsets:
         parts.add_row(f"offset of {one.name}", f"{one.value:.5g}", _spread(one.deviation), "0", Text(one.unit))
     along = "RMS error of the outputs along the record, from its first state"

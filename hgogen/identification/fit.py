@@ -11,6 +11,7 @@ import numpy as np
 
 from hgogen.errors import nearest
 from hgogen.identification.information import Information, alike, information
+from hgogen.identification.lag import lagged
 from hgogen.identification.motion import paced
 from hgogen.identification.records import BadLog, Log, demanded
 from hgogen.identification.result import Estimate, Fit, Place
@@ -42,6 +43,7 @@ def fit(
     *records: Log,
     free: Iterable[str | Signal] | None = None,
     offset: Iterable[str | Signal] = (),
+    lag: Iterable[str | Signal] = (),
     between: Literal["hold", "line"] = "hold",
     starts: int = 3,
     seed: int = 0,
@@ -52,10 +54,10 @@ def fit(
 
     `records`: inputs u (N, m), outputs y (N, p), NaN where nothing was measured, and their period; `free`: the
     parameters that are fitted, by default those with a range, which bounds them; another stays within a hundredth and a
-    hundred times its value. `offset`: the outputs to which an unknown constant is added; `between`: how inputs go on
-    between samples; `starts`: the first from the nominal values, the others random within the ranges; `robust`: a
-    sample far off, as one of a sensor that failed, counts by its distance, not by its square; `each(start, iteration)`
-    is called after every iteration.
+    hundred times its value. `offset`: the outputs to which an unknown constant is added; `lag`: those whose sensor
+    follows by an unknown first-order lag; `between`: how inputs go on between samples; `starts`: the first from the
+    nominal values, the others random within the ranges; `robust`: a sample far off, as one of a sensor that failed,
+    counts by its distance, not by its square; `each(start, iteration)` is called after every iteration.
 
     Raises: `CannotFit`; `BadShape`, `BadNames` for records of another shape.
     """
@@ -65,13 +67,11 @@ def fit(
         raise CannotFit(f"between={between!r}", f"is none of {', '.join(BETWEEN)}")
     if starts < 1:
         raise CannotFit(f"starts={starts}", "must be at least 1, the one from the nominal values")
-    task = _Task(
-        plant,
-        _free(plant, free),
-        tuple(demanded(plant, record, k) for k, record in enumerate(records, 1)),
-        _named("offset", offset, plant.outputs),
-        between,
-    )
+    chosen, logs = _free(plant, free), tuple(demanded(plant, record, k) for k, record in enumerate(records, 1))
+    period, duration = max(record.dt for record in logs), min(len(record.y) * record.dt for record in logs)
+    slow, lags = lagged(plant, _named("lag", lag, plant.outputs), period, duration)
+    offsets = _named("offset", offset, plant.outputs)
+    task = _Task(plant, slow, chosen, tuple(lags), logs, offsets, between)
     draw = np.random.default_rng(seed)
     begins = [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]
     ended = tuple(task.solver.solve(begin, partial(each, k)) for k, begin in enumerate(begins))
@@ -87,14 +87,22 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is fitted to what."""
+    """What is fitted to what: `plant` with the lags of its sensors, of `given` without; `chosen`: its parameters that
+    are fitted beside the `lags`."""
 
+    given: System
     plant: System
-    free: tuple[Signal, ...]
+    chosen: tuple[Signal, ...]
+    lags: tuple[Signal, ...]
     records: tuple[Log, ...]
     offset: tuple[Signal, ...]
     between: str
     corner: Array | None = None
+
+    @property
+    def free(self) -> tuple[Signal, ...]:
+        """The parameters that are fitted."""
+        return (*self.chosen, *self.lags)
 
     def corners(self, unknowns: Array) -> Array:
         """The corner of the loss of each output, from its residuals there."""
@@ -152,26 +160,32 @@ class _Task:
         for record, count in zip(self.records, self.problem.segments, strict=True):
             at = np.arange(count) * self.problem.length
             rows = [np.full(count, resting(x)) for x in self.plant.states]
-            for j, h in enumerate(self.plant.output):
-                if h in self.plant.states:
-                    there = np.flatnonzero(np.isfinite(record.y[:, j]))
+            for j, seen in enumerate(zip(self.given.output, self.plant.output, strict=True)):
+                there = np.flatnonzero(np.isfinite(record.y[:, j]))
+                for h in set(seen) & set(self.plant.states):
                     rows[self.plant.states.index(h)] = np.interp(at, there, record.y[there, j])
             nodes += np.array(rows).T.ravel().tolist()
         return nodes
 
     def result(self, best: Solution, ended: Sequence[Solution]) -> Fit:
         """The fit with what the records tell of it."""
-        known, count = information(self.problem, best.unknowns, self.solver.unit), len(self.free)
+        known, count, inner = (
+            information(self.problem, best.unknowns, self.solver.unit),
+            len(self.free),
+            len(self.chosen),
+        )
         follow = [alike(e) for e in self._told(known.outputs)]
         deviations, untold = self._deviations(known, max(follow), best.unknowns)
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))
-        first = (dict(zip(map(str, self.plant.states), at[:, 0].full().ravel().tolist(), strict=True)) for at in nodes)
-        still = replace(self, free=(), offset=(), corner=None)
+        names = list(map(str, self.given.states))
+        first = (dict(zip(names, at[: len(names), 0].full().ravel().tolist(), strict=True)) for at in nodes)
+        still = replace(self, plant=self.given, chosen=(), lags=(), offset=(), corner=None)
         before = information(still.problem, still.solver.solve(still.nominal).unknowns, still.solver.unit)
         return Fit(
-            valued(self.plant, {e.name: e.value for e in estimates[:count]}),
-            estimates[:count],
+            valued(self.given, {e.name: e.value for e in estimates[:inner]}),
+            estimates[:inner],
+            tuple(replace(e, name=y) for e, y in zip(estimates[inner:count], self._lagging, strict=True)),
             estimates[count:],
             tuple(first),
             tuple(record.y - e for record, e in zip(self.records, known.residuals, strict=True)),
@@ -213,6 +227,12 @@ class _Task:
             {name: float(part) for name, part in zip(names, direction, strict=True) if abs(part) > PART}
             for direction in parts
         )
+
+    @property
+    def _lagging(self) -> list[str]:
+        """The outputs that lag, by name."""
+        pairs = zip(self.plant.outputs, self.given.output, self.plant.output, strict=True)
+        return [y.name for y, h, behind in pairs if h != behind]
 
     def _confined(self, unknowns: Array) -> tuple[str, ...]:
         room = np.minimum(unknowns - self.solver.low, self.solver.high - unknowns) / self.solver.unit

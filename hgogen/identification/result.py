@@ -33,17 +33,19 @@ class Estimate:
 class Fit:
     """What `fit` found.
 
-    `plant`: with the fitted values; `parameters`, `offsets`: their estimates; `first`: the state of each record at its
-    first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`: RMS of each output's
-    residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the residual of the plant as
-    it was given, its states fitted alone; `alike`: how many residuals of each output tell as much as one that is
-    independent of the others; `untold`: directions of parameters that the records do not tell, each by its parts in
-    units of ranges; `confined`: the states that lie at an end of their range; `starts`: how each ended, of a robust fit
-    its last pass; `outlying`: of each output the share of the residuals beyond 5 deviations, these by their median.
+    `plant`: with the fitted values; `parameters`, `offsets` and `lags` of outputs: their estimates; `first`: the state
+    of each record at its first sample; `fitted`: the outputs (N, p) of each, NaN where nothing was measured; `error`:
+    RMS of each output's residual, in its unit; `spread`: that of the output about its mean; `unfitted`: that of the
+    residual of the plant as it was given, its states fitted alone; `alike`: how many residuals of each output tell as
+    much as one that is independent of the others; `untold`: directions of parameters that the records do not tell, each
+    by its parts in units of ranges; `confined`: the states that lie at an end of their range; `starts`: how each ended,
+    of a robust fit its last pass; `outlying`: of each output the share of the residuals beyond 5 deviations, these by
+    their median.
     """
 
     plant: System
     parameters: tuple[Estimate, ...]
+    lags: tuple[Estimate, ...]
     offsets: tuple[Estimate, ...]
     first: tuple[dict[str, float], ...]
     fitted: tuple[Array, ...]
@@ -63,6 +65,7 @@ class Fit:
             "deviation": {one.name: one.deviation for one in self.parameters},
             "nominal": {one.name: one.nominal for one in self.parameters},
             "at_end": {one.name: one.at for one in self.parameters if one.at},
+            "lags": {one.name: one.value for one in self.lags},
             "offsets": {one.name: one.value for one in self.offsets},
             "first": list(self.first),
             "error": self.error,
@@ -85,6 +88,12 @@ class Fit:
             elif one.at:
                 doubt = "its sign, or that of a column, or a unit may be wrong"
                 lines.append(f"{one.name} went as far from {one.nominal:g} as it may without a range; {doubt}")
+        for one in self.lags:
+            if one.at == "low":
+                lines.append(f"the records show no lag of {one.name} of half a sample or more")
+            else:
+                state = f"a state {one.name}_behind' = (output - {one.name}_behind)/{one.value:.3g}"
+                lines.append(f"the sensor of {one.name} lags, which the model does not say: give it {state} as output")
         lines += [
             f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
         ]
