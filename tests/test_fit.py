@@ -21,6 +21,8 @@ from hgogen.identification.records import BadLog
 from hgogen.identification.shooting import Shooting
 from hgogen.modelfiles.json_file import BadFile
 from hgogen.modelfiles.parameters import read
+from hgogen.reading.text_model import read as read_model
+from hgogen.reading.text_model import to_text
 from hgogen.structure.valued import BadValue, valued
 from hgogen.trials.prediction import predictions
 
@@ -493,6 +495,38 @@ def test_the_command_writes_what_every_command_takes(here: Path) -> None:
     k = result["parameters"]["k"]
     assert hg.load(here / "spring.toml").valued({"k": k}).plant.nominal[hg.Signal("k", nominal=k, low=1, high=20)]
     assert json.loads(shown)["model"].endswith("spring.toml")
+
+
+def test_a_fit_is_written_as_a_model(here: Path) -> None:
+    """With all that the plain-text model said beside its plant; a Python model's plant alone."""
+    record = log(seed=1)
+    numbers = np.column_stack([DT * np.arange(N), record.u, record.y])
+    np.savetxt(here / "log.csv", numbers, delimiter=",", header="t,u,y", comments="")
+    beside = {
+        "meaning": 'a "spring"',
+        "observer": {"kind": "high_gain", "form": "triangular", "theta": 5, "poles": [-1, -1], "dt": DT},
+        "tuning": {"quick": {"kind": "high_gain", "theta": 8.5, "poles": [-1, -2]}},
+        "known": {"an odd key": [1, True, "x"]},
+    }
+    (here / "spring.toml").write_text(to_text(PLANT, beside))
+    reads = "from pathlib import Path\nfrom hgogen.reading.text_model import read\n"
+    (here / "spring.py").write_text(f"{reads}plant = read(Path(__file__).with_suffix('.toml')).plant\n")
+    words = ("--data", "log.csv", "--time", "t", "--map", "u=u", "--map", "y=y")
+    words += ("--free", "k,c,g", "--starts", "1")
+    for source, name in (("spring.toml", "fitted one.toml"), ("spring.py", "other.toml")):
+        text, said = hgogen("fit", source, *words, "--write", name)
+        assert name in text
+        values = json.loads((here / "build" / "spring" / "fitted.json").read_text())["parameters"]
+        new = read_model(here / name)
+        assert {p.name: p.nominal for p in new.plant.parameters} == values
+        assert new.plant.states == PLANT.states
+        plain = source.endswith(".toml")
+        wanted = beside if plain else {key: type(value)() for key, value in beside.items()}
+        assert {key: getattr(new, key) for key in beside} == wanted
+        assert ("says beside its plant" in said) == (not plain)
+    for name, sentence in (("other.toml", "is there already"), ("other.json", "must end in .toml")):
+        _, said = hgogen("fit", "spring.toml", *words, "--write", name, status=2)
+        assert sentence in " ".join(said.replace("│", " ").split())
 
 
 def test_a_fit_is_not_lost_where_no_observer_takes_the_plant(here: Path) -> None:

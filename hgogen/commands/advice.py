@@ -22,6 +22,7 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.model import Model
 from hgogen.modelfiles.first import First, NoFirst, first, places
+from hgogen.reading.text_model import inline
 from hgogen.registry import summaries
 from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
@@ -222,15 +223,7 @@ def _line(one: First, model: Model) -> str:
     table = {**({"kind": kind} if known else {}), **one.table}
     if model.path.endswith(".json"):
         return f'"tuning": {json.dumps({name: table})}'
-    return f"tuning.{name} = {_toml(table)}"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value)
+    return f"tuning.{name} = {inline(table)}"
 
 
 # ---------------------------------------------------------------- what else

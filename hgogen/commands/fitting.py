@@ -1,8 +1,10 @@
 """The command `fit`: parameters of a model from measured records."""
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -11,6 +13,7 @@ from hgogen.call import CallableStep
 from hgogen.commands import log_tables, tables
 from hgogen.commands.command import (
     Bar,
+    Folder,
     Json,
     ModelArgument,
     Out,
@@ -23,6 +26,7 @@ from hgogen.commands.command import (
     show,
 )
 from hgogen.commands.logs import Data, HeldOut, logs_of, names_in
+from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
 from hgogen.identification.fit import fit
@@ -31,6 +35,7 @@ from hgogen.identification.solution import ITERATIONS
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.measured import Record
+from hgogen.reading.text_model import BESIDE, read, to_text
 from hgogen.trials.prediction import Prediction, predictions
 
 _AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
@@ -62,6 +67,9 @@ def fit_(
     robust: Annotated[
         bool, typer.Option("--robust", help="A sample far off counts by its distance, not by its square.")
     ] = False,
+    write: Annotated[
+        Path | None, typer.Option("--write", metavar="FILE.toml", help="A new plain-text model with the fitted values.")
+    ] = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -78,6 +86,8 @@ def fit_(
     loaded = load(model).set(setting)
     folder = folder_of(out, loaded)
     folder.demand("fitted.json")
+    if write is not None:
+        _demand_new(write)
     from hgogen.trials import figures  # which takes a while to import
 
     plant = loaded.plant
@@ -114,6 +124,9 @@ def fit_(
         "notes": [*logs.notes(), *result.notes(), *verdicts],
         "files": list(map(str, paths)),
     }
+    if write is not None:
+        paths += Folder(write.parent).write({write.name: to_text(result.plant, _beside(loaded))})
+        report["files"] = list(map(str, paths))
     folder.write({**files, "fitted.json": json_text(report) + "\n"})
     shown = (
         *(log_tables.report(record.report) for record in records),
@@ -121,6 +134,25 @@ def fit_(
         log_tables.judged(judged, verdicts, unjudged),
     )
     show(as_json, report, *shown, tables.files(paths))
+
+
+def _demand_new(path: Path) -> None:
+    """Raise `BadParameter` for a file that is there, or that would be no TOML."""
+    if path.suffix != ".toml":
+        raise typer.BadParameter(f"{path} must end in .toml, the language of a plain-text model", param_hint="--write")
+    if os.path.lexists(path):
+        raise typer.BadParameter(f"{path} is there already; give the name of a new file", param_hint="--write")
+    Folder(path.parent).demand(path.name)
+
+
+def _beside(model: Model) -> dict[str, Any]:
+    """What a plain-text model says beside its plant; of a Python one, which says it in Python, nothing."""
+    if not model.plain:
+        note(f"what {model.path} says beside its plant, as its tuning and trials, is Python and not in the new model")
+        return {}
+    known = read(Path(model.path))
+    said = {name: getattr(known, name) for name in BESIDE}
+    return {name: value for name, value in said.items() if value}
 
 
 def _judgement(

@@ -17,6 +17,7 @@ Expressions are those of `reading.expression`.
 """
 
 import json
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -51,6 +52,7 @@ _TOP = {
     **dict.fromkeys(_KINDS, TABLE),
     **dict.fromkeys(("known", "observer", "tuning", "trial", "dissipation"), TABLE),
 }
+BESIDE = tuple(key for key in _TOP if key not in ("name", "time", *_KINDS))  # what a file says beside its plant
 _EXAMPLES = {
     TEXT: '"..."',
     NUMBER: "1.5, finite and without quotes",
@@ -244,8 +246,9 @@ def named(file: str, where: str, function: Callable[..., Any], *args: Any, **kwa
 # --- model to text ------------------------------------------------------------------------------------------
 
 
-def to_text(plant: System) -> str:
+def to_text(plant: System, beside: Mapping[str, Any] = MappingProxyType({})) -> str:
     """The plant as TOML, which `read` reads back as an equal system; a float is written as its shortest decimal.
+    `beside`: what else stands in the file, by its key at the top, as `from_table` takes it.
 
     Raises: `NoText` for a recast plant, and for an expression outside the grammar.
     """
@@ -259,11 +262,25 @@ def to_text(plant: System) -> str:
         "outputs": ("equation", [_expression(plant, symbols, e) for e in plant.output]),
     }
     lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
+    lines += [f"{_key(key)} = {inline(value)}" for key, value in beside.items()]
     for kind, (key, texts) in equations.items():
         for signal, text in zip(getattr(plant, kind), texts, strict=True):
             lines += ["", f"[{kind}.{signal.name}]", *_entries(signal)]
             lines += [f"{key} = {_quoted(text)}"] * bool(key)
     return "\n".join(lines) + "\n"
+
+
+def inline(value: Any) -> str:
+    """A value of TOML in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(key)} = {inline(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(inline, value))}]"
+    return _quoted(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
 
 
 def _entries(signal: Signal) -> Iterable[str]:
