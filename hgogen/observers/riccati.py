@@ -27,6 +27,7 @@ from hgogen.observer import Observer, founded, linearised, state_field
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
@@ -138,6 +139,6 @@ def _theorem(theta: Theta) -> Check:
         ClaimId("riccati", "convergence"),
         theta.theorem.conclusion,
         Verdict.UNKNOWN,
-        "the theorem's constants are existential: no number for theta, d, gamma can be proved from it",
+        because("the theorem's constants are existential: no number for theta, d, gamma can be proved from it"),
         fix="validate by trials over noise seeds and jumps",
     )
