@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Any, Self
 
 from hgogen.errors import HgogenError, nearest
+from hgogen.sentence import Reason, Sentence, because
 
 
 class Verdict(StrEnum):
@@ -62,17 +63,17 @@ class Claims:
 class Check:
     """One claim with its verdict.
 
-    `id` is stable and names the claim in `accept=`; `reason` says how the verdict was reached; `witness` is
-    the point that refutes; `fix` says what a user can do about it; `consequence` what follows for him who accepts a
-    refuted claim; `proofs`: what proves it, and `disproof`: what refutes it, values whose
-    evidence a certificate holds (`evidence.grounds`); `subject`: the expression that the claim is about, such as a_i,
-    where it is about one.
+    `id` is stable and names the claim in `accept=`; `claim`: a text, or a sentence where expressions enter it; `reason`
+    says how the verdict was reached; `witness` is the point that refutes; `fix` says what a user can do about it;
+    `consequence` what follows for him who accepts a refuted claim; `proofs`: what proves it, and `disproof`: what
+    refutes it, values whose evidence a certificate holds (`evidence.grounds`); `subject`: the expression that the claim
+    is about, such as a_i, where it is about one.
     """
 
     id: ClaimId
-    claim: str
+    claim: Sentence | str
     verdict: Verdict
-    reason: str
+    reason: Reason
     witness: Mapping[str, float] = field(default_factory=dict, hash=False)
     fix: str = ""
     consequence: str = ""
@@ -81,9 +82,12 @@ class Check:
     subject: Any = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """A plain text, as of a user's own check, is a name that no maker of the package has given."""
+        """A plain text, as of a user's own check, is a name that no maker of the package has given, and a reason
+        without values."""
         if not isinstance(self.id, ClaimId):
             object.__setattr__(self, "id", ClaimId("", self.id))
+        if not isinstance(self.reason, Reason):
+            object.__setattr__(self, "reason", because("{text}", text=self.reason))
 
     @property
     def advice(self) -> str:
@@ -103,8 +107,9 @@ class Check:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; the proofs go into a certificate."""
-        fields = {"id": self.id, "claim": self.claim, "verdict": str(self.verdict), "reason": self.reason}
-        return {**fields, "witness": dict(self.witness), "fix": self.advice}
+        fields = {"id": self.id, "claim": str(self.claim), "verdict": str(self.verdict), "reason": str(self.reason)}
+        data = {"reason_data": self.reason.as_dict()}
+        return {**fields, **data, "witness": dict(self.witness), "fix": self.advice}
 
 
 @dataclass(eq=False)

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import sympy as sp
 
 from hgogen.check import Check, Verdict
+from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -165,13 +166,16 @@ class Form:
         return tuple(sp.Add(rest, *row) for rest, row in zip(self.b, terms, strict=True))
 
     @property
-    def head(self) -> str:
-        """Coordinates and equations, as text."""
-        arrow = ", ".join(f"{z} = {expression}" for z, expression in zip(self.states, self.to_form, strict=True))
-        lines = [f"{self.system.name} {'in' if self.structured else 'not shown in'} {self.kind} form, {arrow}"]
-        lines += [f"  {z}' = {rate}" for z, rate in zip(self.states, self.flow, strict=True)]
-        lines += [f"  {y} = {expression}" for y, expression in zip(self.system.outputs, self.output, strict=True)]
-        return "\n".join(lines)
+    def head(self) -> tuple[Sentence, ...]:
+        """A title with the coordinates, and the equations, line by line."""
+        change = equations(dict(zip(self.states, self.to_form, strict=True)))
+        title = "{plant} in {kind} form, {change}" if self.structured else "{plant} not shown in {kind} form, {change}"
+        flow, output = (zip(self.states, self.flow, strict=True), zip(self.system.outputs, self.output, strict=True))
+        return (
+            Sentence.of(title, plant=self.system.name, kind=self.kind, change=change),
+            *(Sentence.of("  {z}' = {rate}", z=z, rate=rate) for z, rate in flow),
+            *(Sentence.of("  {y} = {value}", y=y, value=value) for y, value in output),
+        )
 
     def __str__(self) -> str:
-        return "\n".join([self.head, *(f"  {check}" for check in self.checks)])
+        return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])

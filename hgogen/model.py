@@ -147,7 +147,7 @@ class Model:
     def notes(self) -> tuple[str, ...]:
         """What is read otherwise than written, on the declared box. Raises: `MissingPart`."""
         around = box(self.plant.signals, self.plant.nominal) if self.folds else {}
-        return tuple(filter(None, (fold.on(around) for fold in self.folds)))
+        return tuple(str(note) for note in (fold.on(around) for fold in self.folds) if note)
 
     def has(self, part: str) -> bool:
         """Whether the file defines `part`; a tuning with a period makes a step."""

@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import Any
 
 from hgogen.check import Check, ClaimId, Claims, Verdict, worst
+from hgogen.sentence import NONE, Reason, because, joined
 
 YOURS = "left to you"
 
@@ -40,8 +41,9 @@ class Hypothesis:
     """One hypothesis of a theorem.
 
     `claim`: a sentence; `checks`: which claims know it; `verdict`: what is known without a check, by construction, None
-    where only the user can know; `reason`: how, or what the user should see to, or what the checks do not say;
-    `reference`: where the theorem says so. With `optional`, it is dropped where no check makes such a claim.
+    where only the user can know; `reason`: how, or what the user should see to, or what the checks do not say, a
+    constant text; `reference`: where the theorem says so. With `optional`, it is dropped where no check makes such a
+    claim.
     """
 
     claim: str
@@ -77,7 +79,7 @@ class Row:
 
     claim: str
     verdict: Verdict | None
-    reason: str
+    reason: Reason
     checks: tuple[ClaimId, ...]
     reference: str
 
@@ -91,7 +93,8 @@ class Row:
         return {
             "claim": self.claim,
             "verdict": self.standing,
-            "reason": self.reason,
+            "reason": str(self.reason),
+            "reason_data": self.reason.as_dict(),
             "checks": list(self.checks),
             "reference": self.reference,
         }
@@ -106,16 +109,16 @@ def rows(theorem: Theorem, checks: Iterable[Check]) -> tuple[Row, ...]:
 
 def _row(hypothesis: Hypothesis, known: Iterable[Check]) -> Row | None:
     telling = [check for check in known if any(check.id in claims for claims in hypothesis.checks)]
-    verdict, reason = hypothesis.verdict, hypothesis.reason
+    verdict, reason = hypothesis.verdict, because(hypothesis.reason)
     if telling:
         least = worst(telling)  # a hypothesis is as good as the worst of its checks
         alone = len(telling) == 1 or least.verdict is Verdict.PROVED
-        which = "" if alone else f"{least.verdict}: {least.id}"
-        verdict, reason = least.verdict, "; ".join(part for part in (which, reason) if part)
+        which = NONE if alone else because("{verdict}: {check}", verdict=least.verdict, check=least.id)
+        verdict, reason = least.verdict, joined(which, reason)
     elif hypothesis.optional:
         return None
     elif hypothesis.checks:
-        verdict, reason = Verdict.UNKNOWN, "the form makes no such check"
+        verdict, reason = Verdict.UNKNOWN, because("the form makes no such check")
     return Row(hypothesis.claim, verdict, reason, tuple(check.id for check in telling), hypothesis.reference)
 
 

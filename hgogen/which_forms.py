@@ -11,14 +11,15 @@ from typing import Any
 import sympy as sp
 
 from hgogen import forms
-from hgogen.analysis.gauthier_bornard import RANGES_APART, of_plant
+from hgogen.analysis.gauthier_bornard import of_plant
 from hgogen.check import Check, Verdict, worst
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
 from hgogen.reading.door import asks_a_plant
+from hgogen.sentence import Reason, because, point
 from hgogen.system import System
 
-NOT_ASKED = "not asked, may take seconds; ask with --deep, or survey(plant, deep=True)"
+NOT_ASKED = because("not asked, may take seconds; ask with --deep, or survey(plant, deep=True)")
 
 
 def asking(name: str) -> Asking:
@@ -39,7 +40,7 @@ class Row:
     kind: str
     verdict: Verdict | None
     order: tuple[str, ...]
-    why: str
+    why: Reason
     witness: Mapping[str, float] = field(default_factory=dict, hash=False)
     fix: str = ""
     form: Form | None = field(default=None, repr=False)
@@ -52,8 +53,8 @@ class Row:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        names = ("name", "verdict", "why", "fix")
-        return {**{n: getattr(self, n) for n in names}, "order": list(self.order), "witness": dict(self.witness)}
+        known = {"name": self.name, "verdict": self.verdict, "why": str(self.why), "why_data": self.why.as_dict()}
+        return {**known, "fix": self.fix, "order": list(self.order), "witness": dict(self.witness)}
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def survey(plant: System, *, deep: bool = False) -> Survey:
 def _rows(name: str, case: Asking, plant: System, deep: bool) -> Iterator[Row]:
     refusal = case.refusal(len(plant.outputs))
     if refusal or (case.costly and not deep):
-        yield Row(name, None, (), refusal or NOT_ASKED)
+        yield Row(name, None, (), because("{refusal}", refusal=refusal) if refusal else NOT_ASKED)
     else:
         for options in case.options:
             yield _row(name, options, plant)
@@ -135,19 +136,21 @@ def _row(name: str, options: Mapping[str, Any], plant: System) -> Row:
     try:
         form: Form = getattr(forms, name)(plant, **options)
     except HgogenError as refusal:  # the plant is not one that the form takes
-        return Row(name, None, (), str(refusal), options=options)
+        return Row(name, None, (), because("{refusal}", refusal=str(refusal)), options=options)
     weakest = worst(form.checks)
     order = _order(form) if form.structured else ()
     if weakest.verdict is Verdict.PROVED:
-        return Row(name, weakest.verdict, order, f"all {len(form.checks)} checks proved", {}, "", form, options)
+        proved = because("all {count} checks proved", count=len(form.checks))
+        return Row(name, weakest.verdict, order, proved, {}, "", form, options)
     return Row(name, weakest.verdict, order, _short(weakest), weakest.witness, weakest.advice, form, options)
 
 
-def _short(check: Check) -> str:
-    at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
-    sentence = f"{check.reason}{', at ' + at if at else ''}"
+def _short(check: Check) -> Reason:
+    reason = check.reason
+    if check.witness:
+        reason = because("{reason}, at {point}", reason=reason, point=point(check.witness))
     names_itself = check.id.fact == "structure" or (check.verdict is Verdict.REFUTED and check.subject is not None)
-    return sentence if names_itself else f"{check.id.short}: {sentence}"
+    return reason if names_itself else because("{check}: {reason}", check=check.id.short, reason=reason)
 
 
 def _order(form: Form) -> tuple[str, ...]:
@@ -160,7 +163,10 @@ def _gauthier_bornard(plant: System) -> Row:
     """The row of the test of Gauthier and Bornard."""
     answer = of_plant(plant)
     if not answer.applies:
-        return Row("Gauthier-Bornard", None, (), f"does not apply: {answer.reason}")
-    prefixes = {Verdict.GENERIC: "uniformly observable: ", Verdict.REFUTED: "some input hides a state: "}
-    prefix = prefixes.get(answer.verdict, "")
-    return Row("Gauthier-Bornard", answer.verdict, (), f"{RANGES_APART}, {prefix}{answer.reason}")
+        return Row("Gauthier-Bornard", None, (), because("does not apply: {reason}", reason=answer.reason))
+    patterns = {
+        Verdict.GENERIC: "for every real input, ranges apart, uniformly observable: {reason}",
+        Verdict.REFUTED: "for every real input, ranges apart, some input hides a state: {reason}",
+    }
+    pattern = patterns.get(answer.verdict, "for every real input, ranges apart, {reason}")
+    return Row("Gauthier-Bornard", answer.verdict, (), because(pattern, reason=answer.reason))

@@ -23,7 +23,9 @@ def test_functions_stay_as_they_are_written(flow: tuple[sp.Expr, ...], output: s
     plant = hg.System("p", states=(X1, X2), outputs=(hg.Signal("y"),), flow=flow, output=[output])
     singularity = hg.singularity(plant)
     (check,) = singularity.checks[:1]
-    assert f"their Jacobian is {text}, which" in check.reason or check.reason.endswith(f"their Jacobian is {text}")
+    assert f"their Jacobian is {text}, which" in str(check.reason) or str(check.reason).endswith(
+        f"their Jacobian is {text}"
+    )
     assert singularity.as_dict()["determinants"][0] == text
     assert "exp" not in singularity.latex().replace("e^{", "exp") or text.startswith("exp")
     at = {X1: sp.Rational(3, 7), X2: sp.Rational(-2, 5)}
@@ -35,7 +37,7 @@ def test_functions_stay_as_they_are_written(flow: tuple[sp.Expr, ...], output: s
     assert abs(float(exact - sp.sympify(text, {"x1": X1, "x2": X2}).subs(at))) < 1e-12
     shown = hg.forms.phase(plant).checks
     (rank,) = (c for c in shown if c.id == "phase.rank")
-    assert f"det dPhi/dx = {text} has no zero" in rank.claim
+    assert f"det dPhi/dx = {text} has no zero" in str(rank.claim)
 
 
 def test_a_condition_reads_as_the_plant_is_written() -> None:
@@ -45,5 +47,5 @@ def test_a_condition_reads_as_the_plant_is_written() -> None:
     )
     (check, *_) = hg.singularity(plant).checks
     assert check.verdict is hg.Verdict.WHERE
-    assert "exp" not in check.reason
-    assert "tanh(x2)" in check.reason or "x1 != 0" in check.reason
+    assert "exp" not in str(check.reason)
+    assert "tanh(x2)" in str(check.reason) or "x1 != 0" in str(check.reason)

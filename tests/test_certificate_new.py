@@ -13,9 +13,10 @@ import pytest
 import hgogen as hg
 from hgogen.certificates.certificate import OtherNumbers, certificate, fingerprint, stated
 from hgogen.evidence.grounds import Grounds
-from hgogen.guarantees.certified import checks
+from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import CoreBound
 from hgogen.recheck.verification import recheck
+from hgogen.sentence import Reason, because
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,11 @@ class Margin:
 
     theta: Fraction = Fraction(3)
     numbers: Mapping[str, Any] = field(default_factory=lambda: {"gains": (1, Fraction(2, 3))})
+
+    @property
+    def reason(self) -> Reason:
+        """How it comes about."""
+        return because("{theta} by hand", theta=self.theta)
 
     def rate(self, theta: float) -> float:
         """r (1/s)."""

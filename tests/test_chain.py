@@ -94,7 +94,7 @@ def test_terms_that_cancel_do_not_count(hidden: sp.Expr) -> None:
 def test_near_misses_are_refused_with_the_reason(term: sp.Expr, says: str) -> None:
     answer, why = levelwise(rows([X2 + term, X3, X4, 0])).answer(Shape.CONSTANT)
     assert answer is False
-    assert says in why
+    assert says in str(why)
 
 
 def test_what_is_not_known_is_no_answer() -> None:
@@ -142,7 +142,7 @@ def test_a_scramble_is_recognised_and_a_spoiled_one_refused(n: int, draw: random
         assert answers(chains) == (True, True, True)
     else:
         assert answers(chains) == (False, False, False)
-        assert f"{order[at]}' brings in" in chains.answer(Shape.CONSTANT)[1]
+        assert f"{order[at]}' brings in" in str(chains.answer(Shape.CONSTANT)[1])
 
 
 # Several outputs

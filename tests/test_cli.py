@@ -759,7 +759,16 @@ def test_the_json_of_a_check_is_documented(here: Path, name: str):
     """Every key, however deep; a number is finite or null, and an observer's refused hypothesis alone exits with 1."""
     answer = as_json("check", str(MODELS / name), "--bound", "1/2")
     words = set(re.findall(r"\w+", documented("check")))
-    free = ("witness", "coordinates", "flow", "outputs", "gains", "direction", "where")  # holders of names of the model
+    free = (
+        "witness",
+        "coordinates",
+        "flow",
+        "outputs",
+        "gains",
+        "direction",
+        "where",
+        "values",
+    )  # whose keys are names
     assert keys(answer, free) <= words
     assert {row["verdict"] for row in answer["forms"]} <= {None, "proved", "refuted", "where", "generic", "unknown"}
 

@@ -62,7 +62,7 @@ def test_a_folder_shows_its_cases_alone(folder: Any) -> None:
 def test_an_output_without_states_is_a_proof() -> None:
     blind = hg.System("blind", states=(x1, x2), outputs=(y,), flow=[x2, -x1], output=[1])
     (check,) = hg.observability(blind).checks
-    assert (check.verdict, check.reason.rpartition("; ")[2]) == (Verdict.REFUTED, "no output reads a state")
+    assert (check.verdict, str(check.reason).rpartition("; ")[2]) == (Verdict.REFUTED, "no output reads a state")
     assert "locally observable" in hg.observability(PLANT).checks[0].claim
 
 

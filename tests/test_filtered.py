@@ -197,7 +197,7 @@ def test_the_bound_on_theta_is_that_of_the_filtered_observer() -> None:
     for observer in each:
         checks = {check.id.short: check for check in observer.checks}
         assert checks["convergence"].verdict is checks["theta"].verdict is hg.Verdict.PROVED
-        assert "above 37.76 = max(1, 2 |P G| L_b)" in checks["convergence"].reason
+        assert "above 37.76 = max(1, 2 |P G| L_b)" in str(checks["convergence"].reason)
         assert {row.standing for row in rows(observer.theorem, observer.checks) if "large" in row.claim} == {"proved"}
     low = injected("chain2", **{**general, "theta": 30})
     assert {row.standing for row in rows(low.theorem, low.checks) if "large" in row.claim} == {"unknown"}

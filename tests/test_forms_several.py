@@ -43,8 +43,8 @@ def test_uniform_by_permutation() -> None:
     form = forms.uniform(plant([u * X2, X3 + X3**3, sp.exp(X1) * (2 + X2**2) - X3], sp.sinh(X2)))
     assert form.to_form == (X2, X3, X1)
     assert set(verdicts(form).values()) == {"proved"}
-    assert check(form, "structure").reason == "y1 -> x2 -> x3 -> x1"
-    assert check(form, "slope_3").reason == "it is at least 0.7357"  # 2/e = 0.7358
+    assert str(check(form, "structure").reason) == "y1 -> x2 -> x3 -> x1"
+    assert str(check(form, "slope_3").reason) == "it is at least 0.7357"  # 2/e = 0.7358
     assert_same_plant(form)
 
 
@@ -64,7 +64,7 @@ def test_a_slope_is_proved_or_refuted_on_the_box(rate: sp.Expr, verdict: str, sa
     form = forms.uniform(plant([rate, X1], X1))
     claim = check(form, "slope_2")
     assert claim.verdict == verdict
-    assert says in claim.reason
+    assert says in str(claim.reason)
     assert (claim.verdict == "refuted") == bool(claim.witness)
     assert_same_plant(form)
     if verdict == "refuted":
@@ -92,7 +92,7 @@ def test_a_slope_without_a_range_is_unknown_where_it_needs_one() -> None:
 def test_what_is_not_uniform_says_why(flow: list[sp.Expr], output: sp.Expr, says: str) -> None:
     form = forms.uniform(plant(flow, output))
     assert verdicts(form) == {"structure": "refuted"}
-    assert says in check(form, "structure").reason
+    assert says in str(check(form, "structure").reason)
     assert_same_plant(form)
 
 
@@ -144,7 +144,7 @@ def test_a_slope_of_the_measured_state_is_checked_on_its_range(rate: sp.Expr, ve
     form = forms.triangular(plant([rate, 0], X1), measured=True)
     name, _, expected = verdict.partition(" ")
     assert check(form, name).verdict == expected
-    assert says in check(form, name).reason
+    assert says in str(check(form, name).reason)
 
 
 def test_the_jacobian_of_a_slope_of_the_measured_state() -> None:
@@ -184,7 +184,7 @@ def test_end_aligned() -> None:
     for align in ("top", "cascade"):
         other = forms.block_triangular(system, align)
         assert verdicts(other) == {"structure": "refuted"}
-        assert "x1' brings in" in check(other, "structure").reason
+        assert "x1' brings in" in str(check(other, "structure").reason)
         assert_same_plant(other)
 
 
@@ -221,7 +221,7 @@ def test_what_is_no_block_form_says_why(flow: list[sp.Expr], outputs: tuple[sp.E
     form = forms.block_triangular(plant(flow, *outputs), "top")
     hidden = {"connected": "refuted"} if "no row brings in" in says else {}
     assert verdicts(form) == {"structure": "refuted"} | hidden
-    assert says in check(form, "structure").reason
+    assert says in str(check(form, "structure").reason)
     assert form.blocks == (form.n,)
 
 

@@ -71,33 +71,33 @@ def test_ten_states() -> None:
     flow[3] += u * z[6]
     broken = gauthier_bornard(flow, [z[0]], z, [u])
     assert broken.answer is False
-    assert "L_f^3 h" in broken.reason
+    assert "L_f^3 h" in str(broken.reason)
 
 
 def test_without_input_the_neuron_is_lost() -> None:
     """Boizot's example: a_2 = -u, so that at u = 0 only x1 is seen."""
     check = of_plant(MODEL.plant)
     assert check.verdict is Verdict.REFUTED
-    assert "rank 1 of 3" in check.reason
+    assert "rank 1 of 3" in str(check.reason)
 
 
 def test_a_rank_at_random_points_is_no_proof() -> None:
     """x2 + x3 alone is seen: rank 2 of 3, though every state is read."""
     observability = gauthier_bornard([x2 + x3 + u * x1, x3, x2], [x1], X, [u])
     assert (observability.answer, observability.shown, observability.verdict) == (False, False, Verdict.UNKNOWN)
-    assert "rank 2 of 3 at 3 random points, which is no proof" in observability.reason
+    assert "rank 2 of 3 at 3 random points, which is no proof" in str(observability.reason)
     x4 = sp.Symbol("x4")
     longer = gauthier_bornard([x2 + u * x1, x3 + x4, x4, x3], [x1], [*X, x4], [u])
     assert (longer.answer, longer.shown) == (False, False)
     hidden = gauthier_bornard([x2 + u * x3, x1, u * x1], [x1], X, [u])
     assert (hidden.answer, hidden.shown, hidden.verdict) == (False, True, Verdict.REFUTED)
-    assert "rank 2 of 3: u = 0 hides x3" in hidden.reason
+    assert "rank 2 of 3: u = 0 hides x3" in str(hidden.reason)
 
 
 def test_two_inputs_hide_a_state_together() -> None:
     """Neither alone."""
     observability = gauthier_bornard([(u + v) * x2, x1], [x1], X[:2], [u, v])
-    assert observability.reason.endswith("u = v = 0 hides x2")
+    assert str(observability.reason).endswith("u = v = 0 hides x2")
 
 
 def test_it_is_of_every_real_input_whatever_the_ranges() -> None:
@@ -109,9 +109,9 @@ def test_it_is_of_every_real_input_whatever_the_ranges() -> None:
     assert {c.verdict for c in hg.forms.triangular(plant).checks} == {Verdict.PROVED}
     check, row = of_plant(plant), hg.survey(plant)["Gauthier-Bornard"]
     assert check.verdict is row.verdict is Verdict.REFUTED
-    assert row.why.startswith("for every real input, ranges apart, some input hides a state: ")
-    assert check.reason.endswith("drive = 0 hides b")
-    assert row.why.endswith("drive = 0 hides b")
+    assert str(row.why).startswith("for every real input, ranges apart, some input hides a state: ")
+    assert str(check.reason).endswith("drive = 0 hides b")
+    assert str(row.why).endswith("drive = 0 hides b")
 
 
 def test_parameters_stand_at_their_values() -> None:
@@ -154,7 +154,7 @@ def test_a_slope_in_many_functions_is_judged_by_a_point() -> None:
     """Simplifying its second derivative took 30 s."""
     steep = sp.cosh(sp.atan(u) + sp.sqrt(1 + u**2))
     began = process_time()
-    assert "not affine" in gauthier_bornard([x2, steep], [x1], [x1, x2], [u]).reason
+    assert "not affine" in str(gauthier_bornard([x2, steep], [x1], [x1, x2], [u]).reason)
     assert process_time() - began < 5
 
 
@@ -163,5 +163,5 @@ def test_a_branch_is_not_an_open_dense_set() -> None:
     flow = [x2 + u * sp.Max(0, -x1) * x3, x3, u]
     observability = gauthier_bornard(flow, [x1], X, [u])
     assert observability.answer is None
-    assert "branch of max" in observability.reason
+    assert "branch of max" in str(observability.reason)
     assert gauthier_bornard([x2 + u * sp.Abs(x3), x3, u], [x1], X, [u]).answer is False

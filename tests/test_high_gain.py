@@ -24,7 +24,8 @@ from hgogen.chains.gains import BadPoles, coefficients
 from hgogen.check import Verdict
 from hgogen.discretisation.runge_kutta import RK4
 from hgogen.discretisation.stability import core_limit
-from hgogen.guarantees.certified import Nothing, ThetaBound, of_gains, of_poles
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.certified import ThetaBound, of_gains, of_poles
 from hgogen.modelfiles.tuning import Tuning
 from hgogen.program import Place
 from hgogen.reading.given import BadGain
@@ -294,7 +295,7 @@ def test_a_row_that_reads_too_far_has_no_bound() -> None:
     form = blocks("top")
     theta_bound = of_poles(replace(form, b=(form.b[0] + form.states[2], *form.b[1:])), [1.0] * 5)
     assert isinstance(theta_bound, Nothing)
-    assert "reads more than" in theta_bound.reason
+    assert "reads more than" in str(theta_bound.reason)
 
 
 @pytest.mark.parametrize("align", ["top", "end"])

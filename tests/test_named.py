@@ -365,7 +365,7 @@ def test_a_matrix_is_printed_whole_beside_its_factor() -> None:
 def test_gains_are_printed_beside_their_names(tmp_path: Path) -> None:
     model = load(written(tmp_path / "three.json", CELL))
     claims = checked(model)
-    assert "  Q = {v: 2, G: 3, iL: 1}\n  R = 0.1" in claims.head
+    assert "  Q = {v: 2, G: 3, iL: 1}\n  R = 0.1" in "\n".join(map(str, claims.head))
     assert claims.as_dict()["gains"] == {"Q": {"v": 2, "G": 3, "iL": 1}, "R": {"y": 0.1}}
     header = hg.targets.c99(model.step(), check=False)["three.h"]
     assert " *   Q = {v: 2, G: 3, iL: 1}\n" in header

@@ -122,10 +122,10 @@ def test_the_bioreactor_as_its_paper_has_it() -> None:
     (z1, z2), (u,), (a1, a2) = form.states, system.inputs, system.parameters
     assert form.from_form[0] == z1
     assert sp.cancel(form.from_form[1] - a2 * z1 * (z2 + u * z1) / (a1 * z1 - z2 - u * z1)) == 0
-    assert "a1*a2*m**2/(a2*m + s)**2" in checks(form)["rank"].claim
+    assert "a1*a2*m**2/(a2*m + s)**2" in str(checks(form)["rank"].claim)
     assert [s.name for s in form.system.inputs] == ["u", "u_dot"]
     assert verdicts(form) == {**ALL_PROVED, "inputs": "unknown", "lipschitz": "unknown"}
-    assert "u_dot (phi alone)" in checks(form)["inputs"].reason
+    assert "u_dot (phi alone)" in str(checks(form)["inputs"].reason)
     assert form.behind is not None
     original = hg.forms.phase(system, original=True)
     assert original.system.inputs == system.inputs
@@ -137,7 +137,7 @@ def test_the_neuron_is_refuted_where_its_input_is_zero() -> None:
     rank = checks(form)["rank"]
     assert rank.verdict is Verdict.REFUTED
     assert rank.witness["u"] == 0
-    assert "-eps*u**2" in rank.claim
+    assert "-eps*u**2" in str(rank.claim)
     assert form.kind == "phase, original coordinates"
     assert [u.name for u in form.system.inputs] == ["u", "u_dot"]
     assert checks(form)["inverse"].verdict is Verdict.WHERE
@@ -213,7 +213,7 @@ def test_the_rank_is_that_of_whole_roots(slope: Any, verdict: str) -> None:
     x1, x2 = x = states((-1, 0.5), (-2, 2))
     form = hg.forms.phase(plant("root", x, [x2 * slope(x1), -x1], x1))
     rank = checks(form)["rank"]
-    assert f"= {slope(x1).expand()} has" in rank.claim
+    assert f"= {slope(x1).expand()} has" in str(rank.claim)
     assert str(rank.verdict) == verdict
 
 
@@ -225,7 +225,7 @@ def test_a_pole_of_the_writing_alone_refutes_nothing(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(module, "determinant", lambda rows: Determinant(quotient, ()))
     rank = checks(hg.forms.phase(plant("as_a_quotient", x, [x2, -x1], x1)))["rank"]
     assert rank.verdict is Verdict.UNKNOWN
-    assert "as it is written it is 0/0 there" in rank.reason
+    assert "as it is written it is 0/0 there" in str(rank.reason)
 
 
 JUMPS = (sp.sign, sp.floor, sp.ceiling, sp.Heaviside)

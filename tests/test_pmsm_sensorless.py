@@ -53,7 +53,7 @@ def test_no_block_triangular_form_holds_it() -> None:
     form = hg.forms.block_triangular(PLANT, align="cascade")
     structure = next(check for check in form.checks if check.id == "block_triangular.structure")
     assert structure.verdict is hg.Verdict.REFUTED
-    assert "brings in f_b, w together" in structure.reason
+    assert "brings in f_b, w together" in str(structure.reason)
 
 
 @needs_compiler

@@ -149,7 +149,7 @@ def test_above_the_bound_the_lyapunov_function_falls_with_the_model_in_it(kind: 
     checks = {c.id: c for c in build(swing.form(), theta=20, decay=1, r=r, poles=(-1, -1)).checks}
     assert checks[f"{kind}.convergence"].verdict is Verdict.PROVED
     assert checks[f"{kind}.theta"].verdict is Verdict.UNKNOWN
-    theta = factor * float(checks[f"{kind}.convergence"].reason.split()[1])
+    theta = factor * float(str(checks[f"{kind}.convergence"].reason.part("bound").part("theta")))
     high = {c.id: c for c in build(swing.form(), theta=theta, decay=1, r=r, poles=(-1, -1)).checks}
     assert high[f"{kind}.theta"].verdict is Verdict.PROVED
     shape = {"stubborn": SATURATION, "dead_zone": DEAD_ZONE}[kind]

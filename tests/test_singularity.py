@@ -94,7 +94,7 @@ def test_a_pole_of_the_plant_that_a_derivative_loses_is_not_proved(low: float) -
     plant = hg.System("hidden_pole", states=x, outputs=[hg.Signal("y")], flow=[x2 / x3, -x1, 0], output=[x1 * x3])
     (check, *_) = singularity(plant).checks
     assert check.verdict is (Verdict.WHERE if low < 0 else Verdict.PROVED)
-    assert ("x3 != 0" in check.reason) is (low < 0)
+    assert ("x3 != 0" in str(check.reason)) is (low < 0)
 
 
 def test_a_kink_is_not_proved() -> None:
@@ -119,7 +119,7 @@ def test_what_jumps_or_bends_is_not_known(rough: sp.Expr, n: int) -> None:
     analysis = singularity(plant)
     (check,) = analysis.checks[:1]
     assert check.verdict is Verdict.UNKNOWN
-    assert "has no derivative somewhere" in check.reason or "may not be smooth" in check.reason
+    assert "has no derivative somewhere" in str(check.reason) or "may not be smooth" in str(check.reason)
     assert analysis.as_dict()["checks"][0]["verdict"] == "unknown"
 
 
@@ -133,8 +133,8 @@ def test_roots_that_depend_on_each_other_have_no_answer() -> None:
 def test_long_sums_are_shown_short_and_kept_whole() -> None:
     analysis = singularity(load("induction_motor").plant)
     (check,) = analysis.checks
-    assert "K**3*np*(M*al**3*ib + M*al*ib*np**2*w**2 + .., 13 terms)" in check.reason
-    assert len(check.reason) < 250
+    assert "K**3*np*(M*al**3*ib + M*al*ib*np**2*w**2 + .., 13 terms)" in str(check.reason)
+    assert len(str(check.reason)) < 250
     (whole,) = analysis.as_dict()["determinants"]
     assert whole.count(" + ") + whole.count(" - ") == 12
     assert sp.sympify(whole, locals={s.name: s for s in analysis.plant.signals}) == analysis.jets[0].determinant
@@ -154,7 +154,7 @@ def test_too_large_a_matrix_is_left_alone() -> None:
     bent = replace(plant, output=[first + second**2])  # no chain, whose determinant needs no derivatives
     (check,) = singularity(bent, limit=20).checks
     assert check.verdict is Verdict.UNKNOWN
-    assert "more than" in check.reason
+    assert "more than" in str(check.reason)
 
 
 # --- expressions --------------------------------------------------------------------------------------------
@@ -301,7 +301,7 @@ def test_twenty_states_are_left_alone_in_time() -> None:
         (check,) = hg.singularity(plant).checks
         assert check.verdict == verdict
     assert time.process_time() - begin < 6
-    assert "too large" in check.reason
+    assert "too large" in str(check.reason)
 
 
 def test_a_long_factor_is_not_asked_about_on_all_of_space() -> None:

@@ -107,7 +107,7 @@ def test_p_1_and_p_3_are_proved_up_to_their_bounds(poles: tuple[complex, ...], b
 
 def test_an_inequality_says_of_which_D_it_is() -> None:
     """b is no number of the observer: two claims that differ by it alone would read the same."""
-    said = [{check.id.fact: check.reason for check in observer(b=b).checks} for b in (1.0, 2.5)]
+    said = [{check.id.fact: str(check.reason) for check in observer(b=b).checks} for b in (1.0, 2.5)]
     for reasons, b in zip(said, ("1", "2.5"), strict=True):
         assert all(f"D = diag(b, .., b + n - 1), b = {b}" in reasons[fact] for fact in ("p_1", "p_3"))
 

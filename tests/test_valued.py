@@ -31,8 +31,8 @@ def test_a_bound_under_a_condition_asks_for_a_value_of_the_plant_too(form: str, 
     """sqrt(v) bounds no slope at v = 0, and no form reads what the plant has lost at u = 0."""
     check = _of(getattr(hg.forms, form)(_plant(X2 + rest, sp.sqrt(V) * X1)).checks, "lipschitz")
     assert check.verdict == "where"
-    assert "v > 0" in check.reason
-    assert condition in check.reason
+    assert "v > 0" in str(check.reason)
+    assert condition in str(check.reason)
 
 
 def test_a_bound_under_a_condition_on_inputs_does_not_hold_where_a_state_is_without_a_value() -> None:
@@ -52,7 +52,7 @@ def test_the_singular_set_names_what_new_coordinates_lost(recast: hg.System) -> 
     """Beside the zeros of the determinant."""
     for check in hg.singularity(recast).checks:
         assert check.verdict == "where"
-        assert "w != 0" in check.reason
+        assert "w != 0" in str(check.reason)
 
 
 def test_what_the_first_of_two_recasts_lost_is_asked_for_as_well(recast: hg.System) -> None:
@@ -61,21 +61,21 @@ def test_what_the_first_of_two_recasts_lost_is_asked_for_as_well(recast: hg.Syst
     (w, *_) = recast.states
     for check in hg.singularity(hg.recast(recast, {again: 2 * w}, {w: again / 2})).checks:
         assert check.verdict == "where"
-        assert "z != 0" in check.reason
+        assert "z != 0" in str(check.reason)
 
 
 def test_the_inverse_under_a_condition_names_what_new_coordinates_lost(recast: hg.System) -> None:
     """Phi has no value there."""
     check = next(check for check in hg.forms.phase(recast).checks if check.id == "phase.inverse")
     assert check.verdict == "where"
-    assert "x2 + 1 != 0 and w != 0" in check.reason
+    assert "x2 + 1 != 0 and w != 0" in str(check.reason)
 
 
 def test_the_outputs_determine_no_state_where_the_last_rate_has_no_value() -> None:
     """y and y' do not read it, and there is no motion there."""
     (check, *_) = hg.singularity(_plant(X2, 1 / X1)).checks
     assert check.verdict == "where"
-    assert "x1 != 0" in check.reason
+    assert "x1 != 0" in str(check.reason)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ import sympy as sp
 
 from hgogen.algebra.kinks import Norm
 from hgogen.errors import HgogenError
+from hgogen.sentence import Reason, because
 
 # A multiple of an angle, the terms and the operations of one argument beyond these would only cost time.
 _MULTIPLE, _TERMS, _OPERATIONS = 16, 6, 200
@@ -34,8 +35,13 @@ class TooLarge(HgogenError):
 
     what: str
 
+    @property
+    def reason(self) -> Reason:
+        """Why it is not tried."""
+        return because("{what} is too large for exact algebra; write it in fewer or simpler terms", what=self.what)
+
     def __str__(self) -> str:
-        return f"{self.what} is too large for exact algebra; write it in fewer or simpler terms"
+        return str(self.reason)
 
 
 @dataclass(frozen=True)

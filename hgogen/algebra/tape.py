@@ -15,6 +15,7 @@ import sympy as sp
 from hgogen.algebra.kinks import Direction, Norm
 from hgogen.algebra.reciprocal import without_reciprocals
 from hgogen.errors import HgogenError
+from hgogen.sentence import Reason, because
 
 _FUNCTIONS = {  # of their arguments alone, in order
     getattr(sp, name): name.lower()
@@ -42,11 +43,17 @@ class NoTape(HgogenError):
     what: str
     expression: str
 
-    def __str__(self) -> str:
-        return (
-            f"no rule for {self.what} in {self.expression}; write it with + - * / ** sqrt exp log, trigonometric and "
-            "hyperbolic functions, Abs, sign, Min, Max or Piecewise, of declared symbols"
+    @property
+    def reason(self) -> Reason:
+        """Why no arithmetic takes it."""
+        pattern = (
+            "no rule for {what} in {expression}; write it with + - * / ** sqrt exp log, trigonometric and hyperbolic "
+            "functions, Abs, sign, Min, Max or Piecewise, of declared symbols"
         )
+        return because(pattern, what=self.what, expression=self.expression)
+
+    def __str__(self) -> str:
+        return str(self.reason)
 
 
 class Instruction(NamedTuple):

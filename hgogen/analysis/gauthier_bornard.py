@@ -25,10 +25,10 @@ from hgogen.algebra.identity import is_zero
 from hgogen.algebra.rank import at_values, branches, exact_numbers, modulus, plant_of, somewhere
 from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
 from hgogen.check import Verdict
+from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System
 
 POINTS = 3
-RANGES_APART = "for every real input, ranges apart"
 _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
 
 
@@ -43,7 +43,7 @@ class UniformObservability:
 
     answer: bool | None
     applies: bool
-    reason: str
+    reason: Reason
     shown: bool = True
 
     @property
@@ -75,9 +75,11 @@ def gauthier_bornard(
     if max(ranks) < plant.n:
         return _deficient(max(ranks), flow, output[0], states, inputs)
     if branches(plant):
-        return UniformObservability(None, True, f"it holds at {POINTS} points, but on one branch of {branches(plant)}")
+        pattern = "it holds at {points} points, but on one branch of {branches}"
+        return UniformObservability(None, True, because(pattern, points=POINTS, branches=branches(plant)))
     kind = "modulo primes" if exact_numbers(plant) else "with balls"
-    return UniformObservability(True, True, f"rank {plant.n}, and every span is kept at {POINTS} random points {kind}")
+    pattern = "rank {rank}, and every span is kept at {points} random points {kind}"
+    return UniformObservability(True, True, because(pattern, rank=plant.n, points=POINTS, kind=kind))
 
 
 def of_plant(plant: System) -> UniformObservability:
@@ -92,17 +94,19 @@ def _outside(
 ) -> UniformObservability | None:
     """Why the test does not apply, or that this is not known; None where it applies."""
     if len(output) != 1:
-        return UniformObservability(None, False, f"the test is for one output, and there are {len(output)}")
+        several = because("the test is for one output, and there are {count}", count=len(output))
+        return UniformObservability(None, False, several)
     if not inputs:
-        return UniformObservability(None, False, "there is no input")
-    slopes = [(output[0].diff(u), f"the output depends on {u}") for u in inputs]
+        return UniformObservability(None, False, because("there is no input"))
+    slopes = [(output[0].diff(u), because("the output depends on {input}", input=u)) for u in inputs]
     pairs = combinations_with_replacement(inputs, 2)
-    named = [(u, v, f"{u}" if u == v else f"{u}, {v}") for u, v in pairs]
-    slopes += [(e.diff(u).diff(v), f"the flow is not affine in {names}") for e in flow for u, v, names in named]
+    bent = [(u, v, because("the flow is not affine in {inputs}", inputs=dict.fromkeys((u, v)))) for u, v in pairs]
+    slopes += [(e.diff(u).diff(v), what) for e in flow for u, v, what in bent]
     for slope, what in slopes:
         zero = is_zero(slope)
         if zero is None:
-            return UniformObservability(None, False, f"it is not known whether {slope} is zero")
+            doubt = because("it is not known whether {slope} is zero", slope=slope)
+            return UniformObservability(None, False, doubt)
         if not zero:
             return UniformObservability(None, False, what)
     return None
@@ -114,20 +118,21 @@ def _deficient(
     """A rank below n: shown by states that, without input, no derivative of the output reads; else by random points
     alone."""
     n = len(states)
-    reason = f"without input, d(h, .., L_f^{n - 1} h) has rank {rank} of {n}"
+    reason = because("without input, d(h, .., L_f^{order} h) has rank {rank} of {n}", order=n - 1, rank=rank, n=n)
     drift = {x: rate.subs(dict.fromkeys(inputs, 0)) for x, rate in zip(states, flow, strict=True)}
     seen = [x for x in states if x in output.free_symbols]
     for x in seen:  # the list grows while it is read
         seen += [other for other in states if other in drift[x].free_symbols and other not in seen]
     hidden = [x for x in states if x not in seen]
     if not hidden or any(rate.has(*_INFINITE) for rate in drift.values()):
-        return UniformObservability(False, True, f"{reason} at {POINTS} random points, which is no proof", shown=False)
-    zero, names = " = ".join((*map(str, inputs), "0")), ", ".join(map(str, hidden))
-    return UniformObservability(False, True, f"{reason}: {zero} hides {names}")
+        random = because("{reason} at {points} random points, which is no proof", reason=reason, points=POINTS)
+        return UniformObservability(False, True, random, shown=False)
+    hides = because("{reason}: {inputs: = } = 0 hides {states}", reason=reason, inputs=inputs, states=hidden)
+    return UniformObservability(False, True, hides)
 
 
-def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, str]:
-    """The rank at this point, at most n, and which span is left there where it is n; "" if none is."""
+def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point: Point) -> tuple[int, Reason]:
+    """The rank at this point, at most n, and which span is left there where it is n; `NONE` if none is."""
     n, prime = plant.n, modulus(numbers)
     point = replace(point, inputs=lambda j, order: [0] * order)
     rows = first_gradients(plant, numbers, point, n)
@@ -135,7 +140,7 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
     rank = len(new_rows(flat, prime))
     if rank < n:
         believe_zeros(prime)
-        return rank, ""
+        return rank, NONE
     drift, bend = _field(plant, numbers, point, None)
     for j, u in enumerate(inputs):
         driven, tilt = _field(plant, numbers, point, j)
@@ -147,9 +152,10 @@ def _left(plant: Plant, inputs: Sequence[sp.Symbol], numbers: Arithmetic, point:
             tilted = (row * slope).entries()
             new = [numbers.reduced(a + numbers.reduced(b)) for a, b in zip(turn, tilted, strict=True)]
             if i + 1 in new_rows([*flat[: i + 1], new], prime):
-                return rank, f"d(L_g L_f^{i} h), g of {u}, leaves the span of dh, .., d L_f^{i} h"
+                pattern = "d(L_g L_f^{i} h), g of {input}, leaves the span of dh, .., d L_f^{i} h"
+                return rank, because(pattern, i=i, input=u)
     believe_zeros(prime)
-    return rank, ""
+    return rank, NONE
 
 
 def _field(plant: Plant, numbers: Arithmetic, point: Point, j: int | None) -> tuple[list[Any], Any]:

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 import sympy as sp
 
 from hgogen.intervals.slope import JUMPS, KINKS
+from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -45,10 +46,10 @@ def input_derivatives(expressions: Iterable[sp.Expr], plant: System, orders: int
     return tuple(signal for signal in known if signal in read)
 
 
-def without_derivative(expressions: Iterable[sp.Expr]) -> str:
-    """The first function with jumps or kinks, in the alphabet, as a sentence; empty if there is none."""
-    node = min((str(node) for e in expressions for node in e.atoms(*JUMPS, *KINKS)), default="")
-    return node and f"{node} has no derivative somewhere"
+def without_derivative(expressions: Iterable[sp.Expr]) -> Reason:
+    """The first function with jumps or kinks, in the alphabet, in words; `NONE` if there is none."""
+    node = min((node for e in expressions for node in e.atoms(*JUMPS, *KINKS)), key=str, default=None)
+    return NONE if node is None else because("{part} has no derivative somewhere", part=node)
 
 
 def length(expression: sp.Expr) -> int:

@@ -21,6 +21,7 @@ from hgogen.algebra.series import Arithmetic, Point, first_gradients
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.door import asks_a_plant, remembers
+from hgogen.sentence import because, joined
 from hgogen.system import System
 
 
@@ -244,20 +245,21 @@ def _direction(
 
 def _check(id: ClaimId, claim: str, answer: Answer, whole: Observability) -> Check:
     rank = answer.rank
-    reason = f"rank {rank.rank} of {rank.dimension} at a random point, {whole.method}"
+    pattern = "rank {rank} of {dimension} at a random point, {method}"
+    reason = because(pattern, rank=rank.rank, dimension=rank.dimension, method=whole.method)
     if whole.local:
-        reason += f"; on an open set only, because of {whole.local}"
+        reason = joined(reason, because("on an open set only, because of {branches}", branches=whole.local))
     if not rank.unobservable:
         return Check(id, claim, Verdict.GENERIC, reason)
-    names = ", ".join(s.name for s in rank.unobservable)
     proof = next((symmetry for symmetry in answer.symmetries if symmetry.proved), None)
     blind = not any(e.free_symbols & {*whole.system.states} for e in whole.system.output)
     verdict = Verdict.REFUTED if proof or blind else Verdict.UNKNOWN
     shown = " or ".join(s.name for s in answer.repairs)
     fix = f"Measure {shown} as well." if shown else "Measure more: no single state or parameter would do."
-    why = f"no output sees {proof}" if proof else f"{names} not seen, but for the chance of a special point"
-    why = "no output reads a state" if blind else why
-    return Check(id, claim, verdict, f"{reason}; {why}", fix=fix)
+    chance = because("{names} not seen, but for the chance of a special point", names=rank.unobservable)
+    why = because("no output sees {symmetry}", symmetry=proof) if proof else chance
+    why = because("no output reads a state") if blind else why
+    return Check(id, claim, verdict, joined(reason, why), fix=fix)
 
 
 def _values(pairs: Sequence[tuple[sp.Symbol, float]]) -> str:

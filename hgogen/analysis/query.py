@@ -17,6 +17,7 @@ from hgogen.intervals.sign import Sign
 from hgogen.reading.door import limits, scalar
 from hgogen.reading.expression import read
 from hgogen.reading.folding import Fold
+from hgogen.sentence import Reason, joined
 from hgogen.system import System
 
 
@@ -54,7 +55,7 @@ def bound(expression: Any, where: System | Box, *, boxes: int = LIMIT, relative:
     limits("bound", boxes, relative)
     resolved, box, folded = _resolved("bound", expression, where)
     extent = bounds.bound(resolved, box, boxes=boxes, relative=relative)
-    return replace(extent, defined=False, note="; ".join(filter(None, (folded, extent.note)))) if folded else extent
+    return replace(extent, defined=False, note=joined(folded, extent.note)) if folded else extent
 
 
 def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign:
@@ -70,8 +71,8 @@ def nonzero(expression: Any, where: System | Box, *, boxes: int = LIMIT) -> Sign
     return answer
 
 
-def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, str]:
-    """The expression, the box, and where the text has no value though its expression has one, as a text, or ""."""
+def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box, Reason]:
+    """The expression, the box, and where the text has no value though its expression has one, or `NONE`."""
     plant = where if isinstance(where, System) else None
     around = _declared(plant) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}

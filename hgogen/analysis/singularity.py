@@ -28,8 +28,9 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.glance import Interval
 from hgogen.intervals.sign import nonzero
-from hgogen.intervals.singular import minimal, singular
+from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.reading.door import asks_a_plant, remembers
+from hgogen.sentence import NONE, Reason, Sentence, because, equations, joined
 from hgogen.system import System
 
 # An observability matrix of more nodes is left alone: its determinant takes seconds and fills pages.
@@ -79,7 +80,7 @@ class Singularity:
 
     plant: System
     jets: tuple[Jet, ...]
-    reason: str = ""
+    reason: Reason = NONE
 
     @property
     def factors(self) -> tuple[sp.Expr, ...] | None:
@@ -105,13 +106,14 @@ class Singularity:
         return tuple(_check(self.plant, jet, k) for k, jet in enumerate(self.jets))
 
     @property
-    def head(self) -> str:
-        """A title, and a line for the singular inputs if there are any."""
-        title = f"{self.plant.name}: where the outputs determine the state, and where not"
-        return "\n".join([title, *(f"  singular input: {e} = 0" for e in self.inputs)])
+    def head(self) -> tuple[Sentence, ...]:
+        """A title, and a line for each singular input if there are any."""
+        title = "{plant}: where the outputs determine the state, and where not"
+        inputs = (Sentence.of("  singular input: {factor} = 0", factor=e) for e in self.inputs)
+        return (Sentence.of(title, plant=self.plant.name), *inputs)
 
     def __str__(self) -> str:
-        return "\n".join([self.head, *(f"  {check}" for check in self.checks)])
+        return "\n".join([*map(str, self.head), *(f"  {check}" for check in self.checks)])
 
     def as_dict(self) -> dict[str, Any]:
         """The answer as plain data for JSON, without abbreviations; `determinants`: one for each check."""
@@ -148,9 +150,9 @@ def singularity(plant: System, limit: int = LIMIT) -> Singularity:
         generic = _triangle(plain) or _jet((), derived, len(plant.states) - 1)
         return Singularity(plant, (generic, *_followed(generic, derived, _DEPTH)))
     except (TooLarge, NoTape) as error:
-        rough = without_derivative((*plant.flow, *plant.output)) if isinstance(error, NoTape) else ""
-        reason = f"not known: {rough}, and the derivatives of the outputs ask for it" if rough else str(error)
-        return Singularity(plant, (), reason)
+        rough = without_derivative((*plant.flow, *plant.output)) if isinstance(error, NoTape) else NONE
+        ask = because("not known: {rough}, and the derivatives of the outputs ask for it", rough=rough)
+        return Singularity(plant, (), ask if rough else error.reason)
 
 
 @dataclass(frozen=True)
@@ -293,11 +295,11 @@ def _root(factor: sp.Expr) -> tuple[sp.Symbol, sp.Expr] | None:
 # ---------------------------------------------------------------- words
 
 
-def _brief(e: sp.Expr) -> str:
-    """An expression as text; of a sum of many terms the first ones and their number."""
+def _brief(e: sp.Expr) -> sp.Expr:
+    """An expression as it is read; of a sum of many terms the first ones and their number."""
     sums = [a for a in e.atoms(sp.Add) if len(a.args) > _SHOWN]
     stands = {a: sp.Symbol(f"({_first(a)} + .., {len(a.args)} terms)") for a in sums}
-    return str(e.xreplace(stands))
+    return e.xreplace(stands)
 
 
 def _first(e: sp.Add) -> str:
@@ -326,22 +328,24 @@ def _latex_name(plant: System, row: Row) -> str:
 def _check(plant: System, jet: Jet, k: int) -> Check:
     """proved: the determinant has no zero on the box; where: it may have; unknown: no full rank was found."""
     rows = ", ".join(f"{plant.outputs[j]}{_primes(order)}" for j, order in jet.rows)
-    at = " and ".join(f"{symbol} = {value}" for symbol, value in jet.where)
     id = ClaimId("singularity", "jet", k) if k else _STATES
-    claim = f"{'at ' + at + ' ' if at else ''}{rows or 'derivatives of the outputs'} determine the state locally"
+    claim = Sentence.of("{rows} determine the state locally", rows=rows or "derivatives of the outputs")
+    if jet.where:
+        claim = Sentence.of("at {point: and } {claim}", point=equations(dict(jet.where)), claim=claim)
     if jet.factors is None:
-        reason = f"derivatives up to order {jet.order} leave the generic rank below {len(plant.states)}"
-        return Check(id, claim, Verdict.UNKNOWN, reason)
-    reason = f"the determinant of their Jacobian is {_brief(jet.text)}"
-    rough = sorted({str(node) for part in jet.parts for node in part.atoms(*ROUGH)})
+        pattern = "derivatives up to order {order} leave the generic rank below {n}"
+        return Check(id, claim, Verdict.UNKNOWN, because(pattern, order=jet.order, n=len(plant.states)))
+    reason = because("the determinant of their Jacobian is {determinant}", determinant=_brief(jet.text))
+    rough = sorted({node for part in jet.parts for node in part.atoms(*ROUGH)}, key=str)
     if rough:
-        return Check(id, claim, Verdict.UNKNOWN, f"{rough[0]} may not be smooth; {reason}")
+        return Check(id, claim, Verdict.UNKNOWN, joined(because("{part} may not be smooth", part=rough[0]), reason))
     doubtful = _open(plant, jet.factors)
     readable = _open(plant, (jet.shown and jet.shown.factors) or ()) if doubtful else ()
-    conditions = [f"{_brief(e)} != 0" for e in readable or doubtful]
+    conditions = [because("{factor} != 0", factor=_brief(e)) for e in readable or doubtful]
     box = {**_box(plant), **{s: (Fraction(0),) * 2 for s, value in jet.where if value == 0}}
     smooth = singular(map(exact, jet.parts), box).values()
-    conditions += map(str, minimal((*smooth, *asked(plant))))  # new coordinates, or a derivative, may have lost a part
+    conditions += reasons(minimal((*smooth, *asked(plant))))  # new coordinates, or a derivative, may have lost a part
     if not conditions:
-        return Check(id, claim, Verdict.PROVED, f"{reason}, which has no zero on the box")
-    return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}; {reason}")
+        return Check(id, claim, Verdict.PROVED, because("{reason}, which has no zero on the box", reason=reason))
+    holds = because("holds where {conditions: and }", conditions=conditions)
+    return Check(id, claim, Verdict.WHERE, joined(holds, reason))

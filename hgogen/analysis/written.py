@@ -10,6 +10,7 @@ from hgogen.check import Check, Verdict
 from hgogen.intervals.box import box
 from hgogen.intervals.lost import conditions, doubtful, put_apart
 from hgogen.intervals.singular import Condition
+from hgogen.sentence import because
 from hgogen.system import System
 
 
@@ -43,5 +44,5 @@ def if_valued(check: Check, plant: System) -> Check:
     part = valueless(plant) if check.verdict is Verdict.PROVED else None
     if part is None:
         return check
-    reason = f"{part} of the plant is not shown to have a value on the box"
+    reason = because("{part} of the plant is not shown to have a value on the box", part=part)
     return Check(check.id, check.claim, Verdict.UNKNOWN, reason, fix="Narrow the ranges so that it has one.")

@@ -204,7 +204,7 @@ def _claim(form: Form, check: Check) -> dict[str, Any]:
     """The claim of a check with its evidence; of a verdict without evidence that can be verified, the reason."""
     shown = {Verdict.PROVED: check.proofs[:1], Verdict.REFUTED: (check.disproof,)}.get(check.verdict)
     if shown is None:
-        return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": check.reason}}
+        return {"id": check.id, "verdict": str(check.verdict), "evidence": {"reason": str(check.reason)}}
     by = next(filter(None, shown), None)
     evidence = by and texts(form, by)
     if evidence is None:

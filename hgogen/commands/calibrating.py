@@ -23,6 +23,7 @@ from hgogen.errors import HgogenError
 from hgogen.model import Model, load
 from hgogen.modelfiles.first import everywhere
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.sentence import because
 from hgogen.which_forms import Row, of
 
 Names = Annotated[str | None, typer.Option("--observers", "--observer", metavar="A,B,..", help="By default all.")]
@@ -133,7 +134,8 @@ def _own_forms(model: Model) -> Iterator[Row]:
             seen.append(make)
             form = model.tuning.form(name)
             verdict = worst(form.checks).verdict
-            yield Row(form.kind, verdict, (), f"as the tuning {name}", form=form, options={"of": name})
+            why = because("as the tuning {name}", name=name)
+            yield Row(form.kind, verdict, (), why, form=form, options={"of": name})
 
 
 def _declared(model: Model, dt: float) -> dict[str, CallableStep]:

@@ -78,15 +78,17 @@ def check_(
     derivatives, observable, unobservable, symmetries, repairs; joint is null where no parameter has a range; method,
     checks; least_seen: the direction of the state that the outputs show least, null where it is not measured: least,
     median, window, unit, trial, hopeless, where, direction), forms (name, verdict: null where the form was not asked or
-    does not take the plant, why, fix, order, witness), bounds (expression, low, high: null where unbounded, defined,
-    boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y), gains (by name, those of
-    several coordinates or outputs by the name of each), checks (id, claim, verdict, reason, witness, fix, accepted),
-    refuted (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are
-    any), theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, checks, reference; null
-    without an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs: those
-    of them free of states; determinants and checks, one each for a zero set, which do not count for the exit status),
-    take (the observers admitted, best first: observer, name of the tuning, form, known of its convergence, where to
-    take it, line, proposed: whether the gains are a first proposal, operations, functions), advice (sentences), notes.
+    does not take the plant, why, why_data, fix, order, witness), bounds (expression, low, high: null where unbounded,
+    defined, boxes, note), plant, form, coordinates, flow, outputs (expressions by name: z, z', y), gains (by name,
+    those of several coordinates or outputs by the name of each), checks (id, claim, verdict, reason, reason_data: its
+    pattern and the values that it names, a bound as its value and how it is rounded, witness, fix, accepted), refuted
+    (ids of refuted checks that nobody accepted; of a model with an observer the exit status is 1 if there are any),
+    theorem (conclusion, reference, hypotheses: claim, verdict or "left to you", reason, reason_data, checks, reference;
+    null without an observer), singular (factors: whose zeros are the singular set, null where it is not known; inputs:
+    those of them free of states; determinants and checks, one each for a zero set, which do not count for the exit
+    status), take (the observers admitted, best first: observer, name of the tuning, form, known of its convergence,
+    where to take it, line, proposed: whether the gains are a first proposal, operations, functions), advice
+    (sentences), notes.
 
     With --library FILE, which holds {"models": [MODEL, ..]}, each MODEL a plain-text model, with "bound_queries":
     [expression, ..] beside its tables, or lists of names and expressions,

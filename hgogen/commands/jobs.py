@@ -18,6 +18,7 @@ from hgogen.model import MissingPart, Model
 from hgogen.program import Field
 from hgogen.reading.measured import Record
 from hgogen.reading.named import by_name, written
+from hgogen.sentence import Sentence, equations
 from hgogen.signal import Signal
 from hgogen.theorem import Row, Theorem, rows
 from hgogen.trial import Trajectory, Trial, try_out
@@ -65,20 +66,21 @@ class Checked:
         return self.demanded or self.form.structured
 
     @property
-    def head(self) -> str:
-        """The form's coordinates and equations, and the observer's gains, as text."""
-        title, *equations = self.form.head.split("\n")
-        gains = [f"  {written(gain)}" for gain in self.gains]
-        return "\n".join([title, *self._recast, *equations, *gains])
+    def head(self) -> tuple[Sentence, ...]:
+        """The form's coordinates and equations, and the observer's gains, line by line."""
+        title, *lines = self.form.head
+        gains = (Sentence.of("  {gain}", gain=written(gain)) for gain in self.gains)
+        return (title, *self._recast, *lines, *gains)
 
     @property
-    def _recast(self) -> list[str]:
+    def _recast(self) -> list[Sentence]:
         """The states that the observer's plant has in the place of the declared ones."""
         origin = self.form.system.origin
         if origin is None:
             return []
         pairs = zip(self.form.system.states, origin.forward, strict=True)
-        return ["  with " + ", ".join(f"{new} = {old}" for new, old in pairs if new.name != str(old))]
+        change = equations({new: old for new, old in pairs if new.name != str(old)})
+        return [Sentence.of("  with {change}", change=change)]
 
     @property
     def hypotheses(self) -> tuple[Row, ...]:

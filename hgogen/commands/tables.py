@@ -1,14 +1,15 @@
 """What the commands print: checks, metrics, comparisons, predictions and reports as tables."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
+import sympy as sp
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+from sympy.printing.str import StrPrinter
 
 from hgogen.check import Check, Verdict
 from hgogen.commands.process import console
@@ -17,6 +18,7 @@ from hgogen.intervals.digits import down, up
 from hgogen.program import Bit
 from hgogen.recheck.file import SHOWN
 from hgogen.recheck.verification import Rechecked
+from hgogen.sentence import NONE, Reason, Sentence, because, plain, point
 from hgogen.theorem import Row, Theorem
 from hgogen.trials.agreement import Agreement
 from hgogen.trials.alarm import ITSELF
@@ -29,6 +31,7 @@ from hgogen.which_forms import Survey
 COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}
 _ALIKE = 4  # rows that say the same, before they are one
 _SHORT = 20  # a reason that may be repeated
+_ZEROS, _DIGITS = 20, 15  # of a whole number that is written as digits and a power of ten
 
 
 def headed(title: str, *columns: str, numbers: int = 0) -> Table:
@@ -42,25 +45,48 @@ def headed(title: str, *columns: str, numbers: int = 0) -> Table:
     return table
 
 
-def checks(head: str, listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
-    """The form's equations, `head`; the claims with their verdicts; what to do about those that are open."""
+def checks(head: Iterable[Sentence], listed: Iterable[Check], accepted: Sequence[str]) -> RenderableType:
+    """The form's equations, the lines of `head`; the claims with their verdicts; what to do about those that are
+    open."""
     listed = tuple(listed)
-    title, *equations = head.split("\n")
+    title, *lines = head
     table = headed("", "verdict", "check", "claim and reason")
     for called, check in _gathered(listed, accepted):
-        at = ", ".join(f"{name} = {value:g}" for name, value in check.witness.items())
-        said = f"{check.claim}\n{check.reason}{'; at ' + at if at else ''}"
+        pattern = "{claim}\n{reason}; at {point}" if check.witness else "{claim}\n{reason}"
+        said = Sentence.of(pattern, claim=check.claim, reason=check.reason, point=point(check.witness))
         verdict = Text(str(check.verdict), style=COLOURS.get(check.verdict, "cyan"))
         if check.id in accepted:
             verdict.append("\naccepted", style="yellow")
         table.add_row(verdict, Text(called), _text(said))
     fixes = [Text(f"{c.id}: {c.advice}") for c in listed if c.fix and c.verdict is Verdict.REFUTED]
-    return Group(Text(title, style="bold"), *map(_text, equations), table, *fixes, "")
+    return Group(Text(str(title), style="bold"), *map(_text, lines), table, *fixes, "")
 
 
-def _text(said: str) -> Text:
-    """Text in which a whole number with many zeros at its end has a power of ten in their place."""
-    return Text(re.sub(r"(?<![\d.])(\d{1,15}?)(0{20,})(?!\d)", lambda m: f"{m[1]}e{len(m[2])}", said))
+class _Tens(StrPrinter):  # type: ignore[misc]
+    """An expression in which a whole number with many zeros at its end has a power of ten in their place."""
+
+    def _print_Integer(self, number: sp.Integer) -> str:
+        return _whole(number.p)
+
+    def _print_Rational(self, number: sp.Rational) -> str:
+        return f"{_whole(number.p)}/{_whole(number.q)}"
+
+
+def _short(value: Any) -> str:
+    """A value of a sentence as the tables show it."""
+    if isinstance(value, sp.Basic):
+        return str(_Tens({"order": None}).doprint(value))
+    return _whole(value) if isinstance(value, int) else plain(value)
+
+
+def _whole(number: int) -> str:
+    digits = str(number).rstrip("0")
+    zeros = len(str(number)) - len(digits)
+    return f"{digits}e{zeros}" if zeros >= _ZEROS and len(digits) <= _DIGITS else str(number)
+
+
+def _text(said: Sentence) -> Text:
+    return Text(said.written(_short))
 
 
 def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tuple[str, Check]]:
@@ -75,20 +101,20 @@ def _gathered(listed: Iterable[Check], accepted: Sequence[str]) -> Iterable[tupl
         if 1 + len(others) < _ALIKE:
             yield from ((check.id, check) for check in (first, *others))
         else:
-            alike = f"{first.claim}, and so for each up to {others[-1].id.short}"
+            alike = Sentence.of("{claim}, and so for each up to {last}", claim=first.claim, last=others[-1].id.short)
             yield f"{first.id}..{others[-1].id.short}", replace(first, claim=alike)
 
 
 def survey(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
     """Which form the plant is in, in which order of states, or why not; a fix that is not told `below`."""
     table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
-    before = ""
+    before = NONE
     for row in forms.answered:
         verdict = Text(str(row.verdict), style=COLOURS.get(row.verdict, "cyan") if row.verdict else "")
-        why = "as above" if row.why == before and len(row.why) > _SHORT else row.why
+        why = because("as above") if row.why == before and len(str(row.why)) > _SHORT else row.why
         table.add_row(verdict, Text(row.name), Text(few(row.order)), _text(why))
         before = row.why
-    reasons: dict[str, list[str]] = {}
+    reasons: dict[Reason, list[str]] = {}
     for row in forms.rows:
         if row.verdict is None:
             reasons.setdefault(row.why, []).append(row.name)
@@ -105,7 +131,7 @@ def ranges(bounds: Mapping[str, Range]) -> RenderableType:
         return Group()
     table = headed("ranges on the declared box, outward-rounded", "expression", "from", "to", "boxes", "")
     for text, one in bounds.items():
-        table.add_row(Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(one.note))
+        table.add_row(Text(text), down(one.low, 9), up(one.high, 9), str(one.boxes), Text(str(one.note)))
     return Group(table, "")
 
 
@@ -136,7 +162,7 @@ def theorem(theorem: Theorem | None, hypotheses: Iterable[Row]) -> RenderableTyp
     table = headed("", "", "hypothesis", "known by")
     for row in hypotheses:
         standing = Text(row.standing, style=COLOURS.get(row.verdict, "cyan") if row.verdict else "magenta")
-        known = "; ".join(said for said in (", ".join(row.checks), row.reason) if said)
+        known = "; ".join(said for said in (", ".join(row.checks), str(row.reason)) if said)
         where = f" [{row.reference}]" if row.reference else ""
         table.add_row(standing, Text(row.claim + where), Text(known))
     return Group(Text(head), table, "")

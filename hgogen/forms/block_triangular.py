@@ -24,6 +24,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.sentence import Reason
 from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.connected import cut_off
@@ -112,7 +113,7 @@ def _chosen(rows: Rows, align: str | None) -> tuple[str, Chains]:
     return best, tried[best]
 
 
-def _structure(name: str, verdict: Verdict, why: str) -> Check:
+def _structure(name: str, verdict: Verdict, why: Reason) -> Check:
     reads = _ALIGNMENTS[name][1]
     claim = f"each row brings in the next state of its chain, linearly, and reads {reads} ({name})"
     id = ClaimId("block_triangular", "structure")

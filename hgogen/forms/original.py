@@ -20,6 +20,7 @@ from hgogen.algebra.kinks import slope
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.form import Asking, Form
+from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.structure.chain import Rows, of_plant
 from hgogen.structure.connected import connected, reached
@@ -67,7 +68,7 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
             ClaimId("original", "convergence"),
             "the estimate converges from everywhere in the box",
             Verdict.UNKNOWN,
-            "no theorem here covers the plant in its own coordinates",
+            because("no theorem here covers the plant in its own coordinates"),
         ),
     )
     levels = tuple(along.index(x) for x in z.order)
@@ -92,15 +93,18 @@ def _shape(along: Sequence[sp.Symbol], rows: Rows) -> Check:
     order = ", ".join(map(str, along))
     claim = f"in the order ({order}) y and each derivative in turn read states up to the next, with a slope in that"
     if len(rows.output) > 1:
-        return Check(id, claim, Verdict.UNKNOWN, "the shape is for one output")
+        return Check(id, claim, Verdict.UNKNOWN, because("the shape is for one output"))
     for i, row in enumerate((rows.output[0], *(rows.rate(x) for x in along[:-1]))):
         name = f"{along[i - 1]}'" if i else "y"
         sure, maybe = rows.reads(row, rows.states)
         if along[i] not in {*sure, *maybe}:
-            return Check(id, claim, Verdict.UNKNOWN, f"{name} does not read {along[i]}")
+            doubt = because("{row} does not read {state}", row=name, state=along[i])
+            return Check(id, claim, Verdict.UNKNOWN, doubt)
         if along[i] not in sure or is_zero(slope(row, along[i]), rows.box) is not False:
-            return Check(id, claim, Verdict.UNKNOWN, f"{name} is not shown to have a slope in {along[i]}")
+            doubt = because("{row} is not shown to have a slope in {state}", row=name, state=along[i])
+            return Check(id, claim, Verdict.UNKNOWN, doubt)
         later = [x.name for x in rows.states if x in along[i + 1 :] and x in {*sure, *maybe}]
         if later:
-            return Check(id, claim, Verdict.UNKNOWN, f"{name} reads {', '.join(later)} too early")
-    return Check(id, claim, Verdict.GENERIC, "no slope is zero identically; zeros on the box are not excluded")
+            return Check(id, claim, Verdict.UNKNOWN, because("{row} reads {names} too early", row=name, names=later))
+    reason = because("no slope is zero identically; zeros on the box are not excluded")
+    return Check(id, claim, Verdict.GENERIC, reason)

@@ -29,9 +29,10 @@ from hgogen.evidence.enclosing import enclosure
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Asking, Form
 from hgogen.intervals.bounds import Box, bound, box
-from hgogen.intervals.digits import down
+from hgogen.intervals.digits import Down
 from hgogen.intervals.sign import Sign, nonzero
-from hgogen.intervals.singular import singular
+from hgogen.intervals.singular import NONZERO, Condition, reasons, singular
+from hgogen.sentence import NONE, Sentence, because, equations
 from hgogen.signal import Signal
 from hgogen.structure.coordinates import coordinates, form_in
 from hgogen.structure.inverse import inverse, tidy
@@ -210,28 +211,29 @@ def _chain() -> Check:
     """The check that Phi is y with its derivatives, where the plant has a value: (x1 x3)' = x2 holds for x1' = x2/x3,
     x3' = 0, but not at x3 = 0."""
     id, claim = ClaimId("phase", "chain"), "y = z_1, z_i' = z_(i+1)"
-    return Check(id, claim, Verdict.PROVED, "by construction", proofs=(Derivatives(),))
+    return Check(id, claim, Verdict.PROVED, because("by construction"), proofs=(Derivatives(),))
 
 
 def _inputs(whole: _Map) -> Check:
     id, claim = ClaimId("phase", "inputs"), "the derivatives of inputs that enter have ranges"
     known = whole.plant.inputs[len(whole.before.inputs) :]
     if not known:
-        return Check(id, claim, Verdict.PROVED, "none enters")
+        return Check(id, claim, Verdict.PROVED, because("none enters"))
     within = {s for e in whole.Phi for s in e.free_symbols}
-    names = ", ".join(u.name if u in within else f"{u.name} (phi alone)" for u in known)
+    names = [u.name if u in within else because("{input} (phi alone)", input=u.name) for u in known]
     loose = [u.name for u in known if not u.bounded]
     if loose:
         fix = "Declare rates=((low, high), ..) of the input, one pair for each derivative."
-        reason = f"{names} enter, to be supplied, {', '.join(loose)} without one"
+        reason = because("{names} enter, to be supplied, {loose} without one", names=names, loose=loose)
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
-    return Check(id, claim, Verdict.PROVED, f"{names} enter, to be supplied, in declared ranges")
+    return Check(id, claim, Verdict.PROVED, because("{names} enter, to be supplied, in declared ranges", names=names))
 
 
 def _rank(whole: _Map) -> tuple[Check, Sign]:
     """The check of the rank by rigorous bounds of the determinant, and its sign. The rank is generic where the
     determinant is not 0 identically and its zeros are not excluded."""
-    id, claim = ClaimId("phase", "rank"), f"det dPhi/dx = {whole.shown} has no zero on the box"
+    id = ClaimId("phase", "rank")
+    claim = Sentence.of("det dPhi/dx = {determinant} has no zero on the box", determinant=whole.shown)
     jumps = any(row.has(*JUMPS) for row in (*whole.before.flow, *whole.before.output))
     det = whole.determinant if jumps else at_kinks(whole.determinant)
     sign = nonzero(det, box(whole.plant.signals, whole.plant.nominal), boxes=_BOXES)
@@ -240,22 +242,24 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
     if sign.verdict is Verdict.REFUTED:
         if _written(whole, sign.witness):
             unknown = replace(sign, verdict=Verdict.UNKNOWN)
-            return Check(id, claim, Verdict.UNKNOWN, "as it is written it is 0/0 there", witness, fix), unknown
+            written = because("as it is written it is 0/0 there")
+            return Check(id, claim, Verdict.UNKNOWN, written, witness, fix), unknown
         return Check(id, claim, Verdict.REFUTED, sign.reason, witness, fix), sign
     rough = without_derivative((*whole.Phi, *whole.jacobian))
     if rough:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
         return Check(id, claim, Verdict.UNKNOWN, rough), unknown
     undefined = _undefined((*whole.Phi, *whole.jacobian), whole.plant)
-    if sign.verdict is Verdict.PROVED and undefined:
+    if sign.verdict is Verdict.PROVED and undefined is not None:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
-        return Check(id, claim, Verdict.UNKNOWN, f"{undefined} was not shown to be finite on the box"), unknown
+        doubt = because("{part} was not shown to be finite on the box", part=undefined)
+        return Check(id, claim, Verdict.UNKNOWN, doubt), unknown
     if sign.verdict is Verdict.PROVED:
-        reason = f"|det| >= {down(sign.margin)} on the box, {sign.reason}"
+        reason = because("|det| >= {margin} on the box, {how}", margin=Down(sign.margin), how=sign.reason)
         return Check(id, claim, Verdict.PROVED, reason, proofs=(FullRank(),)), sign
     read = tuple(s for s in whole.plant.signals if s in whole.determinant.free_symbols)
     if any(kind(whole.determinant, point) in ("> 0", "< 0") for point in points(read)):
-        reason = f"it is not 0 identically; zeros on the box are not excluded: {sign.reason}"
+        reason = because("it is not 0 identically; zeros on the box are not excluded: {why}", why=sign.reason)
         return Check(id, claim, Verdict.GENERIC, reason, fix=fix), sign
     return Check(id, claim, Verdict.UNKNOWN, sign.reason, fix=fix), sign
 
@@ -281,14 +285,16 @@ def _one_to_one(
     signs = {part: nonzero(part, box_x, boxes=_BOXES).verdict for part in sorted(parts, key=str)}
     doubts = [part for part, verdict in signs.items() if verdict is not Verdict.PROVED]
     others = [part.xreplace(dict(images)) for e in back.values() for part in _others(e)]
-    text = ", ".join(f"{x} = {e}" for x, e in back.items())
-    if _undefined((*whole.Phi, *others), whole.plant):
-        return Check(id, claim, Verdict.UNKNOWN, f"{text} was not shown to be defined on all of the image")
+    inverse = equations(back)
+    if _undefined((*whole.Phi, *others), whole.plant) is not None:
+        doubt = because("{inverse} was not shown to be defined on all of the image", inverse=inverse)
+        return Check(id, claim, Verdict.UNKNOWN, doubt)
     if doubts:
-        factors = sorted({str(f) for e in doubts for f in determinant([[e]]).factors or (e,)})
-        conditions = dict.fromkeys((*(f"{factor} != 0" for factor in factors), *map(str, asked(whole.before))))
-        return Check(id, claim, Verdict.WHERE, f"holds where {' and '.join(conditions)}: {text}")
-    return Check(id, claim, Verdict.PROVED, f"{text}, by exact substitution")
+        factors = sorted({f for e in doubts for f in determinant([[e]]).factors or (e,)}, key=str)
+        conditions = dict.fromkeys((*(Condition(NONZERO, factor) for factor in factors), *asked(whole.before)))
+        holds = because("holds where {conditions: and }: {inverse}", conditions=reasons(conditions), inverse=inverse)
+        return Check(id, claim, Verdict.WHERE, holds)
+    return Check(id, claim, Verdict.PROVED, because("{inverse}, by exact substitution", inverse=inverse))
 
 
 def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
@@ -297,35 +303,39 @@ def _by_rows(whole: _Map, rank: Check, id: ClaimId, claim: str) -> Check:
     for row in whole.jacobian.tolist():
         new = {x for x, slope in zip(whole.plant.states, row, strict=True) if slope != 0} - seen
         if len(new) > 1:
-            return Check(id, claim, Verdict.UNKNOWN, "no inverse was found; where the rank is n, nearby states differ")
+            doubt = because("no inverse was found; where the rank is n, nearby states differ")
+            return Check(id, claim, Verdict.UNKNOWN, doubt)
         seen |= new
     if rank.verdict is Verdict.PROVED:
-        return Check(id, claim, Verdict.PROVED, "each derivative brings in one state, with a slope that is never 0")
-    return Check(id, claim, Verdict.UNKNOWN, "each derivative brings in one state, with a slope that may be 0")
+        reason = because("each derivative brings in one state, with a slope that is never 0")
+        return Check(id, claim, Verdict.PROVED, reason)
+    doubt = because("each derivative brings in one state, with a slope that may be 0")
+    return Check(id, claim, Verdict.UNKNOWN, doubt)
 
 
 def _lipschitz(whole: _Map, rank: Check, one_to_one: Check) -> Check:
     """The check that phi(Psi(z)) is Lipschitz: on a compact box, a one to one Phi of full rank has a smooth inverse on
     its compact image."""
-    unknown = Check(ClaimId("phase", "lipschitz"), "phi is Lipschitz in z on the image of the box", Verdict.UNKNOWN, "")
+    claim = "phi is Lipschitz in z on the image of the box"
+    unknown = Check(ClaimId("phase", "lipschitz"), claim, Verdict.UNKNOWN, NONE)
     loose = [s.name for s in (*whole.plant.states, *whole.plant.inputs) if not s.bounded]
     if loose:
-        return replace(unknown, reason=f"no range is declared for {', '.join(loose)}")
+        return replace(unknown, reason=because("no range is declared for {names}", names=loose))
     missing = [c.id for c in (rank, one_to_one) if c.verdict is not Verdict.PROVED]
     if missing:
-        return replace(unknown, reason=f"in z it needs {' and '.join(missing)}")
+        return replace(unknown, reason=because("in z it needs {checks: and }", checks=missing))
     check = replace(lipschitz("phase", [whole.phi], whole.plant, "phi"), claim=unknown.claim)
     if check.verdict is not Verdict.PROVED:
         return check
-    reason = "phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box"
+    reason = because("phi is Lipschitz in x, and Phi is smooth, one to one and of full rank on a closed, bounded box")
     return replace(check, reason=reason, proofs=())  # what bounds its slope in x says nothing of that in z
 
 
-def _undefined(expressions: Iterable[sp.Expr], plant: System) -> str:
-    """The first expression that is not proved to be finite and real on the whole box, as text."""
+def _undefined(expressions: Iterable[sp.Expr], plant: System) -> sp.Expr | None:
+    """The first expression that is not proved to be finite and real on the whole box."""
     box_x = box(plant.signals, plant.nominal)
     doubts = (e for e in dict.fromkeys(expressions) if not e.is_number and not _finite(e, box_x))
-    return str(next(doubts, ""))
+    return next(doubts, None)
 
 
 def _finite(e: sp.Expr, box_x: Box) -> bool:

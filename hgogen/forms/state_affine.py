@@ -19,9 +19,10 @@ import sympy as sp
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.sentence import because
 from hgogen.signal import Signal
 from hgogen.structure.affine import Affine, affine, measurements
-from hgogen.structure.chain import listed, of_plant
+from hgogen.structure.chain import of_plant
 from hgogen.structure.connected import cut_off
 from hgogen.structure.coordinates import coordinates, form_in, split
 from hgogen.structure.lipschitz import lipschitz
@@ -71,8 +72,9 @@ def _structure(output: Sequence[Affine], flow: Sequence[Affine], measured: Seque
     shown = sum(any(gain != 0 for gain in row.slopes) for row in output)
     wrong = next((row for wanted in (False, None) for row in (*output, *flow) if row.answer is wanted), None)
     if wrong is None:
-        known = listed(measured) if measured else "no state alone"
-        return Check(id, _CLAIM, Verdict.PROVED, f"by exact algebra; the outputs show {known}", proofs=(ByForm(),))
+        alone = because("by exact algebra; the outputs show {states}", states=measured)
+        reason = alone if measured else because("by exact algebra; the outputs show no state alone")
+        return Check(id, _CLAIM, Verdict.PROVED, reason, proofs=(ByForm(),))
     if wrong.answer is False and (wrong in output or (single and shown == len(measured))):
         return Check(id, _CLAIM, Verdict.REFUTED, wrong.why, fix=_FIX)
     return Check(id, _CLAIM, Verdict.UNKNOWN, wrong.why, fix=_TOGETHER if wrong.answer is False else _FIX)

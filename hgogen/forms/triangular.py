@@ -21,6 +21,7 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.errors import HgogenError
 from hgogen.evidence.grounds import ByForm
 from hgogen.form import ELSEWHERE, Asking, Form
+from hgogen.sentence import Reason
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.chord import chord
 from hgogen.structure.coordinates import coordinates, form_in
@@ -116,7 +117,7 @@ def _unordered(plant: System, structure: Check) -> Form:
     return form_in(coordinates(plant), "triangular", (structure,), _REFERENCE)
 
 
-def _structure(verdict: Verdict, reason: str, fix: str) -> Check:
+def _structure(verdict: Verdict, reason: Reason, fix: str) -> Check:
     id, claim = ClaimId("triangular", "structure"), "each row brings in one new state, linearly"
     if verdict is Verdict.PROVED:
         return Check(id, claim, verdict, reason, proofs=(ByForm(),))

@@ -30,6 +30,7 @@ from hgogen.evidence.grounds import ByForm, Evidence
 from hgogen.form import ELSEWHERE, Asking, Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.sign import Cause, nonzero
+from hgogen.sentence import Reason, because
 from hgogen.structure.apart import apart
 from hgogen.structure.chain import Chains, Link, Shape, levelwise, of_plant
 from hgogen.structure.coordinates import coordinates, form_in
@@ -112,7 +113,7 @@ def uniform(plant: System) -> Form:
     return form_in(z, "uniform", checks, "Hammouri, Farza, ESAIM: COCV 9 (2003)")
 
 
-def _structure(verdict: Verdict, why: str) -> Check:
+def _structure(verdict: Verdict, why: Reason) -> Check:
     id, claim = ClaimId("uniform", "structure"), "y shows one state, each row brings in one new one"
     if verdict is Verdict.PROVED:
         return Check(id, claim, verdict, why, proofs=(ByForm(),))
@@ -130,9 +131,10 @@ def _slope(i: int, link: Link, plant: System) -> Check:
     nor of a plant that may have no value, which the slope does not show."""
     alone = apart(ClaimId("uniform", "slope", i), _name(i), link.slope, plant)
     check = if_valued(replace(alone, proofs=(AwayFromZero(i),), disproof=Vanishing(i)), plant)
-    if check.verdict is not Verdict.PROVED or not link.jumps:
+    if check.verdict is not Verdict.PROVED or link.jumps is None:
         return check
-    reason = f"{link.name} may jump with {link.state}, at a step of {link.jumps}, where it has no slope"
+    pattern = "{row} may jump with {state}, at a step of {part}, where it has no slope"
+    reason = because(pattern, row=link.name, state=link.state, part=link.jumps)
     fix = f"Narrow the range of {link.state} to one branch, or smooth the step."
     return Check(check.id, check.claim, Verdict.UNKNOWN, reason, fix=fix)
 

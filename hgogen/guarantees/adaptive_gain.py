@@ -53,9 +53,11 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import LOOSE, Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
-from hgogen.guarantees.certified import Nothing, slope
-from hgogen.intervals.digits import down, same, up
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.certified import slope
+from hgogen.intervals.digits import Down, Up
 from hgogen.reading.given import BadGain, reals
+from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import chains
 
 _SLACKS = tuple(Fraction(1, 2**k) for k in range(40, 4, -4))  # of s, what rounding may take from (87)
@@ -124,9 +126,14 @@ class Disturbance:
         second = (g * (unit(len(self.measurement)) + G.transpose() * G) * g.transpose())[0, 0]
         return 1 + largest(G * G.transpose())[1], fraction(second)
 
+    @property
+    def reason(self) -> Reason:
+        """The pair, as a reason names it."""
+        rows = [because("{row: }", row=map(float, row)) for row in self.plant]
+        return because("G_1 = [{rows:; }], G_2 = [{row: }]", rows=rows, row=map(float, self.measurement))
+
     def __str__(self) -> str:
-        rows = "; ".join(" ".join(same(float(value)) for value in row) for row in self.plant)
-        return f"G_1 = [{rows}], G_2 = [{' '.join(same(float(value)) for value in self.measurement)}]"
+        return str(self.reason)
 
 
 @dataclass(frozen=True)
@@ -137,7 +144,7 @@ class Given:
     low: Fraction
     high: Fraction
     slope: Fraction | None
-    reason: str = ""
+    reason: Reason = NONE
     disturbance: Disturbance | None = None
     steep: Steep | None = None
 
@@ -256,16 +263,16 @@ def judged(id: ClaimId, claim: str, M: Any, strict: bool = True, sign: int = 1) 
     """Whether M > 0, or M >= 0; the claim is about `sign` M."""
     low, high = smallest(M)
     extreme = "smallest" if sign > 0 else "largest"
+    pattern = "the {extreme} eigenvalue is {side} {bound}, in exact arithmetic"
     if (positive if strict else nonnegative)(M):
-        bound = f"at least {down(low)}" if sign > 0 else f"at most {up(-low)}"
-        return Check(id, claim, Verdict.PROVED, f"the {extreme} eigenvalue is {bound}, in exact arithmetic")
-    bound = f"below {up(high)}" if sign > 0 else f"above {down(-high)}"
-    reason = f"the {extreme} eigenvalue is {bound}, in exact arithmetic"
+        side, bound = ("at least", Down(low)) if sign > 0 else ("at most", Up(-low))
+        return Check(id, claim, Verdict.PROVED, because(pattern, extreme=extreme, side=side, bound=bound))
+    side, bound = ("below", Up(high)) if sign > 0 else ("above", Down(-high))
     return Check(
         id,
         claim,
         Verdict.REFUTED,
-        reason,
+        because(pattern, extreme=extreme, side=side, bound=bound),
         witness={"eigenvalue": float(sign * high)},
         fix="Take them of hgogen.design.",
     )
@@ -276,8 +283,8 @@ def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check,
     `MAKER.attenuation`, that the L2 gain has a bound."""
     known = facts(maker, candidate)
     sound = all(check.verdict is Verdict.PROVED for check in known)
-    lost = "" if sound else "P proves nothing"
-    lost = lost or ("" if assumptions.slope is not None else assumptions.reason)
+    lost = NONE if sound else because("P proves nothing")
+    lost = lost or (NONE if assumptions.slope is not None else assumptions.reason)
     whole: list[tuple[Check, Candidate | Adapting]] = [(check, candidate) for check in known]
     whole += [(_above(maker, candidate, assumptions, lost), Adapting(candidate, assumptions))]
     if assumptions.disturbance:
@@ -286,37 +293,44 @@ def checks(maker: str, candidate: Candidate, assumptions: Given) -> tuple[Check,
     return tuple(replace(check, proofs=(Grounds(numbers, fact),)) for check, fact in whole)
 
 
-def _above(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Check:
+def _above(maker: str, candidate: Candidate, assumptions: Given, lost: Reason) -> Check:
     claim = "in continuous time, without noise, the error converges exponentially, whatever the law makes of gamma"
     if lost or assumptions.slope is None:
         return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, lost, fix="Validate by trials.")
     bound = max(Fraction(1), 2 * assumptions.slope * candidate.peak / candidate.decay)
-    numbers = f"k <= {up(assumptions.slope)}, lambda_max(P) <= {up(candidate.peak)}, lambda >= {down(candidate.decay)}"
-    least = f"{up(bound, below=assumptions.low)} = max(1, 2 k lambda_max(P)/lambda), {numbers}"
-    gamma = f"gamma_inf = {same(float(assumptions.low))}"
+    least = because(
+        "{bound} = max(1, 2 k lambda_max(P)/lambda), k <= {k}, lambda_max(P) <= {peak}, lambda >= {decay}",
+        bound=Up(bound, below=assumptions.low),
+        k=Up(assumptions.slope),
+        peak=Up(candidate.peak),
+        decay=Down(candidate.decay),
+    )
+    gamma = float(assumptions.low)
     if not assumptions.low > bound:
-        low = f"not shown: {gamma} is not above {least}; this is sufficient, not necessary"
-        return Check(
-            ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf, or validate by trials."
-        )
+        pattern = "not shown: gamma_inf = {gamma} is not above {least}; this is sufficient, not necessary"
+        low, fix = because(pattern, gamma=gamma, least=least), "Raise gamma_inf, or validate by trials."
+        return Check(ClaimId(maker, "convergence"), claim, Verdict.UNKNOWN, low, fix=fix)
     speed = (assumptions.low * candidate.decay - 2 * assumptions.slope * candidate.peak) / (2 * candidate.peak)
-    rate = f"the error decays at least like exp(-{down(speed, 2)} t) while the estimate keeps to its outer box"
-    above = f"{gamma} is above {least}; {rate}"
-    return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, above)
+    pattern = (
+        "gamma_inf = {gamma} is above {least}; the error decays at least like exp(-{rate} t) while the estimate keeps "
+        "to its outer box"
+    )
+    reason = because(pattern, gamma=gamma, least=least, rate=Down(speed, 2))
+    return Check(ClaimId(maker, "convergence"), claim, Verdict.PROVED, reason)
 
 
-def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: str) -> Check:
+def _gain(maker: str, candidate: Candidate, assumptions: Given, lost: Reason) -> Check:
     claim = "in continuous time, the L2 gain from v in w' + G_1 v, y + G_2 v to the error of w has a bound"
-    if lost:
+    if lost or assumptions.disturbance is None:
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, lost)
     mu = gain(candidate, assumptions)
     if mu is None:
-        low = (
-            f"not shown: (70) asks for gamma_inf above {up(candidate.least(assumptions.slope or Fraction(0)))} at least"
-        )
+        least = Up(candidate.least(assumptions.slope or Fraction(0)))
+        low = because("not shown: (70) asks for gamma_inf above {least} at least", least=least)
         return Check(ClaimId(maker, "attenuation"), claim, Verdict.UNKNOWN, low, fix="Raise gamma_inf.")
-    reason = f"mu <= {up(mu)}, in the coordinates of integrators, while the estimate keeps to its outer box"
-    return Check(ClaimId(maker, "attenuation"), claim, Verdict.PROVED, f"{reason}; {assumptions.disturbance}")
+    pattern = "mu <= {mu}, in the coordinates of integrators, while the estimate keeps to its outer box; {disturbance}"
+    reason = because(pattern, mu=Up(mu), disturbance=assumptions.disturbance.reason)
+    return Check(ClaimId(maker, "attenuation"), claim, Verdict.PROVED, reason)
 
 
 def gain(candidate: Candidate, assumptions: Given) -> Fraction | None:

@@ -24,23 +24,25 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import sympy as sp
 
 from hgogen.algebra.definite import Matrix, root
 from hgogen.algebra.points import exact, points
-from hgogen.check import Check, ClaimId, Verdict
+from hgogen.check import Verdict
 from hgogen.evidence.enclosing import enclosure, steep
-from hgogen.evidence.grounds import Evidence, Grounds
+from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.lmi import STATES, Lyapunov, common
 from hgogen.intervals import outward
 from hgogen.intervals.bounds import Range
-from hgogen.intervals.digits import down, same, up
+from hgogen.intervals.digits import Up
 from hgogen.intervals.proof import Proof
 from hgogen.reading.door import Misfit
+from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import Corner, chains, corners, extents, fixed, signals, span
 from hgogen.structure.scaling import ALIGNED, exponents
 
@@ -88,21 +90,14 @@ class ThetaBound:
             known = {"ranges": [enclosure(form, a, within) for a, within in zip(gains, self.ranges, strict=True)]}
         return {"scale": self.scale, **known, "P": self.lyapunov.P, "peak": self.lyapunov.peak, **slope}
 
-    def __str__(self) -> str:
-        return (
-            f"{up(self.theta)} = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= {up(self.lyapunov.peak)}, "
-            f"L_b <= {up(self.lipschitz)} in scaled states"
-        )
-
-
-@dataclass(frozen=True)
-class Nothing:
-    """No bound, and why."""
-
-    reason: str
+    @property
+    def reason(self) -> Reason:
+        """How the bound comes about."""
+        pattern = "{theta} = max(1, 2 lambda_max(P) L_b), lambda_max(P) <= {peak}, L_b <= {L_b} in scaled states"
+        return because(pattern, theta=Up(self.theta), peak=Up(self.lyapunov.peak), L_b=Up(self.lipschitz))
 
     def __str__(self) -> str:
-        return self.reason
+        return str(self.reason)
 
 
 @dataclass(frozen=True)
@@ -137,12 +132,13 @@ def of_poles(form: Form, p: Iterable[float]) -> ThetaBound | Nothing:
         for names, chain in zip(form.gain_names, each, strict=True)
         for name, a in zip(names, chain, strict=True)
     ]
-    driven = [f"{name} = {a}" for name, a in every if a.free_symbols - {*form.system.parameters}]
-    if driven:
-        return Nothing(f"{driven[0]} varies with the input, so that gains from poles are not constant")
-    loose = [f"{name} = {a}" for name, a in every if not _positive(a, form)]
-    if loose:
-        return Nothing(f"{loose[0]} is not shown to be positive")
+    for name, a in every:
+        if a.free_symbols - {*form.system.parameters}:
+            pattern = "{name} = {a} varies with the input, so that gains from poles are not constant"
+            return Nothing(because(pattern, name=name, a=a))
+    for name, a in every:
+        if not _positive(a, form):
+            return Nothing(because("{name} = {a} is not shown to be positive", name=name, a=a))
     exactly = _exactly("of_poles, p=", p, form)
     products = [sp.Mul(*chain[: j + 1]) for chain in each for j in range(len(chain))]
     gains = tuple(sp.Rational(x) / a for x, a in zip(exactly, products, strict=True))
@@ -167,7 +163,7 @@ def of_gains(form: Form, K: Iterable[float]) -> ThetaBound | Nothing:
         return Nothing(reason)
     gain = _exactly("of_gains, K=", K, form)
     ends_by_chain = _corners(form)
-    if isinstance(ends_by_chain, str):
+    if isinstance(ends_by_chain, Reason):
         return Nothing(ends_by_chain)
     vertices = tuple(_closed(each, gain) for each in product(*ends_by_chain))
     gains = tuple(map(sp.Rational, gain))
@@ -185,87 +181,39 @@ def _exactly(what: str, values: Iterable[float], form: Form) -> list[Fraction]:
     return fractions
 
 
-class Bound(Protocol):
-    """Every theta above `theta` converges, the error at the `rate` (1/s) of a theta above it.
-
-    One with `evidence` beside these gives a certificate what `hgogen recheck` verifies (`evidence.grounds`).
-    """
-
-    @property
-    def theta(self) -> Fraction:
-        """The bound."""
-        ...
-
-    @property
-    def numbers(self) -> Mapping[str, Any]:
-        """What the observer is built with, beside theta."""
-        ...
-
-    def rate(self, theta: float) -> float:
-        """r with |error(t)| <= c exp(-r t) |error(0)|."""
-        ...
-
-
-def checks(
-    maker: str, theta: float, bound: Bound | Nothing, name: str = "theta", during: str = ""
-) -> tuple[Check, Check]:
-    """`MAKER.convergence`, that there is a bound; `MAKER.theta`, that theta, the gain of that `name`, is above it, so
-    that the error decays, or does `during` some times alone."""
-    exists = "in continuous time, without noise, the error converges exponentially for every theta above a bound"
-    above = f"theta = {same(theta)} is above that bound"
-    if isinstance(bound, Nothing):
-        return (
-            Check(ClaimId(maker, "convergence"), exists, Verdict.UNKNOWN, bound.reason, fix="Validate by trials."),
-            Check(ClaimId(maker, "theta"), above, Verdict.UNKNOWN, "no bound is proved", fix="Validate by trials."),
-        )
-    proof = f"above {bound}; exact arithmetic and outward-rounded intervals"
-    grounds = Grounds({name: theta, **bound.numbers}, bound)
-    convergence = Check(ClaimId(maker, "convergence"), exists, Verdict.PROVED, proof, proofs=(grounds,))
-    if Fraction(theta) > bound.theta:
-        when = f"{during} " if during else ""
-        rate = f"{when}the error decays at least like exp(-{down(bound.rate(theta), 2)} t)"
-        rate = f"above {up(bound.theta, below=theta)}; {rate} while the estimate keeps to its outer box"
-        return convergence, Check(
-            ClaimId(maker, "theta"), above, Verdict.PROVED, rate, proofs=(replace(grounds, fact=None),)
-        )
-    low = f"not shown: {same(theta)} is below the certified {up(bound.theta)}; the bound is sufficient, not necessary"
-    return convergence, Check(
-        ClaimId(maker, "theta"), above, Verdict.UNKNOWN, low, fix=f"Raise {name}, or validate by trials."
-    )
-
-
 def slope(form: Form, scale: Sequence[sp.Expr]) -> Proof | Nothing:
     """|S db/dz S^-1| on the box from above, S the diagonal `scale` (n) of numbers and parameters, b_i of z_1, .., z_i;
     or why there is no bound, or no such form."""
     steepness = obstacle(form) or _steepness(form, _slopes(form), scale)
-    return Nothing(steepness) if isinstance(steepness, str) else steepness
+    return Nothing(steepness) if isinstance(steepness, Reason) else steepness
 
 
-def obstacle(form: Form) -> str:
-    """Why the theorem does not apply as it stands, or ""."""
+def obstacle(form: Form) -> Reason:
+    """Why the theorem does not apply as it stands, or `NONE`."""
     if len(form.output) > 1 and (form.alignment not in ALIGNED or len(form.blocks) != len(form.output)):
-        return "the bound of several outputs is for chains aligned at the top or at the end"
+        return because("the bound of several outputs is for chains aligned at the top or at the end")
     if form.jacobian is not None:
-        return "the bound is for an observer in the coordinates of the form, this one stays in the plant's"
+        return because("the bound is for an observer in the coordinates of the form, this one stays in the plant's")
     if form.behind is not None:
-        return "the bound is for a gain that acts on z itself, with b a function of z"
+        return because("the bound is for a gain that acts on z itself, with b a function of z")
     if form.n > STATES:
-        return f"the bound is computed for up to {STATES} states"
+        return because("the bound is computed for up to {most} states", most=STATES)
     open_ = [check.id for check in form.checks if check.verdict is not Verdict.PROVED]
     if open_:
-        return f"the bound rests on {open_[0]}, which is not proved"
+        return because("the bound rests on {check}, which is not proved", check=open_[0])
     known, power, heads = {*form.system.inputs, *form.system.parameters}, exponents(form), form.heads
     for i in range(form.n):
         for j in range(form.n):
             if form.A[i, j] != 0 and (j != i + 1 or j in heads or form.A[i, j].free_symbols - known):
-                return f"A[{i + 1}, {j + 1}] = {form.A[i, j]} has no place in the triangular form"
+                pattern = "A[{i}, {j}] = {entry} has no place in the triangular form"
+                return because(pattern, i=i + 1, j=j + 1, entry=form.A[i, j])
         if not form.b[i].free_symbols <= {z for z, k in zip(form.states, power, strict=True) if k <= power[i]} | known:
-            return f"b_{i + 1} = {form.b[i]} reads more than z_1..z_{i + 1}"
+            return because("b_{i} = {row} reads more than z_1..z_{i}", i=i + 1, row=form.b[i])
     for head, (first, *_), output in zip(heads, chains(form), form.output, strict=True):
         offset = output - sp.diff(output, form.states[head]) * form.states[head]
         if (sp.expand(offset).free_symbols | first.free_symbols) & {*form.states}:
-            return f"the output {output} is not a_1 z_1 + c(u)"
-    return ""
+            return because("the output {output} is not a_1 z_1 + c(u)", output=output)
+    return NONE
 
 
 def _positive(a: sp.Expr, form: Form) -> bool:
@@ -286,12 +234,12 @@ def _companions(p: Sequence[Fraction], blocks: Sequence[int]) -> Matrix:
     return tuple(tuple(inner[i][j] - (p[i] if j == heads[i] else 0) for j in n) for i in n)
 
 
-def _corners(form: Form) -> list[list[Corner]] | str:
+def _corners(form: Form) -> list[list[Corner]] | Reason:
     """The corners of each chain; or why there are none."""
     by_chain = []
     for chain in chains(form):
         each = corners(chain, form)
-        if isinstance(each, str):
+        if isinstance(each, Reason):
             return each
         by_chain.append(each)
     return by_chain
@@ -299,7 +247,8 @@ def _corners(form: Form) -> list[list[Corner]] | str:
 
 def _extents(form: Form) -> tuple[Range, ...]:
     """The ranges of which `_corners` are the ends."""
-    return tuple(known for chain in chains(form) for known in extents(chain, form) if not isinstance(known, str))
+    each = (extents(chain, form) for chain in chains(form))
+    return tuple(known for ranges in each if not isinstance(ranges, Reason) for known in ranges)
 
 
 def _closed(parts: Sequence[Corner], gain: Sequence[Fraction]) -> Matrix:
@@ -317,24 +266,24 @@ def _closed(parts: Sequence[Corner], gain: Sequence[Fraction]) -> Matrix:
 def _certified(form: Form, slopes: sp.Matrix, core: _Core) -> ThetaBound | Nothing:
     """The bound in the coordinates core.scale z."""
     steep = _steepness(form, slopes, core.scale)
-    if isinstance(steep, str):
+    if isinstance(steep, Reason):
         return Nothing(steep)
     lyapunov = common(core.vertices)
     if lyapunov is None:
-        return Nothing("no P with (A - K C)'P + P (A - K C) <= -I was found for the range of the a_i")
+        return Nothing(because("no P with (A - K C)'P + P (A - K C) <= -I was found for the range of the a_i"))
     assert steep.high is not None
     return ThetaBound(
         max(Fraction(1), 2 * lyapunov.peak * steep.high), lyapunov, steep.high, core.scale, steep, core.gains
     )
 
 
-def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof | str:
+def _steepness(form: Form, slopes: sp.Matrix, scale: Sequence[sp.Expr]) -> Proof | Reason:
     """L_b in the coordinates scale z, from above: sup of the Frobenius norm of S J S^-1 on the box; or why there is
     none."""
     square = sp.Add(*((scale[i] * slopes[i, j] / scale[j]) ** 2 for i in range(form.n) for j in range(form.n)))
     enclosure = span(square, form, _BOXES)
     if not (enclosure and enclosure.defined and enclosure.finite):
-        return "no bound L_b on the slope of b was found on the box"
+        return because("no bound L_b on the slope of b was found on the box")
     return Proof(form.b, None, root(Fraction(max(enclosure.high, 0.0))), enclosure.variables, enclosure.tree)
 
 

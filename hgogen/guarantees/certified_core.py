@@ -28,10 +28,12 @@ from hgogen.chains.integrators import Integrators
 from hgogen.evidence.enclosing import Steep
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.guarantees.certified import GROWTHS, Nothing, slope
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.certified import GROWTHS, slope
 from hgogen.guarantees.lmi import Lyapunov, NoSolver, common
 from hgogen.intervals import outward
-from hgogen.intervals.digits import up
+from hgogen.intervals.digits import Up
+from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains
 
 # Beyond these the exact Lyapunov equation, or the inequality's program, is too large for a check that answers at once.
@@ -71,11 +73,14 @@ class CoreBound:
         """r (1/s) with |error(t)| <= c exp(-r t) |error(0)| at a theta above the bound; it is rounded down."""
         return outward.number((Fraction(theta) - 2 * self.push * self.lipschitz) / (2 * self.lyapunov.peak))[0]
 
+    @property
+    def reason(self) -> Reason:
+        """How the bound comes about."""
+        pattern = "{theta} = max(1, 2 |P G| L_b), |P G| <= {push}, L_b <= {L_b} in scaled states"
+        return because(pattern, theta=Up(self.theta), push=Up(self.push), L_b=Up(self.lipschitz))
+
     def __str__(self) -> str:
-        return (
-            f"{up(self.theta)} = max(1, 2 |P G| L_b), |P G| <= {up(self.push)}, L_b <= {up(self.lipschitz)} in scaled "
-            "states"
-        )
+        return str(self.reason)
 
 
 def of_core(
@@ -88,11 +93,12 @@ def of_core(
     """
     cores = tuple(map(rationals, vertices))
     if len(layout.index) > FIELDS or len(cores) > VERTICES:
-        return Nothing(f"the bound is computed for up to {FIELDS} fields and {VERTICES} vertices of the core")
+        pattern = "the bound is computed for up to {fields} fields and {vertices} vertices of the core"
+        return Nothing(because(pattern, fields=FIELDS, vertices=VERTICES))
     units = [Fraction(f"{float(1 / product):.6g}") for product in chain.nominal]
     if any(unit_ <= 0 for unit_ in units):
-        return Nothing("the bound is for a_i shown to be positive")
-    best: CoreBound | Nothing = Nothing("no scale was tried")
+        return Nothing(because("the bound is for a_i shown to be positive"))
+    best: CoreBound | Nothing = Nothing(because("no scale was tried"))
     for growth in GROWTHS[: 4 if len(cores) == 1 else 2]:  # each costs a convex program where there are several
         bound = _scaled(chain, layout, cores, tuple(u * growth**i for i, u in enumerate(units)), numbers)
         if isinstance(bound, Nothing):
@@ -122,9 +128,9 @@ def _scaled(
     try:
         lyapunov = common(moved)
     except NoSolver as missing:
-        return Nothing(str(missing))
+        return Nothing(missing.reason)
     if lyapunov is None:
-        return Nothing("no P with N'P + P N <= -I was found for the core")
+        return Nothing(because("no P with N'P + P N <= -I was found for the core"))
     push = _push(lyapunov.P, layout)
     theta = max(Fraction(1), 2 * push * steep.high)
     return CoreBound(theta, lyapunov, push, steep.high, Steep(units, scale, steep), numbers)

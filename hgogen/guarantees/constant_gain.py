@@ -23,11 +23,13 @@ from hgogen.chains.injection import companion
 from hgogen.chains.integrators import demand_divisor, no_chain
 from hgogen.form import Form
 from hgogen.graph import to_casadi
-from hgogen.guarantees.certified import Nothing, ThetaBound, of_gains, of_poles
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.certified import ThetaBound, of_gains, of_poles
 from hgogen.guarantees.lmi import NoSolver
 from hgogen.intervals.digits import same
 from hgogen.program import sym
 from hgogen.reading.given import BadGain, reals
+from hgogen.sentence import Reason
 from hgogen.structure.polytope import Corner, chains, corners
 
 
@@ -123,7 +125,7 @@ def _from_gains(form: Form, each: tuple[tuple[sp.Expr, ...], ...], gains: Any) -
         if k.shape != (len(chain),) or not np.isfinite(k).all():
             raise BadGain(f"gains = {gains!r}", f"must be {' and '.join(map(str, sizes))} finite numbers")
         vertices = corners(chain, form)
-        if isinstance(vertices, str):
+        if isinstance(vertices, Reason):
             raise BadGain(f"gains = {gains!r}", f"cannot be judged: {vertices}; declare ranges, or use riccati")
         closed = [_closed(corner, k) for corner in vertices]
         fix = "take others for the ranges of the a_i, such as hg.design.constant_gain(form)"
@@ -139,7 +141,7 @@ def _bound(form: Form, K: Sequence[float]) -> ThetaBound | Nothing:
     try:
         return of_gains(form, K)
     except NoSolver as missing:
-        return Nothing(str(missing))
+        return Nothing(missing.reason)
 
 
 def _closed(corner: Corner, k: np.ndarray) -> np.ndarray:

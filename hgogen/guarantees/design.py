@@ -29,12 +29,14 @@ from hgogen.errors import HgogenError
 from hgogen.form import Form
 from hgogen.guarantees.adaptive_gain import Disturbance, attenuation, candidate, facts, judged, share_of, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
-from hgogen.guarantees.certified import Nothing, obstacle
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.certified import obstacle
 from hgogen.guarantees.gain_programs import Optimum, Task, best
 from hgogen.guarantees.lmi import gains, solver
 from hgogen.intervals.digits import down, up
 from hgogen.reading.door import Misfit
 from hgogen.reading.given import BadGain, positive, real, reals
+from hgogen.sentence import NONE, Reason, because
 from hgogen.structure.polytope import chains, corners
 
 _FORM = "a form: hg.forms.triangular(plant)"
@@ -92,12 +94,12 @@ def constant_gain(form: Form, *, largest: float = 100.0) -> tuple[float, ...] | 
     if not isinstance(form, Form):
         raise Misfit("constant_gain", form, _FORM)
     most = positive("largest", largest)
-    reason = obstacle(form) or ("a gain is designed for one output" if len(form.output) > 1 else "")
-    vertices = reason or corners(chains(form)[0], form)
-    if isinstance(vertices, str):
+    one = because("a gain is designed for one output") if len(form.output) > 1 else NONE
+    vertices = obstacle(form) or one or corners(chains(form)[0], form)
+    if isinstance(vertices, Reason):
         return Nothing(vertices)
     K = gains(vertices, most)
-    return Nothing(f"no gain up to {most:g} was found") if K is None else tuple(map(float, K))
+    return Nothing(because("no gain up to {most:g} was found", most=most)) if K is None else tuple(map(float, K))
 
 
 class Checks(tuple[Check, ...]):

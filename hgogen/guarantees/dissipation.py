@@ -30,11 +30,12 @@ from hgogen.guarantees.dissipates import Dissipates
 from hgogen.guarantees.error_system import BadErrorSystem, Equations, ErrorSystem, error_box
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import Box
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import Down, down, up
 from hgogen.intervals.second_order import Answer, SecondOrder, negative
 from hgogen.intervals.slope import JUMPS, KINKS, lipschitz_bound
 from hgogen.reading.door import Misfit, limits
 from hgogen.reading.named import names_of, quadratic
+from hgogen.sentence import NONE, Reason, because
 
 LIMIT = 4000
 _SHARP = 1e-2  # of V's range on a face
@@ -160,11 +161,11 @@ def _zero(V: sp.Expr, system: ErrorSystem) -> Answer | None:
     """The refutation of V(0) = 0, if it is one."""
     if kind(V, dict.fromkeys(system.errors, sp.S.Zero)) not in ("> 0", "< 0"):
         return None
-    return Answer(Verdict.REFUTED, "V(0) is not 0", dict.fromkeys(system.errors, Fraction(0)))
+    return Answer(Verdict.REFUTED, because("V(0) is not 0"), dict.fromkeys(system.errors, Fraction(0)))
 
 
-def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> str:
-    """Why F and dV/de are not shown to be averages of their slopes, or "".
+def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> Reason:
+    """Why F and dV/de are not shown to be averages of their slopes, or `NONE`.
 
     F(0, x) = 0, dV/de(0) = 0 and V(0) = 0; no kinks, no jumps, slopes that are bounded on the whole box.
     """
@@ -172,20 +173,21 @@ def _obstacle(system: ErrorSystem, V: sp.Expr, around: Box, boxes: int) -> str:
     slopes = tuple(V.diff(e) for e in system.errors)
     for what, rows in (("V", (V,)), ("dV/de", slopes)):
         if any(kind(row, zero) != "= 0" for row in rows):
-            return f"{what} does not vanish at e = 0"
+            return because("{what} does not vanish at e = 0", what=what)
     if not all(is_zero(row.xreplace(zero), system.plain) for row in system.flow):
-        return "F is not shown to vanish at e = 0"
+        return because("F is not shown to vanish at e = 0")
     for what, rows in (("F", system.flow), ("dV/de", slopes)):
         if any(row.has(*JUMPS, *KINKS) for row in rows):
-            return f"{what} has kinks or jumps"
+            return because("{what} has kinks or jumps", what=what)
         if lipschitz_bound(rows, system.errors, box, boxes=boxes, relative=1.0).verdict is not Verdict.PROVED:
-            return f"{what} is not shown to have a bounded slope"
-    return ""
+            return because("{what} is not shown to have a bounded slope", what=what)
+    return NONE
 
 
-def _cancelled(system: ErrorSystem) -> str:
-    """Why e' has a value where the plant may have none, or ""."""
-    return "" if system.lost is None else f"{system.lost} of the plant may have no value, and cancels in e'"
+def _cancelled(system: ErrorSystem) -> Reason:
+    """Why e' has a value where the plant may have none, or `NONE`."""
+    lost = because("{part} of the plant may have no value, and cancels in e'", part=system.lost)
+    return NONE if system.lost is None else lost
 
 
 def _copies(system: ErrorSystem, label: str) -> tuple[sp.Symbol, ...]:
@@ -233,18 +235,17 @@ def _floor(V: sp.Expr, around: Box, boxes: int) -> Fraction | None:
 def _level(floor: Fraction | None, subject: Dissipates) -> Check:
     claim = "a set {V <= c} lies in the box and touches none of its faces"
     if floor is None:
-        return Check(
-            ClaimId("dissipation", "level"), claim, Verdict.UNKNOWN, "V is not shown to be positive on the faces"
-        )
+        doubt = because("V is not shown to be positive on the faces")
+        return Check(ClaimId("dissipation", "level"), claim, Verdict.UNKNOWN, doubt)
     proofs = (replace(subject, floor=floor),)
-    return Check(
-        ClaimId("dissipation", "level"), claim, Verdict.PROVED, f"for every c < {down(float(floor), 9)}", proofs=proofs
-    )
+    reason = because("for every c < {floor}", floor=Down(float(floor), 9))
+    return Check(ClaimId("dissipation", "level"), claim, Verdict.PROVED, reason, proofs=proofs)
 
 
 def _check(what: str, claim: str, answer: Answer, side: str, subject: Dissipates) -> Check:
     """`side`: the name of what must be negative."""
-    reason = answer.reason if answer.value is None else f"{side} is {answer.value:.3g} there"
+    there = because("{side} is {value:.3g} there", side=side, value=answer.value)
+    reason = answer.reason if answer.value is None else there
     witness = {s.name: float(number) for s, number in answer.point.items()}
     proofs = (replace(subject, answer=answer),)
     return Check(ClaimId("dissipation", what), claim, answer.verdict, reason, witness, proofs=proofs)

@@ -22,8 +22,10 @@ from hgogen.algebra.definite import exact, number, smallest
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
-from hgogen.guarantees.certified import Nothing, ThetaBound, checks
-from hgogen.intervals.digits import same, up
+from hgogen.guarantees.bounded_theta import Nothing, checks
+from hgogen.guarantees.certified import ThetaBound
+from hgogen.intervals.digits import Up, same
+from hgogen.sentence import NONE, because
 
 _BETWEEN = (
     "in continuous time, without noise, the error decays exponentially between switches, in every gain above a bound"
@@ -57,9 +59,9 @@ def switching(maker: str, theta: float, low: float, hold: float, bound: ThetaBou
 
 def _held(id: ClaimId, theta: float, low: float, hold: float, bound: ThetaBound | Nothing) -> Check:
     claim = f"in continuous time hold = {same(hold)} is long enough: switching keeps the error's decay"
-    unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Validate by trials.")
+    unknown = Check(id, claim, Verdict.UNKNOWN, NONE, fix="Validate by trials.")
     if isinstance(bound, Nothing) or not Fraction(low) > bound.theta:
-        return replace(unknown, reason="theta_low is not above a proved bound")
+        return replace(unknown, reason=because("theta_low is not above a proved bound"))
     P, peak = bound.lyapunov.P, bound.lyapunov.peak
     least_of_P = smallest(exact(P))[0]
     condition = peak / least_of_P
@@ -67,12 +69,13 @@ def _held(id: ClaimId, theta: float, low: float, hold: float, bound: ThetaBound 
     growth = condition**2 * (Fraction(theta) / Fraction(low)) ** (2 * (len(P) - 1))
     least = arb(number(growth)).log() / arb(number(speed))
     if arb(number(Fraction(hold))) > least:
-        reason, proofs = f"above {_up(least, hold)}, by outward-rounded balls", (Held(least_of_P),)
+        reason = because("above {least}, by outward-rounded balls", least=_up(least, hold))
+        proofs = (Held(least_of_P),)
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
-    reason = f"not shown: {_up(least)} is, and is sufficient, not necessary"
+    reason = because("not shown: {least} is, and is sufficient, not necessary", least=_up(least))
     return replace(unknown, reason=reason, fix=f"Take hold > {_up(least)}, or validate by trials.")
 
 
-def _up(value: arb, below: float = inf) -> str:
+def _up(value: arb, below: float = inf) -> Up:
     """In the model's unit of time."""
-    return up(float(value.upper()) * (1 + 1e-12), below=below)
+    return Up(float(value.upper()) * (1 + 1e-12), below=below)

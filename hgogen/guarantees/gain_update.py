@@ -24,9 +24,10 @@ from hgogen.form import Form
 from hgogen.guarantees.lmi import Lyapunov, lyapunov
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
-from hgogen.intervals.digits import down, same, up
+from hgogen.intervals.digits import Up, down, up
 from hgogen.intervals.proof import Proof
 from hgogen.reading.given import BadGain
+from hgogen.sentence import NONE, Reason, because
 
 BOXES = 500  # sup Gamma need not be the least
 
@@ -89,8 +90,8 @@ def falls(proof: Lyapunov, spread: np.ndarray, p_1: float, b: float) -> Check:
     most = 1 / np.linalg.eigvals(np.linalg.solve(gap.astype(float), spread.astype(float))).real.max()
     id, claim = ClaimId("updated_gain", "p_1"), "p_1 is small enough: N'P + P N + p_1 (D P + P D) < 0"
     if positive(exact(gap - Fraction(p_1) * spread)):
-        return Check(id, claim, Verdict.PROVED, f"in rational arithmetic, {_about(b)}")
-    reason = f"not {_about(b)}; another P or b may do"
+        return Check(id, claim, Verdict.PROVED, because("in rational arithmetic, {about}", about=_about(b)))
+    reason = because("not {about}; another P or b may do", about=_about(b))
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_1 <= {down(0.99 * float(most))}.")
 
 
@@ -100,14 +101,14 @@ def rises(proof: Lyapunov, spread: np.ndarray, p_3: float, b: float) -> Check:
     id, claim = ClaimId("updated_gain", "p_3"), "p_3 is large enough: p_3 (D P + P D) >= 2 lambda_max(P)"
     room = Fraction(p_3) * spread - 2 * proof.peak * np.eye(len(spread), dtype=int)
     if positive(exact(room)):
-        return Check(id, claim, Verdict.PROVED, f"in rational arithmetic, {_about(b)}")
-    reason = f"not {_about(b)}; another P or b may do, or a gain that stays far above Gamma"
+        return Check(id, claim, Verdict.PROVED, because("in rational arithmetic, {about}", about=_about(b)))
+    reason = because("not {about}; another P or b may do, or a gain that stays far above Gamma", about=_about(b))
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=f"Take p_3 >= {up(1.01 * float(least))}.")
 
 
-def _about(b: float) -> str:
+def _about(b: float) -> Reason:
     """Of which P and D an inequality is said: with another b it is another."""
-    return f"for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {same(b)}"
+    return because("for the P of N'P + P N = -I and D = diag(b, .., b + n - 1), b = {b}", b=float(b))
 
 
 def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) -> Check:
@@ -117,11 +118,10 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
         "in continuous time L' < 0 at the cap: p_2 + (p_3/p_1) sup Gamma(cap) < cap",
     )
     form, n = chain.form, chain.n
-    unknown = Check(id, claim, Verdict.UNKNOWN, "", fix="Raise cap, or watch the status GAIN_LIMITED.")
+    unknown = Check(id, claim, Verdict.UNKNOWN, NONE, fix="Raise cap, or watch the status GAIN_LIMITED.")
     if form.behind is not None:
-        return replace(
-            unknown, reason="c is taken at Psi(z), in the plant's ranges: no bound of its slope was sought there"
-        )
+        not_sought = because("c is taken at Psi(z), in the plant's ranges: no bound of its slope was sought there")
+        return replace(unknown, reason=not_sought)
     units = tuple(Fraction(cap) ** -(i + 1) for i in range(n))
     scale = tuple(product * sp.Rational(s) for product, s in zip(chain.products, units, strict=True))
     slopes = (scale[i] * form.b[i].diff(form.states[j]) / scale[j] for i in range(n) for j in range(n))
@@ -129,15 +129,15 @@ def stays(chain: Integrators, p_1: float, p_2: float, p_3: float, cap: float) ->
     try:
         squares = bound(sp.Add(*(slope**2 for slope in slopes)), around, boxes=BOXES)
     except NoTape as missing:
-        return replace(unknown, reason=f"{missing.what} may jump or be singular")
+        return replace(unknown, reason=because("{what} may jump or be singular", what=missing.what))
     if not (squares.defined and math.isfinite(squares.high)):
-        return replace(unknown, reason="no bound of Gamma was found")
+        return replace(unknown, reason=because("no bound of Gamma was found"))
     above = Fraction(p_1) * (Fraction(cap) - Fraction(p_2)) / Fraction(p_3)
-    gamma = up(math.sqrt(max(squares.high, 0.0)) * (1 + 1e-12))
+    gamma = Up(math.sqrt(max(squares.high, 0.0)) * (1 + 1e-12))
     most = Fraction(max(squares.high, 0.0))
     if above > 0 and above**2 > most:
         steep = Proof(form.b, None, root(most), squares.variables, squares.tree)
-        reason = f"Gamma(cap) <= {gamma}, by outward-rounded intervals"
+        reason = because("Gamma(cap) <= {gamma}, by outward-rounded intervals", gamma=gamma)
         proofs = (Steep(units, scale, steep, LOOSE),)
         return replace(unknown, verdict=Verdict.PROVED, reason=reason, fix="", proofs=proofs)
-    return replace(unknown, reason=f"Gamma(cap) may be {gamma}")
+    return replace(unknown, reason=because("Gamma(cap) may be {gamma}", gamma=gamma))

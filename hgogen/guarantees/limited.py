@@ -17,7 +17,7 @@ import numpy as np
 from hgogen.chains.injection import companion, injection_gains, listed, scaled
 from hgogen.chains.integrators import Integrators, integrators, observer_on, shifted
 from hgogen.form import Form
-from hgogen.guarantees.certified import checks
+from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.sector import Adaptation, Shape, core_check, decays, theta_bound
 from hgogen.observer import Observer, founded, gain, high_gain_parameter
 from hgogen.part import Ode

@@ -20,6 +20,7 @@ from flint import fmpq, fmpq_mat
 
 from hgogen.algebra.definite import Matrix, exact, fraction, number, positive, unit
 from hgogen.errors import HgogenError
+from hgogen.sentence import Reason, because
 
 STATES = 12  # beyond it the exact Lyapunov equation has too many unknowns for a check that answers at once
 
@@ -33,8 +34,13 @@ class NoSolver(HgogenError):
 
     what: str
 
+    @property
+    def reason(self) -> Reason:
+        """What it is needed for."""
+        return because("{what} needs cvxpy and clarabel; install them: pip install 'hgogen[lmi]'", what=self.what)
+
     def __str__(self) -> str:
-        return f"{self.what} needs cvxpy and clarabel; install them: pip install 'hgogen[lmi]'"
+        return str(self.reason)
 
 
 @dataclass(frozen=True)

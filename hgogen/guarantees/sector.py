@@ -39,10 +39,12 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import Steep
 from hgogen.evidence.grounds import Evidence, Grounds
 from hgogen.form import Form
-from hgogen.guarantees.certified import GROWTHS, Nothing, slope
+from hgogen.guarantees.bounded_theta import Nothing
+from hgogen.guarantees.certified import GROWTHS, slope
 from hgogen.guarantees.lmi import STATES, lyapunov
 from hgogen.intervals import outward
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import Down, Up
+from hgogen.sentence import Reason, because
 from hgogen.structure.polytope import chains
 
 FEW = 6  # states up to which several g are tried
@@ -193,12 +195,18 @@ class SectorBound:
         one = self.decay
         return {**one.evidence(form), "peak": one.peak, "margin": one.margin, "slope": self.steep}
 
-    def __str__(self) -> str:
-        one = self.decay
-        return (
-            f"{up(self.theta)} = max(1, 2 L_b (lambda_max(P) + m)/eta, 2 L_b lambda_max(P)), lambda_max(P) + m <= "
-            f"{up(one.weight)}, eta >= {down(one.margin)}, L_b <= {up(self.lipschitz)} in scaled states"
+    @property
+    def reason(self) -> Reason:
+        """How the bound comes about."""
+        pattern = (
+            "{theta} = max(1, 2 L_b (lambda_max(P) + m)/eta, 2 L_b lambda_max(P)), lambda_max(P) + m <= {weight}, "
+            "eta >= {eta}, L_b <= {L_b} in scaled states"
         )
+        weight, eta = Up(self.decay.weight), Down(self.decay.margin)
+        return because(pattern, theta=Up(self.theta), weight=weight, eta=eta, L_b=Up(self.lipschitz))
+
+    def __str__(self) -> str:
+        return str(self.reason)
 
 
 def decays(adaptation: Adaptation, K: np.ndarray) -> tuple[Decay, ...]:
@@ -213,15 +221,16 @@ def core_check(maker: str, adaptation: Adaptation, proofs: Iterable[Decay], numb
     id = ClaimId(maker, "core")
     claim = f"the linear error core decays behind its {adaptation.shape.name}, from any initial error"
     for one in proofs:
-        reason = f"by a quadratic form with mu = {float(one.mu):g}, tau = {float(one.tau):g}, in rational arithmetic"
+        pattern = "by a quadratic form with mu = {mu:g}, tau = {tau:g}, in rational arithmetic"
+        reason = because(pattern, mu=float(one.mu), tau=float(one.tau))
         return Check(id, claim, Verdict.PROVED, reason, proofs=(Grounds(numbers, one),))
-    reason = "no quadratic proof was found for these lambda and r"
+    reason = because("no quadratic proof was found for these lambda and r")
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=adaptation.shape.fix)
 
 
 def theta_bound(chain: Integrators, proofs: Iterable[Decay], numbers: Mapping[str, Any]) -> SectorBound | Nothing:
     """The smallest bound on theta that the proofs give with c, of an observer that is built with the `numbers`."""
-    best: SectorBound | Nothing = Nothing("the linear core is not shown to decay")
+    best: SectorBound | Nothing = Nothing(because("the linear core is not shown to decay"))
     (a,) = chains(chain.form)
     for one in proofs:
         units = tuple(one.growth**i for i in range(chain.n))

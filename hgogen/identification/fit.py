@@ -109,7 +109,7 @@ class _Task:
         residuals = information(self.problem, unknowns, self.solver.unit).outputs
         return np.array([corner(e / scale) for e, scale in zip(residuals, self.problem.scale, strict=True)])
 
-    def _told(self, outputs: Sequence[Array]) -> list[Array]:
+    def _influences(self, outputs: Sequence[Array]) -> list[Array]:
         """What the residuals of each output tell, in units of its scale."""
         scaled = [e / scale for e, scale in zip(outputs, self.problem.scale, strict=True)]
         if self.corner is None:
@@ -174,7 +174,7 @@ class _Task:
             len(self.free),
             len(self.chosen),
         )
-        follow = [alike(e) for e in self._told(known.outputs)]
+        follow = [alike(e) for e in self._influences(known.outputs)]
         deviations, untold = self._deviations(known, max(follow), best.unknowns)
         estimates = tuple(self._estimate(i, best.unknowns[i], deviations[i]) for i in range(count + len(self.offset)))
         *_, nodes = self.problem.parts(ca.DM(best.unknowns))
@@ -211,7 +211,7 @@ class _Task:
         before = self.solver.unit[: len(inner)][inner]
         ranged = np.array([*(p.bounded for p in self.free), *[True] * len(self.offset)])[inner]
         unit = np.where(ranged, before, np.maximum(before, np.abs(unknowns[: len(inner)][inner])))
-        every = np.concatenate(self._told(known.outputs))
+        every = np.concatenate(self._influences(known.outputs))
         fitted = len(names) + self.problem.n * len(self.records)  # numbers that took a residual each
         left = len(every) - fitted
         noise = max(float(every @ every) / left * together, np.finfo(float).tiny) if left > 0 else math.inf

@@ -21,6 +21,7 @@ from hgogen.intervals.outward import Array
 from hgogen.intervals.search import Goal, Outcome, Tree, search, tight
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.intervals.zeros import special_point
+from hgogen.sentence import NONE, Reason, because, equations
 
 __all__ = ["LIMIT", "Attained", "Box", "End", "Range", "bound", "box", "lipschitz_bound"]
 
@@ -52,7 +53,7 @@ class Range:
     least: Attained | None
     most: Attained | None
     boxes: int
-    note: str
+    note: Reason
     variables: tuple[sp.Symbol, ...]
     tree: Tree = field(repr=False)
 
@@ -69,12 +70,12 @@ class Range:
             for end, side, rounded, one in ends
             if one is not None
         ]
-        return "; ".join([*parts, *filter(None, [self.note])])
+        return "; ".join([*parts, *map(str, filter(None, [self.note]))])
 
     def as_dict(self) -> dict[str, Any]:
         """The range as plain data for JSON, which has no infinity: an unbounded end is None."""
         low, high = (end if math.isfinite(end) else None for end in (self.low, self.high))
-        return {"low": low, "high": high, "defined": self.defined, "boxes": self.boxes, "note": self.note}
+        return {"low": low, "high": high, "defined": self.defined, "boxes": self.boxes, "note": str(self.note)}
 
 
 def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float = 0.02) -> Range:
@@ -92,13 +93,12 @@ def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float 
     if not outcome.defined:
         special = special_point(problem.expression, problem.program, problem.sides, ("undefined",))
         if special:  # more boxes would not help
-            return replace(
-                range_of(problem, outcome, relative), note=f"it is not a finite real number at {_text(special[1])}"
-            )
+            note = because("it is not a finite real number at {point}", point=equations(special[1]))
+            return replace(range_of(problem, outcome, relative), note=note)
     return range_of(problem, problem.search(tight(relative), boxes), relative)
 
 
-NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, "it is not a finite real number", (), "leaf")
+NOWHERE = Range(-math.inf, math.inf, False, None, None, 0, because("it is not a finite real number"), (), "leaf")
 
 
 @dataclass(frozen=True)
@@ -144,21 +144,19 @@ def attained(problem: Problem, value: float, at: Array | None) -> Attained | Non
     return None if at is None else Attained(value, problem.sides.point(at.tolist()))
 
 
-def _note(outcome: Outcome, relative: float) -> str:
+def _note(outcome: Outcome, relative: float) -> Reason:
+    boxes = counted(outcome.boxes)
     if not outcome.defined:
-        return f"it was not shown to be finite and real everywhere, with {counted(outcome.boxes)}"
+        return because("it was not shown to be finite and real everywhere, with {boxes}", boxes=boxes)
     if outcome.finished:
-        return ""
-    return f"it is not within {relative:.0%} of values that are attained, with {counted(outcome.boxes)}"
+        return NONE
+    far = "it is not within {relative:.0%} of values that are attained, with {boxes}"
+    return because(far, relative=relative, boxes=boxes)
 
 
-def counted(count: int) -> str:
+def counted(count: int) -> Reason:
     """A number of boxes, in words."""
-    return f"{count} box{'' if count == 1 else 'es'}"
-
-
-def _text(point: Mapping[sp.Symbol, Fraction]) -> str:
-    return ", ".join(f"{s} = {value}" for s, value in point.items())
+    return because("{count} box" if count == 1 else "{count} boxes", count=count)
 
 
 def place(point: Mapping[sp.Symbol, Fraction]) -> str:

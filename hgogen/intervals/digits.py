@@ -1,8 +1,10 @@
 """Numbers in few digits: a bound that is printed as proved is rounded to the safe side, a gain reads back as it is."""
 
 import math
+from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
+from typing import ClassVar
 
 MOST = 17  # digits in which any two floats differ
 
@@ -26,6 +28,31 @@ def same(value: float) -> str:
     """A float as text that reads back as the same: in six digits where they do, else in as many as it takes."""
     short = f"{value:g}"
     return short if float(short) == value else repr(float(value))
+
+
+@dataclass(frozen=True)
+class Up:
+    """A number that `up` writes."""
+
+    value: float | Fraction
+    digits: int = 4
+    below: float | Fraction = math.inf
+    direction: ClassVar[str] = "up"
+
+    def __str__(self) -> str:
+        return up(self.value, self.digits, self.below)
+
+
+@dataclass(frozen=True)
+class Down:
+    """A number that `down` writes."""
+
+    value: float | Fraction
+    digits: int = 4
+    direction: ClassVar[str] = "down"
+
+    def __str__(self) -> str:
+        return down(self.value, self.digits)
 
 
 def _rounded(value: float | Fraction, digits: int, rounding: str) -> str:

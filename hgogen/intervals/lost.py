@@ -51,7 +51,7 @@ def conditions(expressions: Iterable[sp.Expr], box: Box) -> tuple[Condition, ...
     asked = set[Condition]()
     for part in doubtful(expressions, box):
         needs = () if isinstance(part, _CHOOSING) else singular((part,), box).values()
-        asked.update(needs or (Condition("{} has a value", part),))
+        asked.update(needs or (Condition("{of} has a value", part),))
     return minimal(asked)
 
 

@@ -28,6 +28,7 @@ from hgogen.intervals.box import Box, Point, Sides
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.sign import Sign, nonzero
 from hgogen.intervals.slope import lipschitz_bound
+from hgogen.sentence import NONE, Reason, because
 
 _GRID = 1024  # of a side: samples are exact
 _SCALES = 10  # halvings of the box at which samples are taken
@@ -64,7 +65,7 @@ class Answer:
     """
 
     verdict: Verdict
-    reason: str = ""
+    reason: Reason = NONE
     point: Mapping[sp.Symbol, Fraction] = field(default_factory=dict, hash=False)
     value: float | None = None
     proofs: tuple[Proof, ...] = ()
@@ -72,7 +73,7 @@ class Answer:
     basis: sp.Matrix | None = None
 
 
-def negative(claim: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
+def negative(claim: SecondOrder, boxes: int, obstacle: Reason = NONE) -> Answer:
     """Whether S < 0, by the method of the module, with `boxes` for each question of a sign. With an `obstacle`, the
     reason why N says nothing of S, the answer is refuted or unknown."""
     program = _Program.of(claim)
@@ -86,10 +87,10 @@ def negative(claim: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
         violation = next(program.violations(_along(program)), None)
         if violation:
             return _refuted(violation)
-        reason = "near e = 0 the second order does not decide it"
-        return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for a sign")
+        pattern = "near e = 0 the second order does not decide it, with {boxes} boxes for a sign"
+        return Answer(Verdict.UNKNOWN, because(pattern, boxes=boxes))
     if share == 1:
-        whole = "its second order is definite on the whole box of errors"
+        whole = because("its second order is definite on the whole box of errors")
         return Answer(Verdict.PROVED, whole, proofs=(definite.proof,), basis=definite.basis)
     left = tuple(nonzero(claim.value, slab, boxes=boxes, refute=False) for slab in _slabs(claim, share))
     for sign in left:
@@ -98,11 +99,15 @@ def negative(claim: SecondOrder, boxes: int, obstacle: str = "") -> Answer:
             return _refuted(violation)
     if all(sign.verdict is Verdict.PROVED and sign.sign < 0 for sign in left):
         total = sum(sign.range.boxes for sign in left)
-        reason = f"its second order is definite on {share} of the box of errors, {total} boxes cover the rest"
+        pattern = "its second order is definite on {share} of the box of errors, {boxes} boxes cover the rest"
+        reason = because(pattern, share=share, boxes=total)
         slabs = tuple(_proof(claim.value, sign) for sign in left)
         return Answer(Verdict.PROVED, reason, proofs=(definite.proof, *slabs), share=share, basis=definite.basis)
-    reason = f"its second order is definite on {share} of the box of errors; the rest is not decided"
-    return Answer(Verdict.UNKNOWN, f"{reason}, with {boxes} boxes for each of {len(left)} slabs")
+    pattern = (
+        "its second order is definite on {share} of the box of errors; the rest is not decided, with {boxes} boxes for "
+        "each of {slabs} slabs"
+    )
+    return Answer(Verdict.UNKNOWN, because(pattern, share=share, boxes=boxes, slabs=len(left)))
 
 
 # --- a counterexample ---------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from hgogen.intervals.outward import number
 from hgogen.intervals.rational import fractions, multiplied, raised, rational
 from hgogen.intervals.search import Outcome, one_sign, regular
 from hgogen.intervals.zeros import crossing, special_point
+from hgogen.sentence import Reason, because
 
 _GLANCE = 60  # boxes before a zero is looked for
 
@@ -55,7 +56,7 @@ class Sign:
     sign: int
     margin: End
     witness: Mapping[sp.Symbol, Fraction] = field(hash=False)
-    reason: str
+    reason: Reason
     range: Range
     cause: Cause | None = None
     never: bool = False
@@ -83,7 +84,7 @@ def _nonzero(
 ) -> Sign:
     problem = problem_of(expression, dict(ends))
     if problem is None:
-        return Sign(Verdict.REFUTED, 0, 0.0, {}, "it is not a finite real number", NOWHERE, Cause.UNDEFINED)
+        return Sign(Verdict.REFUTED, 0, 0.0, {}, NOWHERE.note, NOWHERE, Cause.UNDEFINED)
     never = False
     for limit in dict.fromkeys((min(boxes, _GLANCE), boxes)):
         outcome = problem.search(one_sign, limit)
@@ -99,7 +100,8 @@ def _nonzero(
                 return _enclosed(problem, outcome, low, high)
         if outcome.boxes + 2 <= limit:  # more boxes would change nothing
             break
-    reason = f"{counted(outcome.boxes)} {'does' if outcome.boxes == 1 else 'do'} not decide it"
+    undecided = "{boxes} does not decide it" if outcome.boxes == 1 else "{boxes} do not decide it"
+    reason = because(undecided, boxes=counted(outcome.boxes))
     return Sign(Verdict.UNKNOWN, 0, 0.0, {}, reason, range_of(problem, outcome, 0.0), never=never)
 
 
@@ -114,7 +116,7 @@ def _proved(problem: Problem, outcome: Outcome) -> Sign:
 def _enclosed(problem: Problem, outcome: Outcome, low: End, high: End) -> Sign:
     """The proof of one sign by the exact range on the box as a whole."""
     outer = replace(range_of(problem, outcome, 0.0), low=number(low)[0], high=number(high)[1], tree="leaf")
-    sign, reason = 1 if low > 0 else -1, "exact algebra and rational ends"
+    sign, reason = 1 if low > 0 else -1, because("exact algebra and rational ends")
     return Sign(Verdict.PROVED, sign, max(low, -high), {}, reason, outer, never=True, exact=(low, high))
 
 
@@ -149,8 +151,8 @@ def _product(factored: Factors, expression: sp.Expr, box: Box) -> tuple[bool, In
     return never, total
 
 
-def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, str, Point] | None:
-    """The cause why an expression has not one sign, the same as a sentence, and a point; None where none is known."""
+def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, Reason, Point] | None:
+    """The cause why an expression has not one sign, the same in words, and a point; None where none is known."""
     extremes = [
         problem.sides.point(at.tolist()) for at in (outcome.inner.at_least, outcome.inner.at_most) if at is not None
     ]
@@ -158,18 +160,19 @@ def _refutation(problem: Problem, outcome: Outcome, boxes: int) -> tuple[Cause, 
     if special:
         what, point = special
         cause = Cause.ZERO if what == "= 0" else Cause.UNDEFINED
-        return cause, cause.value, point
+        return cause, because(cause.value), point
     crossed = _crossed(problem, outcome, boxes)
     if crossed:
         sides = jump(problem.expression, {s: sp.Rational(value) for s, value in crossed.items()})
         if sides is None:
-            return Cause.CROSSING, Cause.CROSSING.value, crossed
-        return Cause.JUMP, "jumps from {} to {}, not of one sign".format(*sides), crossed
-    for part, reason in _parts(problem.expression):
+            return Cause.CROSSING, because(Cause.CROSSING.value), crossed
+        jumps = because("jumps from {one} to {other}, not of one sign", one=sides[0], other=sides[1])
+        return Cause.JUMP, jumps, crossed
+    for part, pattern in _parts(problem.expression):
         inner = nonzero(part, box_of(problem.sides), boxes=boxes)
         if inner.verdict is Verdict.REFUTED and inner.cause is not Cause.JUMP:
             rest = {s: Fraction(_any(ends)) for s, ends in zip(problem.sides.symbols, problem.sides.ends, strict=True)}
-            return Cause.PART, reason.format(part), rest | dict(inner.witness)
+            return Cause.PART, because(pattern, part=part), rest | dict(inner.witness)
     return None
 
 
@@ -194,18 +197,19 @@ def _ordered(a: Fraction, b: Fraction) -> tuple[Fraction, Fraction]:
 
 
 def _parts(expression: sp.Expr) -> Iterator[tuple[sp.Expr, str]]:
-    """Factors, at whose zeros the expression is zero or undefined, and what it divides by."""
+    """Factors, at whose zeros the expression is zero or undefined, and what it divides by, each with the pattern of a
+    reason."""
     powers = [] if expression.has(sp.Piecewise) else sorted(expression.atoms(sp.Pow), key=str)
     for node in powers:  # a Piecewise may not take the branch that is not finite
         if node.exp.is_Rational and node.exp < 0 and node.base != expression and not node.base.is_number:
-            yield node.base, "is not finite: it divides by {}, which vanishes"
+            yield node.base, "is not finite: it divides by {part}, which vanishes"
     try:
         _, factors = sp.factor_list(sp.together(expression))
     except (sp.PolynomialError, NotImplementedError):
         return
     for factor, _ in factors:
         if factor != expression and factor.free_symbols and not factor.is_Symbol:
-            yield factor, "vanishes with its factor {}, or is not finite there"
+            yield factor, "vanishes with its factor {part}, or is not finite there"
 
 
 def box_of(sides: Sides) -> dict[sp.Symbol, tuple[End, End]]:

@@ -8,25 +8,33 @@ import sympy as sp
 
 from hgogen.intervals.box import Box
 from hgogen.intervals.glance import Interval, contains_zero, enclose
+from hgogen.sentence import Reason, because
 
 _ONE, _THREE_HALVES = Fraction(1), Fraction(3, 2)
-POSITIVE, NONZERO = "{} > 0", "{} != 0"
+POSITIVE, NONZERO = "{of} > 0", "{of} != 0"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What must hold for a part of an expression to be smooth: a `relation`, with {} for the expression `of`."""
+    """What must hold for a part of an expression to be smooth: a `relation`, with {of} for the expression."""
 
     relation: str
     of: sp.Expr
 
+    @property
+    def reason(self) -> Reason:
+        """The condition in words."""
+        return because(self.relation, of=self.of)
+
     def __str__(self) -> str:
-        return self.relation.format(self.of)
+        return str(self.reason)
 
     @property
-    def failure(self) -> str:
+    def failure(self) -> Reason:
         """The places where the condition fails, in words."""
-        return f"at {self.of} = 0" if self.relation == NONZERO else f"unless {self}"
+        if self.relation == NONZERO:
+            return because("at {of} = 0", of=self.of)
+        return because("unless {condition}", condition=self.reason)
 
     def implies(self, other: "Condition") -> bool:
         """Whether the other one, which is not the same, says less."""
@@ -42,7 +50,7 @@ def _positive(argument: sp.Expr) -> Condition:
 
 
 def _within_one(argument: sp.Expr) -> Condition:
-    return Condition("-1 < {} < 1", argument)
+    return Condition("-1 < {of} < 1", argument)
 
 
 # index of the argument, whether its range keeps clear of singular points, what must hold of it
@@ -52,7 +60,7 @@ _SINGULAR: dict[type, tuple[int, Callable[[Interval], bool], Callable[[sp.Expr],
     sp.asin: (0, _inside(_ONE), _within_one),
     sp.acos: (0, _inside(_ONE), _within_one),
     sp.atanh: (0, _inside(_ONE), _within_one),
-    sp.acosh: (0, lambda t: t[0] > _ONE, lambda argument: Condition("{} > 1", argument)),
+    sp.acosh: (0, lambda t: t[0] > _ONE, lambda argument: Condition("{of} > 1", argument)),
     sp.atan2: (1, lambda t: t[0] > 0, _positive),
 }
 # Defined everywhere; those that jump are the business of whoever needs continuity.
@@ -69,6 +77,11 @@ def singular(expressions: Iterable[sp.Expr], box: Box) -> dict[sp.Expr, Conditio
     return {node: condition for node, condition in conditions.items() if condition}
 
 
+def reasons(conditions: Iterable[Condition]) -> tuple[Reason, ...]:
+    """Each in words."""
+    return tuple(each.reason for each in conditions)
+
+
 def minimal(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
     """Each once, in the order of their texts, without those that another one implies."""
     every = sorted(set(conditions), key=str)
@@ -81,7 +94,7 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
         index, clear, condition = _SINGULAR[type(node)]
         return None if clear(enclose(node.args[index], box)) else condition(node.args[index])
     if not isinstance(node, sp.Pow):
-        return None if type(node) in _ENTIRE else Condition("{} is smooth", node)
+        return None if type(node) in _ENTIRE else Condition("{of} is smooth", node)
     base = enclose(node.base, box)
     if node.exp.is_Integer:
         return Condition(NONZERO, node.base) if node.exp < 0 and contains_zero(base) else None

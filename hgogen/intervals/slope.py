@@ -22,6 +22,7 @@ from hgogen.intervals.box import Box, End, Point, Sides, sides
 from hgogen.intervals.search import Tree, everywhere, search
 from hgogen.intervals.spectral import Field, Steep, steepest
 from hgogen.intervals.zeros import special_point
+from hgogen.sentence import NONE, Reason, because, equations
 
 # What jumps hides from the symbolic derivative, and what bends is better read by slopes.
 JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2)
@@ -50,7 +51,7 @@ class Lipschitz:
     verdict: Verdict
     low: float
     high: float
-    reason: str
+    reason: Reason
     boxes: int
     variables: tuple[sp.Symbol, ...]
     witness: Mapping[sp.Symbol, Fraction] = field(default_factory=dict, hash=False)
@@ -76,9 +77,10 @@ def _lipschitz_bound(
     rows = [row for row in whole if not (row.is_number and row.is_real)]
     read = [x for x in states if x in around.symbols]
     if not rows:
-        return Lipschitz(Verdict.PROVED, 0.0, 0.0, "it is constant", 0, around.symbols)
+        return Lipschitz(Verdict.PROVED, 0.0, 0.0, because("it is constant"), 0, around.symbols)
     if any(row.has(*_STRANGE) for row in rows):
-        return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, "it is not a finite real number", 0, around.symbols)
+        reason = because("it is not a finite real number")
+        return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, 0, around.symbols)
     if not read:
         return _constant(rows, around, boxes)
     vector = _field([bent(row) for row in rows], read, around)
@@ -88,17 +90,16 @@ def _lipschitz_bound(
     if not (outcome.finished or steep) and boxes > _FIRST:
         outcome = steepest(vector, around.outer, relative, boxes)
     if outcome.bounded:
-        reason = "" if outcome.finished else f"{outcome.boxes} boxes bring it no closer to the slopes that are attained"
-        return _answer(Verdict.PROVED, outcome, reason, around)
+        loose = because("{boxes} boxes bring it no closer to the slopes that are attained", boxes=outcome.boxes)
+        return _answer(Verdict.PROVED, outcome, NONE if outcome.finished else loose, around)
     if steep:
         slope, point = steep
-        at = ", ".join(f"{s} = {value}" for s, value in point.items())
-        reason = f"the slope {slope} has no bound towards {at}"
+        reason = because("the slope {slope} has no bound towards {point}", slope=slope, point=equations(point))
         return Lipschitz(Verdict.REFUTED, outcome.low, math.inf, reason, outcome.boxes, around.symbols, point)
-    return _answer(Verdict.UNKNOWN, outcome, f"{outcome.boxes} boxes give no bound", around)
+    return _answer(Verdict.UNKNOWN, outcome, because("{boxes} boxes give no bound", boxes=outcome.boxes), around)
 
 
-def _answer(verdict: Verdict, outcome: Steep, reason: str, around: Sides) -> Lipschitz:
+def _answer(verdict: Verdict, outcome: Steep, reason: Reason, around: Sides) -> Lipschitz:
     return Lipschitz(verdict, outcome.low, outcome.high, reason, outcome.boxes, around.symbols, tree=outcome.tree)
 
 
@@ -107,8 +108,9 @@ def _constant(rows: list[sp.Expr], around: Sides, boxes: int) -> Lipschitz:
     outcomes = [search(tape([row], around.symbols), around.outer, around.inner, everywhere, boxes) for row in rows]
     tried = sum(one.boxes for one in outcomes)
     if all(one.defined for one in outcomes):
-        return Lipschitz(Verdict.PROVED, 0.0, 0.0, "it does not depend on the state", tried, around.symbols)
-    reason = f"{tried} boxes do not show that it is defined"
+        reason = because("it does not depend on the state")
+        return Lipschitz(Verdict.PROVED, 0.0, 0.0, reason, tried, around.symbols)
+    reason = because("{boxes} boxes do not show that it is defined", boxes=tried)
     return Lipschitz(Verdict.UNKNOWN, 0.0, math.inf, reason, tried, around.symbols)
 
 

@@ -57,7 +57,8 @@ KALMAN = Theorem(
         *_BUILT,
         Hypothesis(
             "the first error is small enough",
-            reason="how small is not known: " + _EXISTENTIAL,
+            reason="how small is not known: the theorem's constants are existential: no number is known to be large or "
+            "small enough",
             reference="(18)",
         ),
         *_OPERATION,

@@ -37,6 +37,7 @@ from hgogen.intervals.slope import JUMPS, KINKS
 from hgogen.reading.expression import parse
 from hgogen.reading.given import BadGain
 from hgogen.reading.tokens import BadExpression
+from hgogen.sentence import NONE, Reason, Sentence, because, equations
 from hgogen.signal import Signal
 
 t = Signal("t", "", "time")  # equal to that of a trial
@@ -73,60 +74,68 @@ def persistent(id: ClaimId, form: Form, inputs: Mapping[str, Any] | None = None,
     Raises: `BadGain` for names that are not the plant's inputs, or expressions of something else.
     """
     waveforms = None if inputs is None else _waveforms(form, inputs)
-    listing = ", ".join(f"{name} = {expression}" for name, expression in (waveforms or {}).items())
-    check = Check(id, f"the input is regularly persistent{': ' + listing if listing else ''}", Verdict.UNKNOWN, "")
+    claim: Sentence | str = "the input is regularly persistent"
+    if waveforms:
+        claim = Sentence.of("the input is regularly persistent: {waveforms}", waveforms=equations(waveforms))
+    check = Check(id, claim, Verdict.UNKNOWN, NONE)
 
-    def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
+    def answer(verdict: Verdict, reason: Reason, fix: str = "") -> Check:
         return Check(id, check.claim, verdict, reason, fix=fix)
 
     if not form.structured:
-        return answer(Verdict.UNKNOWN, "it is not shown that the plant is state-affine, with this A and C")
+        return answer(Verdict.UNKNOWN, because("it is not shown that the plant is state-affine, with this A and C"))
     symbols = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, waveforms or {})))
-    measured = ", ".join(sorted(str(z) for z in symbols & {*form.states}))
+    measured = sorted(str(z) for z in symbols & {*form.states})
     if measured:
         fix = "Ask along a record: hgogen.excitation.along(form, R, u, y, dt, d)."
-        return answer(Verdict.UNKNOWN, f"A depends on {measured}, which is measured, not known beforehand", fix)
+        reason = because("A depends on {states}, which is measured, not known beforehand", states=measured)
+        return answer(Verdict.UNKNOWN, reason, fix)
     if waveforms is None and symbols & {*form.system.inputs}:
         fix = "Give inputs= and period= where it is, or judge a record by hgogen.excitation.along."
-        return answer(Verdict.UNKNOWN, "the input is not known beforehand", fix)
+        return answer(Verdict.UNKNOWN, because("the input is not known beforehand"), fix)
     try:
         return _judged(answer, form, waveforms, period)
     except TooLarge as error:
-        return answer(Verdict.UNKNOWN, str(error), _SHORTEST)
+        return answer(Verdict.UNKNOWN, error.reason, _SHORTEST)
 
 
 def _judged(answer: Callable[..., Check], form: Form, waveforms: Mapping[str, sp.Expr] | None, period: Any) -> Check:
     """The check for known inputs, or for A and C that read none. Raises: `TooLarge`."""
     read = set[sp.Symbol]().union(*(matrix.free_symbols for matrix in _along_time(form, {})))
     A, C = _along_time(form, waveforms or {})
-    broken = _broken(form, waveforms) if waveforms else ""
-    if broken:
-        return answer(Verdict.UNKNOWN, f"{broken} of the plant is not shown to be a finite real number all the time")
+    broken = _broken(form, waveforms) if waveforms else None
+    if broken is not None:
+        pattern = "{part} of the plant is not shown to be a finite real number all the time"
+        return answer(Verdict.UNKNOWN, because(pattern, part=broken))
     if waveforms is None or t not in A.free_symbols | C.free_symbols:
         doubt = _doubt(form, A, C, {u: waveforms[u.name] for u in form.system.inputs if u in read} if waveforms else {})
         constants = {u: e for u, e in (waveforms or {}).items() if u in {x.name for x in read}}
         known = answer(Verdict.UNKNOWN, doubt) if doubt else _constant(answer, form, A, C)
         return replace(known if waveforms else if_valued(known, form.system), proofs=(Persistent(constants),))
     if period is None:
-        return answer(Verdict.UNKNOWN, "the input varies, and no period is given", f"Give its period. {_EXACTLY}")
+        reason = because("the input varies, and no period is given")
+        return answer(Verdict.UNKNOWN, reason, f"Give its period. {_EXACTLY}")
     length, rough = _expression("period", period), (*JUMPS, *KINKS)
     if not (length.is_positive and length.is_finite) or A.has(*rough) or C.has(*rough):
-        return answer(Verdict.UNKNOWN, "the period is no positive number, or A(t), C(t) have kinks or jumps")
+        reason = because("the period is no positive number, or A(t), C(t) have kinks or jumps")
+        return answer(Verdict.UNKNOWN, reason)
     later = (
         sp.expand_mul(e.xreplace({t: t + length})) for e in waveforms.values()
     )  # 20*pi*(t + 1/10) keeps its brackets
     if not all(is_zero(e - now) for e, now in zip(later, waveforms.values(), strict=True)):
-        return answer(Verdict.UNKNOWN, f"it is not shown that {period} is a period", _EXACTLY)
+        reason = because("it is not shown that {period} is a period", period=period)
+        return answer(Verdict.UNKNOWN, reason, _EXACTLY)
     doubt = _unbounded(form, waveforms, length)
     if doubt:
         return answer(Verdict.UNKNOWN, doubt)
     A, C = (matrix.xreplace({t: length * t}) for matrix in (A, C))  # in periods, however short they are
     for share in _SHARES:
         if _inside(form, waveforms, share * length) and _full(form, A, C, share, 1 / length):
-            reason = f"rank {form.n} of C, C A + C', .. at t = {float(share * length):.3g}, and so in every period"
+            pattern = "rank {n} of C, C A + C', .. at t = {t:.3g}, and so in every period"
+            reason = because(pattern, n=form.n, t=float(share * length))
             return replace(answer(Verdict.PROVED, reason), proofs=(Persistent(waveforms, share * length, length),))
-    reason = f"no rank {form.n} of C, C A + C', .. was found at {len(_SHARES)} times with the input inside its range"
-    return answer(Verdict.UNKNOWN, reason)
+    pattern = "no rank {n} of C, C A + C', .. was found at {times} times with the input inside its range"
+    return answer(Verdict.UNKNOWN, because(pattern, n=form.n, times=len(_SHARES)))
 
 
 def seconds(period: Any) -> float | None:
@@ -171,40 +180,42 @@ def _along_time(form: Form, waveforms: Mapping[str, sp.Expr]) -> tuple[sp.Matrix
     return tuple(matrix.applyfunc(exact).xreplace(values) for matrix in (sp.Matrix(form.A), C))
 
 
-def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> str:
+def _broken(form: Form, waveforms: Mapping[str, sp.Expr]) -> sp.Expr | None:
     """A part of the plant that is not shown to be finite for these inputs at all times and the states in their ranges;
-    "" if there is none. A and C may have lost it: a/b is 1 for a = b = sin t, and the plant has no value at t = 0."""
+    None if there is none. A and C may have lost it: a/b is 1 for a = b = sin t, and the plant has no value at t = 0."""
     system, around = form.system, box(form.system.signals, form.system.nominal)
     values = {u: waveforms[u.name] for u in system.inputs}
     values |= {p: exact(sp.sympify(value)) for p, value in system.nominal.items() if not p.bounded}
     parts = doubtful(map(exact, written(system)), around)
-    return next((str(part) for part in parts if not _finite(exact(part.xreplace(values)), around)), "")
+    return next((part for part in parts if not _finite(exact(part.xreplace(values)), around)), None)
 
 
-def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> str:
-    """A sentence about an input, or an entry of A and C for inputs in their ranges, that is not shown to be finite and
-    real over a period; "" if there is none."""
+def _unbounded(form: Form, waveforms: Mapping[str, sp.Expr], length: sp.Expr) -> Reason:
+    """An input, or an entry of A and C for inputs in their ranges, that is not shown to be finite and real over a
+    period; `NONE` if there is none."""
     period = {t: (Fraction(0), Fraction(int(sp.ceiling(length))))}
-    rough = next((f"{name} = {e}" for name, e in waveforms.items() if not _finite(e, period)), "")
+    rough: Any = next(iter(equations({name: e for name, e in waveforms.items() if not _finite(e, period)})), None)
     loose = {u.name: waveforms[u.name] for u in form.system.inputs if not u.bounded}
     ranged = [u for u in form.system.inputs if u.bounded]
     around = box((*ranged, *form.system.parameters), form.system.nominal) | period
     entries = (e for matrix in _along_time(form, loose) for e in matrix)
-    rough = rough or next((str(e) for e in entries if not _finite(e, around)), "")
-    return f"{rough} is not shown to be a finite real number over the whole period" if rough else ""
+    rough = rough or next((e for e in entries if not _finite(e, around)), None)
+    unbounded = because("{part} is not shown to be a finite real number over the whole period", part=rough)
+    return NONE if rough is None else unbounded
 
 
-def _doubt(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> str:
-    """What is in the way of a constant input: it is no real number, the observer clamps it, or A, C are not finite; ""
-    if nothing."""
+def _doubt(form: Form, A: sp.Matrix, C: sp.Matrix, constants: Mapping[Signal, sp.Expr]) -> Reason:
+    """What is in the way of a constant input: it is no real number, the observer clamps it, or A, C are not finite;
+    `NONE` if nothing."""
     for u, value in constants.items():
         if not _finite(value, {}):
-            return f"{u} = {value} is not shown to be a finite real number"
+            return because("{input} = {value} is not shown to be a finite real number", input=u, value=value)
         if u.bounded and not _within(value, *box((u,))[u]):
-            return f"{u} = {value} is not shown to be in the range of {u}, to which the observer clamps it"
+            pattern = "{input} = {value} is not shown to be in the range of {input}, to which the observer clamps it"
+            return because(pattern, input=u, value=value)
     around = box(form.system.parameters, form.system.nominal)
-    rough = next((str(e) for matrix in (A, C) for e in matrix if not _finite(e, around)), "")
-    return f"{rough} is not shown to be a finite real number" if rough else ""
+    rough = next((e for matrix in (A, C) for e in matrix if not _finite(e, around)), None)
+    return NONE if rough is None else because("{part} is not shown to be a finite real number", part=rough)
 
 
 def _finite(e: sp.Expr, around: Box) -> bool:
@@ -256,10 +267,10 @@ def _full(form: Form, A: sp.Matrix, C: sp.Matrix, when: sp.Rational, rate: sp.Ex
 
 def _constant(answer: Callable[..., Check], form: Form, A: sp.Matrix, C: sp.Matrix) -> Check:
     if _full(form, A, C, sp.S.Zero):
-        check = answer(Verdict.PROVED, f"the pair (C, A) has rank {form.n}")
+        check = answer(Verdict.PROVED, because("the pair (C, A) has rank {n}", n=form.n))
     elif is_zero(_size(_rows(A, C, form.n)), box(form.system.parameters, form.system.nominal)):
         fix = "Vary the input, so that it shows the states that a constant one hides."
-        check = answer(Verdict.REFUTED, f"the pair (C, A) has a rank below {form.n}", fix)
+        check = answer(Verdict.REFUTED, because("the pair (C, A) has a rank below {n}", n=form.n), fix)
     else:
-        check = answer(Verdict.UNKNOWN, f"it is not shown that the pair (C, A) has rank {form.n}")
+        check = answer(Verdict.UNKNOWN, because("it is not shown that the pair (C, A) has rank {n}", n=form.n))
     return check

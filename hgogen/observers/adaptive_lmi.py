@@ -30,13 +30,14 @@ from hgogen.form import Form
 from hgogen.graph import Graph
 from hgogen.guarantees.adaptive_gain import Given, candidate, checks, steepness
 from hgogen.guarantees.adaptive_gain import disturbance as as_disturbance
-from hgogen.guarantees.certified import Nothing
+from hgogen.guarantees.bounded_theta import Nothing
 from hgogen.guarantees.design import adaptive_gain
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, gain
 from hgogen.part import Ode
 from hgogen.program import Field, scalar, sym
 from hgogen.reading.given import BadGain, positive, reals
+from hgogen.sentence import NONE
 from hgogen.starting import Gains, Scale, starts, two
 from hgogen.structure.dynamics import clamp
 from hgogen.theorem import FORM, OPERATION, Hypothesis, Theorem
@@ -134,7 +135,7 @@ def adaptive_lmi(
     gains = np.array([float(k) for k in design.K])
     demand_hurwitz("K", companion(gains), "take K and P of hgogen.design")
     steep = steepness(chain, low)
-    k, reason = (None, str(steep)) if isinstance(steep, Nothing) else (steep.proof.high, "")
+    k, reason = (None, steep.reason) if isinstance(steep, Nothing) else (steep.proof.high, NONE)
     shown = None if isinstance(steep, Nothing) else steep
     disturbed = None if disturbance is None else as_disturbance(disturbance, chain.n)
     own = checks("adaptive_lmi", design, Given(Fraction(low), Fraction(high), k, reason, disturbed, shown))

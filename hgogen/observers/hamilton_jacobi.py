@@ -31,6 +31,7 @@ from hgogen.part import Clock, Jump, Pieces
 from hgogen.program import Block, Field, Place, sym
 from hgogen.reading.given import BadGain, real
 from hgogen.reading.named import Matrix, Values, names_of, of_coordinates, of_outputs, whole
+from hgogen.sentence import because
 from hgogen.starting import Gains, Scale, starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.dynamics import Dynamics
@@ -169,7 +170,7 @@ def _quadratic(form: Form) -> Check:
         ClaimId("hamilton_jacobi", "quadratic"),
         "the value function is quadratic, so that the estimate minimises the cost",
         Verdict.PROVED if affine else Verdict.UNKNOWN,
-        "the model is affine in the state"
+        because("the model is affine in the state")
         if affine
-        else "its third derivatives are left out: an approximation near its minimum",
+        else because("its third derivatives are left out: an approximation near its minimum"),
     )

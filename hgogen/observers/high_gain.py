@@ -23,7 +23,7 @@ import numpy as np
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.certified import checks
+from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.constant_gain import ConstantGain, constant_gain
 from hgogen.observer import Observer, founded, high_gain_parameter, state_field
 from hgogen.part import Ode

@@ -25,7 +25,7 @@ from hgogen.chains.pairs import errors, injected, pair_gains
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.certified import checks
+from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.observer import Observer, founded, high_gain_parameter
 from hgogen.part import Ode

@@ -27,7 +27,7 @@ from hgogen.chains.saturating import Model, Saturate, demand_ranges, saturating,
 from hgogen.check import Claims, Verdict
 from hgogen.form import Form
 from hgogen.graph import Graph
-from hgogen.guarantees.certified import checks
+from hgogen.guarantees.bounded_theta import checks
 from hgogen.guarantees.certified_core import Layout, of_core
 from hgogen.intervals.digits import same
 from hgogen.observer import Observer, founded, high_gain_parameter

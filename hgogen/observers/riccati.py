@@ -23,6 +23,7 @@ from hgogen.observer import Observer, founded, linearised
 from hgogen.program import sym
 from hgogen.reading.given import BadGain
 from hgogen.reading.named import Matrix, Values
+from hgogen.sentence import because
 from hgogen.starting import starts
 from hgogen.structure.clamped import clamped
 from hgogen.structure.scaling import ALIGNED, noise_equation
@@ -102,6 +103,6 @@ def _theorem(theta: Theta) -> Check:
         ClaimId("riccati", "convergence"),
         theta.theorem.conclusion,
         Verdict.UNKNOWN,
-        "the theorem's constants are existential: no number for theta, d, gamma can be proved from it",
+        because("the theorem's constants are existential: no number for theta, d, gamma can be proved from it"),
         fix="validate by trials over noise seeds and jumps",
     )

@@ -22,6 +22,7 @@ from hgogen.errors import HgogenError
 from hgogen.intervals.bounds import Box, bound
 from hgogen.intervals.lost import parts
 from hgogen.intervals.sign import nonzero
+from hgogen.sentence import NONE, Reason, because
 
 _LENGTH = 60  # of an expression in a sentence
 
@@ -114,17 +115,17 @@ class Fold:
     reading: sp.Expr
     lost: tuple[Demand, ...]
 
-    def on(self, box: Box) -> str:
-        """What is read otherwise than written, as far as it is not excluded on the closed box; "" if it is."""
+    def on(self, box: Box) -> Reason:
+        """What is read otherwise than written, as far as it is not excluded on the closed box; `NONE` if it is."""
         places: dict[sp.Expr, str] = {}
         for relation, a in self.lost:
             if not _met(relation, a, box):
                 places[a] = "<=" if places.get(a, relation) != relation else relation
         if not places:
-            return ""
-        where = " or ".join(f"{_short(str(a))} {relation} 0" for a, relation in places.items())
-        reading = _short(str(self.reading))
-        return f"SymPy reads {_short(self.text)} as {reading}, also where {where}; {reading} is what is meant here"
+            return NONE
+        pattern = "SymPy reads {text} as {reading}, also where {places: or }; {reading} is what is meant here"
+        where = [because("{a} {relation} 0", a=_short(str(a)), relation=relation) for a, relation in places.items()]
+        return because(pattern, text=_short(self.text), reading=_short(str(self.reading)), places=where)
 
 
 def _met(relation: str, a: sp.Expr, box: Box) -> bool:

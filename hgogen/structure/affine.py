@@ -10,9 +10,10 @@ from hgogen.algebra.identity import free_of
 from hgogen.algebra.kinks import bent, slope
 from hgogen.check import ClaimId, Verdict
 from hgogen.graph import Graph
+from hgogen.sentence import NONE, Reason, because
 from hgogen.signal import Signal
 from hgogen.structure.apart import apart
-from hgogen.structure.chain import Rows, listed, of_plant
+from hgogen.structure.chain import Rows, of_plant
 from hgogen.structure.dynamics import Dynamics
 from hgogen.system import System
 
@@ -25,7 +26,7 @@ class Affine:
     slopes: tuple[sp.Expr, ...]
     rest: sp.Expr
     answer: bool | None = True
-    why: str = ""
+    why: Reason = NONE
 
 
 @dataclass(frozen=True)
@@ -48,18 +49,19 @@ def affine(name: str, row: sp.Expr, states: Sequence[Signal], rows: Rows) -> Aff
         gain = free_of(slope(row, x), states, rows.box) if sure or maybe else sp.S.Zero
         varies, may_vary = rows.reads(gain, states)
         if varies:
-            why = f"{name} has the slope {gain} in {x}, which varies with {listed(varies)}"
-            return Affine(none, row, False, why)
+            pattern = "{name} has the slope {gain} in {state}, which varies with {states}"
+            return Affine(none, row, False, because(pattern, name=name, gain=gain, state=x, states=varies))
         may += may_vary
         slopes.append(gain)
         rest -= gain * x
     rest = free_of(sp.expand(rest), states, rows.box)
     sure, maybe = rows.reads(rest, states)
     if sure:
-        return Affine(none, row, False, f"{name} is not affine in {listed(sure)}")
+        return Affine(none, row, False, because("{name} is not affine in {states}", name=name, states=sure))
     doubtful = list(dict.fromkeys((*may, *maybe)))
     if doubtful:
-        return Affine(tuple(slopes), rest, None, f"{name} is not shown to be affine in {listed(doubtful)}")
+        why = because("{name} is not shown to be affine in {states}", name=name, states=doubtful)
+        return Affine(tuple(slopes), rest, None, why)
     return Affine(tuple(slopes), rest)
 
 

@@ -18,7 +18,8 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound
 from hgogen.intervals.box import box
-from hgogen.intervals.digits import up
+from hgogen.intervals.digits import Up
+from hgogen.sentence import because
 
 BOXES = 500  # mu need not be the least
 
@@ -35,15 +36,15 @@ def bounded(id: ClaimId, form: Form, products: Sequence[sp.Expr]) -> Check:
     loose = [s.name for s in (*states, *form.system.inputs) if s in read and not s.bounded]
     if loose:
         fix = f"Declare a range for {', '.join(loose)}; of an input's derivative by rates=((low, high), ..)."
-        reason = f"no range is declared for {', '.join(loose)}; an input that steps has none"
+        reason = because("no range is declared for {names}; an input that steps has none", names=loose)
         return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)
     around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
         ranges = [bound(a * row, around, boxes=BOXES) for a, row in zip(products, rows, strict=True) if row != 0]
     except NoTape as missing:
-        return Check(id, claim, Verdict.UNKNOWN, f"{missing.what} may be unbounded")
+        return Check(id, claim, Verdict.UNKNOWN, because("{what} may be unbounded", what=missing.what))
     if not all(values.finite and values.defined for values in ranges):
-        return Check(id, claim, Verdict.UNKNOWN, "no bound was found; it may have poles on the box")
+        return Check(id, claim, Verdict.UNKNOWN, because("no bound was found; it may have poles on the box"))
     mu = max((max(abs(values.low), abs(values.high)) for values in ranges), default=0.0)
-    proved = Check(id, claim, Verdict.PROVED, f"mu <= {up(mu)}, by outward-rounded intervals")
+    proved = Check(id, claim, Verdict.PROVED, because("mu <= {mu}, by outward-rounded intervals", mu=Up(mu)))
     return if_valued(proved, form.system)

@@ -23,9 +23,10 @@ from hgogen.algebra.points import put
 from hgogen.analysis.on_box import on_box
 from hgogen.intervals.box import box
 from hgogen.intervals.slope import JUMPS
+from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System
 
-Answer = tuple[bool | None, str]
+Answer = tuple[bool | None, Reason]
 
 _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds)
 
@@ -94,10 +95,10 @@ class Link:
     moves: bool | None
 
     @property
-    def jumps(self) -> str:
-        """A part in which the row may jump in its state, which its slope does not see; "" without."""
-        rough = () if self.affine else (str(node) for node in bent(self.row).atoms(*JUMPS) if node.has(self.state))
-        return min(rough, default="")
+    def jumps(self) -> sp.Expr | None:
+        """A part in which the row may jump in its state, which its slope does not see; None without."""
+        rough = () if self.affine else (node for node in bent(self.row).atoms(*JUMPS) if node.has(self.state))
+        return min(rough, key=str, default=None)
 
     def answer(self, shape: Shape, measured: sp.Symbol | None = None) -> Answer:
         """Whether the row has the shape, and what is wrong; `measured` is z_1 where a gain may vary with it."""
@@ -106,38 +107,46 @@ class Link:
         allowed = {measured} if shape is Shape.MEASURED else set()
         varies = [x for x in self.varies if x not in allowed]
         doubtful = [x for x in self.may_vary if x not in allowed]
-        where = f"{self.name} brings in {self.state}"
         if varies and (self.affine is not False or self.slope.has(*varies)):
-            text = f" with a slope that varies with {listed(varies)}, {self.slope}; it may vary with {shape.value}"
-            return False, where + text
+            pattern = "{link} with a slope that varies with {states}, {slope}; it may vary with {allowed}"
+            return False, because(pattern, link=self._reason, states=varies, slope=self.slope, allowed=shape.value)
         if self.affine is False:
-            return False, f"{where} in a way that is not linear"
+            return False, because("{link} in a way that is not linear", link=self._reason)
         if self.strays:
-            return None, f"{where}, and {listed(self.strays)} with it as far as is known"
+            return None, self._straying
         if doubtful:
-            return None, f"{where} with a slope that may vary with {listed(doubtful)}, {self.slope}"
+            pattern = "{link} with a slope that may vary with {states}, {slope}"
+            return None, because(pattern, link=self._reason, states=doubtful, slope=self.slope)
         if self.affine is None:
-            return None, f"{where} in a way that is not shown to be linear"
-        return True, where
+            return None, because("{link} in a way that is not shown to be linear", link=self._reason)
+        return True, self._reason
 
     def _uniform(self) -> Answer:
-        where = f"{self.name} brings in {self.state}"
         if self.moves is False:
-            return False, f"{where} with a slope that is zero"
+            return False, because("{link} with a slope that is zero", link=self._reason)
         if self.strays:
-            return None, f"{where}, and {listed(self.strays)} with it as far as is known"
-        return (True, where) if self.moves else (None, f"{where} with a slope that is not shown to differ from zero")
+            return None, self._straying
+        doubt = because("{link} with a slope that is not shown to differ from zero", link=self._reason)
+        return (True, self._reason) if self.moves else (None, doubt)
+
+    @property
+    def _reason(self) -> Reason:
+        return because("{row} brings in {state}", row=self.name, state=self.state)
+
+    @property
+    def _straying(self) -> Reason:
+        return because("{link}, and {states} with it as far as is known", link=self._reason, states=self.strays)
 
 
 @dataclass(frozen=True)
 class Chains:
     """A chain of links for each output, as far as it was followed.
 
-    `broken`: why not every state was met, or ""; `certain`: that is proved, so that no order does.
+    `broken`: why not every state was met, or `NONE`; `certain`: that is proved, so that no order does.
     """
 
     links: tuple[tuple[Link, ...], ...]
-    broken: str = ""
+    broken: Reason = NONE
     certain: bool = True
 
     @property
@@ -152,19 +161,19 @@ class Chains:
 
     def answer(self, shape: Shape) -> Answer:
         """Whether every row has the shape, and the chains hold all states; else what is wrong."""
-        doubt = ""
+        doubt = NONE
         for links in self.links:
             for i, link in enumerate(links):
                 answer, why = link.answer(shape if i or shape is Shape.UNIFORM else Shape.CONSTANT, links[0].state)
                 if answer is False:
                     return (False if self.certain else None), why
-                doubt = doubt or ("" if answer else why)
+                doubt = doubt or (NONE if answer else why)
         if self.broken:
             return (False if self.certain else None), self.broken
-        return (None, doubt) if doubt else (True, " and ".join(self._as_text(links) for links in self.links))
+        return (None, doubt) if doubt else (True, because("{chains: and }", chains=map(self._named, self.links)))
 
-    def _as_text(self, links: Sequence[Link]) -> str:
-        return " -> ".join([links[0].name, *(link.state.name for link in links)])
+    def _named(self, links: Sequence[Link]) -> Reason:
+        return because("{names: -> }", names=[links[0].name, *(link.state.name for link in links)])
 
 
 def levelwise(rows: Rows) -> Chains:
@@ -179,7 +188,7 @@ def levelwise(rows: Rows) -> Chains:
     active = dict(enumerate(zip(rows.names, rows.output, strict=True)))
     certain, alone = True, len(rows.output) == 1
 
-    def broken(why: str, sure: bool = True) -> Chains:
+    def broken(why: Reason, sure: bool = True) -> Chains:
         return Chains(tuple(map(tuple, chains)), why, certain and sure)
 
     while left:
@@ -196,9 +205,9 @@ def levelwise(rows: Rows) -> Chains:
                 links[j] = link(name, row, (*sure, *maybe), rows)
         both = twice(links.values())
         if both:
-            return broken(f"{both[0].name} and {both[1].name} bring in the same state, {both[0].state}")
+            return broken(same_state(*both))
         if not links:
-            return broken(f"no row brings in {listed(left)}")
+            return broken(because("no row brings in {states}", states=left))
         for j, new in links.items():
             chains[j].append(new)
             left.remove(new.state)
@@ -208,14 +217,16 @@ def levelwise(rows: Rows) -> Chains:
 
 def _stop(
     name: str, sure: Sequence[sp.Symbol], maybe: Sequence[sp.Symbol], left: Sequence[sp.Symbol], must: bool
-) -> tuple[str, bool] | None:
+) -> tuple[Reason, bool] | None:
     """Why the order ends at a row that reads these new states, and whether that is proved; it `must` read one."""
     if len(sure) > 1:
-        return f"{name} brings in {listed(sure)} together, and each row may bring in one new state", True
+        pattern = "{row} brings in {states} together, and each row may bring in one new state"
+        return because(pattern, row=name, states=sure), True
     if not sure and len(maybe) > 1:
-        return f"{name} may bring in {listed(maybe)}, and none is shown to matter", False
+        return because("{row} may bring in {states}, and none is shown to matter", row=name, states=maybe), False
     if must and not sure and not maybe:
-        return f"{name} brings in no new state, so the output never shows {listed(left)}", True
+        pattern = "{row} brings in no new state, so the output never shows {states}"
+        return because(pattern, row=name, states=left), True
     return None
 
 
@@ -276,6 +287,12 @@ def twice(links: Iterable[Link]) -> tuple[Link, Link] | None:
             return seen[later.state], later
         seen[later.state] = later
     return None
+
+
+def same_state(one: Link, other: Link) -> Reason:
+    """That two links, as of `twice`, have one state."""
+    pattern = "{row} and {other} bring in the same state, {state}"
+    return because(pattern, row=one.name, other=other.name, state=one.state)
 
 
 def listed(symbols: Iterable[sp.Symbol]) -> str:

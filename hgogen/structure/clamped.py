@@ -16,13 +16,14 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import Slopes
 from hgogen.form import Form
 from hgogen.intervals.box import box
-from hgogen.intervals.digits import up
+from hgogen.intervals.digits import Up
 from hgogen.intervals.proof import Proof
 from hgogen.intervals.slope import lipschitz_bound
+from hgogen.sentence import Reason, because, joined
 from hgogen.signal import Signal
 
 BOXES = 500  # the bound need not be the least
-_HOW = "by outward-rounded intervals"
+_TAKEN = because("b is taken at Psi(z), clamped to the plant's ranges")
 
 
 def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ...]:
@@ -36,31 +37,31 @@ def clamped(observer: str, form: Form, *, boxes: int = BOXES) -> tuple[Check, ..
     return (Check(ClaimId(observer, "lipschitz"), claim, verdict, reason, proofs=tuple(map(Slopes, proofs))),)
 
 
-def _bounded_slope(form: Form, boxes: int) -> tuple[Verdict, str] | tuple[Verdict, str, Proof]:
+def _bounded_slope(form: Form, boxes: int) -> tuple[Verdict, Reason] | tuple[Verdict, Reason, Proof]:
     """The verdict, the reason and the proof. The verdict is PROVED or UNKNOWN: beyond the image of the plant's box b is
     not the plant's, and nothing there refutes."""
     if form.behind is None:
         proof = _steepest(form.b, form.states, form, boxes)
-        if isinstance(proof, str):
+        if isinstance(proof, Reason):
             return Verdict.UNKNOWN, proof
         assert proof.high is not None
-        return Verdict.PROVED, f"L_b <= {up(proof.high)}, {_HOW}", proof
-    taken = "b is taken at Psi(z), clamped to the plant's ranges"
-    if isinstance(_steepest(form.from_form, form.states, form, boxes), str):
-        return Verdict.UNKNOWN, f"{taken}, of which no slope is proved: Psi may have poles in the box of z"
+        return Verdict.PROVED, because("L_b <= {L_b}, by outward-rounded intervals", L_b=Up(proof.high)), proof
+    if isinstance(_steepest(form.from_form, form.states, form, boxes), Reason):
+        poles = "{taken}, of which no slope is proved: Psi may have poles in the box of z"
+        return Verdict.UNKNOWN, because(poles, taken=_TAKEN)
     why = _steepest(form.behind, form.system.states, form, boxes)
-    if isinstance(why, str):
-        return Verdict.UNKNOWN, f"{taken}; {why}"
-    return Verdict.PROVED, f"{taken}, both of bounded slope, {_HOW}"
+    if isinstance(why, Reason):
+        return Verdict.UNKNOWN, joined(_TAKEN, why)
+    return Verdict.PROVED, because("{taken}, both of bounded slope, by outward-rounded intervals", taken=_TAKEN)
 
 
-def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | str:
+def _steepest(rows: Sequence[sp.Expr], states: Sequence[Signal], form: Form, boxes: int) -> Proof | Reason:
     """The proof of the steepest slope of the rows on the box of the states, or the reason why none is proved."""
     around = box((*states, *form.system.inputs, *form.system.parameters), form.system.nominal)
     try:
         steepest = lipschitz_bound(rows, states, around, boxes=boxes)
     except NoTape as missing:
-        return f"{missing.what} may jump or be singular"
+        return because("{what} may jump or be singular", what=missing.what)
     if steepest.verdict is not Verdict.PROVED or not math.isfinite(steepest.high):
         return steepest.reason
     return Proof(tuple(rows), None, Fraction(steepest.high), steepest.variables, steepest.tree)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import sympy as sp
 
 from hgogen.check import Check, ClaimId, Verdict
+from hgogen.sentence import because
 from hgogen.structure.chain import Rows, of_plant
 from hgogen.system import System
 
@@ -27,13 +28,13 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output or in the derivative of one that counts"
     if not hidden and doubtful:
-        names = ", ".join(x.name for x in doubtful)
-        return Check(id, claim, Verdict.UNKNOWN, f"it is not shown that {names} matters where it is read")
+        doubt = because("it is not shown that {states} matters where it is read", states=doubtful)
+        return Check(id, claim, Verdict.UNKNOWN, doubt)
     if not hidden:
-        return Check(id, claim, Verdict.PROVED, "by following dependencies from the outputs")
+        return Check(id, claim, Verdict.PROVED, because("by following dependencies from the outputs"))
     names = ", ".join(x.name for x in hidden)
     fix = f"Leave {names} out of the model, or measure something that depends on it."
-    return Check(id, claim, Verdict.REFUTED, f"no output ever shows {names}", fix=fix)
+    return Check(id, claim, Verdict.REFUTED, because("no output ever shows {states}", states=hidden), fix=fix)
 
 
 def cut_off(maker: str, plant: System) -> tuple[Check, ...]:

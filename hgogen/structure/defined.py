@@ -11,7 +11,8 @@ from hgogen.evidence.enclosing import enclosure, sides
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
 from hgogen.intervals.bounds import bound, box
-from hgogen.intervals.singular import minimal, singular
+from hgogen.intervals.singular import minimal, reasons, singular
+from hgogen.sentence import Sentence, because
 from hgogen.system import System
 
 _BOXES = 2000
@@ -35,25 +36,27 @@ def defined(id: ClaimId, name: str, c: sp.Expr, system: System) -> Check:
 
     It is proved by outward-rounded intervals and bisection, refuted by a point, and unknown otherwise.
     """
-    claim = f"{name} = {c} is a finite real number on the box"
+    claim = Sentence.of("{name} = {c} is a finite real number on the box", name=name, c=c)
     c = exact(settled(c, {p: value for p, value in system.nominal.items() if not p.bounded}))
     signals = tuple(s for s in system.signals if s in c.free_symbols)
     around = box(signals, system.nominal)
     try:
         extent = bound(c, around, boxes=_BOXES)
     except NoTape as missing:
-        return Check(id, claim, Verdict.UNKNOWN, str(missing))
+        return Check(id, claim, Verdict.UNKNOWN, missing.reason)
     if extent.defined:
-        reason = "outward-rounded intervals find no singular point"
+        reason = because("outward-rounded intervals find no singular point")
         return Check(id, claim, Verdict.PROVED, reason, proofs=(Offset(*id.at or (1,)),))
-    loose = ", ".join(s.name for s in signals if not s.bounded)
+    loose = [s.name for s in signals if not s.bounded]
     if loose:
-        fix = f"Declare low= and high= for {loose}."
-        return Check(id, claim, Verdict.UNKNOWN, f"no range is declared for {loose}", fix=fix)
+        fix = f"Declare low= and high= for {', '.join(loose)}."
+        return Check(id, claim, Verdict.UNKNOWN, because("no range is declared for {names}", names=loose), fix=fix)
     fix = f"Narrow the ranges so that {name} is defined everywhere."
     for point in points(signals):
         if kind(c, point) == "undefined":
-            return Check(id, claim, Verdict.REFUTED, f"{name} is not a finite real number", witness(point), fix)
+            reason = because("{name} is not a finite real number", name=name)
+            return Check(id, claim, Verdict.REFUTED, reason, witness(point), fix)
     poles = singular([c], around)
-    reason = f"holds where {' and '.join(map(str, minimal(poles.values())))}" if poles else extent.note
+    holds = because("holds where {conditions: and }", conditions=reasons(minimal(poles.values())))
+    reason = holds if poles else extent.note
     return Check(id, claim, Verdict.UNKNOWN, reason, fix=fix)

@@ -21,7 +21,8 @@ from hgogen.intervals.box import Box
 from hgogen.intervals.box import box as box_of
 from hgogen.intervals.digits import down, up
 from hgogen.intervals.glance import Interval, enclose, finite
-from hgogen.intervals.singular import minimal, singular
+from hgogen.intervals.singular import minimal, reasons, singular
+from hgogen.sentence import Reason, because
 from hgogen.signal import Signal
 from hgogen.structure.lipschitz import JUMPS, KINKS
 from hgogen.system import System
@@ -91,18 +92,19 @@ def _inverse(written: Change, change: Change, signed: Mapping[Signal, sp.Dummy])
     for s, e, signals in maps:
         point = _where(e, signals, ("undefined",))
         if point is not None:
-            reason = f"{s} = {e} is not a finite real number"
+            reason = because("{state} = {value} is not a finite real number", state=s, value=e)
             return Check(id, claim, Verdict.REFUTED, reason, witness(point), narrow)
     gaps = [(e.xreplace(written.forward) - x, change.old) for x, e in written.backward.items()]
     gaps += [(e.xreplace(written.backward) - w, change.new) for w, e in written.forward.items()]
     for gap, signals in gaps:
         point = _where(gap, signals, ("> 0", "< 0"))
         if point is not None:
-            return Check(id, claim, Verdict.REFUTED, f"{gap} is not 0", witness(point), narrow)
-    doubt = _roughness(maps) or next((f"{g} was not shown to be 0" for g, _ in gaps if not _zero(g, signed)), "")
+            return Check(id, claim, Verdict.REFUTED, because("{gap} is not 0", gap=gap), witness(point), narrow)
+    left = (because("{gap} was not shown to be 0", gap=gap) for gap, _ in gaps if not _zero(gap, signed))
+    doubt = _roughness(maps) or next(left, None)
     if doubt:
         return Check(id, claim, Verdict.UNKNOWN, doubt, fix=narrow)
-    reason = "outward-rounded intervals find no singular point, exact substitution both ways"
+    reason = because("outward-rounded intervals find no singular point, exact substitution both ways")
     return Check(id, claim, Verdict.PROVED, reason, proofs=(ByForm(),))
 
 
@@ -110,16 +112,17 @@ def _zero(gap: sp.Expr, signed: Mapping[Signal, sp.Dummy]) -> bool:
     return bool(sp.simplify(gap.xreplace(signed)) == 0)
 
 
-def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> str:
-    """A text that says where a map or a slope of it may be singular, jump or have a kink; empty if nowhere."""
+def _roughness(maps: list[tuple[Signal, sp.Expr, tuple[Signal, ...]]]) -> Reason | None:
+    """Where a map or a slope of it may be singular, jump or have a kink; None if nowhere."""
     for s, e, signals in maps:
-        rough = sorted(map(str, e.atoms(*JUMPS, *KINKS)))
+        rough = sorted(e.atoms(*JUMPS, *KINKS), key=str)
         if rough:
-            return f"{s} = {e} may not be smooth, for {rough[0]}"
+            return because("{state} = {value} may not be smooth, for {part}", state=s, value=e, part=rough[0])
         poles = singular([e, *(e.diff(x) for x in signals)], box_of(signals))
         if poles:
-            return f"{s} = {e} is smooth where {' and '.join(map(str, minimal(poles.values())))}"
-    return ""
+            pattern = "{state} = {value} is smooth where {conditions: and }"
+            return because(pattern, state=s, value=e, conditions=reasons(minimal(poles.values())))
+    return None
 
 
 def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> Point | None:
@@ -132,7 +135,7 @@ def _where(e: sp.Expr, signals: tuple[Signal, ...], kinds: tuple[str, ...]) -> P
 
 def _range(change: Change) -> Check:
     id, claim = ClaimId("recast", "range"), "the new states keep to their ranges while the plant's states do"
-    wide, loose = [], set()
+    wide, loose = list[Reason](), set()
     for w, e in change.forward.items():
         if w.low is None or w.high is None:
             continue
@@ -144,15 +147,17 @@ def _range(change: Change) -> Check:
         point = below or _where(e - sp.Rational(high), change.old, ("> 0",))
         if point is not None:
             fix = f"Widen the range of {w}{_least(_seen(e, change.old, reached))}."
-            reason = f"{w} = {e} leaves [{w.low:g}, {w.high:g}]"
-            return Check(id, claim, Verdict.REFUTED, reason, witness(point), fix)
-        wide.append(f"{w} = {e} was not shown to stay in [{w.low:g}, {w.high:g}]")
+            leaves = because("{state} = {value} leaves [{low:g}, {high:g}]", state=w, value=e, low=w.low, high=w.high)
+            return Check(id, claim, Verdict.REFUTED, leaves, witness(point), fix)
+        pattern = "{state} = {value} was not shown to stay in [{low:g}, {high:g}]"
+        wide.append(because(pattern, state=w, value=e, low=w.low, high=w.high))
         loose |= {s.name for s in change.old if s in e.free_symbols and not s.bounded}
     if wide:
         names = ", ".join(sorted(loose))
         fix = f"Declare low= and high= for {names}." if names else "Widen its range."
         return Check(id, claim, Verdict.UNKNOWN, wide[0], fix=fix)
-    return Check(id, claim, Verdict.PROVED, "outward-rounded intervals, exact at the ends", proofs=(ByForm(),))
+    reason = because("outward-rounded intervals, exact at the ends")
+    return Check(id, claim, Verdict.PROVED, reason, proofs=(ByForm(),))
 
 
 def image(expression: sp.Expr, signals: tuple[Signal, ...]) -> Interval:

@@ -15,11 +15,13 @@ from hgogen.analysis.written import asked, if_valued
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import Slopes
 from hgogen.intervals.bounds import box as box_of
-from hgogen.intervals.digits import up
+from hgogen.intervals.bounds import counted
+from hgogen.intervals.digits import Up
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.proof import Proof, ends
-from hgogen.intervals.singular import minimal, singular
+from hgogen.intervals.singular import minimal, reasons, singular
 from hgogen.intervals.slope import JUMPS, KINKS, Lipschitz, lipschitz_bound
+from hgogen.sentence import Reason, because
 from hgogen.system import System
 
 __all__ = ["JUMPS", "KINKS", "lipschitz"]
@@ -41,7 +43,7 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     """
     id, claim = ClaimId(maker, "lipschitz"), f"{name} is Lipschitz in the state on the box"
 
-    def answer(verdict: Verdict, reason: str, fix: str = "") -> Check:
+    def answer(verdict: Verdict, reason: Reason, fix: str = "") -> Check:
         return Check(id, claim, verdict, reason, fix=fix)
 
     box, entries = box_of(system.signals, system.nominal), tuple(b)
@@ -49,9 +51,8 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
     try:
         steepest = lipschitz_bound(rows, system.states, box)
     except NoTape as missing:
-        return answer(
-            Verdict.UNKNOWN, f"{missing.what} may jump or be singular", "Write it with functions that are known."
-        )
+        doubt = because("{what} may jump or be singular", what=missing.what)
+        return answer(Verdict.UNKNOWN, doubt, "Write it with functions that are known.")
     if steepest.verdict is Verdict.PROVED:
         proof = Proof(entries, None, ends(0.0, steepest.high)[1], steepest.variables, steepest.tree)
         return if_valued(replace(answer(Verdict.PROVED, _bound(steepest)), proofs=(Slopes(proof),)), system)
@@ -59,22 +60,25 @@ def lipschitz(maker: str, b: Iterable[sp.Expr], system: System, name: str = "b")
         return _refuted(
             answer(Verdict.REFUTED, steepest.reason, "Narrow the ranges so that it stays away from there."), steepest
         )
-    jumps = sorted({str(node) for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)})
+    jumps = sorted({node for row in rows for node in bent(row).atoms(*JUMPS) if node.has(*system.states)}, key=str)
     if jumps:
-        return answer(Verdict.UNKNOWN, f"{jumps[0]} may jump", "Write saturations with sympy.Min and sympy.Max.")
+        doubt = because("{part} may jump", part=jumps[0])
+        return answer(Verdict.UNKNOWN, doubt, "Write saturations with sympy.Min and sympy.Max.")
     slopes = [row.diff(x) for row in rows for x in system.states if x in row.free_symbols]
     poles = singular([*rows, *slopes], box)
-    names = ", ".join(sorted({s.name for row in rows for s in row.free_symbols if s in _loose(system)}))
+    names = sorted({s.name for row in rows for s in row.free_symbols if s in _loose(system)})
     if names:
-        return answer(Verdict.UNKNOWN, f"no bound without a range for {names}", f"Declare low= and high= for {names}.")
+        fix = f"Declare low= and high= for {', '.join(names)}."
+        return answer(Verdict.UNKNOWN, because("no bound without a range for {names}", names=names), fix)
     if poles:
         conditions = minimal((*poles.values(), *asked(system)))
         fix = "Narrow the ranges so that it stays away from there."
         if any(part.has(*system.states) for part in (*poles, *(each.of for each in conditions))):
-            there = " or ".join(condition.failure for condition in conditions)
-            return answer(Verdict.UNKNOWN, f"no uniform bound is shown; it may be singular {there}", fix)
-        holds = " and ".join(map(str, conditions))
-        return answer(Verdict.WHERE, f"holds on every closed part of the box where {holds}", fix)
+            places = [condition.failure for condition in conditions]
+            doubt = because("no uniform bound is shown; it may be singular {places: or }", places=places)
+            return answer(Verdict.UNKNOWN, doubt, fix)
+        parts = "holds on every closed part of the box where {conditions: and }"
+        return answer(Verdict.WHERE, because(parts, conditions=reasons(conditions)), fix)
     return answer(Verdict.UNKNOWN, steepest.reason)
 
 
@@ -82,11 +86,11 @@ def _loose(system: System) -> set[sp.Symbol]:
     return {s for s in (*system.states, *system.inputs) if not s.bounded}
 
 
-def _bound(steepest: Lipschitz) -> str:
-    boxes = f"{steepest.boxes} box{'' if steepest.boxes == 1 else 'es'}"
+def _bound(steepest: Lipschitz) -> Reason:
     if steepest.high == 0:
-        return "it does not depend on the state"
-    return f"L_b <= {up(steepest.high)}, by outward-rounded intervals on {boxes}"
+        return because("it does not depend on the state")
+    pattern = "L_b <= {L_b}, by outward-rounded intervals on {boxes}"
+    return because(pattern, L_b=Up(steepest.high), boxes=counted(steepest.boxes))
 
 
 def _refuted(check: Check, steepest: Lipschitz) -> Check:

@@ -14,6 +14,7 @@ from hgogen.algebra.points import exact
 from hgogen.algebra.tape import NoTape
 from hgogen.form import Form
 from hgogen.intervals.bounds import LIMIT, Range, bound, box
+from hgogen.sentence import Reason, because
 
 Corner = tuple[tuple[tuple[Fraction, ...], ...], tuple[Fraction, ...]]  # A (n, n) and C (n) of a chain
 
@@ -43,28 +44,28 @@ def span(expression: sp.Expr, form: Form, boxes: int = LIMIT) -> Range | None:
         return None
 
 
-def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | str:
+def extents(chain: Sequence[sp.Expr], form: Form) -> tuple[Range, ...] | Reason:
     """The ranges of a chain's a_1..a_n on the declared box, or the reason why there are none."""
     ranges = []
     for i, a in enumerate(chain, 1):
         known = span(a, form)
         if not (known and known.defined and known.finite):
-            return f"a_{i} = {a} has no finite range on the box"
+            return because("a_{i} = {a} has no finite range on the box", i=i, a=a)
         ranges.append(known)
     return tuple(ranges)
 
 
-def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | str:
+def corners(chain: Sequence[sp.Expr], form: Form) -> list[Corner] | Reason:
     """The pairs (A, C) of a chain at the ends of the ranges of its a_1..a_n, or the reason why there are none."""
     ranges = extents(chain, form)
-    if isinstance(ranges, str):
+    if isinstance(ranges, Reason):
         return ranges
     ends = [
         (Fraction(a),) if a.is_Rational else (Fraction(known.low), Fraction(known.high))
         for a, known in zip(chain, ranges, strict=True)
     ]
     if sum(len(pair) > 1 for pair in ends) > VARYING:
-        return f"more than {VARYING} of the a_i vary, whose ranges have too many vertices"
+        return because("more than {most} of the a_i vary, whose ranges have too many vertices", most=VARYING)
     n = range(len(ends))
     return [
         (

@@ -10,11 +10,12 @@ from hgogen.check import Check, ClaimId, Verdict
 from hgogen.evidence.enclosing import enclosure, point, sides
 from hgogen.evidence.grounds import Evidence
 from hgogen.form import Form
-from hgogen.intervals.bounds import Range, bound, box
+from hgogen.intervals.bounds import Range, bound, box, counted
 from hgogen.intervals.box import End
-from hgogen.intervals.digits import down, up
+from hgogen.intervals.digits import Down, Up
 from hgogen.intervals.proof import Proof, ends
 from hgogen.intervals.sign import Cause, Sign, nonzero
+from hgogen.sentence import NONE, Reason, Sentence, because
 from hgogen.signal import Signal
 from hgogen.system import System
 
@@ -81,24 +82,26 @@ def positive(id: ClaimId, name: str, a: sp.Expr, system: System) -> Check:
     proved: by outward-rounded intervals and bisection. refuted: with a point where a is zero, negative or not finite
     and real, or next to a zero. unknown: a range is missing, or the boxes tried do not decide.
     """
-    check = Check(id, f"0 < a_m <= {name} = {a} <= a_M on the box", Verdict.UNKNOWN, "", subject=a)
+    claim = Sentence.of("0 < a_m <= {name} = {a} <= a_M on the box", name=name, a=a)
+    check = Check(id, claim, Verdict.UNKNOWN, NONE, subject=a)
     a, signals = _varying(a, system)
     try:
         answer = nonzero(a, box(system.signals, system.nominal))
     except NoTape as missing:
-        return replace(check, reason=str(missing))
+        return replace(check, reason=missing.reason)
     if answer.verdict is Verdict.PROVED and answer.sign > 0:
         return _proved(check, a, answer, signals, system)
     negative = answer.range.least
     if answer.verdict is Verdict.REFUTED:
         reason, witness = answer.reason, answer.witness
     elif negative is not None and negative.value < 0:
-        reason, witness = "is negative", negative.point
+        reason, witness = because("is negative"), negative.point
     else:
         return _unknown(check, answer.reason, signals)
     at = {s.name: float(value) for s, value in witness.items()}
     fix, consequence = _fix(name, signals, system)
-    refuted = replace(check, verdict=Verdict.REFUTED, reason=f"{name} {reason}", witness=at)
+    why = because("{name} {reason}", name=name, reason=reason)
+    refuted = replace(check, verdict=Verdict.REFUTED, reason=why, witness=at)
     return replace(refuted, fix=fix, consequence=consequence, disproof=NotPositive(id.at))
 
 
@@ -107,7 +110,7 @@ def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], 
     extent = first.range if first.exact else bound(a, box(system.signals, system.nominal))
     low, high = first.exact or (max(extent.low, first.range.low), min(extent.high, first.range.high))
     if high == float("inf"):
-        return _unknown(check, f"{extent.boxes} boxes give no upper bound", signals)
+        return _unknown(check, because("{boxes} boxes give no upper bound", boxes=extent.boxes), signals)
     tightest = extent if extent.low > 0 else first.range
     sure = first.exact or (tightest.low, tightest.high)
     proof = Proof((a,), *ends(*sure), tightest.variables, tightest.tree)
@@ -115,22 +118,20 @@ def _proved(check: Check, a: sp.Expr, first: Sign, signals: tuple[Signal, ...], 
     return replace(check, verdict=Verdict.PROVED, reason=_range(a, low, high, extent, first), proofs=proofs)
 
 
-def _range(a: sp.Expr, low: End, high: End, extent: Range, first: Sign) -> str:
+def _range(a: sp.Expr, low: End, high: End, extent: Range, first: Sign) -> Reason:
     if a.is_Rational:
-        return f"it is {a}"
-    if first.exact:
-        return f"between {down(low)} and {up(high)}, by {first.reason}"
-    boxes = max(extent.boxes, first.range.boxes)
-    return (
-        f"between {down(low)} and {up(high)}, by outward-rounded intervals on {boxes} box{'' if boxes == 1 else 'es'}"
-    )
+        return because("it is {a}", a=a)
+    on = because("outward-rounded intervals on {boxes}", boxes=counted(max(extent.boxes, first.range.boxes)))
+    how = first.reason if first.exact else on
+    return because("between {low} and {high}, by {how}", low=Down(low), high=Up(high), how=how)
 
 
-def _unknown(check: Check, reason: str, signals: tuple[Signal, ...]) -> Check:
-    loose = ", ".join(s.name for s in signals if not s.bounded)
+def _unknown(check: Check, reason: Reason, signals: tuple[Signal, ...]) -> Check:
+    loose = [s.name for s in signals if not s.bounded]
     if loose:
-        return replace(check, reason=f"no range is declared for {loose}", fix=f"Declare low= and high= for {loose}.")
-    return replace(check, reason=f"no point refutes it, {reason}")
+        fix = f"Declare low= and high= for {', '.join(loose)}."
+        return replace(check, reason=because("no range is declared for {names}", names=loose), fix=fix)
+    return replace(check, reason=because("no point refutes it, {reason}", reason=reason))
 
 
 def _varying(a: sp.Expr, system: System) -> tuple[sp.Expr, tuple[Signal, ...]]:

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import sympy as sp
 
-from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, link, listed, twice
+from hgogen.sentence import NONE, Reason, because
+from hgogen.structure.chain import Chains, Link, Rows, Shape, levelwise, link, same_state, twice
 
 
 def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
@@ -23,7 +24,7 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
     first = [head for head in heads if isinstance(head, Link)]
     both = twice(first)
     if both:
-        return Chains((), f"{both[0].name} and {both[1].name} bring in the same state, {both[0].state}")
+        return Chains((), same_state(*both))
     states, taken = {head.state for head in first}, list[sp.Symbol]()
     done: dict[int, tuple[Link, ...]] = {}
     while len(done) < len(first):
@@ -36,22 +37,25 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
         taken += [each.state for each in done[ready]]
     left = [x for x in rows.states if x not in taken]
     links = tuple(done[j] for j in range(len(first)))
-    return Chains(links, f"no row brings in {listed(left)}" if left else "")
+    return Chains(links, because("no row brings in {states}", states=left) if left else NONE)
 
 
 def _head(name: str, row: sp.Expr, rows: Rows) -> Link | Chains:
     sure, maybe = rows.reads(row, rows.states)
     if len(sure) > 1:
-        return Chains((), f"{name} brings in {listed(sure)} together, and an output may read one state")
+        pattern = "{output} brings in {states} together, and an output may read one state"
+        return Chains((), because(pattern, output=name, states=sure))
+    if not maybe and not sure:
+        return Chains((), because("{output} shows no state", output=name))
     if not sure:
-        return Chains((), f"{name} shows no state" if not maybe else f"{name} may not show {maybe[0]}", not maybe)
+        return Chains((), because("{output} may not show {state}", output=name, state=maybe[0]), certain=False)
     return link(name, row, (*sure, *maybe), rows)
 
 
 def _path(
     head: Link, heads: set[sp.Symbol], taken: Sequence[sp.Symbol], rows: Rows, shape: Shape
-) -> tuple[tuple[Link, ...], str, bool]:
-    """The chain of an output after the states taken, the reason why it stops early or "", and whether this is
+) -> tuple[tuple[Link, ...], Reason, bool]:
+    """The chain of an output after the states taken, the reason why it stops early or `NONE`, and whether this is
     proved."""
     links = [head]
     while True:
@@ -59,13 +63,14 @@ def _path(
         own = [each.state for each in links]
         sure, maybe = rows.reads(rows.rate(state), [x for x in rows.states if x not in (*taken, *own)])
         if not sure and not maybe:
-            return tuple(links), "", True
+            return tuple(links), NONE, True
         if len(sure) > 1:
-            return tuple(links), f"{state}' brings in {listed(sure)} together", True
+            return tuple(links), because("{state}' brings in {states} together", state=state, states=sure), True
         if not sure:
-            return tuple(links), f"{state}' may bring in {listed(maybe)}", False
+            return tuple(links), because("{state}' may bring in {states}", state=state, states=maybe), False
         if sure[0] in heads:
-            return tuple(links), f"{state}' brings in {sure[0]}, which another output starts with", True
+            pattern = "{state}' brings in {next}, which another output starts with"
+            return tuple(links), because(pattern, state=state, next=sure[0]), True
         links.append(link(f"{state}'", rows.rate(state), (*sure, *maybe), rows))
         answer, why = links[-1].answer(shape, head.state)
         if not answer:
@@ -80,14 +85,14 @@ def end_aligned(rows: Rows) -> Chains:
 
     Source: N. Boizot, "Adaptive high-gain extended Kalman filter and applications", thesis (2010), chapter 5.
     """
-    why = ""
+    why = NONE
     for chains in _candidates(rows):
         answer, reason = chains.answer(Shape.CONSTANT)
         late = _too_late(chains, rows) if answer else reason
         if not late:
             return chains
         why = why or late
-    return Chains((), f"no chains aligned at their ends were found: {why}", certain=False)
+    return Chains((), because("no chains aligned at their ends were found: {why}", why=why), certain=False)
 
 
 def _candidates(rows: Rows) -> Iterator[Chains]:
@@ -97,8 +102,8 @@ def _candidates(rows: Rows) -> Iterator[Chains]:
     yield _swept(rows, range(len(rows.output))[::-1])
 
 
-def _too_late(chains: Chains, rows: Rows) -> str:
-    """A sentence about the first row that reads, or may read, a state too close to the end of its chain; else ""."""
+def _too_late(chains: Chains, rows: Rows) -> Reason:
+    """The first row that reads, or may read, a state too close to the end of its chain; else `NONE`."""
     sizes = chains.blocks
     place = {each.state: (k, i) for k, links in enumerate(chains.links) for i, each in enumerate(links, 1)}
     for state, (i, j) in place.items():
@@ -106,8 +111,9 @@ def _too_late(chains: Chains, rows: Rows) -> str:
         late = [x for x, (k, level) in place.items() if level > j + sizes[k] - sizes[i] and x not in following]
         sure, maybe = rows.reads(rows.rate(state), late)
         if sure or maybe:
-            return f"{state}' reads {listed((*sure, *maybe))}, nearer to the end of its chain"
-    return ""
+            pattern = "{state}' reads {states}, nearer to the end of its chain"
+            return because(pattern, state=state, states=(*sure, *maybe))
+    return NONE
 
 
 def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
@@ -122,13 +128,13 @@ def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
     chains = [[head] for head in heads if isinstance(head, Link)]
     both = twice(links[0] for links in chains)
     if both:
-        return Chains((), f"{both[0].name} and {both[1].name} bring in the same state, {both[0].state}")
+        return Chains((), same_state(*both))
     left = [x for x in rows.states if x not in {links[0].state for links in chains}]
     waiting: set[int] = set()
     while left:
         moved = [j for j in priority if j not in waiting and _moved(chains[j], left, rows, waiting, j)]
         if not moved and not any(_moved(chains[j], left, rows, set(), j) for j in sorted(waiting)):
-            return Chains(tuple(map(tuple, chains)), f"no row brings in {listed(left)}", certain=False)
+            return Chains(tuple(map(tuple, chains)), because("no row brings in {states}", states=left), certain=False)
     return Chains(tuple(map(tuple, chains)), certain=False)
 
 

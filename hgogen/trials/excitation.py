@@ -19,6 +19,7 @@ from hgogen.program import sym
 from hgogen.reading.given import BadGain, reals
 from hgogen.reading.given import positive as above
 from hgogen.reading.named import of_outputs
+from hgogen.sentence import because, joined
 from hgogen.structure.affine import known
 from hgogen.structure.dynamics import Dynamics
 from hgogen.trials.gramian import Gramian, Steps, window
@@ -57,9 +58,10 @@ def shown(id: str, gramian: Gramian) -> Check:
     k = int(np.argmin(share))
     least, direction = float(gramian.smallest[k]), gramian.direction[k]
     weak = gramian.states[int(np.argmax(np.abs(direction)))]
-    reason = f"the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
+    pattern = "the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
+    reason = because(pattern, least=least, weak=weak)
     if share[k] > HIDDEN:
-        return Check(name, claim, Verdict.UNKNOWN, f"{reason}; a record proves nothing of another")
+        return Check(name, claim, Verdict.UNKNOWN, joined(reason, because("a record proves nothing of another")))
     return Check(
         name, claim, Verdict.REFUTED, reason, {"t": float(gramian.start[k])}, "Excite the plant, or wait longer."
     )
