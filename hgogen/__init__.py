@@ -41,6 +41,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.system import System
     from hgogen.target import write
     from hgogen.trials import excitation
+    from hgogen.trials.consistency import consistency
     from hgogen.trials.gramian import gramian
     from hgogen.trials.reference import reference
     from hgogen.trials.response import response
@@ -71,6 +72,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "Fit": "identification.result",
     "fit": "identification.fit",
     "Log": "identification.records",
+    "consistency": "trials.consistency",
     "gramian": "trials.gramian",
     **dict.fromkeys(("Model", "load"), "model"),
     "observability": "analysis.observability",
@@ -110,6 +112,7 @@ __all__ = [
     "advise",
     "bound",
     "certificate",
+    "consistency",
     "design",
     "dissipation",
     "error_system",

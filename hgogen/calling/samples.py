@@ -1,8 +1,8 @@
 """What goes into a step and what comes out of it: numbers at the door, one sample, a record."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple, cast
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -94,9 +94,27 @@ class Sample:
         return f"{', '.join(values)} ({', '.join(self.flags) or 'ok'})"
 
 
+class Replayed(Protocol):
+    """What takes the samples of a run once more."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the outputs."""
+        ...
+
+    @property
+    def innovations(self) -> Any:
+        """Of the whole run: `e`, `variances` and `covariance`."""
+        ...
+
+
 @dataclass(frozen=True)
 class Run:
-    """What a record gives: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine."""
+    """What a record gives: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine.
+
+    `innovations`, `variances` and `covariance` are computed when they are asked for, by `replay`, of whose samples this
+    run has those from the number `first` on.
+    """
 
     t: np.ndarray
     x: np.ndarray
@@ -104,6 +122,33 @@ class Run:
     traces: Mapping[str, np.ndarray]
     status: np.ndarray
     engine: Engine | Literal["cvodes"]
+    replay: Replayed | None = field(default=None, repr=False, compare=False)
+    first: int = 0
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the outputs, of which innovations are; none of a run that is no step's."""
+        return () if self.replay is None else self.replay.outputs
+
+    @property
+    def innovations(self) -> np.ndarray | None:
+        """y - yhat (N, p) before each output corrects, NaN where its sample was not used; None of a run that is no
+        step's."""
+        return None if self.replay is None else self.replay.innovations.e[self.first :]
+
+    @property
+    def variances(self) -> np.ndarray | None:
+        """The variances (N, p) that the observer takes the innovations to have; None without a covariance."""
+        return self._of_replay("variances")
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """The covariance (N, n, n) of the estimates, in the order of `names`, after each sample; None without one."""
+        return self._of_replay("covariance")
+
+    def _of_replay(self, name: str) -> np.ndarray | None:
+        values = None if self.replay is None else getattr(self.replay.innovations, name)
+        return None if values is None else values[self.first :]
 
     def __getitem__(self, name: str) -> np.ndarray:
         return np.asarray(self.x[:, _position(name, self.names)])
@@ -111,7 +156,8 @@ class Run:
     def since(self, first: int) -> "Run":
         """What it gives from the sample of that number on."""
         traces = {name: values[first:] for name, values in self.traces.items()}
-        return replace(self, t=self.t[first:], x=self.x[first:], traces=traces, status=self.status[first:])
+        t, x, status = self.t[first:], self.x[first:], self.status[first:]
+        return replace(self, t=t, x=x, traces=traces, status=status, first=self.first + min(first, len(self.t)))
 
 
 # --- the door -----------------------------------------------------------------------------------------------

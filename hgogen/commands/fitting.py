@@ -31,10 +31,10 @@ from hgogen.identification.solution import ITERATIONS
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.measured import Record
+from hgogen.trials.consistency import WORSE
 from hgogen.trials.prediction import Prediction, predictions
 
 _AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
-WORSE = 1.05  # times the error of another prediction, of which a note is made
 _JUDGE = "riccati"  # the observer that starts predictions where the model has none
 
 

@@ -11,6 +11,7 @@ from hgogen.commands.tables import headed
 from hgogen.identification.result import Fit
 from hgogen.reading.measured import Report
 from hgogen.signal import Signal
+from hgogen.trials.consistency import Consistency
 from hgogen.trials.noise import Suggestion
 from hgogen.trials.prediction import Prediction
 
@@ -112,6 +113,31 @@ def hidden(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list
     for name, error in errors.items():
         table.add_row(name, _cell(error) or "nothing measured", Text(units[name]))
     return [Group(table, "")]
+
+
+def consistent(whole: Consistency, notes: Iterable[str]) -> RenderableType:
+    """Whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the run."""
+    table = headed(
+        "innovations: NIS is 1 where they are as large as the observer takes them to be; Ljung-Box tests whiteness",
+        *("output", "samples", "RMS", "NIS", "its 95 % band", "beyond 2 sigma", "Ljung-Box", "limit"),
+        numbers=7,
+    )
+    for one in whole.outputs:
+        share = "" if one.outside is None else f"{100 * one.outside:.3g} %"
+        test = one.whiteness
+        white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
+        table.add_row(one.output, f"{one.count}", _cell(one.rms), _cell(one.nis), _band(one.band), share, *white)
+    lines = [
+        f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
+        f"of which {one.alike:.3g} tell as much as one"
+        for one in [whole.states]
+        if one is not None
+    ]
+    return Group(table, *map(Text, (*lines, *notes)), "")
+
+
+def _band(ends: tuple[float, float] | None) -> str:
+    return "" if ends is None else f"{ends[0]:.4g} .. {ends[1]:.4g}"
 
 
 def suggestion(noise: Suggestion, unit: str) -> RenderableType:

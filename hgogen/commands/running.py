@@ -30,6 +30,7 @@ from hgogen.reading.filename import fault
 from hgogen.reading.measured import Record, mapping, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
+from hgogen.trials.consistency import consistency, no_better
 from hgogen.trials.prediction import predictions, rms
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
@@ -85,7 +86,10 @@ def run_(
     unit of time, notes), status (samples by status bit), initial (states that the first samples or --initial
     give), predictions (output, ahead: samples or null for open
     loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), hidden
-    (RMS error of the estimate by state, where --truth gives it), files.
+    (RMS error of the estimate by state, where --truth gives it), innovations (by output: count, rms; nis, the mean of
+    e^2/s, with the ends of its 95 % band, outside, the share beyond 2 sigma, null without a covariance; whiteness:
+    test, statistic, limit, lags, white), nees (states, count, alike: how many errors tell as much as one, nees, band;
+    null without truth or covariance), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
@@ -100,13 +104,14 @@ def run_(
     done = step.run(u=u, y=y, engine=engine)
     counted = _counted(step, burn_in, len(y))
     errors = predictions(step, done.since(counted), u[counted:], y[counted:], ahead)
-    hidden = {
-        state: _rms((done[state] - record.values[:, record.names.index(name)])[counted:])
-        for state, (name, _) in true.items()
-    }
+    measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
+    hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
+    sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
+    notes = [*no_better(errors), *sure.sentences()]
     status = jobs.flagged(step, done.status)
     files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
-    files |= rendered(jobs.record_figures(step, name, record, done))
+    files |= {f"{name}_innovations.csv": jobs.innovations(step, record, done)}
+    files |= rendered(jobs.record_figures(step, name, record, done, measured))
     paths = folder.demand(*files, f"{name}_report.json")
     report = {
         "model": loaded.path,
@@ -116,6 +121,9 @@ def run_(
         "initial": begins,
         "predictions": [one.as_dict() for one in errors],
         "hidden": hidden,
+        "innovations": [one.as_dict() for one in sure.outputs],
+        "nees": sure.states and sure.states.as_dict(),
+        "notes": notes,
         "files": list(map(str, paths)),
     }
     folder.write({**files, f"{name}_report.json": json_text(report) + "\n"})
@@ -124,6 +132,7 @@ def run_(
         tables.status(step.bits, status, len(y)),
         log_tables.predictions(errors, step.dt, step.time),
         *log_tables.hidden(hidden, step.states),
+        log_tables.consistent(sure, notes),
         tables.files(paths),
     )
     show(as_json, report, *shown)
