@@ -13,6 +13,7 @@ from hgogen.reading.measured import Report
 from hgogen.signal import Signal
 from hgogen.trials.consistency import Consistency
 from hgogen.trials.noise import Suggestion
+from hgogen.trials.precision import Difference
 from hgogen.trials.prediction import Prediction
 
 
@@ -134,6 +135,19 @@ def consistent(whole: Consistency, notes: Iterable[str]) -> RenderableType:
         if one is not None
     ]
     return Group(table, *map(Text, (*lines, *notes)), "")
+
+
+def from_double(each: Sequence[Difference], time: str) -> list[RenderableType]:
+    """How far a run in float is from double, if it is one."""
+    if not each:
+        return []
+    table = headed(
+        "in float, the bits that fly: the largest difference from double",
+        *("state", "difference", "unit", f"at ({time})", "share", "of its"),
+    )
+    for one in each:
+        table.add_row(one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of)
+    return [Group(table, "")]
 
 
 def _band(ends: tuple[float, float] | None) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine, Run
 from hgogen.commands import jobs, log_tables, tables
 from hgogen.commands.command import (
     Json,
@@ -31,6 +32,7 @@ from hgogen.reading.measured import Record, mapping, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
+from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rms
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
@@ -89,7 +91,9 @@ def run_(
     (RMS error of the estimate by state, where --truth gives it), innovations (by output: count, rms; nis, the mean of
     e^2/s, with the ends of its 95 % band, outside, the share beyond 2 sigma, null without a covariance; whiteness:
     test, statistic, limit, lags, white), nees (states, count, alike: how many errors tell as much as one, nees, band;
-    null without truth or covariance), notes, files.
+    null without truth or covariance), real, from_double (with --real float, by state: the largest difference from the
+    same run in double, its time t, its share of scale, the width of the range or the peak; status: samples whose status
+    differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
@@ -107,7 +111,8 @@ def run_(
     measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
     sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
-    notes = [*no_better(errors), *sure.sentences()]
+    single = _from_double(step, done, u, y, engine)
+    notes = [*no_better(errors), *sure.sentences(), *coarse(single, step.time)]
     status = jobs.flagged(step, done.status)
     files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
     files |= {f"{name}_innovations.csv": jobs.innovations(step, record, done)}
@@ -123,6 +128,8 @@ def run_(
         "hidden": hidden,
         "innovations": [one.as_dict() for one in sure.outputs],
         "nees": sure.states and sure.states.as_dict(),
+        "real": step.real,
+        "from_double": [one.as_dict() for one in single],
         "notes": notes,
         "files": list(map(str, paths)),
     }
@@ -132,10 +139,18 @@ def run_(
         tables.status(step.bits, status, len(y)),
         log_tables.predictions(errors, step.dt, step.time),
         *log_tables.hidden(hidden, step.states),
+        *log_tables.from_double(single, step.time),
         log_tables.consistent(sure, notes),
         tables.files(paths),
     )
     show(as_json, report, *shown)
+
+
+def _from_double(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[Difference, ...]:
+    """How far a run in float is from the same in double; nothing of one in double."""
+    if step.real == "double":
+        return ()
+    return differences(step.states, done, step.made_again(real="double").run(u=u, y=y, engine=engine))
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
