@@ -34,6 +34,7 @@ from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
 from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rms
+from hgogen.trials.rejected import MostlyRejected, rejections
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
@@ -91,9 +92,10 @@ def run_(
     (RMS error of the estimate by state, where --truth gives it), innovations (by output: count, rms; nis, the mean of
     e^2/s, with the ends of its 95 % band, outside, the share beyond 2 sigma, null without a covariance; whiteness:
     test, statistic, limit, lags, white), nees (states, count, alike: how many errors tell as much as one, nees, band;
-    null without truth or covariance), real, from_double (with --real float, by state: the largest difference from the
-    same run in double, its time t, its share of scale, the width of the range or the peak; status: samples whose status
-    differs), notes, files.
+    null without truth or covariance), rejected (outputs most of whose samples the observer rejects, for which the exit
+    status is 1: output, count, share, values: the middle nine in ten, range, map: what makes it fit, mends), real,
+    from_double (with --real float, by state: the largest difference from the same run in double, its time t, its share
+    of scale, the width of the range or the peak; status: samples whose status differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
@@ -111,6 +113,7 @@ def run_(
     measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
     hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
     sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
+    wrong = rejections(step, done, u, y, record.operands, engine)
     single = _from_double(step, done, u, y, engine)
     notes = [*no_better(errors), *sure.sentences(), *coarse(single, step.time)]
     status = jobs.flagged(step, done.status)
@@ -129,6 +132,7 @@ def run_(
         "innovations": [one.as_dict() for one in sure.outputs],
         "nees": sure.states and sure.states.as_dict(),
         "real": step.real,
+        "rejected": [one.as_dict() for one in wrong],
         "from_double": [one.as_dict() for one in single],
         "notes": notes,
         "files": list(map(str, paths)),
@@ -144,6 +148,8 @@ def run_(
         tables.files(paths),
     )
     show(as_json, report, *shown)
+    if wrong:
+        raise MostlyRejected(wrong)
 
 
 def _from_double(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[Difference, ...]:

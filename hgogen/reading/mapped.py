@@ -51,6 +51,13 @@ def column(log: Table, text: str) -> Column:
     return Column(text, np.where(known, values, np.nan), blank & ~known, next(examples, ""))
 
 
+def operand(log: Table, text: str) -> str:
+    """What stands for a column, or an expression of columns, within an expression."""
+    if text in log.header:
+        return text if text.isidentifier() else f"[{text}]"
+    return f"({text})"
+
+
 def _placeholder(log: Table, k: int) -> str:
     """An identifier that no column has."""
     name = f"column_{k}"

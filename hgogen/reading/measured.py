@@ -8,7 +8,7 @@ each column keeps its number nearest in time (of equals the first).
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -102,12 +102,13 @@ class Report:
 @dataclass(frozen=True, eq=False)
 class Record:
     """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing, as a masked entry
-    is; the report."""
+    is; the report; `operands`: of each signal what stands for its column in an expression of --map."""
 
     t: np.ndarray
     names: tuple[str, ...]
     values: np.ndarray
     report: Report
+    operands: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Replaces a mask, which a selection of columns would lose, by NaN."""
@@ -182,6 +183,7 @@ def read(
         times = np.arange(len(log.rows)) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
     record = _gridded(log, series, times, dt, unit)
+    record = replace(record, operands={name: mapped.operand(log, text) for name, text in columns.items()})
     for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
             example = f", but cells such as {one.example!r}" if one.example else ""

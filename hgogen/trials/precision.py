@@ -44,9 +44,7 @@ def differences(states: Sequence[Signal], single: Run, double: Run) -> tuple[Dif
         scale, of = (width, "range") if signal.bounded else (peak, "peak")
         at = int(np.argmax(gap))
         share = float(gap[at]) / scale if scale else float(gap[at] > 0)
-        each.append(
-            Difference(signal.name, signal.unit, float(gap[at]), float(single.t[at]), share, scale, of, status)
-        )
+        each.append(Difference(signal.name, signal.unit, float(gap[at]), float(single.t[at]), share, scale, of, status))
     return tuple(each)
 
 
