@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Run
+from hgogen.reading.assigned import mapping
 from hgogen.reading.log import BadRecord, table
-from hgogen.reading.measured import Record, mapping, read
+from hgogen.reading.measured import Record, read
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
 from hgogen.trials import noise
 from hgogen.trials.prediction import predictions

@@ -10,13 +10,21 @@ import numpy as np
 import typer
 
 from hgogen.identification.records import Log, beyond
-from hgogen.reading.measured import Record, mapping, read
+from hgogen.reading.assigned import mapping
+from hgogen.reading.measured import Record, read
 from hgogen.system import System
 
 Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")]
 Truth = Annotated[
     list[str] | None,
     typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),
+]
+Shift = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="SIGNAL=SAMPLES",
+        help="A signal taken so many samples later than it was logged, or earlier where negative; repeat it.",
+    ),
 ]
 Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")]
 HeldOut = Annotated[

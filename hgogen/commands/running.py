@@ -24,17 +24,19 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.logs import Truth, horizons, numbers_by_name, truth_of
+from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, truth_of
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.reading.assigned import mapping, shifts_of
 from hgogen.reading.filename import fault
-from hgogen.reading.measured import Record, mapping, read
+from hgogen.reading.measured import Record, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
 from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rms
 from hgogen.trials.rejected import MostlyRejected, rejections
+from hgogen.trials.shifts import better
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
@@ -67,6 +69,7 @@ def run_(
     out: Out = None,
     horizon: Annotated[str, typer.Option(help="Samples ahead of the prediction errors, such as 1,5,25.")] = "1,5,25",
     truth: Truth = None,
+    shift: Shift = None,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -93,9 +96,11 @@ def run_(
     e^2/s, with the ends of its 95 % band, outside, the share beyond 2 sigma, null without a covariance; whiteness:
     test, statistic, limit, lags, white), nees (states, count, alike: how many errors tell as much as one, nees, band;
     null without truth or covariance), rejected (outputs most of whose samples the observer rejects, for which the exit
-    status is 1: output, count, share, values: the middle nine in ten, range, map: what makes it fit, mends), real,
-    from_double (with --real float, by state: the largest difference from the same run in double, its time t, its share
-    of scale, the width of the range or the peak; status: samples whose status differs), notes, files.
+    status is 1: output, count, share, values: the middle nine in ten, range, map: what makes it fit, mends), better
+    (another shift or sign of one signal with which predictions err clearly less, or null: signal, shift in samples,
+    sign, error over that of copying, present), real, from_double (with --real float, by state: the largest difference
+    from the same run in double, its time t, its share of scale, the width of the range or the peak; status: samples
+    whose status differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
@@ -104,6 +109,8 @@ def run_(
     step = loaded.step(observer)
     true = truth_of(loaded.plant, truth or ())
     record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs), dict(true.values()))
+    shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
+    record = record.shifted(shifts)
     u, y = record.of(step.inputs), record.of(step.outputs)
     engine = engine_here()
     step, begins = _begun(step, y, initial)
@@ -115,7 +122,10 @@ def run_(
     sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
     wrong = rejections(step, done, u, y, record.operands, engine)
     single = _from_double(step, done, u, y, engine)
+    other = None if wrong else better(step, u, y, counted, engine)
     notes = [*no_better(errors), *sure.sentences(), *coarse(single, step.time)]
+    if other:
+        notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
     status = jobs.flagged(step, done.status)
     files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
     files |= {f"{name}_innovations.csv": jobs.innovations(step, record, done)}
@@ -132,6 +142,7 @@ def run_(
         "innovations": [one.as_dict() for one in sure.outputs],
         "nees": sure.states and sure.states.as_dict(),
         "real": step.real,
+        "better": other and other.as_dict(),
         "rejected": [one.as_dict() for one in wrong],
         "from_double": [one.as_dict() for one in single],
         "notes": notes,

@@ -8,95 +8,21 @@ each column keeps its number nearest in time (of equals the first).
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from hgogen.reading import mapped
 from hgogen.reading.given import unmasked
 from hgogen.reading.log import BadRecord, Column, Table, table
+from hgogen.reading.report import Report
 from hgogen.reading.time_unit import plural, seconds
 from hgogen.signal import Signal
 
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
-
-
-@dataclass(frozen=True)
-class Report:
-    """What was found in a log and what was done with it.
-
-    `rows` of the file; `samples` on the grid of `dt`; `period`: typical time between rows; `unit`: of all times;
-    `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and
-    `not_numbers` (NaN among them), both treated as missing samples; `covered`: those of them that share a
-    grid point with another row and cost no sample; `absent`: samples without a number, in all, which is
-    missing + not_numbers - covered + filled; `malformed`: rows with more cells than the header, left out;
-    `untimed`: rows without a usable time, left out; `out_of_order`: rows earlier than one before them,
-    sorted; `duplicates`: rows that repeat a time, merged; `surplus`: rows of other times at a grid point that
-    has one, merged; `gaps`: pauses longer than 1.5 periods, the longest of `longest_gap`; `filled`: grid
-    points without a row, given as missing samples; `shift`: the farthest a row was moved; `notes`:
-    whatever else was decided on reading, or looks doubtful.
-    """
-
-    path: str
-    rows: int
-    samples: int
-    dt: float
-    period: float
-    columns: Mapping[str, str]
-    missing: Mapping[str, int]
-    not_numbers: Mapping[str, int]
-    covered: Mapping[str, int]
-    absent: Mapping[str, int]
-    malformed: int
-    untimed: int
-    out_of_order: int
-    duplicates: int
-    surplus: int
-    gaps: int
-    longest_gap: float
-    filled: int
-    shift: float
-    unit: str
-    notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
-
-    def sentences(self) -> tuple[str, ...]:
-        """What was found and what was done with it, a sentence each; only what there is."""
-        period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
-        lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
-        for name, column in self.columns.items():
-            for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
-                if count:
-                    lines.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
-            if self.covered[name]:
-                lines.append(
-                    f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}"
-                )
-            if self.absent[name]:
-                lines.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
-        counted = (
-            (self.malformed, "rows with more cells than the header: {}, left out"),
-            (self.untimed, "rows without a usable time: {}, left out"),
-            (self.out_of_order, "rows earlier than one before them: {}, sorted by time"),
-            (self.duplicates, "rows that repeat a time: {}, merged; each column keeps its first number"),
-            (
-                self.surplus,
-                "rows at a grid point that has one: {}, merged; the number nearest in time is kept",
-            ),
-            (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} {self.unit}"),
-            (self.filled, "grid points without a row: {}, given as missing samples"),
-        )
-        lines += [text.format(count) for count, text in counted if count]
-        if self.shift > 1e-6 * self.dt:
-            lines.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
-        return (*lines, *self.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,35 +44,29 @@ class Record:
         """The columns (N, k) of some signals, in their order."""
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
+    def shifted(self, shifts: Mapping[str, int]) -> "Record":
+        """The record with signals taken so many samples later, or earlier where negative; missing where the log has
+        none. Raises: `BadRecord` where nothing is left of one."""
+        values, notes = self.values.copy(), []
+        for name, by in shifts.items():
+            if abs(by) >= len(values):
+                reason = f"--shift {name}={by} leaves nothing of its {len(values)} samples; give a smaller one"
+                raise BadRecord(self.report.path, reason)
+            column = self.names.index(name)
+            values[:, column] = shifted(values[:, column], by)
+            if by:
+                way = "later" if by > 0 else "earlier"
+                notes.append(f"{name} is taken {way} than it was logged, by samples: {abs(by)}")
+        return replace(self, values=values, report=replace(self.report, notes=(*self.report.notes, *notes)))
 
-def mapping(
-    path: str, assignments: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
-) -> dict[str, str]:
-    """The column name of each signal, from texts "SIGNAL=COLUMN"; a signal that none names has a column of its own
-    name.
 
-    Plain "u" and "y" name the only input and the only output.
-
-    Raises: `BadRecord`.
-    """
-    names = [s.name for s in (*inputs, *outputs)]
-    short = {"u": inputs, "y": outputs}
-    columns = {name: name for name in names}
-    seen: dict[str, str] = {}
-    for text in assignments:
-        key, equals, column = text.partition("=")
-        key = key.strip()
-        if key not in names and len(short.get(key, ())) == 1:
-            key = short[key][0].name
-        if not equals or not column.strip():
-            raise BadRecord(path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}")
-        if key not in names:
-            raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
-        if key in seen:
-            raise BadRecord(path, f"--map {seen[key]!r} and --map {text!r} map {key} twice; leave one of them out")
-        seen[key] = text
-        columns[key] = column.strip()
-    return columns
+def shifted(values: np.ndarray, by: int) -> np.ndarray:
+    """A column (N,) taken so many samples later, or earlier where negative; NaN where there is none."""
+    whole = np.full(len(values), np.nan)
+    count = len(values) - abs(by)
+    if count > 0:
+        whole[max(by, 0) : max(by, 0) + count] = values[max(-by, 0) : max(-by, 0) + count]
+    return whole
 
 
 def read(
