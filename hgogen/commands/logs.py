@@ -10,7 +10,8 @@ import numpy as np
 import typer
 
 from hgogen.identification.records import Log, beyond
-from hgogen.reading.assigned import mapping
+from hgogen.reading.assigned import mapping, shifts_of
+from hgogen.reading.averaged import WINDOWS, Window
 from hgogen.reading.measured import Record, read
 from hgogen.system import System
 
@@ -74,15 +75,23 @@ def logs_of(
     pairs: Sequence[str],
     beside: Mapping[str, str] = MappingProxyType({}),
     options: Mapping[str, str] = MappingProxyType({}),
+    shift: Sequence[str] = (),
+    window: Window = WINDOWS["line"],
 ) -> Logs:
     """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
-    other columns by name, which `options` name.
+    other columns by name, which `options` name; `shift`: texts SIGNAL=SAMPLES; `window`: that of inputs which are
+    averaged.
 
     Raises: `BadRecord`.
     """
     columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **beside}
+    shifts = shifts_of(str(data[0]), shift, plant.inputs, plant.outputs)
+    inputs = {s.name: window for s in plant.inputs}
     records = tuple(
-        read(path, columns, dt=dt, time=time, period=period, unit=plant.time, options=options) for path in data
+        read(path, columns, dt=dt, time=time, period=period, unit=plant.time, options=options, inputs=inputs).shifted(
+            shifts
+        )
+        for path in data
     )
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
 

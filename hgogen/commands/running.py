@@ -28,6 +28,7 @@ from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, truth_
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
+from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.filename import fault
 from hgogen.reading.measured import Record, read
 from hgogen.signal import Signal
@@ -217,7 +218,8 @@ def _record(
 ) -> Record:
     columns = mapping(str(data), pairs or (), step.inputs, step.outputs)
     wanted = {**{s.name: columns[s.name] for s in signals}, **beside}
-    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time)
+    inputs = {s.name: WINDOWS[step.between] for s in step.inputs}
+    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time, inputs=inputs)
 
 
 @command()

@@ -2,7 +2,8 @@
 
 Nothing is guessed in silence: the report counts what was missing, not a number, duplicated, out of order or
 in a gap, and says what was done with it. A row goes to the nearest grid point; where several meet at one,
-each column keeps its number nearest in time (of equals the first).
+each column keeps its number nearest in time (of equals the first). An input of a log that is faster than the
+step, or irregular, is averaged instead.
 """
 
 import math
@@ -15,7 +16,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hgogen.reading import mapped
+from hgogen.reading import averaged, mapped
+from hgogen.reading.averaged import Window
 from hgogen.reading.given import unmasked
 from hgogen.reading.log import BadRecord, Column, Table, table
 from hgogen.reading.report import Report
@@ -78,9 +80,11 @@ def read(
     period: float | None = None,
     unit: str = "s",
     options: Mapping[str, str] = MappingProxyType({}),
+    inputs: Mapping[str, Window] = MappingProxyType({}),
 ) -> Record:
     """The log at `path` on the grid of `dt`, of its own period where None; `unit`: that of all times, the model's;
-    `options`: what names the column of a name, where it is not "--map NAME=COLUMN".
+    `options`: what names the column of a name, where it is not "--map NAME=COLUMN". `inputs`: the names that are
+    averaged where the log is faster or irregular (reading/averaged.py), with their windows; others are sampled.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
     the column of times, or `period` is the time between rows.
@@ -102,7 +106,7 @@ def read(
     else:
         times = np.arange(len(log.rows)) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
-    record = _gridded(log, series, times, dt, unit)
+    record = _gridded(log, series, times, dt, unit, inputs)
     record = replace(record, operands={name: mapped.operand(log, text) for name, text in columns.items()})
     for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
@@ -181,9 +185,24 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
 
 
-def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step: float | None, unit: str) -> Record:
+def _averaged(names: Sequence[str]) -> tuple[str, ...]:
+    if not names:
+        return ()
+    return (
+        f"{', '.join(names)}: averaged over each step, every row held until the next, so that the integral is kept",
+    )
+
+
+def _gridded(
+    log: Table,
+    series: Mapping[str, Column],
+    stamps: np.ndarray,
+    step: float | None,
+    unit: str,
+    inputs: Mapping[str, Window],
+) -> Record:
     """The columns of the signals at the points of the grid of `step`, by default of the typical time between rows, each
-    the value of the row nearest in time."""
+    the value of the row nearest in time; of `inputs` its mean, where the log is faster or irregular."""
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
@@ -213,6 +232,12 @@ def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step:
         there = np.flatnonzero(np.isfinite(numbers))
         points, first = np.unique(point[nearest][there], return_index=True)
         values[points, c] = numbers[there[first]]
+    means = [name for name in series if name in inputs and averaged.wanted(steps, period, dt)]
+    for name in means:
+        hold = max(averaged.HELD * period, dt)
+        values[:, list(series).index(name)] = averaged.averaged(
+            times, series[name].values[ordered], float(times[0]), samples, dt, inputs[name], hold
+        )
     cells = {name: column.of(timed) for name, column in series.items()}
     absent = {name: int(np.isnan(values[:, c]).sum()) for c, name in enumerate(series)}
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
@@ -226,7 +251,7 @@ def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step:
         columns={name: column.name for name, column in series.items()},
         missing={name: column.empty for name, column in cells.items()},
         not_numbers={name: column.not_numbers for name, column in cells.items()},
-        covered={name: lost[name] + samples - used - absent[name] for name in series},
+        covered={name: min(lost[name], max(0, lost[name] + samples - used - absent[name])) for name in series},
         absent=absent,
         malformed=log.malformed,
         untimed=len(stamps) - len(timed),
@@ -238,6 +263,6 @@ def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step:
         filled=samples - used,
         shift=float(away.max()),
         unit=unit,
-        notes=(*log.notes, *_pace(period, dt, unit)),
+        notes=(*log.notes, *_pace(period, dt, unit), *_averaged(means)),
     )
     return Record(times[0] + np.arange(samples) * dt, tuple(series), values, report)
