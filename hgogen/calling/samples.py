@@ -9,6 +9,7 @@ import numpy as np
 from hgogen.errors import BadArgument
 from hgogen.reading.given import unmasked
 from hgogen.reading.named import in_order, names_of
+from hgogen.reading.optional import library
 from hgogen.signal import Signal
 
 Engine = Literal["c", "python"]
@@ -146,6 +147,18 @@ class Run:
         """The covariance (N, n, n) of the estimates, in the order of `names`, after each sample; None without one."""
         return self._of_replay("covariance")
 
+    def frame(self) -> Any:
+        """A pandas DataFrame, a row a sample, by the time t: estimates, traces and status; the innovations of an output
+        y as e_y, their variances, where there are some, as s_y. Raises: `NotInstalled`."""
+        pandas = library("pandas", "run.frame()")
+        columns = {name: self.x[:, i] for i, name in enumerate(self.names)} | dict(self.traces)
+        columns |= {"status": self.status}
+        for j, output in enumerate(self.outputs):
+            for letter, values in (("e", self.innovations), ("s", self.variances)):
+                if values is not None:
+                    columns[f"{letter}_{output}"] = values[:, j]
+        return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
+
     def _of_replay(self, name: str) -> np.ndarray | None:
         values = None if self.replay is None else getattr(self.replay.innovations, name)
         return None if values is None else values[self.first :]
@@ -215,6 +228,8 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     width = len(signals)
     if rows != 0:
         demand_given(name, value, signals)
+    if hasattr(value, "columns") and hasattr(value, "to_numpy"):
+        value = _of_frame(name, value, signals)
     if isinstance(value, Mapping):
         columns = in_order(name, value, names_of(signals))
         lengths = dict(zip(names_of(signals), map(np.size, columns), strict=True))
@@ -240,6 +255,15 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         )
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{listed(signals)}")
     return np.ascontiguousarray(array)
+
+
+def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
+    """The columns of the signals in a DataFrame, which may have others. Raises: `BadShape`."""
+    absent = [signal.name for signal in signals if signal.name not in frame.columns]
+    if absent:
+        there = ", ".join(map(str, frame.columns))
+        raise BadShape(f"{name}, a DataFrame", f"has no column {', '.join(absent)}; its columns are {there}")
+    return {signal.name: frame[signal.name].to_numpy(dtype=float) for signal in signals}
 
 
 def held_last(values: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from hgogen.reading.averaged import WINDOWS, Window
 from hgogen.reading.measured import Record, read
 from hgogen.system import System
 
-Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")]
+Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV, Parquet or MAT file; repeat it.")]
 Truth = Annotated[
     list[str] | None,
     typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),

@@ -39,7 +39,7 @@ from hgogen.trials.prediction import predictions, rms
 from hgogen.trials.rejected import MostlyRejected, rejections
 from hgogen.trials.shifts import better
 
-Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
+Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
 Period = Annotated[
     float | None,

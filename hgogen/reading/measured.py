@@ -13,14 +13,16 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from hgogen.reading import averaged, mapped
 from hgogen.reading.averaged import Window
 from hgogen.reading.given import unmasked
-from hgogen.reading.log import BadRecord, Column, Table, table
+from hgogen.reading.log import BadRecord, Column, Table
 from hgogen.reading.report import Report
+from hgogen.reading.tabular import log_of
 from hgogen.reading.time_unit import plural, seconds
 from hgogen.signal import Signal
 
@@ -72,7 +74,7 @@ def shifted(values: np.ndarray, by: int) -> np.ndarray:
 
 
 def read(
-    path: str | Path,
+    path: Any,
     columns: Mapping[str, str],
     *,
     dt: float | None,
@@ -82,20 +84,22 @@ def read(
     options: Mapping[str, str] = MappingProxyType({}),
     inputs: Mapping[str, Window] = MappingProxyType({}),
 ) -> Record:
-    """The log at `path` on the grid of `dt`, of its own period where None; `unit`: that of all times, the model's;
-    `options`: what names the column of a name, where it is not "--map NAME=COLUMN". `inputs`: the names that are
-    averaged where the log is faster or irregular (reading/averaged.py), with their windows; others are sampled.
+    """The log at `path`, a file's or a DataFrame, on the grid of `dt`, of its own period where None; `unit`: that of
+    all times, the model's; `options`: what names the column of a name, where it is not "--map NAME=COLUMN"; `inputs`:
+    the names that are averaged where the log is faster or irregular (reading/averaged.py), with their windows; others
+    are sampled.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
     the column of times, or `period` is the time between rows.
 
     Raises: `BadRecord`.
     """
+    name = str(path) if isinstance(path, str | Path) else "the log"
     if (time is None) == (period is None):
-        raise BadRecord(str(path), "give either --time COLUMN or --period TIME, so that the rows have times")
+        raise BadRecord(name, "give either --time COLUMN or --period TIME, so that the rows have times")
     if period is not None and not 0 < period < math.inf:
-        raise BadRecord(str(path), f"the period {period:g} must be a positive number of {plural(unit)}")
-    log = table(path)
+        raise BadRecord(name, f"the period {period:g} must be a positive number of {plural(unit)}")
+    log = log_of(path)
     for name, column in columns.items():
         if name == column and name not in log.header:
             listed = ", ".join(filter(None, log.header))
@@ -157,8 +161,7 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
 
 def _dates(log: Table, name: str) -> np.ndarray:
     """The cells of a column (rows,) as seconds since the first of its dates, ISO 8601; NaN for what is none."""
-    index = log.header.index(name)
-    seconds = np.array([_seconds(row[index]) for row in log.rows])
+    seconds = np.array([_seconds(cell) for cell in log.cells(name)])
     there = seconds[np.isfinite(seconds)]
     return seconds - there[0] if len(there) else seconds
 
