@@ -69,10 +69,10 @@ def test_the_cause_is_named_and_its_map_mends_it(cause: str, tmp_path: Path) -> 
 
 
 def test_a_map_of_an_expression_or_of_a_name_in_brackets_stands_in_one(tmp_path: Path) -> None:
-    words = written(tmp_path, "rad", -1, 1, 180 / np.pi, 0, "angle (deg)")
-    assert 'y="pi/180*[angle (deg)]"' in " ".join(hgogen(*words, status=1)[1].split())
-    words[words.index("y=angle (deg)")] = "y=2*[angle (deg)]/2"
-    assert 'y="pi/180*(2*[angle (deg)]/2)"' in " ".join(hgogen(*words, status=1)[1].split())
+    words = written(tmp_path, "rad", -1, 1, 180 / np.pi, 0, "angle #1")
+    assert 'y="pi/180*[angle #1]"' in " ".join(hgogen(*words, status=1)[1].split())
+    words[words.index("y=angle #1")] = "y=2*[angle #1]/2"
+    assert 'y="pi/180*(2*[angle #1]/2)"' in " ".join(hgogen(*words, status=1)[1].split())
 
 
 def test_what_no_map_mends_is_said(tmp_path: Path) -> None:

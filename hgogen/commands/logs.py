@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -87,12 +87,10 @@ def logs_of(
     columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **beside}
     shifts = shifts_of(str(data[0]), shift, plant.inputs, plant.outputs)
     inputs = {s.name: window for s in plant.inputs}
-    records = tuple(
-        read(path, columns, dt=dt, time=time, period=period, unit=plant.time, options=options, inputs=inputs).shifted(
-            shifts
-        )
-        for path in data
-    )
+    first = plant.origin.plant if plant.origin else plant
+    units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}
+    words: dict[str, Any] = {"dt": dt, "time": time, "period": period, "unit": plant.time, "units": units}
+    records = tuple(read(path, columns, **words, options=options, inputs=inputs).shifted(shifts) for path in data)
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
 
 
@@ -106,8 +104,13 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
         if state not in names or not column:
             reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
             raise typer.BadParameter(reason, param_hint="--truth")
-        columns[state] = (f"truth of {state}", column)
+        columns[state] = (truth_name(state), column)
     return columns
+
+
+def truth_name(state: str) -> str:
+    """What the column of a state's truth is called among the signals."""
+    return f"truth of {state}"
 
 
 def numbers_by_name(text: str, option: str) -> dict[str, float]:

@@ -24,7 +24,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, truth_of
+from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, truth_name, truth_of
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.reading.assigned import mapping, shifts_of
@@ -219,7 +219,8 @@ def _record(
     columns = mapping(str(data), pairs or (), step.inputs, step.outputs)
     wanted = {**{s.name: columns[s.name] for s in signals}, **beside}
     inputs = {s.name: WINDOWS[step.between] for s in step.inputs}
-    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time, inputs=inputs)
+    units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}
+    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time, inputs=inputs, units=units)
 
 
 @command()

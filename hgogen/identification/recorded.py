@@ -41,5 +41,7 @@ def record(
         raise BadSignal(unknown[0], f"is no signal; the signals are {', '.join(s.name for s in signals)}")
     inputs = {s.name: WINDOWS[between] for s in plant.inputs}
     wanted: dict[str, str] = {str(s.name): named.get(s.name, str(s.name)) for s in signals}
-    got = read(source, wanted, dt=dt, time=time, period=period, unit=plant.time, inputs=inputs).shifted(shift or {})
+    units = {s.name: s.unit for s in signals}
+    got = read(source, wanted, dt=dt, time=time, period=period, unit=plant.time, inputs=inputs, units=units)
+    got = got.shifted(shift or {})
     return Log(got.of(plant.inputs), got.of(plant.outputs), got.report.dt)

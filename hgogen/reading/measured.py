@@ -19,6 +19,7 @@ import numpy as np
 
 from hgogen.reading import averaged, mapped
 from hgogen.reading.averaged import Window
+from hgogen.reading.converted import Inconvertible, conversion
 from hgogen.reading.given import unmasked
 from hgogen.reading.log import BadRecord, Column, Table
 from hgogen.reading.report import Report
@@ -83,11 +84,12 @@ def read(
     unit: str = "s",
     options: Mapping[str, str] = MappingProxyType({}),
     inputs: Mapping[str, Window] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
 ) -> Record:
     """The log at `path`, a file's or a DataFrame, on the grid of `dt`, of its own period where None; `unit`: that of
     all times, the model's; `options`: what names the column of a name, where it is not "--map NAME=COLUMN"; `inputs`:
     the names that are averaged where the log is faster or irregular (reading/averaged.py), with their windows; others
-    are sampled.
+    are sampled; `units`: those of the names, to which a column is converted whose name holds another.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
     the column of times, or `period` is the time between rows.
@@ -105,19 +107,41 @@ def read(
             listed = ", ".join(filter(None, log.header))
             raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
     series = {name: mapped.column(log, text) for name, text in columns.items()}
+    operands = {name: mapped.operand(log, text) for name, text in columns.items()}
+    alone = {name: text for name, text in columns.items() if text in log.header}
+    for name, text in alone.items():
+        log, series[name], operands[name] = _converted(log, series[name], name, text, units.get(name, ""))
     if time is not None:
-        times = _stamps(log, log.column(time), unit)
+        log, clock, _ = _converted(log, log.column(time), "time", time, unit)
+        times = _stamps(log, clock, unit)
     else:
         times = np.arange(len(log.rows)) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
     record = _gridded(log, series, times, dt, unit, inputs)
-    record = replace(record, operands={name: mapped.operand(log, text) for name, text in columns.items()})
+    record = replace(record, operands=operands)
     for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
             example = f", but cells such as {one.example!r}" if one.example else ""
             fix = options.get(name, f"--map {name}=COLUMN")
             raise BadRecord(log.path, f"the column {one.name!r} holds no number for {name}{example}; say {fix}")
     return record
+
+
+def _converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
+    """A column in the unit of its signal, what stands for it in an expression, and the log with a note on it.
+
+    Raises: `BadRecord` where the units do not convert.
+    """
+    operand = mapped.operand(log, text)
+    try:
+        change = conversion(name, text, unit)
+    except Inconvertible as error:
+        fix = f"rename it, or take its numbers as they are, by an expression such as 1*{operand}"
+        raise BadRecord(log.path, f"the column {text!r} {error}; {fix}") from None
+    if isinstance(change, str):
+        return (replace(log, notes=(*log.notes, change)) if change else log), column, operand
+    log = replace(log, notes=(*log.notes, change.note))
+    return log, replace(column, values=change.factor * column.values + change.offset), change.operand(operand)
 
 
 def _stamps(log: Table, column: Column, unit: str) -> np.ndarray:
