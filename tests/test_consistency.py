@@ -97,6 +97,19 @@ def test_innovations_and_covariance_are_those_of_a_kalman_filter(name: str, engi
     assert (differences <= 2 * max(2.5e-3, share) * np.nanstd(e[20:], axis=0)).all()
 
 
+def test_of_two_sensors_of_one_state_the_second_counts_with_the_first() -> None:
+    """By a filter that corrects at samples, and by one that integrates with them: their variances differ by what the
+    filter forgets between samples, a fifth, and by half where the first sensor were not counted."""
+    q, w = hg.Signal("q", low=-50, high=50), hg.Signal("w", low=-50, high=50)
+    outputs = (hg.Signal("one"), hg.Signal("other"))
+    system = hg.System("twice", states=(q, w), outputs=outputs, flow=[w, -4 * q - 0.4 * w], output=[2 * q, 2 * q])
+    variances = [
+        filtering(system, method, noise=0.03).run(y=np.zeros((N, 2))).variances[100:].mean(axis=0)
+        for method in (hg.methods.continuous_discrete, hg.methods.rk4)
+    ]
+    np.testing.assert_allclose(variances[1], variances[0], rtol=0.2)
+
+
 def test_the_covariance_is_that_of_the_plants_states() -> None:
     """The phase form's coordinates are z = (2 q, 2 w)."""
     y = simulated(np.random.default_rng(2), 1)[0]
@@ -210,6 +223,10 @@ def test_worse_than_copying_is_a_sentence() -> None:
         Prediction("y", 1, 0.1, 0.2, 9, 0),
         Prediction("y", 5, 0.4, 0.3, 9, 0),
         Prediction("y", None, 9.0, None, 9, 0),
+    ]
+    still = [Prediction("y", 1, 0.1, 0.0, 9, 0), Prediction("y", None, 9.0, None, 9, 0)]
+    assert list(no_better(still)) == [
+        "y stands still in the whole record, so that copying it errs by 0: give a record that moves"
     ]
     assert list(no_better(rows)) == ["y: worse than copying at 5 steps ahead, by RMS errors of 0.4 for 0.3"]
 

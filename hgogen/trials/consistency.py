@@ -166,6 +166,9 @@ def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
     """A sentence for each output that is predicted worse than by copying."""
     for output in dict.fromkeys(one.output for one in predictions):
         rows = [one for one in predictions if one.output == output and one.copying is not None]
+        if rows and not any(one.copying for one in rows):
+            yield f"{output} stands still in the whole record, so that copying it errs by 0: give a record that moves"
+            continue
         worse = [one for one in rows if one.model > WORSE * (one.copying or 0.0)]
         if worse:
             steps = f"{', '.join(str(one.ahead) for one in worse)} step{'s' * (worse[-1].ahead != 1)} ahead"

@@ -28,6 +28,7 @@ from hgogen.trials.figures import (
 )
 
 Array = np.ndarray
+MARKED = "#6f6f6f"  # what was measured, as marks
 SLOW = 0.5  # of the samples: a sensor that gives fewer is drawn as marks
 BAND: Any = {"color": ESTIMATE, "alpha": 0.18, "linewidth": 0}
 
@@ -74,7 +75,8 @@ def _measured(axis: Axes, t: Array, values: Array, label: str, colour: str, widt
     """A broad line shows beside an estimate that lies on it; a slow sensor's values are marks."""
     there = np.isfinite(values)
     if there.mean() < SLOW:
-        axis.plot(*thin(t[there], values[there]), ".", markersize=3, color=colour, label=label)
+        dark = MARKED if colour == MEASURED else colour  # and above the lines, since a mark is small
+        axis.plot(*thin(t[there], values[there]), ".", markersize=4, color=dark, zorder=3, label=label)
     else:
         axis.plot(*thin(t, values), color=colour, linewidth=width, label=label)
 
