@@ -8,6 +8,7 @@ import pytest
 from test_cli import hgogen
 
 import hgogen as hg
+from hgogen.calling.samples import BadShape
 from hgogen.trials.consistency import no_better, quantile, whiteness
 from hgogen.trials.prediction import Prediction
 
@@ -204,6 +205,14 @@ def test_sentences_say_what_is_off() -> None:
     assert any("errors of w are" in said and "too careful" in said for said in careful)
     drifting = filtering(plant()).run(y=y + np.sin(np.arange(N) / 10)[:, None])
     assert any("not white" in said for said in hg.consistency(drifting).sentences())
+
+
+def test_a_bad_truth_is_a_sentence() -> None:
+    run = filtering(plant()).run(y=np.zeros((5, 2)))
+    with pytest.raises(BadShape, match="names no state; the states are q, w"):
+        hg.consistency(run, {"v": np.zeros(5)})
+    with pytest.raises(BadShape, match=r"truth of w of shape \(4,\) must have shape \(5,\)"):
+        hg.consistency(run, {"w": np.zeros(4)})
 
 
 def test_little_to_judge_by_is_no_error() -> None:

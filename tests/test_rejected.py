@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from test_cli import hgogen
 
+from hgogen.model import load
+from hgogen.trials.rejected import clamped
+
 MODEL = """
 name = "swing"
 [states.q]
@@ -88,3 +91,16 @@ def test_a_few_rejected_samples_are_no_cause(tmp_path: Path) -> None:
     answer = json.loads(hgogen(*words, "--json")[0])
     assert answer["status"]["REJECTED_y"] == 100
     assert answer["rejected"] == []
+
+
+def test_an_input_in_another_unit_is_said() -> None:
+    step = load("pendulum").step("riccati")  # whose drive has the range -1 .. 1
+    t = np.arange(200)
+    milli, huge, inside = (scale * (2 + np.sin(t / 9))[:, None] / 3 for scale in (1e3, 1e9, 1.0))
+    (said,) = clamped(step, milli, {"tau": "[u (mV)]"})
+    assert "beyond its declared range, -1..1, in 100 % of the samples" in said
+    assert '--map tau="[u (mV)]/1000"' in said
+    (said,) = clamped(step, huge, {"tau": "u"})
+    assert "check its column and its unit" in said
+    assert not list(clamped(step, inside, {"tau": "u"}))
+    assert not list(clamped(step, np.full((5, 1), np.nan), {"tau": "u"}))

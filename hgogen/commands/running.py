@@ -36,7 +36,7 @@ from hgogen.trials import noise
 from hgogen.trials.consistency import consistency, no_better
 from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rms
-from hgogen.trials.rejected import MostlyRejected, rejections
+from hgogen.trials.rejected import MostlyRejected, clamped, rejections
 from hgogen.trials.shifts import better
 
 Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
@@ -124,7 +124,7 @@ def run_(
     wrong = rejections(step, done, u, y, record.operands, engine)
     single = _from_double(step, done, u, y, engine)
     other = None if wrong else better(step, u, y, counted, engine)
-    notes = [*no_better(errors), *sure.sentences(), *coarse(single, step.time)]
+    notes = [*clamped(step, u, record.operands), *no_better(errors), *sure.sentences(), *coarse(single, step.time)]
     if other:
         notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
     status = jobs.flagged(step, done.status)

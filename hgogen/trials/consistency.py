@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.calling.samples import Run
+from hgogen.calling.samples import BadShape, Run
 from hgogen.identification.information import alike
 from hgogen.trials.prediction import Prediction, rms
 
@@ -96,7 +96,7 @@ class Consistency:
 
 
 def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consistency:
-    """Of a run of a step; `truth` (N,) of states by name, NaN where it is not known."""
+    """Of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises: `BadShape`."""
     e, variances = run.innovations, run.variances
     if e is None:
         return Consistency((), None)
@@ -118,10 +118,13 @@ def _of_output(name: str, e: Array, s: Array | None) -> OfOutput:
 
 def _of_states(run: Run, truth: Mapping[str, Array]) -> OfStates | None:
     names, P = tuple(truth), run.covariance
+    for name, values in truth.items():
+        if np.shape(values) != run[name].shape:
+            raise BadShape(f"truth of {name} of shape {np.shape(values)}", f"must have shape {run[name].shape}")
     if P is None or not names:
         return None
     index = [run.names.index(name) for name in names]
-    errors = np.column_stack([run[name] - np.asarray(truth[name]) for name in names])
+    errors = np.column_stack([run[name] - np.asarray(truth[name], dtype=float) for name in names])
     P = P[:, index][:, :, index]
     sigma = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     there = np.isfinite(errors).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (sigma > 0).all(axis=1)

@@ -38,6 +38,7 @@ class Map:
     units: tuple[str, ...] = ()
 
 
+AS_IT_IS = Map("{}", 1.0, 0.0, "")
 MAPS = (
     Map("pi/180*{}", math.pi / 180, 0.0, "degrees, where the model has radians", ANGLES[:1]),
     Map("180/pi*{}", 180 / math.pi, 0.0, "radians, where the model has degrees", ANGLES[1:]),
@@ -108,6 +109,25 @@ def rejections(
         share = float(lost[:, j].sum()) / count
         each.append(Rejection(signal.name, count, share, (float(low), float(high)), ranges[j], text, mends))
     return tuple(each)
+
+
+def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[str]:
+    """A sentence for each input of u (N, m) that is beyond its declared range, where it is clamped, in most samples."""
+    for signal, values in zip(step.inputs, u.T, strict=True):
+        values, ends = values[np.isfinite(values)], signal.interval
+        beyond = 1 - _inside(AS_IT_IS, values, ends) if len(values) else 0.0
+        if beyond <= MOST:
+            continue
+        maps = (one for one in MAPS if not one.units or not signal.unit or signal.unit in one.units)
+        best = max((one for one in maps if _inside(one, values, ends) >= FITS), key=_known, default=None)
+        said = (
+            f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
+            "samples, and clamped there"
+        )
+        fix = "check its column and its unit, or widen the range"
+        if best:
+            fix = f'it may be {best.mends}: --map {signal.name}="{best.text.format(columns[signal.name])}"'
+        yield f"{said}; {fix}"
 
 
 def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], engine: Engine) -> Map | None:
