@@ -118,16 +118,17 @@ def hidden(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list
 
 def consistent(whole: Consistency, notes: Iterable[str]) -> RenderableType:
     """Whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the run."""
-    table = headed(
-        "innovations: NIS is 1 where they are as large as the observer takes them to be; Ljung-Box tests whiteness",
-        *("output", "samples", "RMS", "NIS", "its 95 % band", "beyond 2 sigma", "Ljung-Box", "limit"),
-        numbers=7,
-    )
+    known = any(one.nis is not None for one in whole.outputs)
+    says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
+    sure = ("NIS", "its 95 % band", "beyond 2 sigma") if known else ()
+    title = f"innovations: {says}Ljung-Box tests whiteness"
+    table = headed(title, "output", "samples", "RMS", *sure, "Ljung-Box", "limit", numbers=4 + len(sure))
     for one in whole.outputs:
         share = "" if one.outside is None else f"{100 * one.outside:.3g} %"
+        size = (_cell(one.nis), _band(one.band), share) if known else ()
         test = one.whiteness
         white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
-        table.add_row(one.output, f"{one.count}", _cell(one.rms), _cell(one.nis), _band(one.band), share, *white)
+        table.add_row(one.output, f"{one.count}", _cell(one.rms), *size, *white)
     lines = [
         f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
         f"of which {one.alike:.3g} tell as much as one"
