@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.guarantees.error_system import ErrorSystem, error_system
     from hgogen.guarantees.observer_errors import observer_errors
     from hgogen.identification.fit import fit
+    from hgogen.identification.recorded import record
     from hgogen.identification.records import Log
     from hgogen.identification.result import Fit
     from hgogen.kalman import innovation, theta
@@ -42,6 +43,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.target import write
     from hgogen.trials import excitation
     from hgogen.trials.campaign import campaign
+    from hgogen.trials.consistency import consistency
     from hgogen.trials.gramian import gramian
     from hgogen.trials.reference import reference
     from hgogen.trials.response import response
@@ -73,6 +75,8 @@ _NAMES = {  # what else is public, and the file that holds it
     "Fit": "identification.result",
     "fit": "identification.fit",
     "Log": "identification.records",
+    "record": "identification.recorded",
+    "consistency": "trials.consistency",
     "gramian": "trials.gramian",
     **dict.fromkeys(("Model", "load"), "model"),
     "observability": "analysis.observability",
@@ -113,6 +117,7 @@ __all__ = [
     "bound",
     "campaign",
     "certificate",
+    "consistency",
     "design",
     "dissipation",
     "error_system",
@@ -129,6 +134,7 @@ __all__ = [
     "observer_errors",
     "observers",
     "recast",
+    "record",
     "reference",
     "response",
     "sample",

@@ -12,6 +12,7 @@ import numpy as np
 from hgogen import methods
 from hgogen.calling import native
 from hgogen.calling.readers import Kept
+from hgogen.calling.replay import Replay
 from hgogen.calling.samples import BadShape, Engine, Legend, Run, Sample, Take, door, numbers, table
 from hgogen.emit.pygraph import DTYPE
 from hgogen.emit.pystep import Entry
@@ -143,6 +144,8 @@ class CallableStep(Step):
         if engine is None and not native.compiler():
             warnings.warn(str(native.NoCompilerWarning.__doc__), native.NoCompilerWarning, stacklevel=2)
         engine = engine or self._engine
+        self._kept.entries(engine)  # which tunes what is in the memory
+        memory = bytes(self._kept.whole)
         x, traces, status = self._kept.run(engine, u, y)
         first = self._clock[0]
         self._clock[0] += len(y)
@@ -154,6 +157,7 @@ class CallableStep(Step):
             traces={name: traces[:, j] for j, name in enumerate(names)},
             status=status,
             engine=engine,
+            replay=Replay(self, memory, u.copy(), y.copy(), status, engine, self.real),
         )
 
     def reset(self) -> None:

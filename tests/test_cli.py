@@ -358,7 +358,7 @@ def test_run(here: Path):
     answer = as_json("run", "neuron", *LOG, "--time", "time", "--horizon", "1,5")
     folder = here / "build" / "neuron"
     assert files(folder) == sorted(Path(path).name for path in answer["files"])
-    assert len(files(folder)) == 6
+    assert len(files(folder)) == 9
     assert [(p["ahead"], p["count"]) for p in answer["predictions"]] == [(1, 999), (5, 995), (None, 999)]
     assert answer["record"]["rows"] == answer["record"]["samples"] == 1000
     with (folder / "log_estimates.csv").open() as stream:

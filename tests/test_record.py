@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.calling.samples import Run
+from hgogen.reading.assigned import mapping
 from hgogen.reading.log import BadRecord, table
-from hgogen.reading.measured import Record, mapping, read
+from hgogen.reading.measured import Record, read
 from hgogen.trial import OrnsteinUhlenbeck, Trial, noisy, simulate
 from hgogen.trials import noise
 from hgogen.trials.prediction import predictions
@@ -332,7 +333,7 @@ def test_noise_is_found_again(tau: float):
     x, y = hg.Signal("x"), hg.Signal("y")
     plant = hg.System("drift", states=(x,), outputs=(y,), flow=[0.01], output=[x])
     trial = Trial("quiet", 400.0, {"x": 3.0}, noise={"y": OrnsteinUhlenbeck(0.2, tau)})
-    record = noisy(plant, simulate(plant, trial, 0.02), trial, 1)[:, 0]
+    record = noisy(plant, simulate(plant, trial, 0.02), trial, [1])[0, :, 0]
     record[100:200] = np.nan
     suggestion = noise.suggest("y", record, 0.02, 1.0)
     # Two estimates' deviations over T/tau independent stretches: 400/(2 tau) for sigma, some 3 sqrt(tau/T) for tau.

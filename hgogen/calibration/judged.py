@@ -18,10 +18,10 @@ from hgogen.call import CallableStep
 from hgogen.calling.samples import Engine, held_last
 from hgogen.identification.records import Log
 from hgogen.system import System
+from hgogen.trials.consistency import LAGS, correlations
 from hgogen.trials.prediction import forecasts, rms
 
 Array = np.ndarray
-LAGS = 20
 COPYING, DIFFERENCING = "copying", "differencing"
 
 
@@ -76,10 +76,8 @@ def judged(
 def coloured(e: Array) -> int:
     """How many of the first `LAGS` correlations of a sequence (N,) lie beyond 2/sqrt(N), as one in 20 of white noise
     does (Box, Jenkins, Time Series Analysis, 1970)."""
-    centred = e - e.mean()
-    power, lags = float(centred @ centred), range(1, min(LAGS + 1, len(e)))
-    correlations = (float(centred[k:] @ centred[:-k]) / power for k in lags if power)
-    return int(sum(abs(r) > 2 / np.sqrt(len(e)) for r in correlations))
+    r = correlations(e, min(LAGS, len(e) - 1))
+    return 0 if r is None else int(np.count_nonzero(abs(r) > 2 / np.sqrt(len(e))))
 
 
 def _of_step(

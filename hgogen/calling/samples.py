@@ -1,14 +1,15 @@
 """What goes into a step and what comes out of it: numbers at the door, one sample, a record."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple, cast
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 
 from hgogen.errors import BadArgument
 from hgogen.reading.given import unmasked
 from hgogen.reading.named import in_order, names_of
+from hgogen.reading.optional import library
 from hgogen.signal import Signal
 
 Engine = Literal["c", "python"]
@@ -94,9 +95,27 @@ class Sample:
         return f"{', '.join(values)} ({', '.join(self.flags) or 'ok'})"
 
 
+class Replayed(Protocol):
+    """What takes the samples of a run once more."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the outputs."""
+        ...
+
+    @property
+    def innovations(self) -> Any:
+        """Of the whole run: `e`, `variances` and `covariance`."""
+        ...
+
+
 @dataclass(frozen=True)
 class Run:
-    """What a record gives: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine."""
+    """What a record gives: times `t` (N), estimates `x` (N, n), `traces` (N) by name, `status` (N), and the engine.
+
+    `innovations`, `variances` and `covariance` are computed when they are asked for, by `replay`, of whose samples this
+    run has those from the number `first` on.
+    """
 
     t: np.ndarray
     x: np.ndarray
@@ -104,6 +123,45 @@ class Run:
     traces: Mapping[str, np.ndarray]
     status: np.ndarray
     engine: Engine | Literal["cvodes"]
+    replay: Replayed | None = field(default=None, repr=False, compare=False)
+    first: int = 0
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the outputs, of which innovations are; none of a run that is no step's."""
+        return () if self.replay is None else self.replay.outputs
+
+    @property
+    def innovations(self) -> np.ndarray | None:
+        """y - yhat (N, p) before each output corrects, NaN where its sample was not used; None of a run that is no
+        step's."""
+        return None if self.replay is None else self.replay.innovations.e[self.first :]
+
+    @property
+    def variances(self) -> np.ndarray | None:
+        """The variances (N, p) that the observer takes the innovations to have; None without a covariance."""
+        return self._of_replay("variances")
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """The covariance (N, n, n) of the estimates, in the order of `names`, after each sample; None without one."""
+        return self._of_replay("covariance")
+
+    def frame(self) -> Any:
+        """A pandas DataFrame, a row a sample, by the time t: estimates, traces and status; the innovations of an output
+        y as e_y, their variances, where there are some, as s_y. Raises: `NotInstalled`."""
+        pandas = library("pandas", "run.frame()")
+        columns = {name: self.x[:, i] for i, name in enumerate(self.names)} | dict(self.traces)
+        columns |= {"status": self.status}
+        for j, output in enumerate(self.outputs):
+            for letter, values in (("e", self.innovations), ("s", self.variances)):
+                if values is not None:
+                    columns[f"{letter}_{output}"] = values[:, j]
+        return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
+
+    def _of_replay(self, name: str) -> np.ndarray | None:
+        values = None if self.replay is None else getattr(self.replay.innovations, name)
+        return None if values is None else values[self.first :]
 
     def __getitem__(self, name: str) -> np.ndarray:
         return np.asarray(self.x[:, _position(name, self.names)])
@@ -111,7 +169,8 @@ class Run:
     def since(self, first: int) -> "Run":
         """What it gives from the sample of that number on."""
         traces = {name: values[first:] for name, values in self.traces.items()}
-        return replace(self, t=self.t[first:], x=self.x[first:], traces=traces, status=self.status[first:])
+        t, x, status = self.t[first:], self.x[first:], self.status[first:]
+        return replace(self, t=t, x=x, traces=traces, status=status, first=self.first + min(first, len(self.t)))
 
 
 # --- the door -----------------------------------------------------------------------------------------------
@@ -169,6 +228,8 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
     width = len(signals)
     if rows != 0:
         demand_given(name, value, signals)
+    if hasattr(value, "columns") and hasattr(value, "to_numpy"):
+        value = _of_frame(name, value, signals)
     if isinstance(value, Mapping):
         columns = in_order(name, value, names_of(signals))
         lengths = dict(zip(names_of(signals), map(np.size, columns), strict=True))
@@ -194,6 +255,15 @@ def table(name: str, value: Any, signals: Sequence[Signal], rows: int | None) ->
         )
         raise BadShape(f"{name} of shape {np.shape(value)}", f"must have shape {wanted}{listed(signals)}")
     return np.ascontiguousarray(array)
+
+
+def _of_frame(name: str, frame: Any, signals: Sequence[Signal]) -> dict[str, np.ndarray]:
+    """The columns of the signals in a DataFrame, which may have others. Raises: `BadShape`."""
+    absent = [signal.name for signal in signals if signal.name not in frame.columns]
+    if absent:
+        there = ", ".join(map(str, frame.columns))
+        raise BadShape(f"{name}, a DataFrame", f"has no column {', '.join(absent)}; its columns are {there}")
+    return {signal.name: frame[signal.name].to_numpy(dtype=float) for signal in signals}
 
 
 def held_last(values: np.ndarray) -> np.ndarray:

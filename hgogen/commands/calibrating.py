@@ -15,7 +15,7 @@ from hgogen.check import worst
 from hgogen.commands import log_tables, tables
 from hgogen.commands.advice import KNOWN
 from hgogen.commands.command import Bar, Json, ModelArgument, Out, command, engine_here, folder_of, json_text, show
-from hgogen.commands.logs import Data, Deep, HeldOut, Truth, horizons, logs_of, names_in, truth_of
+from hgogen.commands.logs import Data, Deep, HeldOut, Shift, Truth, horizons, logs_of, names_in, truth_of
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.emit.cost import cost
@@ -38,6 +38,7 @@ def tune_(
     time: Time = None,
     period: Period = None,
     map_: Map = None,
+    shift: Shift = None,
     truth: Truth = None,
     held_out: HeldOut = 0.3,
     ahead: Annotated[int, typer.Option(min=1, help="Samples ahead by which gains are chosen.")] = 1,
@@ -74,6 +75,7 @@ def tune_(
         pairs=map_ or (),
         beside=beside,
         options=options,
+        shift=shift or (),
     )
     with Bar("trials", None) as bar:
         calibration = tune(

@@ -31,9 +31,13 @@ from hgogen.recheck.verification import NothingVerified, NotVerified
 from hgogen.target import demand, write
 from hgogen.trial import Trial
 from hgogen.trials.agreement import Disagree
+from hgogen.trials.rejected import MostlyRejected
 
 # what exits with 1; other errors with 2
-FAILURES = (Refuted, Disagree, NotVerified, NothingVerified, native.CompilerFailed, native.CheckFailed)
+FAILURES = (
+    *(Refuted, Disagree, NotVerified, NothingVerified, MostlyRejected),
+    *(native.CompilerFailed, native.CheckFailed),
+)
 
 
 class Precision(StrEnum):

@@ -25,7 +25,7 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.logs import Data, HeldOut, logs_of, names_in
+from hgogen.commands.logs import Data, HeldOut, Shift, logs_of, names_in
 from hgogen.commands.process import note
 from hgogen.commands.running import Map, Period, Time
 from hgogen.errors import HgogenError
@@ -34,12 +34,13 @@ from hgogen.identification.result import Fit
 from hgogen.identification.solution import ITERATIONS
 from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.measured import Record
 from hgogen.reading.text_model import BESIDE, read, to_text
+from hgogen.trials.consistency import WORSE
 from hgogen.trials.prediction import Prediction, predictions
 
 _AHEAD = (1, 5, 25)  # samples, of the errors on held-out rows
-WORSE = 1.05  # times the error of another prediction, of which a note is made
 _JUDGE = "riccati"  # the observer that starts predictions where the model has none
 
 
@@ -52,6 +53,7 @@ def fit_(
     time: Time = None,
     period: Period = None,
     map_: Map = None,
+    shift: Shift = None,
     free: Annotated[
         str | None, typer.Option("--free", help="The parameters to fit, such as a,b; by default those with a range.")
     ] = None,
@@ -91,7 +93,8 @@ def fit_(
     from hgogen.trials import figures  # which takes a while to import
 
     plant = loaded.plant
-    logs = logs_of(plant, data, held_out, time=time, period=period, pairs=map_ or ())
+    held = WINDOWS["forward"]  # the fit holds an input from its sample to the next
+    logs = logs_of(plant, data, held_out, time=time, period=period, pairs=map_ or (), shift=shift or (), window=held)
     records, cuts = logs.records, logs.cuts
     with Bar("iterations", starts * ITERATIONS) as bar:
         result = fit(

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -229,11 +229,17 @@ def errors(each: Sequence[Measured], unit: str) -> "Figure":
     return figure.errors(each[0].states, first.truth.t, of, first.trial.events, unit)
 
 
-def record_figures(step: CallableStep, name: str, record: Record, run: Run) -> dict[str, "Figure"]:
-    """The figures of a measured record, by file name without ending."""
+def record_figures(
+    step: CallableStep, name: str, record: Record, run: Run, truth: Mapping[str, np.ndarray]
+) -> dict[str, "Figure"]:
+    """The figures of a measured record, by file name without ending; `truth` (N,) by state."""
     from hgogen.trials import figures as figure
+    from hgogen.trials import record_figures as drawing
 
-    drawn = {f"{name}_states": figure.record(step, record.t, run.x, record.of(step.outputs))}
+    drawn = {
+        f"{name}_states": drawing.states(step, record.t, run, record.of(step.outputs), truth),
+        f"{name}_innovations": drawing.innovations(step, record.t, run),
+    }
     if run.traces:
         drawn[f"{name}_theta"] = figure.adaptation(step, record.t, run.traces)
     return drawn
@@ -249,12 +255,30 @@ def estimates(step: CallableStep, record: Record, run: Run) -> str:
     """The estimates as CSV text: time, what was measured, the estimated states, traces, status; empty where
     missing."""
     measured = [f"{s.name}_measured" if s.name in run.names else s.name for s in step.outputs]
+    numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
+    return _csv(["t", *measured, *run.names, *run.traces, "status"], numbers, run.status)
+
+
+def innovations(step: CallableStep, record: Record, run: Run) -> str:
+    """Innovations of the outputs and their variances as CSV text, and the lower triangle of the estimate's covariance
+    by columns, P_i_j of states i and j; without variances of an observer that holds none."""
+    assert run.innovations is not None  # of a step
+    header, columns = ["t", *(f"e_{s.name}" for s in step.outputs)], [record.t, run.innovations]
+    if run.variances is not None and run.covariance is not None:
+        pairs = [(i, j) for j in range(len(run.names)) for i in range(j, len(run.names))]
+        header += [f"s_{s.name}" for s in step.outputs] + [f"P_{run.names[i]}_{run.names[j]}" for i, j in pairs]
+        columns += [run.variances, *(run.covariance[:, i, j] for i, j in pairs)]
+    return _csv(header, np.column_stack(columns))
+
+
+def _csv(header: Sequence[str], numbers: np.ndarray, status: np.ndarray | None = None) -> str:
+    """Rows of numbers as CSV text, empty for NaN; a status behind each."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["t", *measured, *run.names, *run.traces, "status"])
-    numbers = np.column_stack([record.t, record.of(step.outputs), run.x, *run.traces.values()])
-    for row, status in zip(numbers.tolist(), run.status.tolist(), strict=True):
-        writer.writerow([*("" if value != value else f"{value:.10g}" for value in row), status])
+    writer.writerow(header)
+    behind = [[] for _ in numbers] if status is None else status[:, None].tolist()
+    for row, last in zip(numbers.tolist(), behind, strict=True):
+        writer.writerow([*("" if value != value else f"{value:.10g}" for value in row), *last])
     return stream.getvalue()
 
 

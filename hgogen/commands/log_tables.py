@@ -9,9 +9,11 @@ from rich.text import Text
 
 from hgogen.commands.tables import headed
 from hgogen.identification.result import Fit
-from hgogen.reading.measured import Report
+from hgogen.reading.report import Report
 from hgogen.signal import Signal
+from hgogen.trials.consistency import Consistency
 from hgogen.trials.noise import Suggestion
+from hgogen.trials.precision import Difference
 from hgogen.trials.prediction import Prediction
 
 
@@ -114,6 +116,45 @@ def hidden(errors: Mapping[str, float | None], states: Sequence[Signal]) -> list
     for name, error in errors.items():
         table.add_row(name, _cell(error) or "nothing measured", Text(units[name]))
     return [Group(table, "")]
+
+
+def consistent(whole: Consistency, notes: Iterable[str]) -> RenderableType:
+    """Whether innovations and errors are as large as the observer takes them to be, and white; `notes` on the run."""
+    known = any(one.nis is not None for one in whole.outputs)
+    says = "NIS is 1 where they are as large as the observer takes them to be; " if known else ""
+    sure = ("NIS", "its 95 % band", "beyond 2 sigma") if known else ()
+    title = f"innovations: {says}Ljung-Box tests whiteness"
+    table = headed(title, "output", "samples", "RMS", *sure, "Ljung-Box", "limit", numbers=4 + len(sure))
+    for one in whole.outputs:
+        share = "" if one.outside is None else f"{100 * one.outside:.3g} %"
+        size = (_cell(one.nis), _band(one.band), share) if known else ()
+        test = one.whiteness
+        white = ("", "") if test is None else (f"{test.statistic:.4g}", f"{test.limit:.4g}")
+        table.add_row(one.output, f"{one.count}", _cell(one.rms), *size, *white)
+    lines = [
+        f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
+        f"of which {one.alike:.3g} tell as much as one"
+        for one in [whole.states]
+        if one is not None
+    ]
+    return Group(table, *map(Text, (*lines, *notes)), "")
+
+
+def from_double(each: Sequence[Difference], time: str) -> list[RenderableType]:
+    """How far a run in float is from double, if it is one."""
+    if not each:
+        return []
+    table = headed(
+        "in float, the bits that fly: the largest difference from double",
+        *("state", "difference", "unit", f"at ({time})", "share", "of its"),
+    )
+    for one in each:
+        table.add_row(one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of)
+    return [Group(table, "")]
+
+
+def _band(ends: tuple[float, float] | None) -> str:
+    return "" if ends is None else f"{ends[0]:.4g} .. {ends[1]:.4g}"
 
 
 def suggestion(noise: Suggestion, unit: str) -> RenderableType:

@@ -4,19 +4,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from hgogen.identification.records import Log, beyond
-from hgogen.reading.measured import Record, mapping, read
+from hgogen.reading.assigned import mapping, shifts_of
+from hgogen.reading.averaged import WINDOWS, Window
+from hgogen.reading.measured import Record, read
 from hgogen.system import System
 
-Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV file with a header; repeat it.")]
+Data = Annotated[list[Path], typer.Option("--data", help="A log, a CSV, Parquet or MAT file; repeat it.")]
 Truth = Annotated[
     list[str] | None,
     typer.Option("--truth", metavar="STATE=COLUMN", help="A hidden state that was measured; it judges alone."),
+]
+Shift = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="SIGNAL=SAMPLES",
+        help="A signal taken so many samples later than it was logged, or earlier where negative; repeat it.",
+    ),
 ]
 Deep = Annotated[bool, typer.Option("--deep", help="Ask the forms too that may take seconds.")]
 HeldOut = Annotated[
@@ -66,16 +75,22 @@ def logs_of(
     pairs: Sequence[str],
     beside: Mapping[str, str] = MappingProxyType({}),
     options: Mapping[str, str] = MappingProxyType({}),
+    shift: Sequence[str] = (),
+    window: Window = WINDOWS["line"],
 ) -> Logs:
     """The records of files on the grid of `dt`, by default of their own period; `pairs`: texts SIGNAL=COLUMN; `beside`:
-    other columns by name, which `options` name.
+    other columns by name, which `options` name; `shift`: texts SIGNAL=SAMPLES; `window`: that of inputs which are
+    averaged.
 
     Raises: `BadRecord`.
     """
     columns = {**mapping(str(data[0]), pairs, plant.inputs, plant.outputs), **beside}
-    records = tuple(
-        read(path, columns, dt=dt, time=time, period=period, unit=plant.time, options=options) for path in data
-    )
+    shifts = shifts_of(str(data[0]), shift, plant.inputs, plant.outputs)
+    inputs = {s.name: window for s in plant.inputs}
+    first = plant.origin.plant if plant.origin else plant
+    units = {s.name: s.unit for s in plant.signals} | {truth_name(x.name): x.unit for x in first.states}
+    words: dict[str, Any] = {"dt": dt, "time": time, "period": period, "unit": plant.time, "units": units}
+    records = tuple(read(path, columns, **words, options=options, inputs=inputs).shifted(shifts) for path in data)
     return Logs(plant, records, tuple(round(len(record.t) * (1 - held_out)) for record in records))
 
 
@@ -89,8 +104,13 @@ def truth_of(plant: System, pairs: Sequence[str]) -> dict[str, tuple[str, str]]:
         if state not in names or not column:
             reason = f"{text!r} must read STATE=COLUMN; the states are {', '.join(names)}"
             raise typer.BadParameter(reason, param_hint="--truth")
-        columns[state] = (f"truth of {state}", column)
+        columns[state] = (truth_name(state), column)
     return columns
+
+
+def truth_name(state: str) -> str:
+    """What the column of a state's truth is called among the signals."""
+    return f"truth of {state}"
 
 
 def numbers_by_name(text: str, option: str) -> dict[str, float]:

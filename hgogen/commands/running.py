@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine, Run
 from hgogen.commands import jobs, log_tables, tables
 from hgogen.commands.command import (
     Json,
@@ -23,16 +24,22 @@ from hgogen.commands.command import (
     rendered,
     show,
 )
-from hgogen.commands.logs import Truth, horizons, numbers_by_name, truth_of
+from hgogen.commands.logs import Shift, Truth, horizons, numbers_by_name, truth_name, truth_of
 from hgogen.model import load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
+from hgogen.reading.assigned import mapping, shifts_of
+from hgogen.reading.averaged import WINDOWS
 from hgogen.reading.filename import fault
-from hgogen.reading.measured import Record, mapping, read
+from hgogen.reading.measured import Record, read
 from hgogen.signal import Signal
 from hgogen.trials import noise
+from hgogen.trials.consistency import consistency, no_better
+from hgogen.trials.precision import Difference, coarse, differences
 from hgogen.trials.prediction import predictions, rms
+from hgogen.trials.rejected import MostlyRejected, clamped, rejections
+from hgogen.trials.shifts import better
 
-Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header.")]
+Data = Annotated[Path, typer.Option("--data", help="The log, a CSV file with a header, a Parquet or a MAT file.")]
 Time = Annotated[str | None, typer.Option("--time", help="The column of times, in the unit of the model's time.")]
 Period = Annotated[
     float | None,
@@ -63,6 +70,7 @@ def run_(
     out: Out = None,
     horizon: Annotated[str, typer.Option(help="Samples ahead of the prediction errors, such as 1,5,25.")] = "1,5,25",
     truth: Truth = None,
+    shift: Shift = None,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -85,7 +93,15 @@ def run_(
     unit of time, notes), status (samples by status bit), initial (states that the first samples or --initial
     give), predictions (output, ahead: samples or null for open
     loop, model, copying, count: samples compared, rejected: samples that the observer rejected, which are not), hidden
-    (RMS error of the estimate by state, where --truth gives it), files.
+    (RMS error of the estimate by state, where --truth gives it), innovations (by output: count, rms; nis, the mean of
+    e^2/s, with the ends of its 95 % band, outside, the share beyond 2 sigma, null without a covariance; whiteness:
+    test, statistic, limit, lags, white), nees (states, count, alike: how many errors tell as much as one, nees, band;
+    null without truth or covariance), rejected (outputs most of whose samples the observer rejects, for which the exit
+    status is 1: output, count, share, values: the middle nine in ten, range, map: what makes it fit, mends), better
+    (another shift or sign of one signal with which predictions err clearly less, or null: signal, shift in samples,
+    sign, error over that of copying, present), real, from_double (with --real float, by state: the largest difference
+    from the same run in double, its time t, its share of scale, the width of the range or the peak; status: samples
+    whose status differs), notes, files.
     """
     ahead = horizons(horizon, "--horizon")
     loaded = load(model).set(setting)
@@ -94,19 +110,27 @@ def run_(
     step = loaded.step(observer)
     true = truth_of(loaded.plant, truth or ())
     record = _record(step, data, time, period, map_, (*step.inputs, *step.outputs), dict(true.values()))
+    shifts = shifts_of(str(data), shift or (), step.inputs, step.outputs)
+    record = record.shifted(shifts)
     u, y = record.of(step.inputs), record.of(step.outputs)
     engine = engine_here()
     step, begins = _begun(step, y, initial)
     done = step.run(u=u, y=y, engine=engine)
     counted = _counted(step, burn_in, len(y))
     errors = predictions(step, done.since(counted), u[counted:], y[counted:], ahead)
-    hidden = {
-        state: _rms((done[state] - record.values[:, record.names.index(name)])[counted:])
-        for state, (name, _) in true.items()
-    }
+    measured = {state: record.values[:, record.names.index(name)] for state, (name, _) in true.items()}
+    hidden = {state: _rms((done[state] - values)[counted:]) for state, values in measured.items()}
+    sure = consistency(done.since(counted), {state: values[counted:] for state, values in measured.items()})
+    wrong = rejections(step, done, u, y, record.operands, engine)
+    single = _from_double(step, done, u, y, engine)
+    other = None if wrong else better(step, u, y, counted, engine)
+    notes = [*clamped(step, u, record.operands), *no_better(errors), *sure.sentences(), *coarse(single, step.time)]
+    if other:
+        notes.append(other.sentence(shifts.get(other.signal, 0), record.operands[other.signal]))
     status = jobs.flagged(step, done.status)
     files: dict[str, str | bytes] = {f"{name}_estimates.csv": jobs.estimates(step, record, done)}
-    files |= rendered(jobs.record_figures(step, name, record, done))
+    files |= {f"{name}_innovations.csv": jobs.innovations(step, record, done)}
+    files |= rendered(jobs.record_figures(step, name, record, done, measured))
     paths = folder.demand(*files, f"{name}_report.json")
     report = {
         "model": loaded.path,
@@ -116,6 +140,13 @@ def run_(
         "initial": begins,
         "predictions": [one.as_dict() for one in errors],
         "hidden": hidden,
+        "innovations": [one.as_dict() for one in sure.outputs],
+        "nees": sure.states and sure.states.as_dict(),
+        "real": step.real,
+        "better": other and other.as_dict(),
+        "rejected": [one.as_dict() for one in wrong],
+        "from_double": [one.as_dict() for one in single],
+        "notes": notes,
         "files": list(map(str, paths)),
     }
     folder.write({**files, f"{name}_report.json": json_text(report) + "\n"})
@@ -124,9 +155,20 @@ def run_(
         tables.status(step.bits, status, len(y)),
         log_tables.predictions(errors, step.dt, step.time),
         *log_tables.hidden(hidden, step.states),
+        *log_tables.from_double(single, step.time),
+        log_tables.consistent(sure, notes),
         tables.files(paths),
     )
     show(as_json, report, *shown)
+    if wrong:
+        raise MostlyRejected(wrong)
+
+
+def _from_double(step: CallableStep, done: Run, u: np.ndarray, y: np.ndarray, engine: Engine) -> tuple[Difference, ...]:
+    """How far a run in float is from the same in double; nothing of one in double."""
+    if step.real == "double":
+        return ()
+    return differences(step.states, done, step.made_again(real="double").run(u=u, y=y, engine=engine))
 
 
 def _begun(step: CallableStep, y: np.ndarray, initial: str | None) -> tuple[CallableStep, dict[str, float]]:
@@ -176,7 +218,9 @@ def _record(
 ) -> Record:
     columns = mapping(str(data), pairs or (), step.inputs, step.outputs)
     wanted = {**{s.name: columns[s.name] for s in signals}, **beside}
-    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time)
+    inputs = {s.name: WINDOWS[step.between] for s in step.inputs}
+    units = {s.name: s.unit for s in signals} | {truth_name(x.name): x.unit for x in step.states}
+    return read(data, wanted, dt=step.dt, time=time, period=period, unit=step.time, inputs=inputs, units=units)
 
 
 @command()

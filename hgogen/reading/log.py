@@ -63,21 +63,16 @@ class Table:
     def column(self, name: str) -> Column:
         """The column of that name. Raises: `BadRecord`, which lists the columns there are."""
         if self.header.count(name) != 1:
-            raise BadRecord(self.path, self._no_column(name))
-        index = self.header.index(name)
-        values, blank, example = np.full(len(self.rows), np.nan), np.zeros(len(self.rows), bool), ""
-        for k, row in enumerate(self.rows):
-            cell = row[index].replace(",", ".") if self.decimal_comma else row[index]
-            if _NUMBER.fullmatch(cell):
-                values[k] = float(cell.replace("d", "e").replace("D", "e"))
-            elif cell.lower() in EMPTY:
-                blank[k] = True
-            else:
-                example = example or cell
-        values[np.isinf(values)] = np.nan
-        return Column(name, values, blank, example)
+            raise BadRecord(self.path, self.no_column(name))
+        return parsed(name, self.cells(name), self.decimal_comma)
 
-    def _no_column(self, name: str) -> str:
+    def cells(self, name: str) -> Sequence[str]:
+        """The cells of the column of that name, as text."""
+        index = self.header.index(name)
+        return [row[index] for row in self.rows]
+
+    def no_column(self, name: str) -> str:
+        """Why there is not one column of that name, with those there are."""
         named = [column for column in self.header if column]
         if name in named:
             return f"has {named.count(name)} columns named {name!r}; rename all but one"
@@ -86,8 +81,23 @@ class Table:
         return f"has no column {name!r}; its columns are {', '.join(named)}{hint}"
 
 
-def table(path: str | Path) -> Table:
-    """The CSV file at `path`.
+def parsed(name: str, cells: Sequence[str], decimal_comma: bool) -> Column:
+    """Cells as numbers."""
+    values, blank, example = np.full(len(cells), np.nan), np.zeros(len(cells), bool), ""
+    for k, cell in enumerate(cells):
+        cell = cell.replace(",", ".") if decimal_comma else cell
+        if _NUMBER.fullmatch(cell):
+            values[k] = float(cell.replace("d", "e").replace("D", "e"))
+        elif cell.lower() in EMPTY:
+            blank[k] = True
+        else:
+            example = example or cell
+    values[np.isinf(values)] = np.nan
+    return Column(name, values, blank, example)
+
+
+def table(path: str | Path, content: bytes | None = None) -> Table:
+    """The CSV file at `path`, or the `content` that was read of it.
 
     The delimiter (comma, semicolon, tab or bar) is the header's most frequent; with another than the comma,
     decimal commas are understood. Lines that start with # are comments; the last one before the data is the
@@ -95,7 +105,7 @@ def table(path: str | Path) -> Table:
 
     Raises: `BadRecord`.
     """
-    text, notes = _text(Path(path))
+    text, notes = _text(Path(path), bytes_of(Path(path)) if content is None else content)
     lines = re.split(r"\r\n|\r|\n", text)
     while lines and not lines[-1].strip():
         lines.pop()
@@ -142,18 +152,22 @@ def _aligned(path: str, header: list[str], rows: list[list[str]], delimiter: str
     return Table(path, tuple(header), tuple(aligned), malformed, comma, tuple(notes))
 
 
-def _text(path: Path) -> tuple[str, list[str]]:
+def bytes_of(path: Path) -> bytes:
+    """The content of a log. Raises: `BadRecord`."""
     try:
-        content = content_of(path, BYTES)
+        return content_of(path, BYTES)
     except Unread as error:
         raise BadRecord(str(path), error.reason) from None
+
+
+def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
     try:
         wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
         text, notes = content.decode("utf-16" if wide else "utf-8-sig"), []
     except UnicodeDecodeError:
         text, notes = content.decode("latin-1"), ["not UTF-8: read as Latin-1"]
     if "\0" in text:
-        raise BadRecord(str(path), "is no text; give a CSV file")
+        raise BadRecord(str(path), "is no text; give a CSV, Parquet or MAT file")
     return text, notes
 
 

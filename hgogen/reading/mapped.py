@@ -3,7 +3,7 @@
     T1 + 273.15      2*pi/60*rpm      -[Current(A)]
 
 by the grammar of text models. In brackets stands the name of a column that is no identifier. A column whose name is the
-whole text comes first.
+whole text comes first, in the unit of its signal where it names another (reading/converted.py).
 """
 
 import re
@@ -16,7 +16,7 @@ from hgogen.graph import NoGraph, to_casadi
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.log import BadRecord, Column, Table
 
-_BRACKETS = re.compile(r"\[([^\[\]]*)\]")
+_BRACKETS = re.compile(r"\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")  # with a pair of brackets in it, as of a unit
 _SIGNS = re.compile(r"[-+*/()\[\]]")
 
 
@@ -49,6 +49,13 @@ def column(log: Table, text: str) -> Column:
     blank = np.any([one.blank for one in read.values()], axis=0)
     examples = (one.example for one in read.values() if one.example)
     return Column(text, np.where(known, values, np.nan), blank & ~known, next(examples, ""))
+
+
+def operand(log: Table, text: str) -> str:
+    """What stands for a column, or an expression of columns, within an expression."""
+    if text in log.header:
+        return text if text.isidentifier() else f"[{text}]"
+    return f"({text})"
 
 
 def _placeholder(log: Table, k: int) -> str:

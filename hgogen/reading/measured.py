@@ -2,13 +2,14 @@
 
 Nothing is guessed in silence: the report counts what was missing, not a number, duplicated, out of order or
 in a gap, and says what was done with it. A row goes to the nearest grid point; where several meet at one,
-each column keeps its number nearest in time (of equals the first).
+each column keeps its number nearest in time (of equals the first). An input of a log that is faster than the
+step, or irregular, is averaged instead.
 """
 
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -16,98 +17,29 @@ from typing import Any
 
 import numpy as np
 
-from hgogen.reading import mapped
+from hgogen.reading import averaged, mapped
+from hgogen.reading.averaged import Window
+from hgogen.reading.converted import Inconvertible, conversion
 from hgogen.reading.given import unmasked
-from hgogen.reading.log import BadRecord, Column, Table, table
+from hgogen.reading.log import BadRecord, Column, Table
+from hgogen.reading.report import Report
+from hgogen.reading.tabular import log_of
 from hgogen.reading.time_unit import plural, seconds
 from hgogen.signal import Signal
 
 LONGEST = 10_000_000  # samples on the grid; beyond it the times are hardly seconds
 
 
-@dataclass(frozen=True)
-class Report:
-    """What was found in a log and what was done with it.
-
-    `rows` of the file; `samples` on the grid of `dt`; `period`: typical time between rows; `unit`: of all times;
-    `columns` by signal; by signal too, of the rows with a usable time: `missing` (empty cells) and
-    `not_numbers` (NaN among them), both treated as missing samples; `covered`: those of them that share a
-    grid point with another row and cost no sample; `absent`: samples without a number, in all, which is
-    missing + not_numbers - covered + filled; `malformed`: rows with more cells than the header, left out;
-    `untimed`: rows without a usable time, left out; `out_of_order`: rows earlier than one before them,
-    sorted; `duplicates`: rows that repeat a time, merged; `surplus`: rows of other times at a grid point that
-    has one, merged; `gaps`: pauses longer than 1.5 periods, the longest of `longest_gap`; `filled`: grid
-    points without a row, given as missing samples; `shift`: the farthest a row was moved; `notes`:
-    whatever else was decided on reading, or looks doubtful.
-    """
-
-    path: str
-    rows: int
-    samples: int
-    dt: float
-    period: float
-    columns: Mapping[str, str]
-    missing: Mapping[str, int]
-    not_numbers: Mapping[str, int]
-    covered: Mapping[str, int]
-    absent: Mapping[str, int]
-    malformed: int
-    untimed: int
-    out_of_order: int
-    duplicates: int
-    surplus: int
-    gaps: int
-    longest_gap: float
-    filled: int
-    shift: float
-    unit: str
-    notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
-
-    def sentences(self) -> tuple[str, ...]:
-        """What was found and what was done with it, a sentence each; only what there is."""
-        period, dt = (f"{time:g} {self.unit}" for time in (self.period, self.dt))
-        lines = [f"{self.rows} rows, one every {period}, became {self.samples} samples of {dt}"]
-        for name, column in self.columns.items():
-            for count, what in ((self.missing[name], "empty"), (self.not_numbers[name], "no finite number")):
-                if count:
-                    lines.append(f"{name} ({column}): cells that are {what}: {count}, taken as missing samples")
-            if self.covered[name]:
-                lines.append(
-                    f"{name} ({column}): such cells beside another row's at a grid point: {self.covered[name]}"
-                )
-            if self.absent[name]:
-                lines.append(f"{name} ({column}): samples without a number, in all: {self.absent[name]}")
-        counted = (
-            (self.malformed, "rows with more cells than the header: {}, left out"),
-            (self.untimed, "rows without a usable time: {}, left out"),
-            (self.out_of_order, "rows earlier than one before them: {}, sorted by time"),
-            (self.duplicates, "rows that repeat a time: {}, merged; each column keeps its first number"),
-            (
-                self.surplus,
-                "rows at a grid point that has one: {}, merged; the number nearest in time is kept",
-            ),
-            (self.gaps, f"gaps longer than 1.5 periods: {{}}, the longest {self.longest_gap:g} {self.unit}"),
-            (self.filled, "grid points without a row: {}, given as missing samples"),
-        )
-        lines += [text.format(count) for count, text in counted if count]
-        if self.shift > 1e-6 * self.dt:
-            lines.append(f"rows were moved to the nearest grid point, by {self.shift:.3g} {self.unit} at most")
-        return (*lines, *self.notes)
-
-
 @dataclass(frozen=True, eq=False)
 class Record:
     """t (N,) from the first row's time on, `values` (N, c) of the signals `names`, NaN where missing, as a masked entry
-    is; the report."""
+    is; the report; `operands`: of each signal what stands for its column in an expression of --map."""
 
     t: np.ndarray
     names: tuple[str, ...]
     values: np.ndarray
     report: Report
+    operands: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Replaces a mask, which a selection of columns would lose, by NaN."""
@@ -117,39 +49,33 @@ class Record:
         """The columns (N, k) of some signals, in their order."""
         return np.ascontiguousarray(self.values[:, [self.names.index(s.name) for s in signals]])
 
+    def shifted(self, shifts: Mapping[str, int]) -> "Record":
+        """The record with signals taken so many samples later, or earlier where negative; missing where the log has
+        none. Raises: `BadRecord` where nothing is left of one."""
+        values, notes = self.values.copy(), []
+        for name, by in shifts.items():
+            if abs(by) >= len(values):
+                reason = f"--shift {name}={by} leaves nothing of its {len(values)} samples; give a smaller one"
+                raise BadRecord(self.report.path, reason)
+            column = self.names.index(name)
+            values[:, column] = shifted(values[:, column], by)
+            if by:
+                way = "later" if by > 0 else "earlier"
+                notes.append(f"{name} is taken {way} than it was logged, by samples: {abs(by)}")
+        return replace(self, values=values, report=replace(self.report, notes=(*self.report.notes, *notes)))
 
-def mapping(
-    path: str, assignments: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]
-) -> dict[str, str]:
-    """The column name of each signal, from texts "SIGNAL=COLUMN"; a signal that none names has a column of its own
-    name.
 
-    Plain "u" and "y" name the only input and the only output.
-
-    Raises: `BadRecord`.
-    """
-    names = [s.name for s in (*inputs, *outputs)]
-    short = {"u": inputs, "y": outputs}
-    columns = {name: name for name in names}
-    seen: dict[str, str] = {}
-    for text in assignments:
-        key, equals, column = text.partition("=")
-        key = key.strip()
-        if key not in names and len(short.get(key, ())) == 1:
-            key = short[key][0].name
-        if not equals or not column.strip():
-            raise BadRecord(path, f"--map {text!r} must read SIGNAL=COLUMN; the signals are {', '.join(names)}")
-        if key not in names:
-            raise BadRecord(path, f"--map {text!r} names no signal; the signals are {', '.join(names)}")
-        if key in seen:
-            raise BadRecord(path, f"--map {seen[key]!r} and --map {text!r} map {key} twice; leave one of them out")
-        seen[key] = text
-        columns[key] = column.strip()
-    return columns
+def shifted(values: np.ndarray, by: int) -> np.ndarray:
+    """A column (N,) taken so many samples later, or earlier where negative; NaN where there is none."""
+    whole = np.full(len(values), np.nan)
+    count = len(values) - abs(by)
+    if count > 0:
+        whole[max(by, 0) : max(by, 0) + count] = values[max(-by, 0) : max(-by, 0) + count]
+    return whole
 
 
 def read(
-    path: str | Path,
+    path: Any,
     columns: Mapping[str, str],
     *,
     dt: float | None,
@@ -157,37 +83,65 @@ def read(
     period: float | None = None,
     unit: str = "s",
     options: Mapping[str, str] = MappingProxyType({}),
+    inputs: Mapping[str, Window] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
 ) -> Record:
-    """The log at `path` on the grid of `dt`, of its own period where None; `unit`: that of all times, the model's;
-    `options`: what names the column of a name, where it is not "--map NAME=COLUMN".
+    """The log at `path`, a file's or a DataFrame, on the grid of `dt`, of its own period where None; `unit`: that of
+    all times, the model's; `options`: what names the column of a name, where it is not "--map NAME=COLUMN"; `inputs`:
+    the names that are averaged where the log is faster or irregular (reading/averaged.py), with their windows; others
+    are sampled; `units`: those of the names, to which a column is converted whose name holds another.
 
     Args: `columns` maps signal names to column names, or to expressions of columns (reading/mapped.py); `time` names
     the column of times, or `period` is the time between rows.
 
     Raises: `BadRecord`.
     """
+    name = str(path) if isinstance(path, str | Path) else "the log"
     if (time is None) == (period is None):
-        raise BadRecord(str(path), "give either --time COLUMN or --period TIME, so that the rows have times")
+        raise BadRecord(name, "give either --time COLUMN or --period TIME, so that the rows have times")
     if period is not None and not 0 < period < math.inf:
-        raise BadRecord(str(path), f"the period {period:g} must be a positive number of {plural(unit)}")
-    log = table(path)
+        raise BadRecord(name, f"the period {period:g} must be a positive number of {plural(unit)}")
+    log = log_of(path)
     for name, column in columns.items():
         if name == column and name not in log.header:
             listed = ", ".join(filter(None, log.header))
             raise BadRecord(log.path, f"has no column {name!r}; say --map {name}=COLUMN, one of {listed}")
     series = {name: mapped.column(log, text) for name, text in columns.items()}
+    operands = {name: mapped.operand(log, text) for name, text in columns.items()}
+    alone = {name: text for name, text in columns.items() if text in log.header}
+    for name, text in alone.items():
+        log, series[name], operands[name] = _converted(log, series[name], name, text, units.get(name, ""))
     if time is not None:
-        times = _stamps(log, log.column(time), unit)
+        log, clock, _ = _converted(log, log.column(time), "time", time, unit)
+        times = _stamps(log, clock, unit)
     else:
         times = np.arange(len(log.rows)) * float(period or 0.0)
         log = replace(log, notes=(*log.notes, *_clocks(log, columns.values())))
-    record = _gridded(log, series, times, dt, unit)
+    record = _gridded(log, series, times, dt, unit, inputs)
+    record = replace(record, operands=operands)
     for name, one in series.items():
         if record.report.absent[name] == record.report.samples:
             example = f", but cells such as {one.example!r}" if one.example else ""
             fix = options.get(name, f"--map {name}=COLUMN")
             raise BadRecord(log.path, f"the column {one.name!r} holds no number for {name}{example}; say {fix}")
     return record
+
+
+def _converted(log: Table, column: Column, name: str, text: str, unit: str) -> tuple[Table, Column, str]:
+    """A column in the unit of its signal, what stands for it in an expression, and the log with a note on it.
+
+    Raises: `BadRecord` where the units do not convert.
+    """
+    operand = mapped.operand(log, text)
+    try:
+        change = conversion(name, text, unit)
+    except Inconvertible as error:
+        fix = f"rename it, or take its numbers as they are, by an expression such as 1*{operand}"
+        raise BadRecord(log.path, f"the column {text!r} {error}; {fix}") from None
+    if isinstance(change, str):
+        return (replace(log, notes=(*log.notes, change)) if change else log), column, operand
+    log = replace(log, notes=(*log.notes, change.note))
+    return log, replace(column, values=change.factor * column.values + change.offset), change.operand(operand)
 
 
 def _stamps(log: Table, column: Column, unit: str) -> np.ndarray:
@@ -231,8 +185,7 @@ def _clocks(log: Table, mapped: Iterable[str]) -> Iterator[str]:
 
 def _dates(log: Table, name: str) -> np.ndarray:
     """The cells of a column (rows,) as seconds since the first of its dates, ISO 8601; NaN for what is none."""
-    index = log.header.index(name)
-    seconds = np.array([_seconds(row[index]) for row in log.rows])
+    seconds = np.array([_seconds(cell) for cell in log.cells(name)])
     there = seconds[np.isfinite(seconds)]
     return seconds - there[0] if len(there) else seconds
 
@@ -259,9 +212,24 @@ def _pace(period: float, dt: float, unit: str) -> tuple[str, ...]:
     return (f"the record's period, {period:g} {unit}, is {factor:.4g} times the step's dt, {dt:g} {unit}: {doubt}",)
 
 
-def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step: float | None, unit: str) -> Record:
+def _averaged(names: Sequence[str]) -> tuple[str, ...]:
+    if not names:
+        return ()
+    return (
+        f"{', '.join(names)}: averaged over each step, every row held until the next, so that the integral is kept",
+    )
+
+
+def _gridded(
+    log: Table,
+    series: Mapping[str, Column],
+    stamps: np.ndarray,
+    step: float | None,
+    unit: str,
+    inputs: Mapping[str, Window],
+) -> Record:
     """The columns of the signals at the points of the grid of `step`, by default of the typical time between rows, each
-    the value of the row nearest in time."""
+    the value of the row nearest in time; of `inputs` its mean, where the log is faster or irregular."""
     timed = np.flatnonzero(np.isfinite(stamps))
     ordered = timed[np.argsort(stamps[timed], kind="stable")]
     times = stamps[ordered]
@@ -291,6 +259,12 @@ def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step:
         there = np.flatnonzero(np.isfinite(numbers))
         points, first = np.unique(point[nearest][there], return_index=True)
         values[points, c] = numbers[there[first]]
+    means = [name for name in series if name in inputs and averaged.wanted(steps, period, dt)]
+    for name in means:
+        hold = max(averaged.HELD * period, dt)
+        values[:, list(series).index(name)] = averaged.averaged(
+            times, series[name].values[ordered], float(times[0]), samples, dt, inputs[name], hold
+        )
     cells = {name: column.of(timed) for name, column in series.items()}
     absent = {name: int(np.isnan(values[:, c]).sum()) for c, name in enumerate(series)}
     lost = {name: column.empty + column.not_numbers for name, column in cells.items()}
@@ -304,7 +278,7 @@ def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step:
         columns={name: column.name for name, column in series.items()},
         missing={name: column.empty for name, column in cells.items()},
         not_numbers={name: column.not_numbers for name, column in cells.items()},
-        covered={name: lost[name] + samples - used - absent[name] for name in series},
+        covered={name: min(lost[name], max(0, lost[name] + samples - used - absent[name])) for name in series},
         absent=absent,
         malformed=log.malformed,
         untimed=len(stamps) - len(timed),
@@ -316,6 +290,6 @@ def _gridded(log: Table, series: Mapping[str, Column], stamps: np.ndarray, step:
         filled=samples - used,
         shift=float(away.max()),
         unit=unit,
-        notes=(*log.notes, *_pace(period, dt, unit)),
+        notes=(*log.notes, *_pace(period, dt, unit), *_averaged(means)),
     )
     return Record(times[0] + np.arange(samples) * dt, tuple(series), values, report)

@@ -69,25 +69,29 @@ Points = Sequence[tuple[float, float]]
 
 def states(step: Step, trajectory: Trajectory) -> Figure:
     """One panel for each state: truth, estimate, and what was measured of it."""
-    truth = trajectory.truth
-    return _panels(step, truth.t, trajectory.x, trajectory.y, truth.x)
-
-
-def record(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> Figure:
-    """One panel for each state of a measured record, t (N,), x (N, n) estimate, y (N, p) with NaN where
-    missing."""
-    return _panels(step, t, x, y, None)
+    t, true = trajectory.truth.t, trajectory.truth.x
+    with rc_context(STYLE):
+        figure, axes = panels(len(step.states), t, step.time)
+        for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
+            j = measured_as(step, signal)
+            if j is not None:
+                axis.plot(*thin(t, trajectory.y[:, j]), color=MEASURED, linewidth=0.6, label="measured")
+            axis.plot(*thin(t, true[:, i]), color=TRUTH, label="truth")
+            axis.plot(*thin(t, trajectory.x[:, i]), color=ESTIMATE, label="estimate")
+            caption(axis, signal.name, signal.unit, signal.meaning)
+        legend(figure, axes)
+    return figure
 
 
 def fitted(plant: System, t: np.ndarray, measured: np.ndarray, fitted: np.ndarray) -> Figure:
     """One panel for each output (N, p): what was measured, and what the fitted plant gives."""
     with rc_context(STYLE):
-        figure, axes = _figure(len(plant.outputs), t, plant.time)
+        figure, axes = panels(len(plant.outputs), t, plant.time)
         for axis, signal, y, z in zip(axes, plant.outputs, measured.T, fitted.T, strict=True):
-            axis.plot(*_thin(t, y), color=MEASURED, linewidth=3, label="measured")
-            axis.plot(*_thin(t, z), color=ESTIMATE, label="fitted")
-            _name(axis, signal.name, signal.unit, signal.meaning)
-        _legend(figure, axes, ("measured", "fitted"))
+            axis.plot(*thin(t, y), color=MEASURED, linewidth=3, label="measured")
+            axis.plot(*thin(t, z), color=ESTIMATE, label="fitted")
+            caption(axis, signal.name, signal.unit, signal.meaning)
+        legend(figure, axes, ("measured", "fitted"))
     return figure
 
 
@@ -96,7 +100,7 @@ def adaptation(step: Step, t: np.ndarray, traces: Mapping[str, np.ndarray]) -> F
     special = {"innovation": _innovation, "theta": _theta}
     shown = [*(name for name in special if name in traces), *(name for name in traces if name not in special)]
     with rc_context(STYLE):
-        figure, axes = _figure(len(shown), t, step.time, top=0.24)
+        figure, axes = panels(len(shown), t, step.time, top=0.24)
         for axis, name in zip(axes, shown, strict=True):
             if name in special:
                 special[name](axis, step, t, traces[name])
@@ -117,7 +121,7 @@ def errors(
     with rc_context(STYLE):
         beside = HANDLE + LETTER * max(map(len, of))
         rows = ROW * len(of) - PANEL * len(states)
-        figure, axes = _figure(len(states), t, unit, top=max(0.4, 0.1 + rows), beside=beside)
+        figure, axes = panels(len(states), t, unit, top=max(0.4, 0.1 + rows), beside=beside)
         for i, (axis, signal) in enumerate(zip(axes, states, strict=True)):
             axis.set_yscale("log")
             for k, (name, error) in enumerate(of.items()):
@@ -125,7 +129,7 @@ def errors(
                 shown = np.where(size > 0, size, np.nan)  # a logarithm of 0 is no number
                 look: Any = {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
                 axis.plot(t[first], shown, label=name, drawstyle="steps-post", **look)
-            _name(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
+            caption(axis, signal.name, signal.unit, f"|error| of {signal.meaning or signal.name}")
         axes[0].set_title(f"one seed, the largest in each 1/{PARTS} of the time", loc="right", pad=3, fontsize=7)
         at = (axes[0].get_position().x1 + 0.01, 1.0)
         figure.legend(axes[0].get_lines(), list(of), loc="upper left", bbox_to_anchor=at, borderaxespad=0.2)
@@ -137,7 +141,7 @@ def over_theta(settled: Mapping[str, Points], noise: Mapping[str, Points], unit:
     for each observer, named beside them. `settled`, `noise`: (theta, value) by observer."""
     with rc_context(STYLE):
         beside = HANDLE + LETTER * max(map(len, noise))
-        figure, axes = _figure(
+        figure, axes = panels(
             2, np.array([1.0, 2.0]), unit, top=max(0.4, 0.1 + ROW * len(noise) - 2 * PANEL), beside=beside
         )
         every = sorted({theta for points in noise.values() for theta, _ in points})
@@ -160,7 +164,7 @@ def response(continuous: Response, sampled: Response, unit: str) -> Figure:
     several = len(continuous.outputs) > 1
     drawn = ((continuous, "continuous", {"color": ESTIMATE}), (sampled, "step", {"color": TRUTH, "linestyle": "--"}))
     with rc_context(STYLE):
-        figure, axes = _figure(len(continuous.states), continuous.omega, unit)
+        figure, axes = panels(len(continuous.states), continuous.omega, unit)
         for i, (axis, state) in enumerate(zip(axes, continuous.states, strict=True)):
             for j, output in enumerate(continuous.outputs):
                 for one, name, look in drawn:
@@ -170,29 +174,11 @@ def response(continuous: Response, sampled: Response, unit: str) -> Figure:
             axis.set_ylabel(f"|H| to {_symbol(state)}")
         axes[-1].set_xlabel(f"frequency of the noise (rad/{unit})")
         names = [str(line.get_label()) for line in axes[0].get_lines()]
-        _legend(figure, axes, [name for name in names if not name.startswith("_")])
+        legend(figure, axes, [name for name in names if not name.startswith("_")])
     return figure
 
 
-def _panels(step: Step, t: np.ndarray, x: np.ndarray, y: np.ndarray, truth: np.ndarray | None) -> Figure:
-    with rc_context(STYLE):
-        figure, axes = _figure(len(step.states), t, step.time)
-        for i, (axis, signal) in enumerate(zip(axes, step.states, strict=True)):
-            j = _measured_as(step, signal)
-            if j is not None:
-                # a record has no truth to hide behind the estimate, and may be quiet: a broad line shows beside it
-                axis.plot(
-                    *_thin(t, y[:, j]), color=MEASURED, linewidth=0.6 if truth is not None else 3, label="measured"
-                )
-            if truth is not None:
-                axis.plot(*_thin(t, truth[:, i]), color=TRUTH, label="truth")
-            axis.plot(*_thin(t, x[:, i]), color=ESTIMATE, label="estimate")
-            _name(axis, signal.name, signal.unit, signal.meaning)
-        _legend(figure, axes)
-    return figure
-
-
-def _measured_as(step: Step, state: Signal) -> int | None:
+def measured_as(step: Step, state: Signal) -> int | None:
     """The output that is this state, if one is."""
     output = step.observer.form.system.output
     return output.index(state) if state in output else None
@@ -201,7 +187,7 @@ def _measured_as(step: Step, state: Signal) -> int | None:
 def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
     """On a logarithmic axis: quiet and loud differ by orders of magnitude."""
     axis.set_yscale("log")
-    at, drawn = _thin(t, np.where(values > 0, values, np.nan))
+    at, drawn = thin(t, np.where(values > 0, values, np.nan))
     axis.plot(at, drawn, color=TRUTH)
     if (values > 0).any():
         axis.set_ylim(bottom=np.quantile(values[values > 0], 0.02) / 2)  # it may touch 0, where a logarithm has no end
@@ -221,21 +207,21 @@ def _innovation(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> No
             )
     units = {s.unit for s in step.outputs}
     unit = f"{units.pop()}² {step.time}" if len(units) == 1 and "" not in units else f"y² {step.time}"
-    _name(axis, "I_d", unit, "innovation over the window d")
+    caption(axis, "I_d", unit, "innovation over the window d")
 
 
 def _theta(axis: Axes, step: Step, t: np.ndarray, values: np.ndarray) -> None:
-    axis.plot(*_thin(t, values), color=TRUTH)
+    axis.plot(*thin(t, values), color=TRUTH)
     axis.set_ylim(bottom=0, top=1.05 * max(2.0, float(values.max())))
     axis.yaxis.set_major_locator(MaxNLocator(5, integer=True))
-    _name(axis, "theta", "", "high-gain parameter (1: extended Kalman filter)")
+    caption(axis, "theta", "", "high-gain parameter (1: extended Kalman filter)")
 
 
 def _trace(axis: Axes, step: Step, t: np.ndarray, name: str, values: np.ndarray) -> None:
-    axis.plot(*_thin(t, values), color=TRUTH)
+    axis.plot(*thin(t, values), color=TRUTH)
     fields = {field.name: field for field in step.state}
     unit, meaning = (step.unit(fields[name]), fields[name].meaning) if name in fields else ("", name)
-    _name(axis, name, unit, meaning)
+    caption(axis, name, unit, meaning)
 
 
 def _symbol(name: str) -> str:
@@ -247,7 +233,7 @@ def _symbol(name: str) -> str:
     return f"${letter}_{{{match[2]}}}$" if match[2] else f"${letter}$"
 
 
-def _figure(
+def panels(
     panels: int, t: np.ndarray, unit: str, top: float = 0.4, beside: float = 0.0
 ) -> tuple[Figure, Sequence[Axes]]:
     """Panels below one another; `top`, `beside`: inches above and to the right of them."""
@@ -262,14 +248,16 @@ def _figure(
     return figure, list(grid)
 
 
-def _name(axis: Axes, name: str, unit: str, meaning: str) -> None:
+def caption(axis: Axes, name: str, unit: str, meaning: str) -> None:
+    """Says what a panel shows."""
     symbol = "$I_d$" if name == "I_d" else _symbol(name)
     axis.set_ylabel(f"{symbol} ({unit})" if unit else symbol)
     axis.set_title(meaning, loc="left", pad=3)
 
 
-def _legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
-    lines = {line.get_label(): line for axis in axes for line in axis.get_lines()}
+def legend(figure: Figure, axes: Sequence[Axes], names: Sequence[str] = ("truth", "estimate", "measured")) -> None:
+    """Names the lines above the panels, once each."""
+    lines = {line.get_label(): line for axis in axes for line in (*axis.get_lines(), *axis.collections)}
     order = [name for name in names if name in lines]
     figure.legend(
         [lines[name] for name in order],
@@ -289,7 +277,7 @@ def _columns(names: Sequence[str]) -> int:
     return max(1, min(len(names), COLUMNS, room))
 
 
-def _thin(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def thin(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The samples that a line needs to look the same: the extremes of each bin; gaps (NaN) stay gaps, and what
     no axis holds is one."""
     values = np.where(np.abs(values) < FAR, values, np.nan)

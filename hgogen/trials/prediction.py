@@ -56,7 +56,7 @@ class Forecast:
 def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> tuple[Prediction, ...]:
     """The prediction errors on y (N, p) from the estimates of a run with inputs u (N, m): for each number of samples
     ahead, then in open loop."""
-    rejected = _rejected(step, run, y).sum(axis=0).tolist()
+    lost = rejected(step, run, y).sum(axis=0).tolist()
     return tuple(
         Prediction(
             signal.name,
@@ -64,7 +64,7 @@ def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Itera
             rms(one.model[one.compared[:, j], j]) or 0.0,
             None if one.copying is None else rms(one.copying[one.compared[:, j], j]),
             int(one.compared[:, j].sum()),
-            rejected[j],
+            lost[j],
         )
         for one in forecasts(step, run, u, y, ahead)
         for j, signal in enumerate(step.outputs)
@@ -74,7 +74,7 @@ def predictions(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Itera
 
 def forecasts(step: Step, run: Run, u: np.ndarray, y: np.ndarray, ahead: Iterable[int]) -> Iterator[Forecast]:
     """As `predictions`, sample by sample."""
-    y = np.where(_rejected(step, run, y), np.nan, y)
+    y = np.where(rejected(step, run, y), np.nan, y)
     model = open_loop(step.observer.form, step.dt, step.between)
     u = _as_the_step_takes_it(np.where(_raised(step, ("REUSED",), step.inputs, run.status), np.nan, u), step.inputs)
     z = np.array(model.enter(run.x.T))
@@ -104,7 +104,7 @@ def _compared(ahead: int | None, predicted: np.ndarray, y: np.ndarray, copied: n
     return Forecast(ahead, at_its_sample(predicted), copying, there & np.isfinite(copying))
 
 
-def _rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
+def rejected(step: Step, run: Run, y: np.ndarray) -> np.ndarray:
     """Whether the step did not use a sample that there is (N, p)."""
     return np.asarray(np.isfinite(y) & _raised(step, ("MISSING", "REJECTED"), step.outputs, run.status))
 

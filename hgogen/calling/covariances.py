@@ -1,0 +1,179 @@
+"""What a step says of its uncertainty: the covariance of its estimate, and the variance of an output's innovation.
+
+    P = L D L', S S', P itself or the inverse of S, as the method holds it
+    s = c P c' + r,   c = dh/dz,   r = R_theta/h,   h the output's sampling period
+
+Of a memory of many samples: records (N) of the layout of the C structs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from hgogen.discretisation.runge_kutta import RK4, advance
+from hgogen.graph import Graph, sx
+from hgogen.kalman.factored import Moved
+from hgogen.kalman.riccati_part import Riccati
+from hgogen.part import Clock
+from hgogen.program import Field, Place, address, lines_of, sym
+from hgogen.step import Step
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """An SX matrix over places of a step, evaluated at records."""
+
+    step: Step
+    matrix: Graph
+
+    def __call__(self, records: Array, signals: dict[Place, Array] | None = None) -> Array:
+        """(N, rows, columns) at records (N); `signals` (N, size): places that lie in no record."""
+        values = [
+            signals[place] if signals and place in signals else values_at(self.step, records, place)
+            for place, _ in self._reads
+        ]
+        rows, columns = self.matrix.shape
+        wide = np.array(self._graph(*(each.T for each in values))) if values else np.array(self._graph()["o0"])
+        wide = wide if values else np.tile(wide, len(records))
+        return np.asarray(wide.reshape(rows, len(records), columns).swapaxes(0, 1))
+
+    @cached_property
+    def _reads(self) -> tuple[tuple[Place, int], ...]:
+        return tuple(sorted({(place, size) for place, _, size in map(address, ca.symvar(self.matrix))}))
+
+    @cached_property
+    def _graph(self) -> ca.Function:
+        return ca.Function("at", [sym(*place, size) for place, size in self._reads], [ca.densify(self.matrix)])
+
+
+def values_at(step: Step, records: Array, place: Place) -> Array:
+    """The numbers (N, size) of a place of the state or the parameters in records (N)."""
+    if place.struct in ("plant", "gain", "derived"):
+        return _columns(records["params"][place.struct][place.name])
+    return _columns(records["state"][place.name])
+
+
+def _columns(values: Array) -> Array:
+    return np.asarray(values, dtype=float).reshape(len(values), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """That of a step whose covariance is a Riccati observer's."""
+
+    step: Step
+    part: Riccati
+
+    def covariance(self, records: Array) -> Array:
+        """P (N, n, n) of the form's coordinates."""
+        fields, n = {f.name: f for f in self.step.state}, self.part.dynamics.n
+        if "P" in fields:
+            return _triangle(fields["P"], values_at(self.step, records, Place("state", "P")), n, symmetric=True)
+        if "S" in fields:
+            packed = _triangle(fields["S"], values_at(self.step, records, Place("state", "S")), n, symmetric=True)
+            return np.asarray(np.linalg.inv(packed))
+        if "root" in fields:
+            root = _triangle(fields["root"], values_at(self.step, records, Place("state", "root")), n)
+            return np.asarray(root @ root.swapaxes(1, 2))
+        L, D = self._unit_lower(fields, records, n), values_at(self.step, records, Place("state", "D"))
+        return np.asarray((L * D[:, None, :]) @ L.swapaxes(1, 2))
+
+    def rows(self, records: Array) -> Array:
+        """dh/dz (N, p, n)."""
+        return self._rows(records)
+
+    def variances(self, records: Array) -> Array:
+        """r (N, p), a sample's."""
+        return self._variances(records)[:, :, 0]
+
+    def predicted(self, P: Array, records: Array, signals: dict[Place, Array]) -> Array:
+        """P (N, n, n) one sample on, Phi P Phi' + h Q_theta, where the past is forgotten exp(rho h) as much."""
+        Phi, noise = self._transition(records, signals), self._noise(records, signals)
+        growth = np.exp(self.step.dt * self._rho(records))
+        return np.asarray(growth * (Phi @ P @ Phi.swapaxes(1, 2)) + self.step.dt * noise)
+
+    def _unit_lower(self, fields: dict[str, Field], records: Array, n: int) -> Array:
+        L = np.zeros((len(records), n, n))
+        if "L" in fields:
+            L = _triangle(fields["L"], values_at(self.step, records, Place("state", "L")), n)
+        elif any(line[-1].name == "column" for line in lines_of(self.step.groups)):
+            L = np.tril(np.asarray(records["state"]["column"]["v"], dtype=float).swapaxes(1, 2), -1)
+        return L + np.eye(n)
+
+    @property
+    def _clock(self) -> Clock:
+        return clock_of(self.step)
+
+    @cached_property
+    def _rows(self) -> Evaluated:
+        return Evaluated(self.step, self.part.dynamics.output_jacobian(self.step.observer.z, self._clock.u_now))
+
+    @cached_property
+    def _variances(self) -> Evaluated:
+        moved = Moved(self.part, self._clock)
+        return Evaluated(self.step, ca.vertcat(*(moved.variance(j) for j in range(len(self.step.outputs)))))
+
+    @cached_property
+    def _transition(self) -> Evaluated:
+        moved = Moved(self.part, self._clock)
+        return Evaluated(self.step, moved.transition(moved.stages()))
+
+    @cached_property
+    def _noise(self) -> Evaluated:
+        n, noise = self.part.dynamics.n, self.part.factor.size
+        return Evaluated(self.step, sx(self.part.noise()) if noise else ca.SX(n, n))
+
+    @cached_property
+    def _rho(self) -> Evaluated:
+        return Evaluated(self.step, sx(self.part.rho))
+
+
+def _triangle(field: Field, packed: Array, n: int, symmetric: bool = False) -> Array:
+    """The matrices (N, n, n) whose entries a field holds."""
+    whole = np.zeros((len(packed), n, n))
+    for k, (i, j) in enumerate(field.entries):
+        whole[:, i - 1, j - 1] = packed[:, k]
+        if symmetric:
+            whole[:, j - 1, i - 1] = packed[:, k]
+    return whole
+
+
+def uncertainty(step: Step) -> Uncertainty | None:
+    """That of a step; None where no Riccati part stands alone for the estimate."""
+    parts = [part for part in step.observer.parts if isinstance(part, Riccati)]
+    return Uncertainty(step, parts[0]) if len(parts) == 1 else None
+
+
+def clock_of(step: Step) -> Clock:
+    """The clock by which a step was assembled."""
+    every = tuple(round(period / step.dt) for period in step.periods)
+    return Clock(step.dt, step.between, len(step.inputs), len(step.outputs), every if step.timed else ())
+
+
+def motion(step: Step, known: Uncertainty | None) -> Graph:
+    """z of the step's model one sample on without correction, by one classical Runge-Kutta step; SX (n). Where the
+    measurement enters the model, it is that of the Riccati part."""
+    observer, clock = step.observer, clock_of(step)
+    if known is not None:
+        return Moved(known.part, clock).stages().result["z"]
+    flow = observer.dynamics.flow
+    return advance(RK4, lambda v, c: {"z": flow(v["z"], clock.u(c))}, {"z": observer.z}, step.dt).result["z"]
+
+
+def shown(step: Step) -> Graph:
+    """The slope dx/dz (n, n) of the plant's states, at the form's coordinates in their ranges; SX."""
+    observer, z = step.observer, ca.SX.sym("z", step.observer.z.numel())
+    slope = ca.jacobian(observer.dynamics.estimate(z, clock_of(step).u_now), z)
+    return ca.substitute(slope, z, observer.dynamics.saturated(observer.z))
+
+
+def used(step: Step, status: Array, signals: Sequence[str]) -> Array:
+    """Whether a step used the sample of each output (N, p), by its status (N)."""
+    names = [bit.name for bit in step.bits]
+    masks = [sum(1 << names.index(bit) for bit in (f"MISSING_{s}", f"REJECTED_{s}") if bit in names) for s in signals]
+    return np.asarray(status[:, None] & np.array(masks, np.uint32) == 0)

@@ -1,0 +1,27 @@
+"""Libraries that few need: imported when they are asked for, and else a sentence that says how to install them."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from hgogen.errors import HgogenError
+
+
+@dataclass(eq=False)
+class NotInstalled(HgogenError):
+    """A library that is not installed, what it is needed for, and the extra of hgogen that brings it."""
+
+    what: str
+    library: str
+    extra: str
+
+    def __str__(self) -> str:
+        return f'{self.what} needs {self.library}; install it: pip install "hgogen[{self.extra}]"'
+
+
+def library(name: str, what: str, extra: str = "logs") -> Any:
+    """The module of that name. Raises: `NotInstalled`, of `what` needs it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise NotInstalled(what, name.partition(".")[0], extra) from None

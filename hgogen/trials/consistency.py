@@ -1,0 +1,202 @@
+"""Is an observer consistent: are its errors as large as it says, and is nothing left in them that a model could know?
+
+    NIS  = mean of e_k^2/s_k over the N samples of an output:  N NIS is chi-square with N degrees of freedom
+    NEES = mean of x~' P^-1 x~ over samples with a truth:      N NEES/tau is so with n N/tau
+
+e the innovation, s the variance that the observer takes it to have; x~ the error of the n states whose truth is known,
+P their covariance, tau how many errors tell as much as one, since errors follow each other also where all is right.
+Whiteness is Ljung and Box's test of the first K correlations r_k of e/sqrt(s):
+
+    N (N + 2) sum_k r_k^2/(N - k)   is chi-square with K degrees of freedom
+
+Quantiles of chi-square are Wilson and Hilferty's (1931), within 4 % from 5 degrees of freedom on. Sources: Y.
+Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to tracking and navigation" (2001), 5.4; G. M.
+Ljung, G. E. P. Box, Biometrika 65 (1978).
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.calling.samples import BadShape, Run
+from hgogen.identification.information import alike
+from hgogen.trials.prediction import Prediction, rms
+
+Array = np.ndarray
+LAGS = 20  # correlations that a test of whiteness asks at most
+LEAST = 3  # samples for each of them
+NORMAL = {0.025: -1.959963985, 0.95: 1.644853627, 0.975: 1.959963985}  # quantiles of the normal distribution
+NOMINAL = 0.0455  # of samples beyond 2 sigma, of normal ones
+WORSE = 1.05  # times the error of another prediction: worse
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Ljung and Box's `statistic` of `lags` correlations, and the `limit` that one in 20 white sequences exceeds."""
+
+    statistic: float
+    limit: float
+    lags: int
+
+    @property
+    def white(self) -> bool:
+        """Whether the limit is kept."""
+        return self.statistic <= self.limit
+
+
+@dataclass(frozen=True)
+class OfOutput:
+    """Of the innovations of one output, `count` of them: their RMS value, the mean `nis` with the ends of its 95 %
+    `band`, the share `outside` 2 sigma, None of an observer without variances; `whiteness`, None of too few."""
+
+    output: str
+    count: int
+    rms: float
+    nis: float | None
+    band: tuple[float, float] | None
+    outside: float | None
+    whiteness: Whiteness | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        test = self.whiteness
+        tested = {"test": "Ljung-Box", **asdict(test), "white": test.white} if test else None
+        return {**asdict(self), "whiteness": tested}
+
+
+@dataclass(frozen=True)
+class OfStates:
+    """Of the errors of `states` in `count` samples, of which `alike` tell as much as one: the mean `nees`, as large as
+    there are states where P is right, and the ends of its 95 % `band`."""
+
+    states: tuple[str, ...]
+    count: int
+    alike: float
+    nees: float
+    band: tuple[float, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Of a run: its outputs, and the states whose truth is known, None without truth or covariance."""
+
+    outputs: tuple[OfOutput, ...]
+    states: OfStates | None
+
+    def sentences(self) -> tuple[str, ...]:
+        """What is not as the observer says."""
+        return tuple(_sentences(self))
+
+
+def consistency(run: Run, truth: Mapping[str, Array] | None = None) -> Consistency:
+    """Of a run of a step; `truth` (N,) of states by name, NaN where it is not known. Raises: `BadShape`."""
+    e, variances = run.innovations, run.variances
+    if e is None:
+        return Consistency((), None)
+    s = [None] * e.shape[1] if variances is None else list(variances.T)
+    each = tuple(_of_output(name, *pair) for name, pair in zip(run.outputs, zip(e.T, s, strict=True), strict=True))
+    return Consistency(each, _of_states(run, truth or {}))
+
+
+def _of_output(name: str, e: Array, s: Array | None) -> OfOutput:
+    there = np.isfinite(e) & ((s > 0) if s is not None else True)
+    e, count = e[there], int(there.sum())
+    size = rms(e)
+    if s is None or not count:
+        return OfOutput(name, count, size, None, None, None, whiteness(e))
+    normed = e / np.sqrt(s[there])
+    band = (quantile(0.025, count) / count, quantile(0.975, count) / count)
+    return OfOutput(name, count, size, rms(normed) ** 2, band, float(np.mean(abs(normed) > 2)), whiteness(normed))
+
+
+def _of_states(run: Run, truth: Mapping[str, Array]) -> OfStates | None:
+    names, P = tuple(truth), run.covariance
+    for name, values in truth.items():
+        if np.shape(values) != run[name].shape:
+            raise BadShape(f"truth of {name} of shape {np.shape(values)}", f"must have shape {run[name].shape}")
+    if P is None or not names:
+        return None
+    index = [run.names.index(name) for name in names]
+    errors = np.column_stack([run[name] - np.asarray(truth[name], dtype=float) for name in names])
+    P = P[:, index][:, :, index]
+    sigma = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
+    there = np.isfinite(errors).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (sigma > 0).all(axis=1)
+    if not there.any():
+        return None
+    scaled, scale = errors[there] / sigma[there], sigma[there, :, None] * sigma[there, None, :]
+    inverse = np.linalg.pinv(P[there] / scale, hermitian=True)
+    values, n = np.einsum("ki,kij,kj->k", scaled, inverse, scaled), len(names)
+    tau = min(alike(values), float(len(values)))
+    freedom = n * len(values) / tau
+    low, high = (n * quantile(p, freedom) / freedom for p in (0.025, 0.975))
+    return OfStates(names, len(values), tau, float(values.mean()), (low, high))
+
+
+def whiteness(e: Array) -> Whiteness | None:
+    """Ljung and Box's test of a sequence (N,); None where it is too short, or stands still."""
+    N = len(e)
+    lags = min(LAGS, N // LEAST)
+    r = correlations(e, lags)
+    if not lags or r is None:
+        return None
+    statistic = N * (N + 2) * float(np.sum(r**2 / (N - np.arange(1, lags + 1))))
+    return Whiteness(statistic, quantile(0.95, lags), lags)
+
+
+def correlations(e: Array, lags: int) -> Array | None:
+    """The first autocorrelations of a sequence (N,); None where it stands still."""
+    centred = e - e.mean() if len(e) else e
+    power = float(centred @ centred)
+    if not power > 0:
+        return None
+    return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+
+
+def quantile(p: float, freedom: float) -> float:
+    """That of chi-square with so many degrees of freedom, p one of `NORMAL`."""
+    spread = 2 / (9 * freedom)
+    return float(freedom * max(0.0, 1 - spread + NORMAL[p] * math.sqrt(spread)) ** 3)
+
+
+def no_better(predictions: Sequence[Prediction]) -> Iterator[str]:
+    """A sentence for each output that is predicted worse than by copying."""
+    for output in dict.fromkeys(one.output for one in predictions):
+        rows = [one for one in predictions if one.output == output and one.copying is not None]
+        if rows and not any(one.copying for one in rows):
+            yield f"{output} stands still in the whole record, so that copying it errs by 0: give a record that moves"
+            continue
+        worse = [one for one in rows if one.model > WORSE * (one.copying or 0.0)]
+        if worse:
+            steps = f"{', '.join(str(one.ahead) for one in worse)} step{'s' * (worse[-1].ahead != 1)} ahead"
+            errors = ", ".join(f"{one.model:.3g} for {one.copying:.3g}" for one in worse)
+            yield f"{output}: worse than copying at {steps}, by RMS errors of {errors}"
+
+
+def _sentences(whole: Consistency) -> Iterator[str]:
+    for one in whole.outputs:
+        if one.nis is not None and one.band is not None and not one.band[0] <= one.nis <= one.band[1]:
+            factor, more = math.sqrt(one.nis), one.nis > 1
+            yield (
+                f"innovations of {one.output} are {factor:.3g} times as large as the observer takes them to be: "
+                f"{'R, Q or both are too small, or the model is wrong' if more else 'R or Q is too large'}"
+            )
+        if one.whiteness is not None and not one.whiteness.white:
+            yield (
+                f"innovations of {one.output} are not white (Ljung-Box {one.whiteness.statistic:.3g}, limit "
+                f"{one.whiteness.limit:.3g}): they can be predicted, so that the model, the gains, or the time of an "
+                "input or sensor is off"
+            )
+    states = whole.states
+    if states is not None and not states.band[0] <= states.nees <= states.band[1]:
+        factor = math.sqrt(states.nees / len(states.states))
+        yield (
+            f"by the truth, errors of {', '.join(states.states)} are {factor:.3g} times as large as the covariance "
+            f"says: it is {'too sure' if factor > 1 else 'too careful'}"
+        )

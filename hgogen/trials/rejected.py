@@ -1,0 +1,170 @@
+"""Why a step rejects most samples of a record: what maps its column to what the model declares.
+
+A column in other units, with an offset or another sign is beyond what its output can read, and predicted only. Few
+maps are tried on it: of those that bring nine in ten of its values into the declared range, the one is named with which
+the model predicts best, beside copying; of maps as good one of units, and an offset last.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine, Run
+from hgogen.errors import HgogenError
+from hgogen.stepping.guards import readings
+from hgogen.trials.prediction import predictions, rejected
+
+Array = np.ndarray
+MOST = 0.5  # of an output's samples: more of them rejected is a record of something else
+FITS = 0.9  # of the values in the declared range: a map that fits
+AHEAD = 5  # samples ahead, of the predictions by which maps are compared
+AS_WELL = 1.5  # times the least error
+ANGLES, TEMPERATURES = ("rad", "deg", "°"), ("K", "degC", "°C", "C")
+
+
+@dataclass(frozen=True)
+class Map:
+    """y -> scale y + shift, as `text` of a column {}, and what it mends; for outputs of these `units` alone, where
+    there are some."""
+
+    text: str
+    scale: float
+    shift: float
+    mends: str
+    units: tuple[str, ...] = ()
+
+
+AS_IT_IS = Map("{}", 1.0, 0.0, "")
+MAPS = (
+    Map("pi/180*{}", math.pi / 180, 0.0, "degrees, where the model has radians", ANGLES[:1]),
+    Map("180/pi*{}", 180 / math.pi, 0.0, "radians, where the model has degrees", ANGLES[1:]),
+    Map("{} + 273.15", 1.0, 273.15, "degrees Celsius, where the model has kelvin", TEMPERATURES[:1]),
+    Map("{} - 273.15", 1.0, -273.15, "kelvin, where the model has degrees Celsius", TEMPERATURES[1:]),
+    Map("5/9*({} - 32) + 273.15", 5 / 9, 273.15 - 160 / 9, "degrees Fahrenheit, where the model has kelvin", ("K",)),
+    Map("5/9*({} - 32)", 5 / 9, -160 / 9, "degrees Fahrenheit, where the model has Celsius", TEMPERATURES[1:]),
+    Map("-{}", -1.0, 0.0, "the other sign"),
+    Map("{}/1000", 1e-3, 0.0, "a factor of 1000, as of milli"),
+    Map("1000*{}", 1e3, 0.0, "a factor of 1000, as of kilo"),
+    Map("{}/100", 1e-2, 0.0, "a factor of 100, as of per cent"),
+)
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Of an output, of whose `count` samples the step rejected the `share`: the ends of their middle nine in ten, the
+    range that the model reads, and the map that mends it, as --map takes it, with what it mends; "" where none fits."""
+
+    output: str
+    count: int
+    share: float
+    values: tuple[float, float]
+    range: tuple[float, float]
+    map: str
+    mends: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        (low, high), (least, most), y = self.values, self.range, self.output
+        said = (
+            f"{100 * self.share:.3g} % of the samples of {y} were rejected: they lie about {low:.4g}..{high:.4g}, and "
+            f"the model reads {least:g}..{most:g}"
+        )
+        if not self.map:
+            return f"{said}; no usual map makes it fit: check column, unit and sign, or widen the range of {y}"
+        return f'{said}; it looks like {self.mends}: say --map {y}="{self.map}"'
+
+
+@dataclass(eq=False)
+class MostlyRejected(HgogenError):
+    """A record whose run is worth nothing, since the step rejected most samples."""
+
+    rejections: tuple[Rejection, ...]
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.rejections))
+
+
+def rejections(
+    step: CallableStep, run: Run, u: Array, y: Array, columns: Mapping[str, str], engine: Engine
+) -> tuple[Rejection, ...]:
+    """Of each output of a run over u (N, m), y (N, p) most of whose samples were rejected; `columns`: what --map reads
+    of the log, by output, such that it can stand in an expression."""
+    lost, there = rejected(step, run, y), np.isfinite(y)
+    ranges = readings(step.observer.form)
+    each = []
+    for j, signal in enumerate(step.outputs):
+        count = int(there[:, j].sum())
+        if not count or lost[:, j].sum() <= MOST * count:
+            continue
+        best = _best(step, u, y, j, ranges[j], engine)
+        low, high = np.quantile(y[there[:, j], j], (0.05, 0.95))
+        text, mends = (best.text.format(columns[signal.name]), best.mends) if best else ("", "")
+        share = float(lost[:, j].sum()) / count
+        each.append(Rejection(signal.name, count, share, (float(low), float(high)), ranges[j], text, mends))
+    return tuple(each)
+
+
+def clamped(step: CallableStep, u: Array, columns: Mapping[str, str]) -> Iterator[str]:
+    """A sentence for each input of u (N, m) that is beyond its declared range, where it is clamped, in most samples."""
+    for signal, values in zip(step.inputs, u.T, strict=True):
+        values, ends = values[np.isfinite(values)], signal.interval
+        beyond = 1 - _inside(AS_IT_IS, values, ends) if len(values) else 0.0
+        if beyond <= MOST:
+            continue
+        maps = (one for one in MAPS if not one.units or not signal.unit or signal.unit in one.units)
+        best = max((one for one in maps if _inside(one, values, ends) >= FITS), key=_known, default=None)
+        said = (
+            f"{signal.name} is beyond its declared range, {ends[0]:g}..{ends[1]:g}, in {100 * beyond:.3g} % of the "
+            "samples, and clamped there"
+        )
+        fix = "check its column and its unit, or widen the range"
+        if best:
+            fix = f'it may be {best.mends}: --map {signal.name}="{best.text.format(columns[signal.name])}"'
+        yield f"{said}; {fix}"
+
+
+def _best(step: CallableStep, u: Array, y: Array, j: int, ends: tuple[float, float], engine: Engine) -> Map | None:
+    """The map that mends output j, if one fits."""
+    values = y[np.isfinite(y[:, j]), j]
+    unit = step.outputs[j].unit
+    maps = [one for one in (*MAPS, *_offset(values, ends)) if not one.units or not unit or unit in one.units]
+    fitting = [one for one in maps if _inside(one, values, ends) >= FITS]
+    errors = [_error(step, u, y, j, one, engine) for one in fitting]
+    as_well = [one for one, error in zip(fitting, errors, strict=True) if error <= AS_WELL * min(errors)]
+    return max(as_well, key=_known, default=None)
+
+
+def _known(one: Map) -> tuple[bool, bool, float]:
+    """How well known the cause is: of units first, an offset last; then by how the values fill the range."""
+    return bool(one.units), not one.shift, abs(one.scale)
+
+
+def _offset(values: Array, ends: tuple[float, float]) -> Iterator[Map]:
+    """The one that brings the middle of the values to that of the range, in three digits."""
+    middle = float(np.median(values)) - (ends[0] + ends[1]) / 2
+    shift = float(f"{-middle:.3g}") if math.isfinite(middle) else 0.0
+    if shift:
+        text = f"{{}} {'+' if shift > 0 else '-'} {abs(shift):g}"
+        yield Map(text, 1.0, shift, f"an offset of about {-shift:g}, unless the range is too narrow")
+
+
+def _inside(one: Map, values: Array, ends: tuple[float, float]) -> float:
+    mapped = one.scale * values + one.shift
+    return float(np.mean((mapped >= ends[0]) & (mapped <= ends[1])))
+
+
+def _error(step: CallableStep, u: Array, y: Array, j: int, one: Map, engine: Engine) -> float:
+    """The RMS error of predictions of output j with the map, over that of copying."""
+    y = y.copy()
+    y[:, j] = one.scale * y[:, j] + one.shift
+    step.reset()
+    rows = predictions(step, step.run(u=u, y=y, engine=engine), u, y, (AHEAD,))
+    ratios = [row.model / row.copying for row in rows if row.output == step.outputs[j].name and row.copying]
+    return ratios[0] if ratios else math.inf

@@ -1,0 +1,113 @@
+"""Does another time or sign of a signal fit a record better: predictions with it shifted by a few samples, or negated.
+
+    J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2,   h = 5
+
+Shifting all signals alike changes nothing, so that the only output of a plant is shifted by its inputs. Another is
+better where J is less by `CLEAR`, and in the mean of `SEGMENTS` by `SIGNIFICANT` standard errors.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hgogen.call import CallableStep
+from hgogen.calling.samples import Engine, held_last
+from hgogen.reading.measured import shifted
+from hgogen.trials.prediction import forecasts, rms
+
+Array = np.ndarray
+AHEAD, MOST = 5, 3  # samples ahead of the predictions; samples of the shifts tried
+LONGEST = 20_000  # samples that are looked at
+CLEAR = 0.8  # times the RMS error: clearly less; an observer that lags gains some by an input that comes early
+SEGMENTS = 8
+
+
+@dataclass(frozen=True)
+class Better:
+    """A signal taken `shift` samples later, or with its `sign`, and the RMS errors, over those of copying, with it and
+    as it is."""
+
+    signal: str
+    shift: int
+    sign: int
+    error: float
+    present: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    def sentence(self, before: int, operand: str) -> str:
+        """What to say on the command line, where the signal is shifted by `before` already, and its column in an
+        expression is `operand`."""
+        errors = f"{self.error:.3g} times the error of copying {AHEAD} steps ahead for {self.present:.3g}"
+        if self.sign < 0:
+            other, fix = f"the other sign of {self.signal}", f'--map {self.signal}="-{operand}"'
+        else:
+            count = f"{abs(self.shift)} sample{'s' * (abs(self.shift) > 1)} {'later' if self.shift > 0 else 'earlier'}"
+            other, fix = f"{self.signal} taken {count}", f"--shift {self.signal}={before + self.shift}"
+        return f"with {other} predictions are clearly better, {errors}: {fix}"
+
+
+def better(step: CallableStep, u: Array, y: Array, first: int, engine: Engine) -> Better | None:
+    """The other time or sign of one signal that fits the samples u (N, m), y (N, p) clearly better, from the number
+    `first` on; None where none does."""
+    u, y = u[:LONGEST], y[:LONGEST]
+    scale = _scale(y)
+    present = _squares(step, u, y, first, scale, engine)
+    if not np.isfinite(present).any():
+        return None
+    now = math.sqrt(float(np.nanmean(present)))
+    best: Better | None = None
+    for signal, shift, sign, other_u, other_y in _others(step, u, y):
+        squares = _squares(step, other_u, other_y, first, scale, engine)
+        error = math.sqrt(float(np.nanmean(squares))) if np.isfinite(squares).any() else math.inf
+        if error < CLEAR * now and error < (best.error if best else math.inf) and _steady(present - squares):
+            best = Better(signal, shift, sign, error, now)
+    return best
+
+
+def _others(step: CallableStep, u: Array, y: Array) -> Iterator[tuple[str, int, int, Array, Array]]:
+    """The signals with another shift or sign: name, shift, sign, and the samples."""
+    whole, m = np.hstack([u, y]), u.shape[1]
+    names: Sequence[str] = [s.name for s in (*step.inputs, *step.outputs)]
+    alone = [j for j in range(len(names)) if j < m or y.shape[1] > 1]
+    shifts = [k for size in range(1, MOST + 1) for k in (size, -size)]
+    for j, shift, sign in [(j, 0, -1) for j in alone] + [(j, shift, 1) for j in alone for shift in shifts]:
+        other = whole.copy()
+        other[:, j] = sign * shifted(whole[:, j], shift)
+        yield names[j], shift, sign, other[:, :m], other[:, m:]
+
+
+def _scale(y: Array) -> Array:
+    """The RMS error of copying (p); 1 of an output that stands still."""
+    last, size = held_last(y), []
+    for j in range(y.shape[1]):
+        errors = (last[:-AHEAD] - y[AHEAD:])[:, j]
+        size.append(rms(errors[np.isfinite(errors)]) or 1.0)
+    return np.array(size)
+
+
+def _squares(step: CallableStep, u: Array, y: Array, first: int, scale: Array, engine: Engine) -> Array:
+    """The sum over outputs of squared errors over `scale` at each sample, NaN where nothing was compared."""
+    if len(y) <= first + AHEAD:
+        return np.full(len(y), np.nan)
+    step.reset()
+    for one in forecasts(step, step.run(u=u, y=y, engine=engine), u, y, (AHEAD,)):
+        if one.ahead is not None:
+            with np.errstate(over="ignore", invalid="ignore"):
+                squares = np.where(one.compared, (one.model / scale) ** 2, np.nan)
+            there = np.isfinite(squares)
+            total = np.where(there, squares, 0.0).sum(axis=1)
+            total[~there.any(axis=1) | (np.arange(len(y)) < first)] = np.nan
+            return np.asarray(total)
+    return np.full(len(y), np.nan)
+
+
+def _steady(gain: Array) -> bool:
+    """Whether the gain (N,) is above 0 in nearly all segments: by chance it is so in one of 28 records."""
+    means = [float(np.nanmean(part)) for part in np.array_split(gain, SEGMENTS) if np.isfinite(part).any()]
+    return len(means) > 1 and sum(mean > 0 for mean in means) >= max(2, len(means) - 1)

@@ -1,0 +1,266 @@
+"""Innovations, their variances and covariances of a run, and whether an observer is consistent."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import hgogen
+
+import hgogen as hg
+from hgogen.calling.samples import BadShape
+from hgogen.trials.consistency import no_better, quantile, whiteness
+from hgogen.trials.prediction import Prediction
+
+Array = np.ndarray
+DT, N = 0.02, 400
+F = np.array([[0.0, 1.0], [-4.0, -0.4]])  # an oscillator, slow against DT
+PHI = np.eye(2) + DT * F + DT**2 / 2 * F @ F
+C = np.array([[2.0, 0.0], [0.0, 1.0]])
+Q, R, P0 = np.array([0.02, 0.3]), np.array([1e-3, 4e-3]), np.array([0.01, 0.05])
+
+
+def plant(outputs: int = 2) -> hg.System:
+    q, w = hg.Signal("q", low=-50, high=50), hg.Signal("w", low=-50, high=50)
+    signals = tuple(hg.Signal(name) for name in ("angle", "rate")[:outputs])
+    return hg.System(
+        "oscillator", states=(q, w), outputs=signals, flow=[w, -4 * q - 0.4 * w], output=[2 * q, w][:outputs]
+    )
+
+
+def filtering(
+    system: hg.System, method: object = hg.methods.continuous_discrete, noise: float = 1.0, process: float = 1.0
+) -> hg.Step:
+    """A Kalman filter of the plant, its R and Q so many times the plant's."""
+    names = [y.name for y in system.outputs]
+    gains = {"Q": dict(zip("qw", process * Q, strict=True)), "R": dict(zip(names, noise * R, strict=False))}
+    observer = hg.observers.riccati(hg.forms.original(system), **gains, initial={"q": 1, "w": 0}, covariance=P0)
+    return hg.sample(observer, method, dt=DT)
+
+
+def simulated(draw: np.random.Generator, outputs: int = 2, count: int = N) -> tuple[Array, Array]:
+    """Samples and states of the plant as the filter takes it: process noise of covariance Q DT a sample, readings of
+    variance R/DT, a first state drawn from the filter's."""
+    x, states = np.array([1.0, 0.0]) + np.sqrt(P0) * draw.standard_normal(2), []
+    for _ in range(count):
+        states.append(x)
+        x = PHI @ x + np.sqrt(Q * DT) * draw.standard_normal(2)
+    states = np.array(states)
+    return (states @ C.T + np.sqrt(R / DT) * draw.standard_normal((count, 2)))[:, :outputs], states
+
+
+def dense(y: Array) -> tuple[Array, Array, Array]:
+    """A Kalman filter written plainly: e (N, p), s (N, p), P (N, n, n), outputs one after the other."""
+    x, P = np.array([1.0, 0.0]), np.diag(P0)
+    e, s, covariance = np.full(y.shape, np.nan), np.full(y.shape, np.nan), []
+    for k, sample in enumerate(y):
+        if k:
+            x, P = PHI @ x, PHI @ P @ PHI.T + DT * np.diag(Q)
+        for j in range(y.shape[1]):
+            if np.isfinite(sample[j]):
+                c = C[j]
+                e[k, j], s[k, j] = sample[j] - c @ x, c @ P @ c + R[j] / DT
+                gain = P @ c / s[k, j]
+                x, P = x + gain * e[k, j], P - np.outer(gain, c @ P)
+        covariance.append(P)
+    return e, s, np.array(covariance)
+
+
+def slow(y: Array) -> Array:
+    """The second output every fifth sample, the first with a gap."""
+    y = y.copy()
+    y[np.arange(len(y)) % 5 > 0, 1] = np.nan
+    y[100:120, 0] = np.nan
+    return y
+
+
+METHODS = {"continuous_discrete": 1e-6, "cholesky": 1e-6, "rk4": 0.1, "rk4_covariance": 0.1}
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("engine", ["c", "python"])
+def test_innovations_and_covariance_are_those_of_a_kalman_filter(name: str, engine: str) -> None:
+    """Of the plant's transition exp(DT F) both take other roundings, of order (DT |F|)^3/6 = 9e-5 in a state, some ten
+    of which a filter remembers: 5e-3 of an innovation of .2. Variances do not see it. Methods that integrate with the
+    measurement differ by what they take it to be between samples, of order DT times the filter's rate, about 1/10."""
+    y = slow(simulated(np.random.default_rng(1))[0])
+    run = filtering(plant(), getattr(hg.methods, name)).run(y=y, engine=engine)
+    e, s, P = dense(y)
+    assert run.innovations is not None
+    assert run.variances is not None
+    assert run.covariance is not None
+    assert np.array_equal(np.isnan(run.innovations), np.isnan(y))
+    assert np.array_equal(np.isnan(run.variances), np.isnan(y))
+    share = METHODS[name]
+    np.testing.assert_allclose(run.variances[20:], s[20:], rtol=share)
+    np.testing.assert_allclose(run.covariance[20:], P[20:], rtol=share, atol=share * P[20:].max())
+    differences = np.nanstd((run.innovations - e)[20:], axis=0)
+    assert (differences <= 2 * max(2.5e-3, share) * np.nanstd(e[20:], axis=0)).all()
+
+
+def test_of_two_sensors_of_one_state_the_second_counts_with_the_first() -> None:
+    """By a filter that corrects at samples, and by one that integrates with them: their variances differ by what the
+    filter forgets between samples, a fifth, and by half where the first sensor were not counted."""
+    q, w = hg.Signal("q", low=-50, high=50), hg.Signal("w", low=-50, high=50)
+    outputs = (hg.Signal("one"), hg.Signal("other"))
+    system = hg.System("twice", states=(q, w), outputs=outputs, flow=[w, -4 * q - 0.4 * w], output=[2 * q, 2 * q])
+    variances = [
+        filtering(system, method, noise=0.03).run(y=np.zeros((N, 2))).variances[100:].mean(axis=0)
+        for method in (hg.methods.continuous_discrete, hg.methods.rk4)
+    ]
+    np.testing.assert_allclose(variances[1], variances[0], rtol=0.2)
+
+
+def test_the_covariance_is_that_of_the_plants_states() -> None:
+    """The phase form's coordinates are z = (2 q, 2 w)."""
+    y = simulated(np.random.default_rng(2), 1)[0]
+    system = plant(1)
+    form = hg.forms.phase(system)
+    observer = hg.observers.riccati(form, Q=4 * Q, R=R[:1], initial={"q": 1, "w": 0}, covariance=4 * P0)
+    run = hg.sample(observer, dt=DT).run(y=y)
+    assert run.covariance is not None
+    np.testing.assert_allclose(run.covariance, filtering(system).run(y=y).covariance, rtol=1e-9, atol=1e-12)
+
+
+def test_a_run_that_is_not_asked_takes_no_sample_twice_and_none_is_disturbed() -> None:
+    y = simulated(np.random.default_rng(3), 1)[0]
+    step = filtering(plant(1))
+    first, second = step.run(y=y[:200]), step.run(y=y[200:])
+    whole = filtering(plant(1)).run(y=y)
+    saved = step.save()
+    assert first.innovations is not None
+    assert whole.innovations is not None
+    assert np.array_equal(np.concatenate([first.innovations, second.innovations]), whole.innovations)
+    assert step.save() == saved
+    assert np.array_equal(whole.since(150).innovations, whole.innovations[150:])
+    assert np.array_equal(whole.since(100).since(50).covariance, whole.covariance[150:])
+    assert len(whole.since(500).innovations) == 0
+
+
+def test_what_a_run_is_given_may_change_afterwards() -> None:
+    y = simulated(np.random.default_rng(3), 1)[0]
+    run, before = filtering(plant(1)).run(y=y), y.copy()
+    y[:] = 0
+    assert np.array_equal(run.innovations, filtering(plant(1)).run(y=before).innovations)
+
+
+def test_an_observer_without_a_covariance_has_innovations_alone() -> None:
+    y = simulated(np.random.default_rng(3), 1)[0]
+    observer = hg.observers.high_gain(hg.forms.phase(plant(1)), theta=5, poles=(-1, -1))
+    run = hg.sample(observer, dt=DT).run(y=y)
+    assert run.innovations is not None
+    assert (run.variances, run.covariance) == (None, None)
+    whole = hg.consistency(run, {"q": np.zeros(N)})
+    assert (whole.outputs[0].count, whole.outputs[0].nis, whole.states) == (N, None, None)
+
+
+def test_quantiles_of_chi_square_are_those_of_the_tables() -> None:
+    """Wilson and Hilferty's are 4 % off at the low end of 5 degrees of freedom, and soon better."""
+    table = {(0.95, 20): 31.410, (0.025, 20): 9.591, (0.975, 20): 34.170, (0.025, 5): 0.831, (0.975, 1000): 1089.531}
+    for (p, freedom), value in table.items():
+        assert quantile(p, freedom) == pytest.approx(value, rel=0.25 / freedom)
+
+
+def test_a_matched_filter_is_consistent_at_the_rate_of_its_bands() -> None:
+    """Of 200 runs of a matched filter each band is left by a binomial number of mean 10 and deviation 3.1: four
+    deviations are 22. Beyond 2 sigma are .0455 of 80,000 innovations, whose deviation is 7.4e-4. The NEES of
+    neighbours hangs together, and its band counts how much, by an estimate: twice the rate is allowed."""
+    step, draw = filtering(plant()), np.random.default_rng(4)
+    outside, coloured, errors, shares, means = np.zeros(2), np.zeros(2), 0, [], []
+    for _ in range(200):
+        y, states = simulated(draw)
+        step.reset()
+        whole = hg.consistency(step.run(y=y), {"q": states[:, 0], "w": states[:, 1]})
+        outside += [not one.band[0] <= one.nis <= one.band[1] for one in whole.outputs]
+        coloured += [not one.whiteness.white for one in whole.outputs]
+        errors += not whole.states.band[0] <= whole.states.nees <= whole.states.band[1]
+        shares.append([one.outside for one in whole.outputs])
+        means.append(whole.states.nees)
+    assert ((outside >= 1) & (outside <= 22)).all()
+    assert ((coloured >= 1) & (coloured <= 22)).all()
+    assert errors <= 32
+    assert np.mean(shares, axis=0) == pytest.approx(0.0455, abs=4 * 7.4e-4)
+    assert np.mean(means) == pytest.approx(2, rel=0.05)
+
+
+@pytest.mark.parametrize("noise", [0.01, 100])
+def test_a_mistuned_filter_is_inconsistent(noise: float) -> None:
+    """With R a hundred times too large the readings' part of s is, and most of it: NIS falls far below 1; with R a
+    hundredth it rises above 1."""
+    y, _ = simulated(np.random.default_rng(5))
+    for one in hg.consistency(filtering(plant(), noise=noise).run(y=y)).outputs:
+        assert one.nis > 2 if noise < 1 else one.nis < 0.5
+        assert not one.band[0] <= one.nis <= one.band[1]
+
+
+def test_sentences_say_what_is_off() -> None:
+    y, states = simulated(np.random.default_rng(6))
+    truth = {"w": states[:, 1]}
+    assert not [said for said in hg.consistency(filtering(plant()).run(y=y), truth).sentences() if "times" in said]
+    large, small = (hg.consistency(filtering(plant(), noise=n).run(y=y), truth).sentences() for n in (1e-4, 1e4))
+    assert any("innovations of angle are" in said and "too small" in said for said in large)
+    assert any("innovations of angle are" in said and "too large" in said for said in small)
+    assert any("errors of w are" in said and "too sure" in said for said in large)
+    careful = hg.consistency(filtering(plant(), noise=10, process=10).run(y=y), truth).sentences()
+    assert any("errors of w are" in said and "too careful" in said for said in careful)
+    drifting = filtering(plant()).run(y=y + np.sin(np.arange(N) / 10)[:, None])
+    assert any("not white" in said for said in hg.consistency(drifting).sentences())
+
+
+def test_a_bad_truth_is_a_sentence() -> None:
+    run = filtering(plant()).run(y=np.zeros((5, 2)))
+    with pytest.raises(BadShape, match="names no state; the states are q, w"):
+        hg.consistency(run, {"v": np.zeros(5)})
+    with pytest.raises(BadShape, match=r"truth of w of shape \(4,\) must have shape \(5,\)"):
+        hg.consistency(run, {"w": np.zeros(4)})
+
+
+def test_little_to_judge_by_is_no_error() -> None:
+    step = filtering(plant())
+    for y in (np.full((1, 2), 0.3), np.full((5, 2), np.nan), np.zeros((50, 2)), np.zeros((0, 2))):
+        step.reset()
+        whole = hg.consistency(step.run(y=y), {"w": np.full(len(y), np.nan)})
+        assert [one.count for one in whole.outputs] == [int(np.isfinite(y[:, 0]).sum())] * 2
+        assert whole.states is None
+    assert whiteness(np.ones(100)) is None
+    gappy = np.where(np.arange(N) % 7 == 0, 0.0, np.nan)
+    assert hg.consistency(filtering(plant()).run(y=np.zeros((N, 2))), {"w": gappy}).states.count == len(range(0, N, 7))
+
+
+def test_worse_than_copying_is_a_sentence() -> None:
+    rows = [
+        Prediction("y", 1, 0.1, 0.2, 9, 0),
+        Prediction("y", 5, 0.4, 0.3, 9, 0),
+        Prediction("y", None, 9.0, None, 9, 0),
+    ]
+    still = [Prediction("y", 1, 0.1, 0.0, 9, 0), Prediction("y", None, 9.0, None, 9, 0)]
+    assert list(no_better(still)) == [
+        "y stands still in the whole record, so that copying it errs by 0: give a record that moves"
+    ]
+    assert list(no_better(rows)) == ["y: worse than copying at 5 steps ahead, by RMS errors of 0.4 for 0.3"]
+
+
+def test_run_says_whether_an_observer_is_consistent(tmp_path: Path) -> None:
+    draw = np.random.default_rng(7)
+    t = np.arange(1500) * 0.01
+    q = np.exp(-0.05 * t) * np.cos(4.3 * t)
+    w = np.gradient(q, 0.01)
+    known = np.where(np.arange(1500) % 3 == 0, w, np.nan)
+    y = q + 1e-3 * draw.standard_normal(1500)
+    rows = zip(t, y, known, strict=True)
+    text = "\n".join(f"{a:.4f},{b:.9f},{'' if np.isnan(c) else c},0" for a, b, c in rows)
+    (tmp_path / "log.csv").write_text(f"t,y,rate,tau\n{text}\n")
+    words = ("run", "pendulum", "--data", str(tmp_path / "log.csv"), "--time", "t", "--dt", "0.01", "--truth", "w=rate")
+    out = ("--observer", "riccati", "-o", str(tmp_path / "out"))
+    answer = json.loads(hgogen(*words, *out, "--json")[0])
+    (one,) = answer["innovations"]
+    assert one["count"] == 1500
+    assert one["whiteness"]["test"] == "Ljung-Box"
+    assert answer["nees"]["count"] == 500
+    shown = hgogen(*words, *out)[0]
+    assert "its 95 % band" in shown
+    assert "NEES of w" in shown
+    innovations = np.genfromtxt(tmp_path / "out" / "log_innovations.csv", delimiter=",", names=True)
+    assert innovations.dtype.names == ("t", "e_y", "s_y", "P_q_q", "P_w_q", "P_w_w")
+    assert np.mean(innovations["e_y"] ** 2 / innovations["s_y"]) == pytest.approx(one["nis"], rel=1e-6)
+    assert (tmp_path / "out" / "log_innovations.svg").exists()

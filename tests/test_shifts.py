@@ -1,0 +1,116 @@
+"""Signals taken some samples later or earlier, and the shift or sign that fits a record better."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import hgogen
+
+import hgogen as hg
+from hgogen.call import CallableStep
+from hgogen.model import load
+from hgogen.reading.assigned import shifts_of
+from hgogen.reading.log import BadRecord
+from hgogen.reading.measured import shifted
+from hgogen.trials.shifts import better
+
+DT, N = 0.01, 1500
+U, Y, Z = hg.Signal("pump"), hg.Signal("level"), hg.Signal("flow")
+
+
+def driven(lag: int, sign: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """The drive of a pendulum as it was logged, and the angle, which obeys the drive `lag` samples later, times
+    `sign`; with a reading's noise of a milliradian."""
+    draw = np.random.default_rng(8)
+    logged = np.repeat(draw.uniform(-1, 1, N // 10), 10)
+    drive = sign * np.roll(logged, lag)
+    if lag > 0:
+        drive[:lag] = 0
+    x, q = np.array([0.5, 0.0]), []
+
+    def rate(x: np.ndarray, u: float) -> np.ndarray:
+        return np.array([x[1], -19.6 * np.sin(x[0]) - 0.1 * x[1] + u])
+
+    for k in range(N):
+        q.append(x[0])
+        now, then = drive[k], drive[min(k + 1, N - 1)]
+        middle = (now + then) / 2
+        a = rate(x, now)
+        b = rate(x + DT / 2 * a, middle)
+        c = rate(x + DT / 2 * b, middle)
+        x = x + DT / 6 * (a + 2 * b + 2 * c + rate(x + DT * c, then))
+    return logged[:, None], (np.array(q) + 1e-4 * draw.standard_normal(N))[:, None]
+
+
+@pytest.fixture(scope="module")
+def step() -> CallableStep:
+    return load("pendulum").step("riccati").made_again(dt=DT)
+
+
+def test_a_column_is_shifted_and_its_ends_are_missing() -> None:
+    values = np.array([1.0, 2, 3, 4])
+    np.testing.assert_array_equal(shifted(values, 1), [np.nan, 1, 2, 3])
+    np.testing.assert_array_equal(shifted(values, -3), [4, np.nan, np.nan, np.nan])
+    np.testing.assert_array_equal(shifted(values, 0), values)
+    assert np.isnan(shifted(values, 9)).all()
+
+
+@pytest.mark.parametrize("lag", [-3, -1, 2, 3])
+def test_the_shift_by_which_a_log_was_made_fits_best(step: CallableStep, lag: int) -> None:
+    one = better(step, *driven(lag), 100, "c")
+    assert one is not None
+    assert (one.signal, one.shift, one.sign) == ("tau", lag, 1)
+    assert f"--shift tau={lag + 1}" in one.sentence(1, "tau")
+
+
+def test_the_other_sign_is_said(step: CallableStep) -> None:
+    one = better(step, *driven(0, -1), 100, "c")
+    assert one is not None
+    assert (one.signal, one.shift, one.sign) == ("tau", 0, -1)
+    assert '--map tau="-[u (V)]"' in one.sentence(0, "[u (V)]")
+
+
+def test_nothing_is_said_where_nothing_is_better(step: CallableStep) -> None:
+    u, y = driven(0)
+    assert better(step, u, y, 100, "c") is None
+    assert better(step, u[:5], y[:5], 0, "c") is None  # shorter than the predictions
+    assert better(step, u, np.full_like(y, 0.3), 0, "c") is None  # what stands still is copied without error
+    assert better(step, u, np.full_like(y, np.nan), 0, "c") is None
+
+
+def test_shifts_are_read_by_name() -> None:
+    assert shifts_of("log", ("u=1",), (U,), (Y, Z)) == {"pump": 1}
+    assert shifts_of("log", ("pump=-2, flow=3", "level=0"), (U,), (Y, Z)) == {"pump": -2, "flow": 3, "level": 0}
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (("y=1",), "names no signal; the signals are pump, level, flow"),
+        (("u=1", "pump=2"), "gives pump twice"),
+        (("u=0.5",), "a whole number, such as u=1"),
+        (("u",), "must read SIGNAL=SAMPLES"),
+    ],
+)
+def test_a_bad_shift_is_a_sentence(texts: tuple[str, ...], said: str) -> None:
+    with pytest.raises(BadRecord, match="log: --shift") as caught:
+        shifts_of("log", texts, (U,), (Y, Z))
+    assert said in str(caught.value)
+
+
+def test_run_takes_a_shift_and_says_which_is_better(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k * DT:.4f},{a:.9f},{b:.9f}" for k, (a, b) in enumerate(np.hstack(driven(2))))
+    (tmp_path / "log.csv").write_text(f"t,tau,y\n{rows}\n")
+    words = ("run", "pendulum", "--data", str(tmp_path / "log.csv"), "--time", "t", "--dt", "0.01")
+    words = (*words, "--observer", "riccati", "-o", str(tmp_path))
+    answer = json.loads(hgogen(*words, "--json")[0])
+    assert (answer["better"]["signal"], answer["better"]["shift"]) == ("tau", 2)
+    assert "--shift tau=2" in " ".join(hgogen(*words)[0].split())
+    answer = json.loads(hgogen(*words, "--shift", "u=2", "--json")[0])
+    assert answer["better"] is None
+    assert answer["record"]["notes"] == ["tau is taken later than it was logged, by samples: 2"]
+    further = json.loads(hgogen(*words, "--shift", "u=1", "--json")[0])
+    assert any("--shift tau=2" in note for note in further["notes"])
+    _, said = hgogen(*words, "--shift", "u=1500", status=2)
+    assert "leaves nothing" in said
