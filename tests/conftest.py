@@ -1,6 +1,9 @@
 """What is the same for every test."""
 
 import gc
+import os
+
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # each process that a test starts would compile the whole package
 
 
 def pytest_collection_finish() -> None:

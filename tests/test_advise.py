@@ -16,9 +16,20 @@ from hgogen.modelfiles.setting import Setting
 from hgogen.reading.given import BadGain
 
 MODEL = load("pendulum")
-(TRIAL,) = MODEL.trials()
-ROWS, REFUSED = advise(MODEL.plant, dt=5e-3, noise={"y": 1e-3}, observers=["high_gain", "riccati", "bank"], trial=TRIAL)
-HIGH_GAIN, RICCATI = ROWS
+
+
+@pytest.fixture(scope="module")
+def rows() -> tuple[tuple[Advised, ...], dict[str, str]]:
+    """The pendulum's advice, with its trial, and the observers that there is none for."""
+    (trial,) = MODEL.trials()
+    observers = ["high_gain", "riccati", "bank"]
+    return advise(MODEL.plant, dt=5e-3, noise={"y": 1e-3}, observers=observers, trial=trial)
+
+
+@pytest.fixture
+def high_gain(rows: tuple[tuple[Advised, ...], dict[str, str]]) -> Advised:
+    """Of `rows`."""
+    return rows[0][0]
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 12])
@@ -49,33 +60,34 @@ def test_it_settles_in_the_wanted_time() -> None:
     assert error[500:, 1].max() == pytest.approx((1 + theta / 2) * exp(-theta / 2), rel=0.01)  # (1 + theta t) exp(..)
 
 
-def test_what_is_certified_is_the_bound_of_the_check() -> None:
+def test_what_is_certified_is_the_bound_of_the_check(rows: tuple[tuple[Advised, ...], dict[str, str]]) -> None:
     """Above it the claim is proved, below it not."""
-    assert HIGH_GAIN.certified is not None
+    high_gain, riccati = rows[0]
+    assert high_gain.certified is not None
     form = hg.forms.triangular(MODEL.plant)
     for factor, proved in ((1.001, True), (0.999, False)):
-        observer = hg.observers.high_gain(form, theta=HIGH_GAIN.certified * factor, poles=(-1, -1))
+        observer = hg.observers.high_gain(form, theta=high_gain.certified * factor, poles=(-1, -1))
         (claim,) = (check for check in observer.checks if check.id == "high_gain.theta")
         assert (claim.verdict == "proved") is proved
-    assert f"times below what is certified, {HIGH_GAIN.certified:.3g}" in HIGH_GAIN.sentence
-    assert RICCATI.certified is RICCATI.theta is None
-    assert RICCATI.sentence == ""
+    assert f"times below what is certified, {high_gain.certified:.3g}" in high_gain.sentence
+    assert riccati.certified is riccati.theta is None
+    assert riccati.sentence == ""
 
 
-def test_a_larger_theta_settles_sooner_and_takes_up_more_noise() -> None:
-    settled = [one.settled for one in HIGH_GAIN.tried]
+def test_a_larger_theta_settles_sooner_and_takes_up_more_noise(high_gain: Advised) -> None:
+    settled = [one.settled for one in high_gain.tried]
     assert len(settled) >= 8
     assert None not in settled
     assert settled == sorted(settled, reverse=True)
-    noise = [one.noise["w"] for one in HIGH_GAIN.tried if one.theta > 20]
+    noise = [one.noise["w"] for one in high_gain.tried if one.theta > 20]
     assert noise == sorted(noise)
     assert noise[-1] > 4 * noise[0]
-    assert HIGH_GAIN.own in HIGH_GAIN.tried
+    assert high_gain.own in high_gain.tried
 
 
-def test_the_noise_is_that_of_the_linear_observer() -> None:
+def test_the_noise_is_that_of_the_linear_observer(high_gain: Advised) -> None:
     """At a large theta the error system is the core alone: of white noise, by its Gramian, sampled by what runs."""
-    one = HIGH_GAIN.tried[-2]
+    one = high_gain.tried[-2]
     theta, dt = one.theta, 5e-3
     decay = exp(-theta * dt)
     # x' = -theta 2 (x - y) + v, v' = -theta^2 (x - y): two poles at -theta, the noise held for dt
@@ -88,18 +100,18 @@ def test_the_noise_is_that_of_the_linear_observer() -> None:
     assert one.noise["w"] == pytest.approx(np.sqrt(P[1, 1]), rel=0.25)  # 500 samples of the last tenth, and a line
 
 
-def test_an_observer_around_another_says_so() -> None:
-    assert set(REFUSED) == {"bank"}
-    assert "goes around another observer" in REFUSED["bank"]
+def test_an_observer_around_another_says_so(rows: tuple[tuple[Advised, ...], dict[str, str]]) -> None:
+    assert set(rows[1]) == {"bank"}
+    assert "goes around another observer" in rows[1]["bank"]
 
 
-def test_what_does_not_settle_is_said() -> None:
+def test_what_does_not_settle_is_said(high_gain: Advised) -> None:
     tried = tuple(
-        type(HIGH_GAIN.tried[0])(theta, settled, {}) for theta, settled in ((2.0, None), (4.0, None), (8.0, 1.0))
+        type(high_gain.tried[0])(theta, settled, {}) for theta, settled in ((2.0, None), (4.0, None), (8.0, 1.0))
     )
-    row = Advised(HIGH_GAIN.first, 2.0, None, tried)
+    row = Advised(high_gain.first, 2.0, None, tried)
     assert row.sentence == "theta 2 of high_gain does not settle in the trial, 8 is the first that does"
-    none = Advised(HIGH_GAIN.first, 2.0, 1.0, tried[:2])
+    none = Advised(high_gain.first, 2.0, 1.0, tried[:2])
     assert none.sentence == (
         "theta 2 of high_gain is above what is certified, 1, and does not settle in the trial, nor does another that "
         "was tried"

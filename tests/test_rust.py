@@ -29,6 +29,7 @@ NAMES = list(emitted.STEPS)
 REALS = ("float", "double")
 MODELS = sorted(path for path in plants.MODELS.glob("*.*") if path.is_file())
 TUNED = [(path.stem, name) for path in MODELS for name in load(path).tuning.tables]
+LINK = ("-C", "prefer-dynamic", "-C", "rpath")  # to link the standard library as it lies there takes half the time
 KINDS = {"float": ("f32", np.float32), "double": ("f64", np.float64)}
 
 
@@ -47,7 +48,8 @@ def rustc(which: int = 0) -> str:
 def built(texts: Mapping[str, str], name: str, folder: Path, *flags: str, compiler: int = 0) -> Path:
     """The crate and the program beside it, compiled with every warning an error."""
     hg.write(texts, folder)
-    command = [rustc(compiler), "--edition", "2021", "-D", "warnings", *flags]
+    quick = () if "-O" in flags else ("-C", "codegen-units=1")
+    command = [rustc(compiler), "--edition", "2021", "-D", "warnings", *LINK, *quick, *flags]
     run([*command, "--crate-type", "lib", f"{name}.rs"], folder)
     (program,) = (text for text in texts if text != f"{name}.rs")
     run([*command, "--extern", f"{name}=lib{name}.rlib", program, "-o", "program"], folder)

@@ -3,6 +3,7 @@
 import json
 import os
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +22,7 @@ from hgogen.calibration.judged import DIFFERENCING, Held, Judged, coloured, judg
 from hgogen.calibration.likelihood import Likelihood, Noise
 from hgogen.calibration.score import Judge, as_good, chosen
 from hgogen.calibration.tune import CannotTune
-from hgogen.calibration.tuned import Tuned
+from hgogen.calibration.tuned import Calibration, Tuned
 from hgogen.calibration.verdicts import verdicts
 from hgogen.check import Verdict
 from hgogen.commands.calibrating import _beside, _own_forms
@@ -233,16 +234,19 @@ def test_errors_that_differ_by_rounding_are_as_good() -> None:
     assert not as_good(best * 1.01, best)
 
 
-TUNED = hg.tune(PLANT, log(5)[0], observers=["riccati", "high_gain", "bank"])
+@cache
+def spring() -> Calibration:
+    """The observers of the spring, tuned once."""
+    return hg.tune(PLANT, log(5)[0], observers=["riccati", "high_gain", "bank"])
 
 
 def test_the_filter_is_taken_where_its_noise_is_that_of_the_record() -> None:
-    assert TUNED.best.name == "riccati"
-    assert TUNED.best.rank < TUNED["adaptive"].rank
-    assert {row.name for row in TUNED.rows} == {"riccati", "high_gain", "adaptive"}
-    assert "it goes around another observer" in TUNED.refused["bank"]
-    assert [row.error for row in TUNED.rows] == sorted(row.error for row in TUNED.rows)
-    gains = TUNED.best.table
+    assert spring().best.name == "riccati"
+    assert spring().best.rank < spring()["adaptive"].rank
+    assert {row.name for row in spring().rows} == {"riccati", "high_gain", "adaptive"}
+    assert "it goes around another observer" in spring().refused["bank"]
+    assert [row.error for row in spring().rows] == sorted(row.error for row in spring().rows)
+    gains = spring().best.table
     assert gains["Q"]["v"] == pytest.approx(DENSITY, rel=0.5)
     assert gains["R"] == pytest.approx(SIGMA**2 * DT, rel=0.3)
 
@@ -255,11 +259,11 @@ def test_its_error_is_near_that_of_the_best_filter() -> None:
         Noise({"x": 1e-10 * SCALE.process["x"], "v": DENSITY}, {"y": SIGMA}, 0, True), demanded(record)
     )
     ideal = np.sqrt(np.mean(ratios[100:] ** 2) * S[-1, 0]) / np.sqrt(np.mean(np.diff(record.y) ** 2))
-    assert TUNED.best.error == pytest.approx(ideal, rel=0.05)
+    assert spring().best.error == pytest.approx(ideal, rel=0.05)
 
 
 def test_theta_rests_along_the_record() -> None:
-    row = TUNED["adaptive"]
+    row = spring()["adaptive"]
     record = log(5)[0]
     row.first.step.reset()
     run = row.first.step.run(u=record.u, y=record.y)
@@ -271,7 +275,7 @@ def test_a_jump_raises_theta() -> None:
     record, _ = log(5)
     y = np.array(record.y)
     y[1000:] += 3
-    step = TUNED["adaptive"].first.step
+    step = spring()["adaptive"].first.step
     step.reset()
     run = step.run(u=record.u, y=y)
     assert run.traces["theta"][:1000].max() < 1.001 < 2 < run.traces["theta"][1000:1100].max()
@@ -280,11 +284,11 @@ def test_a_jump_raises_theta() -> None:
 def test_the_tables_make_the_same_steps(tmp_path: Path) -> None:
     """Through a file, on a model that says nothing of them, and the row to take without its name."""
     (tmp_path / "spring.toml").write_text(MODEL)
-    tables = {row.name: row.table for row in TUNED.rows}
+    tables = {row.name: row.table for row in spring().rows}
     (tmp_path / "tuned.json").write_text(json.dumps({"tuning": tables, "take": "riccati"}))
     model = load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json"))
     record, _ = log(6, 100)
-    for row in TUNED.rows:
+    for row in spring().rows:
         step = model.step(row.name)
         row.first.step.reset()
         ours, theirs = (one.run(u=record.u, y=record.y).x for one in (row.first.step, step))
@@ -297,7 +301,7 @@ def test_a_tuning_takes_the_place_of_the_table_observer(tmp_path: Path) -> None:
     (tmp_path / "spring.toml").write_text(
         f'{MODEL}[observer]\nkind = "high_gain"\ntheta = 9\npoles = [-1, -1]\ndt = 1\n'
     )
-    tables = {row.name: row.table for row in TUNED.rows}
+    tables = {row.name: row.table for row in spring().rows}
     (tmp_path / "tuned.json").write_text(json.dumps({"tuning": tables, "take": "riccati"}))
     model = load(tmp_path / "spring.toml").set(Setting(tuning=tmp_path / "tuned.json"))
     assert model.step("high_gain").observer.name == "high_gain"
@@ -332,7 +336,7 @@ y = {equation = "x"}
 
 def test_differencing_is_exact_on_a_line() -> None:
     record = hg.Log(np.zeros((50, 1)), 0.5 * DT * np.arange(50)[:, None], DT)
-    rows = judged(PLANT, TUNED, {}, [Held(record, 10, {"v": np.full(50, 0.5)})], (1, 5), "python")
+    rows = judged(PLANT, spring(), {}, [Held(record, 10, {"v": np.full(50, 0.5)})], (1, 5), "python")
     line = next(row for row in rows if row.name == DIFFERENCING)
     assert line.errors[1]["y"] == pytest.approx(0, abs=1e-12)
     assert line.errors[5]["y"] == pytest.approx(0, abs=1e-12)
@@ -346,7 +350,7 @@ def test_differencing_goes_on_along_the_last_two_measured() -> None:
     """Of a sensor with every fifth sample."""
     y = np.where(np.arange(50) % 5 == 0, 0.5 * DT * np.arange(50), np.nan)
     record = hg.Log(np.zeros((50, 1)), y[:, None], DT)
-    line = judged(PLANT, TUNED, {}, [Held(record, 20, {"v": np.full(50, 0.5)})], (1, 7), "python")[-1]
+    line = judged(PLANT, spring(), {}, [Held(record, 20, {"v": np.full(50, 0.5)})], (1, 7), "python")[-1]
     assert line.errors[1]["y"] == pytest.approx(0, abs=1e-12)
     assert line.errors[7]["y"] == pytest.approx(0, abs=1e-12)
     assert line.hidden["v"] == pytest.approx(0, abs=1e-12)
@@ -357,12 +361,12 @@ def test_missing_inputs_and_samples_leave_a_number_or_none() -> None:
     record, _ = log(7, 600)
     u = np.where(np.arange(600) % 3, np.nan, np.ravel(record.u))
     silent = np.where(np.arange(600) < 400, record.y, np.nan)
-    rows = judged(PLANT, TUNED, {}, [Held(hg.Log(u[:, None], record.y[:, None], DT), 400, {})], (1,), "python")
+    rows = judged(PLANT, spring(), {}, [Held(hg.Log(u[:, None], record.y[:, None], DT), 400, {})], (1,), "python")
     assert np.isfinite(rows[0].nis["y"])
-    rows = judged(PLANT, TUNED, {}, [Held(hg.Log(u[:, None], silent[:, None], DT), 400, {})], (1,), "python")
+    rows = judged(PLANT, spring(), {}, [Held(hg.Log(u[:, None], silent[:, None], DT), 400, {})], (1,), "python")
     assert rows[0].nis == {}
     assert np.isnan(rows[0].errors[1]["y"])
-    assert "nan" not in " ".join(verdicts(TUNED, rows))
+    assert "nan" not in " ".join(verdicts(spring(), rows))
 
 
 def test_a_sample_that_a_step_rejects_does_not_tune() -> None:
@@ -387,8 +391,8 @@ def test_a_rate_of_the_other_sign_is_differenced_as_well() -> None:
 def test_the_truth_judges_the_rows_held_out_alone() -> None:
     record, states = log(7, 600)
     held = Held(demanded(record), 400, {"v": np.where(np.arange(600) < 400, np.nan, states[:, 1])})
-    rows = {row.name: row for row in judged(PLANT, TUNED, {}, [held], (1,), "python")}
-    step = TUNED["riccati"].first.step
+    rows = {row.name: row for row in judged(PLANT, spring(), {}, [held], (1,), "python")}
+    step = spring()["riccati"].first.step
     step.reset()
     v = step.run(u=record.u, y=record.y)["v"]
     assert rows["riccati"].hidden["v"] == pytest.approx(np.sqrt(np.mean((v - states[:, 1])[400:] ** 2)))
@@ -462,11 +466,11 @@ def test_the_verdict_says_where_copying_does_better_and_what_is_judged() -> None
 
 
 def test_a_proof_ranks_before_known_noise_and_that_before_the_cost() -> None:
-    known = {row.name: row.first.known for row in TUNED.rows}
+    known = {row.name: row.first.known for row in spring().rows}
     assert known["riccati"] is Convergence.UNKNOWN
-    assert TUNED["riccati"].rank[:2] == (1, False)
-    assert isinstance(TUNED["high_gain"], Tuned)
-    assert TUNED["high_gain"].rank[1] is True
+    assert spring()["riccati"].rank[:2] == (1, False)
+    assert isinstance(spring()["high_gain"], Tuned)
+    assert spring()["high_gain"].rank[1] is True
 
 
 @pytest.mark.skipif(not RECORD.exists(), reason="the record is not here")
@@ -633,7 +637,7 @@ def test_forms_of_functions_are_asked_once_each() -> None:
 
 
 def test_a_name_that_the_model_has_is_not_taken() -> None:
-    calibration = _beside(load("pendulum"), TUNED)
+    calibration = _beside(load("pendulum"), spring())
     assert {row.name for row in calibration.rows} == {"riccati_tuned", "high_gain_tuned", "adaptive"}
     assert calibration["riccati_tuned"].table["kind"] == "riccati"
-    assert calibration["adaptive"].table == TUNED["adaptive"].table
+    assert calibration["adaptive"].table == spring()["adaptive"].table

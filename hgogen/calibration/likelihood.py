@@ -31,6 +31,7 @@ Array = np.ndarray
 STARTS = tuple(product((-12.0, -4.0, 4.0), (-16.0, -8.0, 0.0)))  # log of process noise and of samples, in their units
 BOUND = 32.0  # of these logarithms
 SURE = 1e-10  # of S_i^2/D: the process noise of a coordinate that has none
+AT_ONCE = 50  # samples that derivatives go back over without a second way there
 SAME = 0.1  # of a logarithm: maxima no farther apart are one
 _OPTIONS: Any = {
     "print_time": False,
@@ -155,7 +156,9 @@ class Likelihood:
         count = len(record.y) - 1
         there = np.isfinite(record.y[1:])
         columns = (record.u[:-1].T, record.u[1:].T, np.where(there, record.y[1:], 0.0).T, there.astype(float).T)
-        return self._filter.mapaccum("over", count)(self._start(record), *columns, ca.repmat(g, 1, count))
+        return self._filter.mapaccum("over", count, {"base": AT_ONCE})(
+            self._start(record), *columns, ca.repmat(g, 1, count)
+        )
 
     def _start(self, record: Log) -> Array:
         """z and P before the first sample: what an output shows of the plant's states, the others at rest."""

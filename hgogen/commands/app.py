@@ -6,6 +6,7 @@ or, with --json, as JSON alone; everything else goes to the standard error strea
 """
 
 import ast
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -48,6 +49,7 @@ class _Commands(TyperGroup):
             self.add_command(_Deferred(name, callback=None, help=_help(file, f"{name}_")))
 
 
+@cache
 def _help(file: str, name: str) -> str:
     """The docstring of a function in a file of this folder, which is not run."""
     tree = ast.parse(Path(__file__).with_name(f"{file}.py").read_text(encoding="utf-8"))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,16 +23,15 @@ def polynomial(X: Array, coefficients: tuple[float, ...]) -> Array:
 
 def growth(T: Array) -> Array:
     """The largest |T^k| over all powers k >= 0, at least 1, for each T (k, N, N)."""
-    largest, powers = np.ones(len(T)), [T]
+    powers = np.empty((POWERS, *T.shape))
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows has grown
-        for _ in range(1, POWERS):
-            powers.append(powers[-1] @ T)
-        for power in powers:
-            largest = np.maximum(largest, _size(power))
-        base = np.array([powers[k - 1] for k in BASES])
+        powers[0] = T
+        for before, power in pairwise(powers):
+            np.matmul(before, T, out=power)
+        squares = [powers[[k - 1 for k in BASES]]]
         for _ in range(DOUBLINGS):
-            base = base @ base
-            largest = np.maximum(largest, _size(base).max(axis=0))
+            squares.append(squares[-1] @ squares[-1])
+        largest = np.maximum(1.0, _size(np.concatenate((powers, *squares))).max(axis=0))
     return np.where(np.isnan(largest), math.inf, largest)
 
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -84,7 +85,12 @@ def bound(expression: sp.Expr, box: Box, *, boxes: int = LIMIT, relative: float 
 
     Raises: `EmptyBox`; `NoTape` for a function without a rule.
     """
-    problem = problem_of(expression, box)
+    return _bound(sp.sympify(expression), tuple((x, tuple(ends)) for x, ends in box.items()), boxes, relative)
+
+
+@lru_cache(maxsize=256)  # an observer and its hypotheses ask for the same ranges, as of the a_i
+def _bound(expression: sp.Expr, ends: tuple[Any, ...], boxes: int, relative: float) -> Range:
+    problem = problem_of(expression, dict(ends))
     if problem is None:
         return NOWHERE
     outcome = problem.search(tight(relative), min(boxes, _FIRST))
