@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sympy as sp
@@ -85,6 +85,13 @@ class System:
     def signals(self) -> tuple[Signal, ...]:
         """Every declared signal: states, inputs, outputs, parameters."""
         return self.states + self.inputs + self.outputs + self.parameters
+
+    @property
+    def tables(self) -> tuple[Cells, ...]:
+        """The tables that the flow and the output read, by their names; each once, held at its ends."""
+        rows = (*self.flow, *self.output)
+        read = {node.cells.name: replace(node.cells, held=True) for row in rows for node in row.atoms(Table)}
+        return tuple(read[name] for name in sorted(read))
 
     @property
     def reported(self) -> tuple[tuple[Signal, sp.Expr], ...]:

@@ -5,6 +5,7 @@ import json
 import math
 import pickle
 import struct
+import tomllib
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
@@ -18,7 +19,7 @@ import pytest
 import sympy as sp
 
 import hgogen as hg
-from hgogen.algebra.cells import Cells
+from hgogen.algebra.cells import Cells, extremes, value
 from hgogen.algebra.lookup import Lookup, hessian, jacobian
 from hgogen.algebra.pointwise import values
 from hgogen.algebra.tabulated import Kinked, Stepped, Table, applied
@@ -34,6 +35,7 @@ from hgogen.intervals.enclosure import enclose
 from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
+from hgogen.reading import text_model
 from hgogen.reading.table import BadTable, cells_of
 from hgogen.recheck import tables as rechecked
 from hgogen.recheck.interval import between, intervals
@@ -158,6 +160,19 @@ def test_ranges_hold_every_value(kind: str, held: bool) -> None:
                     assert order or ends[0] == min(reached) or kind == "monotone" or low < high
                 else:
                     assert cells.least_smooth(*cells.met(low, high)) < order
+
+
+def test_extremes_hold_a_cubic_that_turns() -> None:
+    """By its coefficients in Bernstein's basis, on an interval that does not begin at 0."""
+    draw = Random(10)
+    for _ in range(200):
+        piece = tuple(Fraction(draw.randint(-9, 9)) for _ in range(4))
+        a, b = sorted(Fraction(draw.randint(-30, 30), 10) for _ in range(2))
+        low, high = extremes(piece, a, b)
+        reached = [value(piece, a + (b - a) * k / 40) for k in range(41)]
+        assert low <= min(reached)
+        assert max(reached) <= high
+        assert high - low <= 30 * (max(reached) - min(reached))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -444,7 +459,7 @@ def test_a_certificate_of_another_table_is_not_verified() -> None:
     forged = {**content, **about, "model": model_digest(about)}
     del forged["digest"]
     forged["digest"] = digest(forged)
-    verdicts = {row.id: row.verdicts for row in recheck(json.dumps(forged)).rows}
+    verdicts = {row.id: row.found for row in recheck(json.dumps(forged)).rows}
     assert verdicts.pop("triangular.lipschitz") == "fails"
     assert set(verdicts.values()) == {"verified"}
 
@@ -484,6 +499,75 @@ def test_a_form_that_asks_for_more_smoothness_says_so() -> None:
         assert "has no derivative somewhere" in rank.reason
         assert rank.fix
         assert hg.observability(plant).rank == 2  # between its ends; beyond them a table shows nothing
+
+
+# --- plain text ---------------------------------------------------------------------------------------------
+
+CELL = """
+name = "cell"
+[states.soc]
+low = 0.1
+high = 0.9
+flow = "-i/9000"
+[inputs.i]
+low = -5
+high = 5
+[tables.ocv]
+x = [0, 0.1, 0.5, 0.9, 1]
+y = [2.9, 3.42, 3.68, 4.07, 4.18]
+kind = "monotone"
+[outputs.y]
+equation = "ocv(soc) - 0.02*i"
+"""
+
+
+def cell(text: str = CELL) -> hg.System:
+    return text_model.from_table(tomllib.loads(text)).plant
+
+
+def test_a_table_in_plain_text_is_that_in_python() -> None:
+    plant = cell()
+    soc, i = plant.states[0], plant.inputs[0]
+    ocv = hg.table(soc, [0, 0.1, 0.5, 0.9, 1], [2.9, 3.42, 3.68, 4.07, 4.18], kind="monotone", name="ocv")
+    assert plant.output[0] == ocv - i / 50
+    assert cell(text_model.to_text(plant)) == plant
+    assert all(check.verdict is Verdict.PROVED for check in hg.forms.uniform(plant).checks)
+
+
+def test_a_number_that_no_text_holds_is_refused() -> None:
+    x, y = hg.Signal("x", low=0, high=1), hg.Signal("y")
+    third = hg.table(x, [0, 1], [0, sp.Rational(1, 3)], name="t")
+    plant = hg.System("third", states=(x,), outputs=(y,), flow=[-third], output=[x])
+    with pytest.raises(text_model.NoText, match="y of the table t has a number that is no decimal"):
+        text_model.to_text(plant)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("x = [0, 0.1,", "x = [0, 0.6,", "tables.ocv: table 'ocv': xs 2 and 3, 0.6 and 0.5, do not increase"),
+        ("x = [0, ", "x = [", "has 4 xs and 5 ys"),
+        ("x = [0, 0.1, 0.5, 0.9, 1]\n", "", "tables.ocv: the key 'x' is missing; add x = [0"),
+        ('kind = "monotone"', 'kind = "spline"', 'write "linear" or "monotone"'),
+        ("y = [2.9", 'y = ["2.9"', "tables.ocv.y: is a list; write a list of numbers"),
+        ("[tables.ocv]", "[tables.exp]", "has the name of a function"),
+        ("[tables.ocv]", "[tables.ocw]", "there is no function 'ocv'; did you mean ocw?"),
+        ("[tables.ocv]", "[tables.i]\nx = [0, 1]\ny = [0, 1]\n[tables.ocv]", "a signal is called 'i' as well"),
+        ("ocv(soc)", "ocv(soc, 1)", "the table ocv of column 1 needs ')' here"),
+        ("ocv(soc)", "ocv", "the table ocv needs its argument; write ocv(...)"),
+        ("ocv(soc)", "ocv()", "stands where a number, a name or a parenthesis belongs"),
+    ],
+)
+def test_a_bad_table_in_plain_text_is_refused_with_its_place(old: str, new: str, says: str) -> None:
+    with pytest.raises(text_model.BadModelFile) as refused:
+        cell(CELL.replace(old, new))
+    assert says in str(refused.value)
+
+
+def test_the_header_says_that_static_data_do_not_change() -> None:
+    texts = {name: emitted.files(name)[f"{emitted.step(name).name}.h"] for name in ("tables", "one_state")}
+    assert "No heap, no static data that changes, no recursion" in texts["tables"]
+    assert "No heap, no static data, no recursion" in texts["one_state"]
 
 
 # --- Frama-C ------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import sympy as sp
 from hgogen.algebra.cells import Cells
 from hgogen.algebra.tabulated import applied
 from hgogen.errors import BadArgument
+from hgogen.reading.expression import FUNCTIONS
 from hgogen.signal import check_name
 
 KINDS = ("linear", "monotone")
@@ -48,6 +49,8 @@ def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear",
 def cells_of(xs: Iterable[Any], ys: Iterable[Any], kind: str, name: str) -> Cells:
     """The table of these points. Raises: as `table`."""
     check_name(name)
+    if name in FUNCTIONS:
+        raise BadTable(name, "has the name of a function; choose another")
     if kind not in KINDS:
         raise BadTable(name, f'kind = {kind!r} is none of its kinds; write "linear" or "monotone"')
     x, y = _numbers(name, "xs", xs), _numbers(name, "ys", ys)

@@ -1,8 +1,8 @@
 """C99 for firmware: NAME.h (the manual), NAME.c, and NAME_check.c with recorded vectors.
 
-Caller-owned structs, no heap, no static data, no recursion, bounded loops; every call returns a status, a bit mask
-with 0 for ok. Compile with `-ffp-contract=off` for the same bits
-on every IEEE 754 target whose FLT_EVAL_METHOD is 0.
+Caller-owned structs, no heap, no static data that changes, no recursion, bounded loops; every call returns a status, a
+bit mask with 0 for ok. Compile with `-ffp-contract=off` for the same bits on every IEEE 754 target whose
+FLT_EVAL_METHOD is 0.
 """
 
 from collections.abc import Iterable
