@@ -196,6 +196,25 @@ def test_enclosures_of_values_and_slopes_on_boxes(kind: str) -> None:
                 assert enclosure.slope[0][0][k] <= chord <= enclosure.slope[1][0][k]
 
 
+def test_a_slope_that_jumps_is_a_set_and_has_no_slope() -> None:
+    """A box that ends on a point has the slope within; a box of one point both; across it the slope jumps."""
+    line = cells_of([0, 1, 2], [0, 1, 3], "linear", "t")
+    program = tape([applied(line, X, 1), applied(line, X, 2)], (X,))
+    low, high = np.array([[0.5, 1.0, 0.5, 1.0, -1.0]]), np.array([[1.0, 1.5, 1.5, 1.0, 0.0]])
+    first, second = enclose(program, low, high, slopes=True)
+    assert list(zip(*first.value, strict=True)) == [(1, 1), (2, 2), (1, 2), (1, 2), (0, 0)]
+    assert first.defined.all()
+    assert first.continuous.tolist() == [True, True, False, False, True]
+    assert np.isfinite(first.slope[1][0]).tolist() == [True, True, False, False, True]
+    assert second.defined.tolist() == [True, True, False, False, True]
+    assert line.range(0.5, 1.5, 2) is None
+    numbers = [n for point in zip(line.x, line.y, strict=True) for n in point]
+    slope, beyond = (rechecked.name_of("Linear", Fraction(order), numbers) for order in (1, 2))
+    sides = [(0.5, 1.0), (1.0, 1.5), (0.5, 1.5), (1.0, 1.0), (-1.0, 0.0)]
+    assert [rechecked.range_on(slope, *side) for side in sides] == [(1, 1), (2, 2), (1, 2), (1, 2), (0, 0)]
+    assert [rechecked.range_on(beyond, *side) is None for side in sides] == [False, False, True, True, False]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_checker_s_own_tables_hold_every_value(kind: str) -> None:
     draw = Random(5)
@@ -483,6 +502,18 @@ def test_the_checker_reads_no_table_that_is_none(text: str) -> None:
     with pytest.raises(Unreadable):
         expression(text, {"x"})
     assert expression("Linear(2*x, 0, 0, 1, 2, 3)", {"x"})
+
+
+def test_no_slope_is_read_at_a_point_of_a_table() -> None:
+    """By the checker, where a witness says that a slope is 0: there it is a set."""
+    from hgogen.recheck.box import NotShown
+    from hgogen.recheck.slope import differentiable
+    from hgogen.recheck.text import expression
+
+    text = expression("Linear(x**2, 0, 0, 1, 2, 1, 3, 4)", {"x"})
+    differentiable([text], {"x": Fraction(1)})
+    with pytest.raises(NotShown):
+        differentiable([text], {"x": Fraction(0)})
 
 
 def test_a_form_that_asks_for_more_smoothness_says_so() -> None:
