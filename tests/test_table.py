@@ -420,6 +420,8 @@ def test_a_bad_argument_kind_or_name_is_refused() -> None:
     for x in ("x", None, sp.I, sp.Matrix([X]), [X]):
         with pytest.raises(BadTable, match="give"):
             hg.table(x, *points)
+    with pytest.raises(BadTable, match="is taken at 2 expressions, and a table is a function of one; write it as a sum"):
+        hg.table((X, X), *points)
     with pytest.raises(BadTable, match='write "linear" or "monotone"'):
         hg.table(X, *points, kind="cubic")
     with pytest.raises(BadName):

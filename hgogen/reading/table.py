@@ -36,6 +36,9 @@ def table(x: Any, xs: Iterable[Any], ys: Iterable[Any], *, kind: str = "linear",
     Raises: `BadTable` for fewer than two points, lists of different lengths, what is no finite number, `xs` that do not
     increase, an `x` that is no real expression; `BadName`.
     """
+    if isinstance(x, tuple | list) and len(x) > 1:
+        fix = "write it as a sum or product of tables of one, or as a formula"
+        raise BadTable(name, f"is taken at {len(x)} expressions, and a table is a function of one; {fix}")
     cells = cells_of(xs, ys, kind, name)
     try:
         argument = sp.sympify(x, strict=True)
