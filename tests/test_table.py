@@ -36,7 +36,7 @@ from hgogen.intervals.one_sided import one_sided
 from hgogen.intervals.sign import nonzero
 from hgogen.intervals.slope import lipschitz_bound
 from hgogen.reading import text_model
-from hgogen.reading.table import BadTable, cells_of
+from hgogen.reading.table import MOST, BadTable, cells_of
 from hgogen.recheck import tables as rechecked
 from hgogen.recheck.interval import between, intervals
 from hgogen.recheck.verification import recheck
@@ -420,7 +420,9 @@ def test_a_bad_argument_kind_or_name_is_refused() -> None:
     for x in ("x", None, sp.I, sp.Matrix([X]), [X]):
         with pytest.raises(BadTable, match="give"):
             hg.table(x, *points)
-    with pytest.raises(BadTable, match="is taken at 2 expressions, and a table is a function of one; write it as a sum"):
+    with pytest.raises(
+        BadTable, match="is taken at 2 expressions, and a table is a function of one; write it as a sum"
+    ):
         hg.table((X, X), *points)
     with pytest.raises(BadTable, match='write "linear" or "monotone"'):
         hg.table(X, *points, kind="cubic")
@@ -468,6 +470,15 @@ def test_what_is_proved_of_a_table_is_verified_again(kind: str) -> None:
     )
 
 
+def test_a_certificate_holds_the_longest_table() -> None:
+    """Of numbers with all their digits."""
+    x, y, draw = hg.Signal("x", low=0, high=1), hg.Signal("y"), Random(11)
+    xs, ys = (sorted(-draw.random() for _ in range(MOST)) for _ in range(2))
+    plant = hg.System("long", states=(x,), outputs=(y,), flow=[-hg.table(x, xs, ys, name="t") - x], output=[x])
+    form = hg.forms.triangular(plant)
+    assert {row.found for row in recheck(json.dumps(hg.certificate(form, form.checks))).rows} == {"verified"}
+
+
 def test_a_certificate_of_another_table_is_not_verified() -> None:
     """Steeper by a quarter at its steepest, with the digests made again."""
     from hgogen.recheck.file import digest, model_digest
@@ -475,8 +486,8 @@ def test_a_certificate_of_another_table_is_not_verified() -> None:
     form = hg.forms.triangular(cart("linear"))
     content = hg.certificate(form, form.checks)
     text = json.dumps({key: content[key] for key in ("plant", "form", "observer")})
-    assert text.count("1/10, 1, 1") == 2  # once in the plant, once in the form
-    about = json.loads(text.replace("1/10, 1, 1", "1/10, 5/4, 1"))
+    assert text.count("0.1, 1, 1") == 2  # once in the plant, once in the form
+    about = json.loads(text.replace("0.1, 1, 1", "0.1, 5/4, 1"))
     forged = {**content, **about, "model": model_digest(about)}
     del forged["digest"]
     forged["digest"] = digest(forged)

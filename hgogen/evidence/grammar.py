@@ -84,6 +84,12 @@ def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
     return names
 
 
+def _short(number: Fraction) -> str:
+    """An exact number, as a decimal where a float's shortest one is it."""
+    decimal = repr(float(number))
+    return str(number) if number.denominator == 1 or Fraction(decimal) != number else decimal
+
+
 class _Printer(StrPrinter):  # type: ignore[misc]
     """SymPy's text with rationals for floats, exp(1) for e."""
 
@@ -96,7 +102,7 @@ class _Printer(StrPrinter):  # type: ignore[misc]
 
     def table(self, node: Table) -> str:
         """A derivative of a table, with all its points."""
-        numbers = (number for point in zip(node.cells.x, node.cells.y, strict=True) for number in point)
+        numbers = (_short(number) for point in zip(node.cells.x, node.cells.y, strict=True) for number in point)
         parts = (self.doprint(node.args[0]), node.order, *numbers)
         return f"{node.cells.kind.capitalize()}({', '.join(map(str, parts))})"
 

@@ -16,7 +16,7 @@ from hgogen.reading.expression import FUNCTIONS
 from hgogen.signal import check_name
 
 KINDS = ("linear", "monotone")
-MOST = 4096  # points, so that a certificate holds their text
+MOST = 2000  # points, so that a certificate holds their text, 100 000 characters, with all digits of double precision
 
 
 class BadTable(BadArgument):
