@@ -58,8 +58,7 @@ class Instruction(NamedTuple):
     whole), "raise" (base, exponent), "norm", "direction" (`value`: which of the `args`),
     the relations "less", "less_equal", "equal", "unequal" and "not", "true", "false",
     "piecewise" (value, condition, value, condition, ...), "table" (`value`: its cells and the order of the derivative),
-    or a function's name. `args` are indices of instructions
-    before it.
+    or a function's name. `args` are indices of instructions before it.
     """
 
     op: str
