@@ -578,6 +578,13 @@ def test_a_table_in_plain_text_is_that_in_python() -> None:
     assert all(check.verdict is Verdict.PROVED for check in hg.forms.uniform(plant).checks)
 
 
+def test_a_text_about_a_plant_may_call_its_tables() -> None:
+    """ocv(soc) on [0.1, 0.9] and on [0.2, 1.8] as ocv(2 soc), which is held."""
+    at, held = hg.bound("ocv(soc)", cell()), hg.bound("ocv(2*soc)", cell())
+    assert (float(at.low), float(at.high)) == pytest.approx((3.42, 4.07), rel=1e-9)
+    assert float(held.high) == pytest.approx(4.18, rel=1e-9)
+
+
 def test_a_number_that_no_text_holds_is_refused() -> None:
     x, y = hg.Signal("x", low=0, high=1), hg.Signal("y")
     third = hg.table(x, [0, 1], [0, sp.Rational(1, 3)], name="t")
