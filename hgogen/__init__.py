@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # the same as in the tables below, for what reads types; a te
     from hgogen.model import Model, load
     from hgogen.observer import Observer
     from hgogen.reading.casadi_model import from_casadi
+    from hgogen.reading.table import table
     from hgogen.signal import Signal
     from hgogen.starting import Starting, starting_gains
     from hgogen.step import Step
@@ -92,6 +93,7 @@ _NAMES = {  # what else is public, and the file that holds it
     "Step": "step",
     "survey": "which_forms",
     "System": "system",
+    "table": "reading.table",
     "write": "target",
 }
 
@@ -141,6 +143,7 @@ __all__ = [
     "singularity",
     "starting_gains",
     "survey",
+    "table",
     "targets",
     "theta",
     "trial",

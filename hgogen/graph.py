@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
 from typing import Any, TypeAlias
@@ -10,6 +10,8 @@ from typing import Any, TypeAlias
 import casadi as ca
 import sympy as sp
 
+from hgogen.algebra.lookup import Lookup
+from hgogen.algebra.tabulated import Table
 from hgogen.errors import HgogenError
 
 Graph: TypeAlias = Any  # an SX, MX or DM of any shape: one code takes all three, and CasADi has no type for that
@@ -108,6 +110,8 @@ def _convert(node: sp.Basic, whole: sp.Basic, symbols: Mapping[sp.Symbol, Graph]
         value = _power(node, inner)
     elif isinstance(node, sp.Piecewise):
         value = _piecewise(node, inner)
+    elif isinstance(node, Table):
+        value = Lookup(replace(node.cells, held=True), node.order)(inner(node.args[0]))
     elif type(node) in _OPERATIONS:
         value = _OPERATIONS[type(node)](*map(inner, node.args))
     else:

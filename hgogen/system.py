@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.cells import Cells
 from hgogen.algebra.reciprocal import without_reciprocals
+from hgogen.algebra.tabulated import Stepped, Table
 from hgogen.check import Check
 from hgogen.errors import BadArgument
 from hgogen.reading import filename
@@ -85,6 +87,13 @@ class System:
         return self.states + self.inputs + self.outputs + self.parameters
 
     @property
+    def tables(self) -> tuple[Cells, ...]:
+        """The tables that the flow and the output read, by their names; each once, held at its ends."""
+        rows = (*self.flow, *self.output)
+        read = {node.cells.name: replace(node.cells, held=True) for row in rows for node in row.atoms(Table)}
+        return tuple(read[name] for name in sorted(read))
+
+    @property
     def reported(self) -> tuple[tuple[Signal, sp.Expr], ...]:
         """What an observer reports: each state of the plant as first declared, in terms of the states here."""
         if self.origin is None:
@@ -153,6 +162,8 @@ def _validate(system: System) -> None:
         if signal.name in seen:
             raise BadSystem(name, f"the name {signal.name!r} is declared twice; rename one of the two")
         seen[signal.name] = signal
+    _distinct(system, seen)
+    _settled(system)
     for parameter in system.parameters:
         if parameter.nominal is None or not math.isfinite(parameter.nominal):
             raise BadSystem(name, f"parameter {parameter.name!r} has no value; give it nominal=")
@@ -161,6 +172,28 @@ def _validate(system: System) -> None:
         for index, expression in enumerate(expressions, 1):
             for symbol in sorted(expression.free_symbols - allowed, key=str):
                 raise BadSystem(name, f"{what} {index} uses {_stranger(symbol, seen, system)}")
+
+
+def _settled(system: System) -> None:
+    """A program takes one of the values between which a slope jumps, and a proof all of them."""
+    for what, rows in (("flow", system.flow), ("output", system.output)):
+        for index, row in enumerate(rows, 1):
+            for node in sorted(row.atoms(Stepped), key=str):
+                fix = "write what it stands for as a table of its own"
+                raise BadSystem(system.name, f"{what} {index} has {node}, which jumps at its points; {fix}")
+
+
+def _distinct(system: System, seen: Mapping[str, Signal]) -> None:
+    """A table's name is its own, in reports and in the emitted code."""
+    tables = {node.cells for row in (*system.flow, *system.output) for node in row.atoms(Table)}
+    named: dict[str, Cells] = {}
+    for cells in sorted(tables, key=lambda each: each.name):
+        if cells.name in seen:
+            raise BadSystem(system.name, f"a signal and a table are called {cells.name!r}; rename one of the two")
+        if named.setdefault(cells.name, cells).points != cells.points:
+            raise BadSystem(
+                system.name, f'two tables are called {cells.name!r}; give each a name, name="{cells.name}_2"'
+            )
 
 
 def _stranger(symbol: sp.Symbol, seen: dict[str, Signal], system: System) -> str:

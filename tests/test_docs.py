@@ -142,8 +142,11 @@ def test_the_plain_text_model_is_generated(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_the_tunings_in_plain_text_are_observers(tmp_path: Path) -> None:
-    model, tunings = blocks("toml", text("plain_text"))
+    model, tunings, points = blocks("toml", text("plain_text"))
     (tmp_path / "oscillator.toml").write_text(model + tunings)
+    cell = 'name = "cell"\n[states.soc]\nlow = 0.1\nhigh = 0.9\nflow = "-i"\n[inputs.i]\n[parameters.R]\nvalue = 1\n'
+    (tmp_path / "cell.toml").write_text(cell + points)
+    assert str(load(tmp_path / "cell.toml").plant.output[0]) == "-R*i + ocv(soc)"
     loaded = load(tmp_path / "oscillator.toml")
     assert [loaded.step(name).observer.name for name in ("high_gain", "quiet")] == ["high_gain", "filtered"]
 
@@ -155,6 +158,7 @@ def test_every_key_of_a_plain_text_model_is_listed() -> None:
     signals = {kind: keys for kind, (keys, _) in text_model._KINDS.items()}
     assert set(listed) == {"at the top", *(key for key, kind in text_model._TOP.items() if kind == text_model.TABLE)}
     assert {kind: set(listed[kind]) for kind in signals} == {kind: set(keys) for kind, keys in signals.items()}
+    assert set(listed["tables"]) == set(text_model._POINTS)
     assert set(listed["trial"]) == set(recipe._TRIAL)
     assert set(listed["observer"]) == set(tuning._PLACED) - {"member"}
     assert set(listed["at the top"]) == set(text_model._TOP) - set(listed)

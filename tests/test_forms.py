@@ -444,6 +444,16 @@ def test_lipschitz(b: sp.Expr, verdict: str, says: str) -> None:
     assert says in str(claim.reason)
 
 
+def test_the_bound_in_the_plant_s_own_coordinates_is_that_of_the_rows_as_a_whole() -> None:
+    """x' = x + sin x with y = x: the slopes 1 + cos x and 1 have at x = 0 the norm sqrt(5), though those of the terms
+    x, sin x and y = x have sqrt(3)."""
+    x, y = Signal("x", low=-1, high=1), Signal("y")
+    plant = System("sum", states=(x,), outputs=(y,), flow=[x + sp.sin(x)], output=[x])
+    check = next(check for check in forms.original(plant).checks if check.id == "original.lipschitz")
+    assert check.verdict is Verdict.PROVED
+    assert check.proofs[0].proof.high >= 5**0.5
+
+
 def test_lipschitz_needs_ranges_only_where_the_slope_grows() -> None:
     wide = (Signal("s1"), Signal("s2"))
     bounded = plant([wide[1], sp.sin(wide[0]) - 3 * wide[1]], wide[0], states=wide)

@@ -447,7 +447,7 @@ def test_the_command_line_checks_and_simulates_it(tmp_path: Path) -> None:
 
 
 def test_the_model_of_the_page_works(tmp_path: Path) -> None:
-    model, _ = pages.blocks("toml", pages.text("plain_text"))
+    model, *_ = pages.blocks("toml", pages.text("plain_text"))
     loaded = load(written(tmp_path, model, "oscillator.toml"))
     assert loaded.plant.name == "oscillator"
     assert loaded.step().dt == 1e-3

@@ -12,7 +12,9 @@ from typing import Any
 
 import flint
 
-BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise"})
+from hgogen.algebra.cells import Cells, Polynomial
+
+BRANCHES = frozenset({"abs", "sign", "heaviside", "floor", "ceiling", "min", "max", "piecewise", "table"})
 _BITS = 60  # of a random number
 _SCALES = ((0.5, 2.0), (0.1, 1.0), (-2.0, 2.0), (-1.0, 1.0), (1.0, 10.0), (-10.0, 10.0), (0.001, 0.1), (-0.1, 0.1))
 SCALES = len(_SCALES)
@@ -70,6 +72,8 @@ class Balls:
             inverse = _inverse(a)
             result = a.sqrt() ** value.numerator if value.denominator == 2 and value > 0 else self._real(a, value)
             return _finite(result), self.number(value, order) * result * inverse
+        if op == "table":
+            return _cell(a, *value)
         if op in _STEPS:
             level, slope = _STEPS[op](a[0])
             return (slope * a if slope else self.series([level], order)), self.series([slope], order)
@@ -189,6 +193,33 @@ def _level(x: Any) -> Any:
     if not level.is_exact() or x.contains_integer():
         raise Undecided
     return level
+
+
+def _cell(a: Any, cells: Cells, order: int) -> tuple[Any, Any]:
+    """A derivative of a table, and the next, by the cell that the argument is in."""
+    first, last = cells.met(*ends(a[0]))
+    if first != last:
+        raise Undecided
+    d = a - flint.arb(rational(cells.starts[last]))
+    return _polynomial(cells.of_order(order)[last], d), _polynomial(cells.of_order(order + 1)[last], d)
+
+
+def _polynomial(piece: Polynomial, d: Any) -> Any:
+    total = 0 * d
+    for c in reversed(piece):
+        total = total * d + flint.arb(rational(c))
+    return total
+
+
+def ends(a: Any) -> tuple[Fraction, Fraction]:
+    """The ends of a finite ball."""
+    low, high = (Fraction(int(end.p), int(end.q)) for end in (a.lower().fmpq(), a.upper().fmpq()))
+    return low, high
+
+
+def rational(value: Fraction) -> Any:
+    """The number as flint has it."""
+    return flint.fmpq(value.numerator, value.denominator)
 
 
 def _hyperbolic(a: Any) -> tuple[Any, Any]:

@@ -16,9 +16,10 @@ import sympy as sp
 
 from hgogen.algebra.field import Field, Root
 from hgogen.algebra.kinks import Direction, Norm
+from hgogen.algebra.tabulated import Table
 
 ROUGH = (
-    *(sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, Norm, Direction),
+    *(sp.Abs, sp.Min, sp.Max, sp.sign, sp.Piecewise, sp.floor, sp.ceiling, sp.Heaviside, Norm, Direction, Table),
     *(sp.nan, sp.zoo, sp.oo),
 )
 

@@ -5,10 +5,13 @@ What is undefined there, or not decided at this precision, is NaN; a finite ball
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 from flint import arb, ctx, fmpq
 
+from hgogen.algebra.balls import ends
+from hgogen.algebra.cells import Cells, Polynomial
 from hgogen.algebra.tape import Instruction, Tape
 
 Ball = Any
@@ -44,6 +47,8 @@ def _value(instruction: Instruction, args: list[Any], point: Sequence[Fraction])
         return _whole(_root(args[0], exponent.denominator), exponent.numerator)
     if op == "direction":
         return _direction(args, int(value or 0))
+    if op == "table":
+        return _table(args[0], *value)
     rule = _RULES.get(op)
     return rule(*args) if rule else _NAN
 
@@ -88,6 +93,24 @@ def _step(a: Ball, at_zero: Ball = None) -> Ball:
     """Heaviside; SymPy's value at 0 is 1/2 unless it is given."""
     middle = arb(fmpq(1, 2)) if at_zero is None else at_zero
     return arb(1) if a > 0 else arb(0) if a < 0 else middle if a.is_zero() else _NAN
+
+
+def _table(a: Ball, cells: Cells, order: int) -> Ball:
+    """A derivative of a table by the cells that the ball meets; undefined where it may jump among them."""
+    if not a.is_finite():
+        return _NAN
+    first, last = cells.met(*ends(a))
+    if cells.least_smooth(first, last) <= order:
+        return _NAN
+    pieces, starts = cells.of_order(order), cells.starts
+    return reduce(arb.union, (_polynomial(pieces[k], a - _rational(starts[k])) for k in range(first, last + 1)))
+
+
+def _polynomial(piece: Polynomial, d: Ball) -> Ball:
+    total = arb(0)
+    for c in reversed(piece):
+        total = total * d + _rational(c)
+    return total
 
 
 def _rounded(a: Ball, value: Ball) -> Ball:

@@ -38,7 +38,7 @@ def _apply(instruction: Instruction, args: list[Quotient], ring: Any) -> Quotien
     if op == "symbol":
         return ring.gens()[value], one
     if op == "number":
-        return ring.constant(fmpq(value.numerator, value.denominator)), one  # type: ignore[union-attr]
+        return ring.constant(fmpq(value.numerator, value.denominator)), one
     if op == "add":
         return add(*args)
     if op == "mul":

@@ -8,12 +8,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import sympy as sp
 
 from hgogen.algebra.kinks import Direction, Norm
 from hgogen.algebra.reciprocal import without_reciprocals
+from hgogen.algebra.tabulated import Table
 from hgogen.errors import HgogenError
 from hgogen.sentence import Reason, because
 
@@ -63,13 +64,13 @@ class Instruction(NamedTuple):
     "and", "or" (two `args`), "power" (`value`: the whole exponent), "root" (`value`: a rational exponent that is not
     whole), "raise" (base, exponent), "norm", "direction" (`value`: which of the `args`),
     the relations "less", "less_equal", "equal", "unequal" and "not", "true", "false",
-    "piecewise" (value, condition, value, condition, ...), or a function's name. `args` are indices of instructions
-    before it.
+    "piecewise" (value, condition, value, condition, ...), "table" (`value`: its cells and the order of the derivative),
+    or a function's name. `args` are indices of instructions before it.
     """
 
     op: str
     args: tuple[int, ...] = ()
-    value: Fraction | int | str | None = None
+    value: Any = None
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class _Writer:
             self.known[stack.pop()] = self._write(top, [self.known[part] for part in parts], node)
         return self.known[node]
 
-    def _put(self, op: str, args: tuple[int, ...] = (), value: Fraction | int | str | None = None) -> int:
+    def _put(self, op: str, args: tuple[int, ...] = (), value: Any = None) -> int:
         return self.places.setdefault(Instruction(op, args, value), len(self.places))
 
     def _write(self, node: sp.Basic, args: list[int], whole: sp.Basic) -> int:
@@ -142,6 +143,8 @@ class _Writer:
             return self._put("norm" if len(args) > 1 else "abs", tuple(args))
         if kind is Direction:
             return self._put("direction", tuple(args), int(node.args[0]))
+        if isinstance(node, Table):
+            return self._put("table", tuple(args), (node.cells, node.order))
         raise NoTape(str(node), str(whole))
 
     def _power(self, node: sp.Pow, args: list[int]) -> int:

@@ -24,6 +24,7 @@ from hgogen.algebra.echelon import believe_zeros, new_rows
 from hgogen.algebra.identity import is_zero
 from hgogen.algebra.rank import at_values, branches, exact_numbers, modulus, plant_of, somewhere
 from hgogen.algebra.series import Arithmetic, Plant, Point, evaluate, first_gradients
+from hgogen.analysis.on_box import within_tables
 from hgogen.check import Verdict
 from hgogen.sentence import NONE, Reason, because
 from hgogen.system import System
@@ -85,7 +86,7 @@ def gauthier_bornard(
 def of_plant(plant: System) -> UniformObservability:
     """The test of a plant, parameters generic within their ranges, those without one at their nominal values."""
     fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
-    flow, output = (at_values(part, fixed) for part in (plant.flow, plant.output))
+    flow, output = (at_values(part, fixed) for part in within_tables(plant))
     return gauthier_bornard(flow, output, plant.states, plant.inputs)
 
 

@@ -18,6 +18,7 @@ from hgogen.algebra.echelon import kernel, new_rows
 from hgogen.algebra.rank import NowhereDefined, Rank, at_values, matrix_rows, modulus, plant_of, somewhere
 from hgogen.algebra.rank import observability as ranks
 from hgogen.algebra.series import Arithmetic, Point, first_gradients
+from hgogen.analysis.on_box import within_tables
 from hgogen.analysis.symmetry import Symmetry, symmetries
 from hgogen.check import Check, ClaimId, Verdict
 from hgogen.reading.door import asks_a_plant, remembers
@@ -147,7 +148,7 @@ def observability(plant: System) -> Observability:
     Raises: `NowhereDefined` for a plant that is nowhere defined; `NoTape` for a function without a rule.
     """
     fixed = {p: value for p, value in plant.nominal.items() if not p.bounded}
-    flow, output = (at_values(part, fixed) for part in (plant.flow, plant.output))
+    flow, output = (at_values(part, fixed) for part in within_tables(plant))
     loose = tuple(p for p in plant.parameters if p.bounded)
     generic = ranks(flow, output, plant.states, plant.inputs, loose)
     parts = (flow, output, plant.states, plant.inputs)

@@ -77,7 +77,8 @@ def _resolved(what: str, source: Any, where: System | Box) -> tuple[sp.Expr, Box
     around = _declared(plant) if plant else _ranges(where)
     equations = dict(zip(plant.outputs, plant.output, strict=True)) if plant else {}
     names: dict[str, sp.Symbol] = {s.name: s for s in (*around, *equations)}
-    fold = read(source, names) if isinstance(source, str) else Fold("", scalar(source, what), ())
+    tables = {cells.name: cells for cells in plant.tables} if plant else {}
+    fold = read(source, names, tables) if isinstance(source, str) else Fold("", scalar(source, what), ())
     expression = fold.reading
     for symbol in sorted(expression.free_symbols - {*around, *equations}, key=str):
         raise NotInBox(str(symbol), tuple(names), symbol.name in names)

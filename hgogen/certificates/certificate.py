@@ -58,7 +58,7 @@ class NotCertifiable(BadArgument):
 
     text = (
         "no certificate of {what!r}: {reason}; a certificate holds + - * / **, the elementary "
-        "functions, Abs, sign, Min and Max: write the model by them"
+        "functions, Abs, sign, Min, Max and tables: write the model by them"
     )
 
 

@@ -60,7 +60,7 @@ The state may be copied, saved and restored, by the same version of this file. T
 yours write $own, in the coordinates that the struct names, after init or reset and before the first
 call, which takes the estimate as it stands; what else a step remembers of it starts there too.
 
-No heap, no static data, no recursion: one set of structs for each instance, shared between threads only
+No heap, no static data$changes, no recursion: one set of structs for each instance, shared between threads only
 under a lock of yours. Compile with -std=c99 -ffp-contract=off for the bits of the recorded self-check,
 where FLT_EVAL_METHOD of <float.h> is 0: elsewhere intermediate results are rounded otherwise; never with
 -ffast-math or -ffinite-math-only, which take the guards against NaN away and are refused. No macro tells of
@@ -131,6 +131,7 @@ def _manual(step: Step) -> list[str]:
         recovery=recovery(step),
         missing=_MISSING[bool(step.timed)],
         structs="\n".join(f"    {each.local}" for each in structs(step)),
+        changes=" that changes" * bool(step.observer.form.system.tables),
         parts=_PARTS.substitute(name=step.name, parts=parts, order=ORDER) if step.apart else "",
         timed=_timed(step) if step.timed else "",
     )

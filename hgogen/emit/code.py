@@ -5,19 +5,23 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import or_
 
+from hgogen.algebra.lookup import Lookup
+
 Names = frozenset[str]
 
 
 @dataclass(frozen=True)
 class Uses:
     """What lines refer to: `parameters` of the function around them, `helpers` of `emit.functions`, `kernels` (name,
-    size), `types` that a language may have to be asked for; `widest` is the largest count that they hold."""
+    size), `types` that a language may have to be asked for; `widest` is the largest count that they hold;
+    `lookups` are those of tables."""
 
     parameters: Names = frozenset()
     helpers: Names = frozenset()
     kernels: frozenset[tuple[str, int]] = frozenset()
     types: Names = frozenset()
     widest: int = 0
+    lookups: frozenset[Lookup] = frozenset()
 
     def __or__(self, other: "Uses") -> "Uses":
         return Uses(
@@ -26,6 +30,7 @@ class Uses:
             self.kernels | other.kernels,
             self.types | other.types,
             max(self.widest, other.widest),
+            self.lookups | other.lookups,
         )
 
 

@@ -1,7 +1,8 @@
 """What a call of a step costs: its operations, and the bytes of its memory.
 
 Every section runs, a `When` takes its longer branch, a loop all its members. An operation is one of the program's
-instructions: an addition, a product, a comparison, a choice; a function (sine, root, ..) is one beside them.
+instructions: an addition, a product, a comparison, a choice; a function (sine, root, table, ..) is one beside
+them.
 """
 
 import math
@@ -22,7 +23,7 @@ from hgogen.step import Step
 
 _FREE = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_PARAMETER, ca.OP_ASSIGN)
 _CHEAP = (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FLOOR, ca.OP_SIGN)  # calls in C, one instruction on a processor
-_FUNCTIONS = frozenset(CALLS) - {*_CHEAP}
+_FUNCTIONS = frozenset(CALLS) - {*_CHEAP} | {ca.OP_CALL}
 
 
 @dataclass(frozen=True)

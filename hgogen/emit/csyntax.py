@@ -59,6 +59,7 @@ C = Syntax(
     constant="const {type} {name} = {value};",
     variable="{type} {name} = {value};",
     array="{type} {name}[{size}];",
+    fixed="static const {type} {name}[{size}] = {{{values}}};",
     condition="if ({}) {{",
     repeated="while ({}) {{",
     loop=_loop,

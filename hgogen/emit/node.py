@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from hgogen.algebra.lookup import Lookup, called, instructions
+
 
 @dataclass(eq=False)
 class Node:
@@ -15,6 +17,7 @@ class Node:
     source: tuple[int, int] = (0, 0)  # of an input: argument, element
     uses: int = 0
     name: str = ""
+    lookup: Lookup | None = None  # of a call
 
 
 _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
@@ -27,6 +30,7 @@ def read(function: ca.Function) -> list[list[Node]]:
     nodes: list[Node] = []
     outputs = [[Node(ca.OP_CONST)] * function.numel_out(i) for i in range(function.n_out())]
     inputs: dict[tuple[int, int], Node] = {}
+    texts = instructions(function)
     for k in range(function.n_instructions()):
         op, take, give = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
@@ -36,6 +40,8 @@ def read(function: ca.Function) -> list[list[Node]]:
             slots[give[0]] = inputs.setdefault(source, Node(op, source=source))
         elif op == ca.OP_CONST:
             slots[give[0]] = Node(op, constant=function.instruction_constant(k))
+        elif op == ca.OP_CALL:
+            slots[give[0]] = Node(op, (slots[take[0]],), lookup=called(texts[k]))
         else:
             slots[give[0]] = _node(op, tuple(slots[i] for i in take))
             nodes.append(slots[give[0]])

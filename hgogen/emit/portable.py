@@ -5,13 +5,15 @@ A docstring without a full stop is printed above its function; one with it is fo
 
 import ast
 import inspect
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cache
 from types import ModuleType
 
+from hgogen.algebra.lookup import Lookup
 from hgogen.discretisation.kernels import DEGREE, HALVINGS, SWEEPS
-from hgogen.emit import helpers, matrix_loops
+from hgogen.emit import helpers, lookup_functions, matrix_loops
 from hgogen.emit.code import TRUTH, Code, Uses, braced, code, joined, united
 from hgogen.emit.syntax import AND, ATOM, EQUAL, ORDER, PRODUCT, SELECT, SUM, UNARY, Real, Syntax
 
@@ -30,6 +32,7 @@ _INFIX: Mapping[type, tuple[str, float]] = {
     ast.Sub: (" - ", SUM),
     ast.Mult: ("*", PRODUCT),
     ast.Div: ("/", PRODUCT),
+    ast.FloorDiv: ("/", PRODUCT),  # of counts
     ast.Mod: (" % ", PRODUCT),
     ast.Lt: (" < ", ORDER),
     ast.LtE: (" <= ", ORDER),
@@ -39,6 +42,7 @@ _INFIX: Mapping[type, tuple[str, float]] = {
     ast.NotEq: (" != ", EQUAL),
 }
 Text = tuple[str, float]  # and how tightly it binds
+NO_CODE = Code()
 
 
 @cache
@@ -54,6 +58,26 @@ def small(syntax: Syntax, prefix: str, real: Real, names: Collection[str], whole
     large, many = syntax.marked(_LARGE[real], real), syntax.literal(_ALL_WHOLE[real], real)
     words = _Words(syntax, prefix, real, there, {"LARGE": large, "ALL_WHOLE": many}, {"int": whole})
     return joined(_Function(words, there[name]).text() + code("") for name in there if name in names)
+
+
+def tables(syntax: Syntax, prefix: str, real: Real, lookups: Iterable[Lookup]) -> Code:
+    """The functions of tables, by their names."""
+    there, written = routines(lookup_functions), []
+    for lookup in sorted(lookups, key=lambda each: each.name):
+        tree = copy(there["search"])
+        tree.name, tree.body = lookup.name, [*tree.body[:-1], there[f"degree_{len(lookup.coefficients) - 1}"].body[-1]]
+        counts = {"n": len(lookup.breaks), "FIRST": lookup.probes[0]}
+        words = _Words(syntax, prefix, real, there, {}, {}, counts)
+        arrays = dict(zip(("start", "c0", "c1", "c2", "c3"), (lookup.starts, *lookup.coefficients), strict=False))
+        declared = code(*(_fixed(syntax, real, name, numbers) for name, numbers in arrays.items()))
+        written.append(code(syntax.comment(lookup.said)) + _Function(words, tree).text(declared) + code(""))
+    return joined(written)
+
+
+def _fixed(syntax: Syntax, real: Real, name: str, numbers: Sequence[float]) -> str:
+    """The declaration of an array that is never written."""
+    values = ", ".join(syntax.literal(number, real) for number in numbers)
+    return syntax.fixed.format(type=syntax.types[real], name=name, size=len(numbers), values=values)
 
 
 def called_by(names: Iterable[str]) -> set[str]:
@@ -124,11 +148,11 @@ class _Function:
         stores = [n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
         self.once = {name for name in stores if stores.count(name) == 1}
 
-    def text(self) -> Code:
-        """Its comment, its head, its statements, and what its compiler needs around it."""
+    def text(self, declared: Code = NO_CODE) -> Code:
+        """Its comment, its head, what is declared first, its statements, and what its compiler needs around it."""
         syntax, tree = self.syntax, self.tree
         said = ast.get_docstring(tree) or ""
-        inner = self._block(tree.body)
+        inner = declared + self._block(tree.body)
         names = {**self.words.types, **self.words.reals}
         comment = [] if not said or said.endswith(".") else [syntax.comment(said.format(**names))]
         before, after = syntax.around.get(tree.name, ((), ()))

@@ -255,6 +255,9 @@ class Printer:
             return f"{self.value(args[1], ORDER + 0.1)}{sign}{self.value(args[0], ORDER + 0.1)}", ORDER
         if op in _INFIX:
             return self.infix(op, *args)
+        if node.lookup:
+            self.uses.append(Uses(lookups=frozenset({node.lookup})))
+            return f"{self.prefix}_{node.lookup.name}({self.value(args[0])})", ATOM
         if op in self.calls:
             return self.call(self.calls[op], *args)
         raise NotPrintable(op)

@@ -5,6 +5,7 @@ are those of the C, and the elementary functions are the graphs that the C print
 C, and does not depend on this machine's mathematical library.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
@@ -13,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from hgogen.algebra.lookup import Lookup
 from hgogen.emit.elementary import elementary
 from hgogen.emit.node import CHOOSE, CLAMP, KEEP, WITHIN, Node, boolean, read
 from hgogen.emit.printer import CALLS, Operand
@@ -104,6 +106,10 @@ class Writer:
             raised = self.fresh(_SIMPLE[ca.OP_FMAX].format(value, low))
             clamped = _SIMPLE[ca.OP_FMIN].format(raised, high)
             return f"({clamped}) if {_SIMPLE[WITHIN].format(value, rest[1])} else {rest[0]}" if rest else clamped
+        if node.lookup:
+            name = node.lookup.graph.name()
+            self.names[name] = _table(node.lookup, self.real)
+            return f"{name}({values[0]})"
         if op not in CALLS:
             raise NotPrintable(op)
         self.names[CALLS[op]] = _function(CALLS[op], self.real)
@@ -176,6 +182,25 @@ def _function(name: str, real: Real) -> Callable[..., Any]:
     arguments = ", ".join(f"x{k}" for k in range(graph.n_in()))
     lines = [*writer.lines, f"return {writer.number(result, real)}"]
     return defined([f"def {name}({arguments}):", *indented(lines)], writer.names, name, name)  # type: ignore[no-any-return]
+
+
+@lru_cache(maxsize=1024)
+def _table(lookup: Lookup, real: Real) -> Callable[[Any], Any]:
+    """A table of numbers."""
+    number = float if real == "double" else DTYPE[real]
+    zero = number(0)
+    starts, *columns = ([number(each) for each in numbers] for numbers in (lookup.starts, *lookup.coefficients))
+
+    def value(x: Any) -> Any:
+        k = bisect_right(starts, x, lo=1) - 1 if x == x else 0
+        d, total = x - starts[k], columns[-1][k]
+        if len(columns) == 1:
+            return total + d * zero
+        for column in columns[-2::-1]:
+            total = column[k] + d * total
+        return total
+
+    return value
 
 
 @lru_cache(maxsize=4096)

@@ -76,6 +76,7 @@ RUST = Syntax(
     },
     constant="let {name}: {type} = {value};",
     variable="let mut {name}: {type} = {value};",
+    fixed="const {name}: [{type}; {size}] = [{values}];",
     array="let mut {name}: [{type}; {size}] = [{value}; {size}];",
     condition="if {} {{",
     repeated="while {} {{",

@@ -89,7 +89,8 @@ class Syntax:
       `reach`: {}, what leads from a parameter, or from a member at hand, to its own members.
     - Expressions: `choice`: {test}, {yes}, {no}, whose test and branches bind at least as tightly as `chosen` says;
       `index` into an array of structs.
-    - Declarations: `constant`, `variable`: {type}, {name}, {value}; `array`: {type}, {name}, {size}, {value}, which is
+    - Declarations: `constant`, `variable`: {type}, {name}, {value}; `fixed`: {type}, {name}, {size}, {values}, an array
+      in a function that is never written; `array`: {type}, {name}, {size}, {value}, which is
       written before it is read; `member`: {type}, {name}, {element}, the name of one of an array of structs of the
       type `group`.
     - Statements: `condition` and `repeated`: {}, open the block of a test; `loop` gives the head and the first lines of
@@ -115,6 +116,7 @@ class Syntax:
     constant: str
     variable: str
     array: str
+    fixed: str
     condition: str
     repeated: str
     loop: Callable[[str, str, str, str, bool], Sequence[str]]

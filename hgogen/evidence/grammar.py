@@ -10,6 +10,7 @@ import sympy as sp
 from sympy.printing.str import StrPrinter
 
 from hgogen.algebra.points import exact
+from hgogen.algebra.tabulated import Table
 from hgogen.form import Form
 from hgogen.intervals.bounds import Range
 from hgogen.intervals.digits import up
@@ -83,6 +84,12 @@ def _mirrored(form: Form) -> dict[sp.Symbol, tuple[str, bool]]:
     return names
 
 
+def _short(number: Fraction) -> str:
+    """An exact number, as a decimal where a float's shortest one is it."""
+    decimal = repr(float(number))
+    return str(number) if number.denominator == 1 or Fraction(decimal) != number else decimal
+
+
 class _Printer(StrPrinter):  # type: ignore[misc]
     """SymPy's text with rationals for floats, exp(1) for e."""
 
@@ -92,6 +99,12 @@ class _Printer(StrPrinter):  # type: ignore[misc]
 
     def _print_Exp1(self, expression: sp.Expr) -> str:
         return "exp(1)"
+
+    def table(self, node: Table) -> str:
+        """A derivative of a table, with all its points."""
+        numbers = (_short(number) for point in zip(node.cells.x, node.cells.y, strict=True) for number in point)
+        parts = (self.doprint(node.args[0]), node.order, *numbers)
+        return f"{node.cells.kind.capitalize()}({', '.join(map(str, parts))})"
 
     def _print_Pi(self, expression: sp.Expr) -> str:
         return "4*atan(1)" if "pi" in self.names else "pi"

@@ -59,11 +59,11 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     along = (*every, *hidden)
     z = coordinates(plant, plant.states if order is None else _ordered(plant, order))
     A, b = split(z.flow, z.states)
-    terms = (a * z.states[j] for (_, j), a in A.todok().items())
+    flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
     checks = (
         connected("original", hidden, doubtful),
         _shape(along, rows),
-        lipschitz("original", map(z.back, (*terms, *b, *z.output)), plant, "A x + b with the output"),
+        lipschitz("original", map(z.back, (*flow, *z.output)), plant, "A x + b with the output"),
         Check(
             ClaimId("original", "convergence"),
             "the estimate converges from everywhere in the box",

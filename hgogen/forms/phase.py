@@ -19,6 +19,7 @@ import sympy as sp
 from hgogen.algebra.kinks import at_kinks
 from hgogen.algebra.points import exact, kind, points
 from hgogen.algebra.rewrite import TooLarge
+from hgogen.algebra.tabulated import Table
 from hgogen.analysis.determinant import as_written, determinant
 from hgogen.analysis.lie import derivatives, input_derivatives, rates, size, without_derivative
 from hgogen.analysis.on_box import on_box
@@ -44,6 +45,7 @@ _BOXES = 2000
 _LOOSE = 1e6  # of a range that is asked only whether it is there
 _RANGES = 300  # the ranges of z are where phi is clamped: a few percent wider is no harm
 _POLES = 200  # phi is large, and with poles in the box of z, as they often are, more boxes do not help
+_FLATTER = "Take the form uniform or triangular, which differentiates no table twice, or write it as a formula."
 _REFERENCE = "Gauthier, Hammouri, Othman, IEEE TAC 37 (1992)"
 
 
@@ -248,7 +250,8 @@ def _rank(whole: _Map) -> tuple[Check, Sign]:
     rough = without_derivative((*whole.Phi, *whole.jacobian))
     if rough:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)
-        return Check(id, claim, Verdict.UNKNOWN, rough), unknown
+        fix = _FLATTER if any(row.has(Table) for row in (*whole.Phi, *whole.jacobian)) else ""
+        return Check(id, claim, Verdict.UNKNOWN, rough, fix=fix), unknown
     undefined = _undefined((*whole.Phi, *whole.jacobian), whole.plant)
     if sign.verdict is Verdict.PROVED and undefined is not None:
         unknown = replace(sign, verdict=Verdict.UNKNOWN)

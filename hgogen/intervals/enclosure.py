@@ -14,8 +14,10 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
+from hgogen.algebra.cells import Cells
 from hgogen.algebra.tape import Instruction, Tape
-from hgogen.intervals import directions, endpoints, outward
+from hgogen.intervals import cell_ranges, directions, endpoints, outward
+from hgogen.intervals.derivatives import DERIVATIVES
 from hgogen.intervals.outward import Array, Pair, add, hull, multiply, negate, power, reciprocal, scale
 
 Flags = NDArray[np.bool_]
@@ -68,6 +70,8 @@ class _Walk:
             return _power(args[0], int(value or 0))
         if op == "root":
             return _root(args[0], Fraction(value or 0))
+        if op == "table":
+            return _table(args[0], *value)
         if op == "direction":
             return _direction(args, int(value or 0), self.slopes)
         if op in endpoints.FUNCTIONS:
@@ -186,40 +190,9 @@ def _raise(args: list[Enclosure]) -> Enclosure:
     return Enclosure(value, defined & clear, continuous & clear, _nowhere(slope, ~clear))
 
 
-_ONE = 1.0
-
-_DERIVATIVES: dict[str, Callable[[Pair, Pair], Pair]] = {  # of the argument a and the value f(a)
-    "exp": lambda a, f: f,
-    "log": lambda a, f: reciprocal((np.maximum(a[0], 0.0), a[1])),
-    "sin": lambda a, f: endpoints.apply("cos", a)[0],
-    "cos": lambda a, f: negate(endpoints.apply("sin", a)[0]),
-    "tan": lambda a, f: add(_pair((_ONE, _ONE), a), power(f, 2)),
-    "asin": lambda a, f: _inverse_root(a),
-    "acos": lambda a, f: negate(_inverse_root(a)),
-    "atan": lambda a, f: reciprocal(add(_pair((_ONE, _ONE), a), power(a, 2))),
-    "sinh": lambda a, f: endpoints.apply("cosh", a)[0],
-    "cosh": lambda a, f: endpoints.apply("sinh", a)[0],
-    "tanh": lambda a, f: reciprocal(power(endpoints.apply("cosh", a)[0], 2)),
-    "asinh": lambda a, f: reciprocal(outward.square_root(add(_pair((_ONE, _ONE), a), power(a, 2)))),
-    "acosh": lambda a, f: reciprocal(
-        outward.square_root(add(power((np.maximum(a[0], 1.0), a[1]), 2), _pair((-_ONE, -_ONE), a)))
-    ),
-    "atanh": lambda a, f: reciprocal(_one_minus_square(a)),
-}
-
-
-def _one_minus_square(a: Pair) -> Pair:
-    low, high = add(_pair((_ONE, _ONE), a), negate(power(a, 2)))
-    return np.maximum(low, 0.0), high
-
-
-def _inverse_root(a: Pair) -> Pair:
-    return reciprocal(outward.square_root(_one_minus_square(a)))
-
-
 def _elementary(name: str, a: Enclosure) -> Enclosure:
     value, inside = endpoints.apply(name, a.value)
-    slope = _nowhere(_chain(a, lambda: _DERIVATIVES[name](a.value, value)), ~inside)
+    slope = _nowhere(_chain(a, lambda: DERIVATIVES[name](a.value, value)), ~inside)
     return Enclosure(value, a.defined & inside, a.continuous & inside, slope)
 
 
@@ -368,6 +341,13 @@ def _piecewise(args: list[Enclosure]) -> Enclosure:
 def _joined(a: Pair, b: Pair, where: Flags) -> Pair:
     low, high = hull(a, b)
     return np.where(where, low, a[0]), np.where(where, high, a[1])
+
+
+def _table(a: Enclosure, cells: Cells, order: int) -> Enclosure:
+    """A derivative of a table; where it jumps it is the set of what lies between its limits, and has no slope."""
+    value, bounded, continuous = cell_ranges.apply(cells, order, a.value)
+    rate = _chain(a, lambda: cell_ranges.apply(cells, order + 1, a.value)[0])
+    return Enclosure(value, a.defined & bounded, a.continuous & continuous, _jumpy(rate, ~continuous, [a]))
 
 
 def _whole(function: Callable[[Array], Array]) -> Callable[[list[Enclosure]], Enclosure]:

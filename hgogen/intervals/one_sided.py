@@ -6,10 +6,12 @@ would be 1, where x may be 0.
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import sympy as sp
 
 from hgogen.algebra.kinks import Norm, bent, signed
+from hgogen.algebra.tabulated import Table, applied
 from hgogen.algebra.tape import NoTape
 from hgogen.check import Verdict
 from hgogen.intervals.box import Box
@@ -17,7 +19,7 @@ from hgogen.intervals.lost import STRANGE, is_defined, lost
 from hgogen.intervals.rational import rational
 from hgogen.intervals.sign import nonzero
 
-_KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise)
+_KINDS = (sp.Abs, sp.Min, sp.Max, sp.sign, sp.Heaviside, sp.Piecewise, Table)
 _OPERATIONS = 200  # of an argument whose side is asked for
 _BOXES = 60
 
@@ -36,6 +38,8 @@ def _rooted(node: sp.Pow) -> bool:
 def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     if isinstance(node, sp.Piecewise):
         return _chosen(node, box)
+    if isinstance(node, Table):
+        return _within(node, box)
     if not node.args:
         return node
     args = [_visited(part, box) if isinstance(part, sp.Expr) else part for part in node.args]
@@ -44,6 +48,14 @@ def _visited(node: sp.Expr, box: Box) -> sp.Expr:
     built = node if args == list(node.args) else node.func(*args)
     simplified = _plain(built, box)
     return node if simplified != node and lost(args, (simplified,), box) is not None else simplified
+
+
+def _within(node: Table, box: Box) -> sp.Expr:
+    """The table without its ends, where its argument keeps within its points."""
+    argument, cells = _visited(node.args[0], box), node.cells
+    low, high = rational(argument, box)
+    inside = cells.x[0] <= low and high <= cells.x[-1] and is_defined(argument, box)
+    return applied(replace(cells, held=cells.held and not inside), argument, node.order)
 
 
 def _plain(e: sp.Expr, box: Box) -> sp.Expr:

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import sympy as sp
 
+from hgogen.algebra.tabulated import Table
 from hgogen.intervals.box import Box
 from hgogen.intervals.glance import Interval, contains_zero, enclose
 from hgogen.sentence import Reason, because
@@ -94,7 +95,7 @@ def _condition(node: sp.Expr, box: Box) -> Condition | None:
         index, clear, condition = _SINGULAR[type(node)]
         return None if clear(enclose(node.args[index], box)) else condition(node.args[index])
     if not isinstance(node, sp.Pow):
-        return None if type(node) in _ENTIRE else Condition("{of} is smooth", node)
+        return None if type(node) in _ENTIRE or isinstance(node, Table) else Condition("{of} is smooth", node)
     base = enclose(node.base, box)
     if node.exp.is_Integer:
         return Condition(NONZERO, node.base) if node.exp < 0 and contains_zero(base) else None

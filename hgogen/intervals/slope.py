@@ -16,6 +16,7 @@ import sympy as sp
 
 from hgogen.algebra.kinks import Norm, bent
 from hgogen.algebra.points import exact, kind, put
+from hgogen.algebra.tabulated import Kinked, Stepped, Table
 from hgogen.algebra.tape import tape
 from hgogen.check import Verdict
 from hgogen.intervals.box import Box, End, Point, Sides, sides
@@ -25,8 +26,9 @@ from hgogen.intervals.zeros import special_point
 from hgogen.sentence import NONE, Reason, because, equations
 
 # What jumps hides from the symbolic derivative, and what bends is better read by slopes.
-JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2)
-KINKS = (sp.Abs, sp.Min, sp.Max, Norm)
+JUMPS = (sp.Piecewise, sp.sign, sp.floor, sp.ceiling, sp.frac, sp.Mod, sp.Heaviside, sp.atan2, Stepped)
+KINKS = (sp.Abs, sp.Min, sp.Max, Norm, Kinked)
+_TURNING = (sp.Heaviside, sp.Abs, sp.Min, sp.Max, Norm)
 
 Ends = tuple[tuple[sp.Symbol, tuple[End, End]], ...]
 
@@ -139,7 +141,7 @@ def _endless(rows: list[sp.Expr], states: list[sp.Symbol], around: Sides) -> tup
     around = Sides(tuple(real.values()), around.ends)
     states = [real[x] for x in states]
     for row in (row.xreplace(real) for row in rows):
-        if row.has(*JUMPS):
+        if row.has(*JUMPS, Table):
             continue
         for point in _suspects(row, around):
             for x in states:
@@ -201,7 +203,7 @@ def _grows(slope: sp.Expr, point: Point, around: Sides) -> bool:
 
 def _settled(along: sp.Expr, t: sp.Symbol) -> sp.Expr:
     """Heaviside, |..|, Min and Max as what they are for small t > 0, where their arguments at 0 tell."""
-    return along.replace(lambda node: isinstance(node, (sp.Heaviside, *KINKS)), lambda node: _branch(node, t))
+    return along.replace(lambda node: isinstance(node, _TURNING), lambda node: _branch(node, t))
 
 
 def _branch(node: sp.Expr, t: sp.Symbol) -> sp.Expr:

@@ -1,7 +1,8 @@
 """Text to SymPy by a grammar of its own: a user's text is never run as Python.
 
     value      sums, products, quotients, powers (**, right to left), signs, parentheses; binding as in Python
-    call       a name of a fixed table and values; Piecewise((value, condition), ..., (value, True))
+    call       a name of a fixed table and values; Piecewise((value, condition), ..., (value, True)); of a model's own
+               table its name and one value
     condition  True, False, relations < <= > >=, joined by & and | in parentheses; inside Piecewise only
     name       a declared symbol; pi and E unless declared; decimals are exact rationals
 
@@ -15,10 +16,13 @@ A text means what SymPy makes of it: exp(log(x)) is x and x/x is 1, also where t
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from fractions import Fraction
+from types import MappingProxyType
 from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.cells import Cells
+from hgogen.algebra.tabulated import applied
 from hgogen.errors import nearest
 from hgogen.reading.folding import Demand, Fold, lost, of_call, of_power
 from hgogen.reading.tokens import BadExpression, Token, tokens
@@ -46,28 +50,29 @@ FUNCTIONS = (*sorted(_FUNCTIONS), "Piecewise")
 _FEW = 12  # names that a message lists
 _CONSTANTS = {"pi": sp.pi, "E": sp.E}
 _INFINITE = (sp.nan, sp.zoo, sp.oo, -sp.oo)
+NONE: Mapping[str, Cells] = MappingProxyType({})
 
 
-def parse(text: str, symbols: Mapping[str, sp.Symbol]) -> sp.Expr:
+def parse(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells] = NONE) -> sp.Expr:
     """The SymPy expression of a text.
 
     Args: `symbols`: every declared name with its symbol; a declared name wins over pi, E and, unless an opening
-    parenthesis follows, over a function.
+    parenthesis follows, over a function. `tables` by their names, which are no function's.
 
     Raises: `BadExpression` for a text outside the grammar, too long, too deep, or with numbers too large; for a
     division by zero and for what is not real.
     """
-    return read(text, symbols).reading
+    return read(text, symbols, tables).reading
 
 
-def read(text: str, symbols: Mapping[str, sp.Symbol]) -> Fold:
+def read(text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells] = NONE) -> Fold:
     """A text with its expression, and what SymPy folded away in between; arguments and errors as of `parse`."""
     if not isinstance(text, str):
         raise BadExpression(str(text), 1, f"is of type {type(text).__name__}; write the expression as text")
     if len(text) > CHARACTERS:
         raise BadExpression(text, CHARACTERS, f"is longer than {CHARACTERS} characters; name parts of it")
     try:
-        parser = _Parser(text, symbols)
+        parser = _Parser(text, symbols, tables)
         reading = parser.whole()
         return Fold(text, reading, lost(parser.demanded, reading))
     except RecursionError:  # in SymPy, where the caller has left little of the stack
@@ -77,8 +82,8 @@ def read(text: str, symbols: Mapping[str, sp.Symbol]) -> Fold:
 class _Parser:
     """One text, and the place up to which it is read."""
 
-    def __init__(self, text: str, symbols: Mapping[str, sp.Symbol]) -> None:
-        self.text, self.symbols = text, symbols
+    def __init__(self, text: str, symbols: Mapping[str, sp.Symbol], tables: Mapping[str, Cells]) -> None:
+        self.text, self.symbols, self.tables = text, symbols, tables
         self.tokens: list[Token] = []
         for token in tokens(text):
             if len(self.tokens) == TOKENS:
@@ -195,8 +200,9 @@ class _Parser:
             return _CONSTANTS[name]
         if name in ("True", "False"):
             return sp.true if name == "True" else sp.false
-        if name in FUNCTIONS:
-            raise self.bad(token, f"the function {name} needs its argument; write {name}(...)")
+        if name in FUNCTIONS or name in self.tables:
+            what = "function" if name in FUNCTIONS else "table"
+            raise self.bad(token, f"the {what} {name} needs its argument; write {name}(...)")
         close = get_close_matches(name[:60], [*self.symbols, *_CONSTANTS], n=1, cutoff=0.5)
         few = 0 < len(self.symbols) <= _FEW
         known = f"what can be read here: {', '.join(self.symbols)}" if few else "declare it"
@@ -206,10 +212,13 @@ class _Parser:
     def call(self, token: Token) -> sp.Expr:
         """A function of the table, applied."""
         name = token.text
+        if name in self.tables:
+            return self.looked_up(token)
         if name not in FUNCTIONS:
             if name in self.symbols or name in _CONSTANTS:
                 raise self.bad(token, f"{name[:60]!r} is no function; write * before the parenthesis")
-            known = nearest(name, FUNCTIONS, f"the functions are {', '.join(FUNCTIONS)}")
+            functions = (*FUNCTIONS, *self.tables)
+            known = nearest(name, functions, f"the functions are {', '.join(functions)}")
             raise self.bad(token, f"there is no function {name[:60]!r}; {known}")
         self.take()
         if name == "Piecewise":
@@ -228,6 +237,14 @@ class _Parser:
             self.not_huge(values[0], token)
         self.demanded += of_call(function, *values)
         return self.real(function(*values), token)
+
+    def looked_up(self, token: Token) -> sp.Expr:
+        """The value of a table."""
+        self.take()
+        first = self.next
+        argument = self.number_like(self.value(0), first)
+        self.expect(")", f"the table {token.text} of column {token.column}")
+        return applied(self.tables[token.text], argument)
 
     def not_huge(self, value: sp.Expr, token: Token) -> None:
         """Refuse exp of a large number, and exp(k log c), which SymPy would write out as the number c**k."""

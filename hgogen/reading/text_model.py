@@ -10,6 +10,10 @@
     value = 1.0                      # with low and high it can be tuned at run time
     [outputs.y]
     equation = "x1"
+    [tables.ocv]                     # a function by points, which expressions call: ocv(x1)
+    x = [0, 0.5, 1]
+    y = [3, 3.7, 4.2]
+    kind = "monotone"                # or "linear", the default
 
 Beside these: meaning and reference (text), known (known answers, a free table), and the tables that files of
 `hgogen.modelfiles` read: `observer` and `tuning` (tuning.py), `trial` (recipe.py), `dissipation` (storage.py).
@@ -28,15 +32,18 @@ from typing import Any
 
 import sympy as sp
 
+from hgogen.algebra.cells import Cells
 from hgogen.errors import BadArgument, HgogenError, nearest
 from hgogen.reading.expression import BadExpression, parse
 from hgogen.reading.expression import read as read_expression
 from hgogen.reading.folding import Fold
+from hgogen.reading.table import cells_of
 from hgogen.signal import Signal
 from hgogen.system import System
 
 BYTES = 4_000_000  # of one file
 TEXT, NUMBER, EXPRESSION, TABLE, RANGES = "text", "a number", "an expression", "a table", "pairs of numbers"
+NUMBERS = "a list of numbers"
 _SIGNAL = {"unit": TEXT, "meaning": TEXT, "value": NUMBER, "low": NUMBER, "high": NUMBER}
 _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of signal, and the one that must be there
     "states": ({**_SIGNAL, "flow": EXPRESSION}, "flow"),
@@ -44,21 +51,25 @@ _KINDS: dict[str, tuple[dict[str, str], str | None]] = {  # keys of each kind of
     "parameters": (_SIGNAL, "value"),
     "outputs": ({**_SIGNAL, "equation": EXPRESSION}, "equation"),
 }
+_POINTS = {"x": NUMBERS, "y": NUMBERS, "kind": TEXT}
 _TOP = {
     "name": TEXT,
     "meaning": TEXT,
     "reference": TEXT,
     "time": TEXT,
     **dict.fromkeys(_KINDS, TABLE),
-    **dict.fromkeys(("known", "observer", "tuning", "trial", "dissipation"), TABLE),
+    **dict.fromkeys(("tables", "known", "observer", "tuning", "trial", "dissipation"), TABLE),
 }
-BESIDE = tuple(key for key in _TOP if key not in ("name", "time", *_KINDS))  # what a file says beside its plant
+BESIDE = tuple(
+    key for key in _TOP if key not in ("name", "time", "tables", *_KINDS)
+)  # what a file says beside its plant
 _EXAMPLES = {
     TEXT: '"..."',
     NUMBER: "1.5, finite and without quotes",
     EXPRESSION: '"x2 - sin(x1)"',
     TABLE: "[...] with keys",
     RANGES: "[[-1, 1], [-2, 2]]",
+    NUMBERS: "[0, 0.5, 1]",
 }
 
 
@@ -137,12 +148,16 @@ def from_table(table: Any, file: str = "model") -> PlainModel:
             demand_keys(file, f"{kind}.{name}", entry, keys, needed)
         signals[kind] = [_signal(file, f"{kind}.{name}", name, entry) for name, entry in group.items()]
     symbols = {signal.name: signal for kind in _KINDS for signal in signals[kind]}
+    tables = {name: _points(file, name, entry) for name, entry in table.get("tables", {}).items()}
+    for name in tables.keys() & symbols.keys():
+        raise BadModelFile(file, f"tables.{name}", f"a signal is called {name!r} as well; rename one of the two")
 
     def expressions(kind: str, key: str) -> list[Fold]:
         """The expressions under `key` in every table of a kind."""
         entries = groups[kind].items()
         return [
-            named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols) for name, entry in entries
+            named(file, f"{kind}.{name}.{key}", read_expression, _text(entry[key]), symbols, tables)
+            for name, entry in entries
         ]
 
     flow, output = expressions("states", "flow"), expressions("outputs", "equation")
@@ -210,6 +225,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     EXPRESSION: lambda value: isinstance(value, str) or _number(value),
     TABLE: lambda value: isinstance(value, dict),
     RANGES: _ranges,
+    NUMBERS: lambda value: isinstance(value, list) and all(map(_number, value)),
 }
 
 
@@ -233,6 +249,15 @@ def _signal(file: str, where: str, name: str, entry: Mapping[str, Any]) -> Signa
     declared = {key: entry[key] for key in ("unit", "meaning", "low", "high", "rates") if key in entry}
     signal: Signal = named(file, where, Signal, name, nominal=entry.get("value"), **declared)
     return signal
+
+
+def _points(file: str, name: str, entry: Mapping[str, Any]) -> Cells:
+    """The table of points of the file. Raises: `BadModelFile`."""
+    where = f"tables.{name}"
+    for key in ("x", "y"):
+        demand_keys(file, where, entry, _POINTS, key)
+    cells: Cells = named(file, where, cells_of, entry["x"], entry["y"], entry.get("kind", "linear"), name)
+    return cells
 
 
 def named(file: str, where: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
@@ -263,6 +288,7 @@ def to_text(plant: System, beside: Mapping[str, Any] = MappingProxyType({})) -> 
     }
     lines = [f"name = {_quoted(plant.name)}"] + [f"time = {_quoted(plant.time)}"] * (plant.time != "s")
     lines += [f"{_key(key)} = {inline(value)}" for key, value in beside.items()]
+    lines += [line for cells in plant.tables for line in _table(plant, cells)]
     for kind, (key, texts) in equations.items():
         for signal, text in zip(getattr(plant, kind), texts, strict=True):
             lines += ["", f"[{kind}.{signal.name}]", *_entries(signal)]
@@ -294,11 +320,21 @@ def _entries(signal: Signal) -> Iterable[str]:
         yield f"rates = {[list(pair) for pair in signal.rates]}"
 
 
+def _table(plant: System, cells: Cells) -> Iterable[str]:
+    yield from ("", f"[tables.{cells.name}]")
+    for key, numbers in (("x", cells.x), ("y", cells.y)):
+        decimals = [float(number) for number in numbers]
+        if [Fraction(repr(decimal)) for decimal in decimals] != list(numbers):
+            raise NoText(plant.name, f"{key} of the table {cells.name} has a number that is no decimal; round it")
+        yield f"{key} = {decimals}"
+    yield f"kind = {_quoted(cells.kind)}"
+
+
 def _expression(plant: System, symbols: Mapping[str, Signal], expression: sp.Expr) -> str:
     exact = expression.xreplace({number: _rational(number) for number in expression.atoms(sp.Float)})
     text = str(exact)
     try:
-        same = parse(text, symbols) == exact
+        same = parse(text, symbols, {cells.name: cells for cells in plant.tables}) == exact
     except BadExpression as error:
         raise NoText(plant.name, str(error)) from None
     if not same:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from .tables import is_table, next_of
 from .text import Expression
 
 
@@ -129,6 +130,8 @@ def dual(base: Arithmetic) -> Arithmetic:
             y, x = args
             square = base.power(x.value, 2) + base.power(y.value, 2)
             return Dual(value, _sum(y.scaled(x.value / square), x.scaled(-y.value / square)))
+        if is_table(name):
+            return Dual(value, args[0].scaled(base.function(next_of(name), (args[0].value,))))
         return Dual(value, args[0].scaled(_slope(name, args[0].value, value, base)))
 
     def no_hull(a: Dual, b: Dual) -> Dual:

@@ -13,7 +13,8 @@ from fractions import Fraction
 from mpmath import libmp
 
 from .arithmetic import Dual, Undefined, dual, evaluate
-from .interval import Interval, NotExact, between, fractions, intervals, point
+from .exact import NotExact, fractions
+from .interval import Interval, between, intervals, point
 from .text import Expression
 
 MORE = 2000  # boxes beyond the certificate's own leaves

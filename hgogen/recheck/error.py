@@ -19,6 +19,7 @@ from .box import Box, NotShown
 from .context import Context, cut
 from .file import Equations, signals
 from .matrix import entries
+from .tables import is_table
 from .text import Expression, expression
 
 Rows = tuple[tuple[Expression, ...], ...]
@@ -118,7 +119,7 @@ def around_of(context: Context, description: Mapping[str, Any]) -> Box:
 def smooth(texts: Iterable[Expression]) -> None:
     """That none has kinks or jumps. Raises: `NotShown`."""
     for text in texts:
-        if any(step.op in _KINKS for step in text.instructions):
+        if any(step.op in _KINKS or is_table(step.op) for step in text.instructions):
             raise NotShown(f"{cut(text.text)} has kinks or jumps")
 
 

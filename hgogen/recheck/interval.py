@@ -1,4 +1,4 @@
-"""The arithmetics that verify ranges: mpmath's intervals, outward rounded, and exact fractions at a point."""
+"""The arithmetic that verifies ranges: mpmath's intervals, outward rounded."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -10,19 +10,15 @@ from typing import Any
 from mpmath import libmp
 
 from .arithmetic import Arithmetic, Undefined
+from .tables import is_table, range_on
 
 PRECISION = 80  # bits
 _GUARD = 30  # bits computed beyond these, and then given away as a margin for the error of a function's value
 _LARGEST = 2**16  # of an argument of exp and of the exponent of 2 of an angle
-_LONGEST = 4096  # bits of an exact fraction; beyond it intervals answer
 
 Ends = tuple[Any, Any]  # two numbers of mpmath, low and high
 _DOWN, _UP = libmp.round_floor, libmp.round_ceiling
 _INFINITE = (libmp.fninf, libmp.finf)
-
-
-class NotExact(Exception):
-    """A value that is no rational number, or too long a one."""
 
 
 @dataclass(frozen=True)
@@ -303,7 +299,22 @@ _FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
 
 
 def _function(name: str, args: tuple[Interval, ...]) -> Interval:
-    return _FUNCTIONS[name](*args)
+    return _table(name, *args) if is_table(name) else _FUNCTIONS[name](*args)
+
+
+def _table(name: str, x: Interval) -> Interval:
+    """The range of a table by its exact pieces."""
+    ends = range_on(name, *(_exactly(end) for end in x.ends))
+    if ends is None:
+        raise Undefined("a derivative of a table where the one before jumps")
+    return between(*ends)
+
+
+def _exactly(end: Any) -> Fraction | float:
+    """An end as a fraction, or infinite."""
+    if end in (*_INFINITE, libmp.fnan):
+        return float(libmp.to_float(end))
+    return Fraction(*map(int, libmp.to_rational(end)))
 
 
 def _power(x: Interval, exponent: int) -> Interval:
@@ -336,64 +347,3 @@ def _root(x: Interval, exponent: Fraction) -> Interval:
 
 
 intervals = Arithmetic(point, _power, _root, _function, hull)
-
-
-# --- exact fractions
-
-
-def _exact_power(x: Fraction, exponent: int) -> Fraction:
-    if exponent < 0 and not x:
-        raise Undefined("division by zero")
-    if max(x.numerator.bit_length(), x.denominator.bit_length()) * abs(exponent) > _LONGEST:
-        raise NotExact
-    return x**exponent
-
-
-def _exact_root(x: Fraction, exponent: Fraction) -> Fraction:
-    if x < 0 or (x == 0 and exponent < 0):
-        raise Undefined("a root of a negative number")
-    q = exponent.denominator
-    parts = [_whole_root(part, q) for part in (x.numerator, x.denominator)]
-    return _exact_power(Fraction(*parts), exponent.numerator)
-
-
-def _whole_root(value: int, q: int) -> int:
-    root = round(value ** (1 / q)) if value < 2**50 else math.isqrt(value) if q == 2 else 0
-    if root**q != value:
-        raise NotExact
-    return root
-
-
-# f(0) of the functions with a rational value there
-_AT_ZERO = {
-    **dict.fromkeys(("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh"), 0),
-    **dict.fromkeys(("cos", "exp", "cosh"), 1),
-}
-
-
-def _exact_function(name: str, args: tuple[Fraction, ...]) -> Fraction:
-    if name in ("Min", "Max"):
-        return min(args) if name == "Min" else max(args)
-    if name == "Abs":
-        return abs(args[0])
-    if name == "side" and args[0] == 0:
-        raise NotExact
-    if name in ("sign", "side"):
-        return Fraction((args[0] > 0) - (args[0] < 0))
-    if name == "log":
-        if args[0] <= 0:
-            raise Undefined("the logarithm of zero or less")
-        if args[0] == 1:
-            return Fraction(0)
-    if name in _AT_ZERO and args == (Fraction(0),):
-        return Fraction(_AT_ZERO[name])
-    raise NotExact
-
-
-def _same(a: Fraction, b: Fraction) -> Fraction:
-    if a != b:
-        raise NotExact
-    return a
-
-
-fractions = Arithmetic(lambda value: value, _exact_power, _exact_root, _exact_function, _same)

@@ -14,6 +14,7 @@ from .arithmetic import Dual, Undefined, dual, evaluate
 from .box import Box, NotShown, Slopes, Try, centre_of, sides
 from .context import Context, cut
 from .interval import Interval, intersection, intervals, point
+from .tables import is_table, table_of
 from .text import Expression
 
 _duals = dual(intervals)
@@ -59,12 +60,19 @@ def differentiable(texts: Iterable[Expression], at: Mapping[str, Fraction]) -> N
     values = {name: point(value) for name, value in at.items()}
     for text in texts:
         for op, args, _ in text.instructions:
+            if is_table(op) and _meets(op, evaluate(replace(text, result=args[0]), values, intervals)):
+                raise NotShown(f"{cut(text.text)} may have no slope at its witness")
             if op not in ("Abs", "sign", "Min", "Max"):
                 continue
             operands = [evaluate(replace(text, result=arg), values, intervals) for arg in args]
             differences = [x - y for x, y in combinations(operands, 2)] if len(operands) > 1 else operands
             if any(x.sign == 0 for x in differences):
                 raise NotShown(f"{cut(text.text)} may have no slope at its witness")
+
+
+def _meets(table: str, x: Interval) -> bool:
+    """Whether a table's argument may be one of its points."""
+    return any((x - point(place)).sign == 0 for place in table_of(table)[0].places)
 
 
 def _jacobian(rows: Sequence[Expression], names: Sequence[str], box: Box) -> list[list[Interval]]:

@@ -3,6 +3,8 @@
     sum: term (+ - term)*    term: factor (* / factor)*    factor: - factor | atom ** factor
     atom: number | name | function(sum, ...) | (sum)
 
+A table is a function that is followed by its order and its points (`tables`).
+
 Every name is declared by the certificate. A text that is too long or too deep is refused, so a hostile file costs
 nothing.
 """
@@ -14,6 +16,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from .errors import RecheckError
+from .tables import KINDS, name_of
 
 LONGEST = 100_000  # characters of one expression
 DEEPEST = 60  # nested brackets, signs and powers
@@ -241,8 +244,21 @@ class _Reader:
             self.next()
             args.append(self.sum(depth + 1))
         self.expect(")")
+        if name in KINDS:
+            return self.table(name, args)
         if name == "sqrt" and len(args) == 1:
             return self.put("root", (args[0],), Fraction(1, 2))
         if name in {1: ONE_ARGUMENT, 2: TWO_ARGUMENTS | MANY_ARGUMENTS}.get(len(args), MANY_ARGUMENTS):
             return self.put(name, tuple(args))
         raise self.fault(f"there is no rule for {name} of {len(args)}")
+
+    def table(self, kind: str, args: list[int]) -> int:
+        """kind(sum, order, x, y, x, y, ...), all but the first of them numbers."""
+        numbers = [self.numbers.get(arg) for arg in args[1:]]
+        known = [number for number in numbers if number is not None]
+        if len(known) < len(numbers) or not known:
+            raise self.fault(f"{kind} has an order and points that are numbers")
+        try:
+            return self.put(name_of(kind, known[0], known[1:]), (args[0],))
+        except ValueError as error:
+            raise self.fault(str(error)) from None

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
+from hgogen.algebra.lookup import hessian, jacobian
 from hgogen.analysis.determinant import determinant
 from hgogen.errors import HgogenError
 from hgogen.form import Form
@@ -117,9 +118,9 @@ class Dynamics:
         if self.form.behind is not None:
             return self.linear(u) + self._slope_behind(self.form.behind, z, u)
         linear, rest = self._graphs(self._z, self._u)
-        slope = ca.jacobian(rest, self._z)
+        slope = jacobian(rest, self._z)
         if self.form.A.free_symbols & set(self.form.states):  # A(u, z_1): its own slope counts
-            slope += ca.jacobian(linear @ self._z, self._z) - linear
+            slope += jacobian(linear @ self._z, self._z) - linear
         return ca.substitute([linear + slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output(self, z: Graph, u: Graph) -> Graph:
@@ -128,13 +129,13 @@ class Dynamics:
 
     def output_jacobian(self, z: Graph, u: Graph) -> Graph:
         """The Jacobian dh/dz (p, n) of the output."""
-        slope = ca.jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
+        slope = jacobian(column(self._convert(self.form.output, self._z, self._u)), self._z)
         return ca.substitute([slope], [self._z, self._u], [self.saturated(z), u])[0]
 
     def output_curvature(self, z: Graph, u: Graph) -> tuple[Graph, ...]:
         """The second derivatives d2h_j/dz2 (n, n) at (sat(z), u) of each output."""
         rows = column(self._convert(self.form.output, self._z, self._u))
-        hessians = tuple(ca.hessian(rows[j], self._z)[0] for j in range(self.outputs))
+        hessians = tuple(hessian(rows[j], self._z) for j in range(self.outputs))
         return tuple(ca.substitute(list(hessians), [self._z, self._u], [self.saturated(z), u]))
 
     def estimate(self, z: Graph, u: Graph) -> Graph:
@@ -277,7 +278,7 @@ class Dynamics:
         proved, while dPsi/dz may have poles in the box of z."""
         states, x = self.form.system.states, sym("form", "x", self.n)
         rows = (column(self._convert(e, x, self._u, states)) for e in (behind, self.form.to_form))
-        slope, map_ = (ca.jacobian(row, x) for row in rows)
+        slope, map_ = (jacobian(row, x) for row in rows)
         pulled = ca.sparsify(ca.solve(map_.T, slope.T).T)
         return ca.substitute([pulled], [x, self._u], [self._behind(self.saturated(z), u), u])[0]
 

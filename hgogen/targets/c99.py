@@ -1,8 +1,8 @@
 """C99 for firmware: NAME.h (the manual), NAME.c, and NAME_check.c with recorded vectors.
 
-Caller-owned structs, no heap, no static data, no recursion, bounded loops; every call returns a status, a bit mask
-with 0 for ok. Compile with `-ffp-contract=off` for the same bits
-on every IEEE 754 target whose FLT_EVAL_METHOD is 0.
+Caller-owned structs, no heap, no static data that changes, no recursion, bounded loops; every call returns a status, a
+bit mask with 0 for ok. Compile with `-ffp-contract=off` for the same bits on every IEEE 754 target whose
+FLT_EVAL_METHOD is 0.
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from hgogen.emit.code import Code, Uses, braced, code, joined, spaced
 from hgogen.emit.cstruct import named
 from hgogen.emit.csyntax import C
 from hgogen.emit.fold import folded
-from hgogen.emit.portable import kernels
+from hgogen.emit.portable import kernels, tables
 from hgogen.emit.statements import Writer, called
 from hgogen.emit.syntax import Real, demand_real, demand_step
 from hgogen.program import Field, Group
@@ -55,7 +55,8 @@ def _source(step: Step, real: Real) -> list[str]:
     name, declared = step.name, prototypes(step)
     interface = spaced(_function(declared[key], body) for key, body in _bodies(step, real).items())
     helpers, matrices = interface.uses.helpers, interface.uses.kernels
-    text = functions(name, real, helpers) + kernels(C, name, real, matrices) + interface
+    shared = functions(name, real, helpers) + tables(C, name, real, interface.uses.lookups)
+    text = shared + kernels(C, name, real, matrices) + interface
     return [
         f"/* {name}: see {name}.h, which is the manual. */",
         f'#include "{name}.h"',

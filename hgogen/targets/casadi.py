@@ -23,6 +23,7 @@ from typing import Any
 
 import casadi as ca
 
+from hgogen.algebra.lookup import Lookup, walked
 from hgogen.emit.elementary import elementary
 from hgogen.emit.printer import CALLS
 from hgogen.emit.syntax import Real, demand_step
@@ -142,19 +143,12 @@ def _block(block: Block, known: Mapping[str, Callable[..., Graph]]) -> ca.Functi
     A clamp is a choice, of which the value is taken where it is at the end: there CasADi's own have half of its slope,
     and a gain is often first at the end of its range.
     """
-    graph, work = block.graph, dict[int, Graph]()
-    inputs, results = graph.sx_in(), [ca.SX.zeros(*graph.size_out(k)) for k in range(graph.n_out())]
-    for k in range(graph.n_instructions()):
-        op, read, wrote = graph.instruction_id(k), graph.instruction_input(k), graph.instruction_output(k)
-        if op == ca.OP_INPUT:
-            work[wrote[0]] = inputs[read[0]][read[1]]
-        elif op == ca.OP_CONST:
-            work[wrote[0]] = ca.SX(graph.instruction_constant(k))
-        elif op == ca.OP_OUTPUT:
-            results[wrote[0]][wrote[1]] = work[read[0]]
-        else:
-            work[wrote[0]] = _applied(op, known)(*(work[place] for place in read))
-    return ca.Function("block", inputs, results[: len(block.writes)])
+    inputs = block.graph.sx_in()
+
+    def apply(op: int, lookup: Lookup | None, *values: Graph) -> Graph:
+        return (lookup or _applied(op, known))(*values)
+
+    return ca.Function("block", inputs, walked(block.graph, inputs, apply)[: len(block.writes)])
 
 
 def _applied(op: int, known: Mapping[str, Callable[..., Graph]]) -> Callable[..., Graph]:

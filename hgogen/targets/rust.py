@@ -11,7 +11,7 @@ from hgogen.emit.code import Code, code, indented, joined, spaced
 from hgogen.emit.fold import folded
 from hgogen.emit.functions import functions
 from hgogen.emit.interface import Entry, entries
-from hgogen.emit.portable import kernels
+from hgogen.emit.portable import kernels, tables
 from hgogen.emit.rustcheck import check as self_check
 from hgogen.emit.rustmanual import documentation, status
 from hgogen.emit.ruststruct import doc, initial, nominal, structs, zeros
@@ -80,7 +80,8 @@ def _recipe(name: str) -> tuple[tuple[str, ...], ...]:
 def _source(step: Step, real: Real, command: str) -> list[str]:
     state, parameters = _methods(step, real)
     used = (state + parameters).uses
-    private = functions(RUST, step.name, real, used.helpers) + kernels(RUST, step.name, real, used.kernels)
+    private = functions(RUST, step.name, real, used.helpers) + tables(RUST, step.name, real, used.lookups)
+    private += kernels(RUST, step.name, real, used.kernels)
     return [
         *documentation(step, command, _REASON),
         *_ATTRIBUTES,

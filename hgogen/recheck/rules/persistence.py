@@ -21,6 +21,7 @@ from ..file import Claim, part
 from ..interval import intervals, point
 from ..rule import Rule
 from ..structure import CHAINS
+from ..tables import is_table
 from ..text import Expression, expression
 
 MOST = 5  # states, beyond which determinants and derivatives are too long
@@ -41,7 +42,7 @@ def persistent(context: Context, claim: Claim) -> Shown:
     if len(context.z) > MOST:
         raise NotShown(f"the rank of more than {MOST} states is not computed")
     texts = (*inputs.values(), *form.output, *(entry for entries in form.A for entry in entries))
-    if any(step.op in _KINKS for text in texts for step in text.instructions):
+    if any(step.op in _KINKS or is_table(step.op) for text in texts for step in text.instructions):
         raise NotShown("an input, A or C has kinks or jumps")
     at = expression(part(evidence, "at", str), {})
     moving = [text for text in inputs.values() if text.names]

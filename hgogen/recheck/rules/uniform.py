@@ -13,6 +13,7 @@ from ..file import Claim, FormFile, part
 from ..rule import POINT, STEEP, Needed, Rule
 from ..slope import at_kinks, differentiable
 from ..structure import ranges_kept
+from ..tables import jumps
 from ..text import Expression, expression
 
 
@@ -60,7 +61,7 @@ def _no_slope(context: Context, claim: Claim) -> Shown:
         return Shown(f"{text.text} is zero at its witness")
     if sorted(signs) != ["negative", "positive"]:
         raise NotShown(f"{text.text} is not shown to be zero, or to change its sign")
-    if any(step.op == "sign" for step in rate.instructions):
+    if any(step.op == "sign" or jumps(step.op) for step in rate.instructions):
         raise NotShown(f"{rate.text} is not shown to be continuous")
     boxes = finite(text, context.form.box) + finite(rate, context.form.box)
     return Shown(f"{text.text} changes its sign", boxes)

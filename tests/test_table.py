@@ -1,0 +1,647 @@
+"""`hg.table` in models, proofs, graphs, emitted code and certificates, against dense samples of random tables."""
+
+import copy
+import json
+import math
+import pickle
+import struct
+import tomllib
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from random import Random
+
+import casadi as ca
+import emitted
+import numpy as np
+import pytest
+import sympy as sp
+
+import hgogen as hg
+from hgogen.algebra.cells import Cells, extremes, value
+from hgogen.algebra.lookup import Lookup, hessian, jacobian
+from hgogen.algebra.pointwise import values
+from hgogen.algebra.tabulated import Kinked, Stepped, Table, applied
+from hgogen.algebra.tape import tape
+from hgogen.check import Verdict
+from hgogen.emit.code import code
+from hgogen.emit.cost import cost
+from hgogen.emit.csyntax import C
+from hgogen.emit.portable import tables
+from hgogen.emit.pygraph import DTYPE, evaluated
+from hgogen.graph import to_casadi
+from hgogen.intervals.enclosure import enclose
+from hgogen.intervals.one_sided import one_sided
+from hgogen.intervals.sign import nonzero
+from hgogen.intervals.slope import lipschitz_bound
+from hgogen.reading import text_model
+from hgogen.reading.table import MOST, BadTable, cells_of
+from hgogen.recheck import tables as rechecked
+from hgogen.recheck.interval import between, intervals
+from hgogen.recheck.verification import recheck
+from hgogen.signal import BadName
+from hgogen.system import BadSystem
+
+KINDS = ("linear", "monotone")
+X = sp.Symbol("x", real=True)
+
+
+def drawn(draw: Random, kind: str, most: int = 8) -> Cells:
+    """A table with flat pieces, steep ones, and turns."""
+    count = draw.randint(2, most)
+    xs = sorted(draw.sample(range(-40, 40), count))
+    ys = [draw.choice((draw.randint(-5, 5), draw.randint(-500, 500), 1)) for _ in xs]
+    return cells_of([Fraction(x, 8) for x in xs], [Fraction(y, 3) for y in ys], kind, "drawn")
+
+
+def boxes(draw: Random, cells: Cells, count: int = 12) -> Iterator[tuple[float, float]]:
+    """Boxes that end on points, between them, and beyond the ends, and single numbers."""
+    ends = [*map(float, cells.x), -7.0, 7.0, *(draw.uniform(-6, 6) for _ in range(4))]
+    for _ in range(count):
+        low, high = sorted(draw.choices(ends, k=2))
+        yield low, high
+
+
+def inside(cells: Cells, low: float, high: float) -> list[Fraction]:
+    """Points of a box, its ends, and on both sides of each breakpoint in it."""
+    around = [float(x) + d for x in cells.x for d in (-1e-6, 0, 1e-6)]
+    points = {low, high, *np.linspace(low, high, 23).tolist(), *around}
+    return [Fraction(p) for p in sorted(points) if low <= p <= high]
+
+
+def within(cells: Cells, low: float, high: float) -> list[Fraction]:
+    """Of these the points inside of it, or the one that it is."""
+    return [p for p in inside(cells, low, high) if low < p < high or low == high]
+
+
+# --- the function -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_passes_through_its_points_and_is_held_at_its_ends(kind: str) -> None:
+    draw = Random(1)
+    for _ in range(50):
+        cells = drawn(draw, kind)
+        assert [cells.at(x) for x in cells.x] == list(cells.y)
+        assert [cells.at(cells.x[0] - 3), cells.at(cells.x[-1] + 3)] == [cells.y[0], cells.y[-1]]
+        assert [cells.at(x, 1) for x in (cells.x[0] - 3, cells.x[-1] + 3)] == [0, 0]
+
+
+def test_monotone_is_scipy_s_pchip() -> None:
+    from scipy.interpolate import PchipInterpolator
+
+    draw = Random(2)
+    for _ in range(50):
+        cells = drawn(draw, "monotone")
+        other = PchipInterpolator([float(x) for x in cells.x], [float(y) for y in cells.y])
+        at = np.linspace(float(cells.x[0]), float(cells.x[-1]), 60)[1:-1]
+        size = max(abs(float(y)) for y in cells.y) + 1
+        ours = [float(cells.at(Fraction(t))) for t in at]
+        assert np.allclose(ours, other(at), rtol=0, atol=1e-11 * size)
+
+
+def test_monotone_rises_and_falls_with_its_points() -> None:
+    draw = Random(3)
+    for _ in range(100):
+        cells = drawn(draw, "monotone")
+        for (a, c), (b, d) in pairwise(zip(cells.x, cells.y, strict=True)):
+            low, high = cells.range(a, b, 1)
+            assert low >= 0 or d < c
+            assert high <= 0 or d > c
+            assert cells.range(a, b) == (min(c, d), max(c, d))
+
+
+def test_monotone_has_one_continuous_derivative_between_its_ends() -> None:
+    cells = cells_of([0, 1, 2, 4], [0, 1, 3, 6], "monotone", "t")
+    assert cells.smooth == (1, 2, 2, 1)
+    assert cells.smoothness == 0  # held, it has kinks at its ends
+    box = {X: (Fraction(0), Fraction(4))}
+    free = one_sided(applied(cells, X), box)
+    assert (free.cells.held, free.cells.smoothness) == (False, 1)
+    assert not isinstance(free, Kinked)
+    assert isinstance(free.diff(X), Kinked)
+    assert isinstance(free.diff(X, 2), Stepped)
+    assert one_sided(applied(cells, X + 1), box).cells.held
+    line = cells_of([0, 1, 2, 4], [0, 1, 3, 6], "linear", "t")
+    assert isinstance(one_sided(applied(line, X), box), Kinked)
+
+
+def test_a_table_is_a_value_of_sympy() -> None:
+    t = hg.table(2 * X, [0, 1, 2], [0, 1, 4], name="ocv")
+    assert (str(t), str(t.diff(X))) == ("ocv(2*x)", "2*ocv(2*x, 1)")
+    assert t == hg.table(2 * X, [0, 1.0, 2], (0, 1, np.float64(4)), name="ocv") != hg.table(2 * X, [0, 1], [0, 1])
+    assert pickle.loads(pickle.dumps(t)) == copy.deepcopy(t) == t
+    assert t.subs(X, sp.Rational(3, 4)) == sp.Rational(5, 2)
+    assert t.diff(X).subs(X, sp.Rational(1, 2)) != t.diff(X, 1).subs(X, sp.Rational(1, 4))  # a set at a kink
+    assert abs(hg.table(sp.sqrt(2), [0, 1, 2], [0, 1, 4]).evalf() - (3 * math.sqrt(2) - 2)) < 1e-12
+    assert hg.table(0.3, [0, 1], [0, 1]) == sp.Rational(3, 10)
+
+
+# --- ranges -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("held", [True, False])
+def test_ranges_hold_every_value(kind: str, held: bool) -> None:
+    """Of a derivative inside of the box: at its ends it may be another one's, and where it jumps it is a set."""
+    draw = Random(f"{kind} {held}")
+    for _ in range(60):
+        cells = drawn(draw, kind)
+        cells = Cells(cells.name, kind, cells.x, cells.y, held)
+        for low, high in boxes(draw, cells):
+            points = inside(cells, low, high)
+            for order in range(4):
+                ends = cells.range(low, high, order)
+                at = points if order == 0 else within(cells, low, high)
+                reached = [value for p in at if (value := cells.at(p, order)) is not None]
+                if ends is not None:
+                    assert all(ends[0] <= value <= ends[1] for value in reached)
+                    assert order or ends[0] == min(reached) or kind == "monotone" or low < high
+                else:
+                    assert cells.least_smooth(*cells.met(low, high)) < order
+
+
+def test_extremes_hold_a_cubic_that_turns() -> None:
+    """By its coefficients in Bernstein's basis, on an interval that does not begin at 0."""
+    draw = Random(10)
+    for _ in range(200):
+        piece = tuple(Fraction(draw.randint(-9, 9)) for _ in range(4))
+        a, b = sorted(Fraction(draw.randint(-30, 30), 10) for _ in range(2))
+        low, high = extremes(piece, a, b)
+        reached = [value(piece, a + (b - a) * k / 40) for k in range(41)]
+        assert low <= min(reached)
+        assert max(reached) <= high
+        assert high - low <= 30 * (max(reached) - min(reached))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_enclosures_of_values_and_slopes_on_boxes(kind: str) -> None:
+    """Of f(g(x)) with g = x^2 - 1, and its slope, against differences of the exact function."""
+    draw = Random(4)
+    for _ in range(30):
+        cells = drawn(draw, kind)
+        program = tape([applied(cells, X**2 - 1)], (X,))
+        sides = list(boxes(draw, cells))
+        low, high = (np.array([[side[i] for side in sides]]) for i in (0, 1))
+        (enclosure,) = enclose(program, low, high, slopes=True)
+        assert enclosure.defined.all()
+        assert enclosure.continuous.all()
+        for k, (a, b) in enumerate(sides):
+            points = inside(cells, a, b)
+            values = [cells.at(p**2 - 1) for p in points]
+            assert all(enclosure.value[0][k] <= value <= enclosure.value[1][k] for value in values)
+            for (p, c), (q, d) in pairwise(zip(points, values, strict=True)):
+                chord = (d - c) / (q - p)
+                assert enclosure.slope[0][0][k] <= chord <= enclosure.slope[1][0][k]
+
+
+def test_a_slope_that_jumps_is_a_set_and_has_no_slope() -> None:
+    """A box that ends on a point has the slope within; a box of one point both; across it the slope jumps."""
+    line = cells_of([0, 1, 2], [0, 1, 3], "linear", "t")
+    program = tape([applied(line, X, 1), applied(line, X, 2)], (X,))
+    low, high = np.array([[0.5, 1.0, 0.5, 1.0, -1.0]]), np.array([[1.0, 1.5, 1.5, 1.0, 0.0]])
+    first, second = enclose(program, low, high, slopes=True)
+    assert list(zip(*first.value, strict=True)) == [(1, 1), (2, 2), (1, 2), (1, 2), (0, 0)]
+    assert first.defined.all()
+    assert first.continuous.tolist() == [True, True, False, False, True]
+    assert np.isfinite(first.slope[1][0]).tolist() == [True, True, False, False, True]
+    assert second.defined.tolist() == [True, True, False, False, True]
+    assert line.range(0.5, 1.5, 2) is None
+    numbers = [n for point in zip(line.x, line.y, strict=True) for n in point]
+    slope, beyond = (rechecked.name_of("Linear", Fraction(order), numbers) for order in (1, 2))
+    sides = [(0.5, 1.0), (1.0, 1.5), (0.5, 1.5), (1.0, 1.0), (-1.0, 0.0)]
+    assert [rechecked.range_on(slope, *side) for side in sides] == [(1, 1), (2, 2), (1, 2), (1, 2), (0, 0)]
+    assert [rechecked.range_on(beyond, *side) is None for side in sides] == [False, False, True, True, False]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_checker_s_own_tables_hold_every_value(kind: str) -> None:
+    draw = Random(5)
+    for _ in range(40):
+        cells = drawn(draw, kind)
+        numbers = [n for point in zip(cells.x, cells.y, strict=True) for n in point]
+        for order in range(4):
+            name = rechecked.name_of(kind.capitalize(), Fraction(order), numbers)
+            for low, high in boxes(draw, cells, 4):
+                ends = rechecked.range_on(name, low, high)
+                mine = cells.range(low, high, order)
+                assert (ends is None) == (mine is None)
+                if ends is None:
+                    continue
+                wide = intervals.function(name, (between(low, high),))
+                at = inside(cells, low, high) if order == 0 else within(cells, low, high)
+                reached = [value for p in at if (value := cells.at(p, order)) is not None]
+                assert all(ends[0] <= value <= ends[1] for value in reached)
+                assert not any(wide.at_least(value + Fraction(1, 10**9)) for value in reached)
+                assert not any(wide.at_most(value - Fraction(1, 10**9)) for value in reached)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_values_at_points_are_balls_around_the_exact_ones(kind: str) -> None:
+    draw = Random(6)
+    for _ in range(30):
+        cells = drawn(draw, kind)
+        for order in range(3):
+            program = tape([applied(cells, X, order)], (X,))
+            for p in [*cells.x, *(Fraction(draw.randint(-90, 90), 7) for _ in range(6))]:
+                (ball,) = values(program, [p])
+                exact = cells.at(p, order)
+                if exact is None:
+                    assert not ball.is_finite()
+                elif ball.is_finite():
+                    assert Fraction(str(ball.lower().fmpq())) <= exact <= Fraction(str(ball.upper().fmpq()))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_lipschitz_bounds_hold_the_steepest_chord(kind: str) -> None:
+    """On the box, a bound that chords approach: within its 2 percent, and of lines exactly."""
+    draw = Random(7)
+    for _ in range(25):
+        cells = drawn(draw, kind)
+        low, high = sorted(draw.choices([*cells.x, Fraction(-7), Fraction(7), Fraction(1, 3)], k=2))
+        if low == high:
+            continue
+        bound = lipschitz_bound([applied(cells, X)], (X,), {X: (low, high)})
+        assert bound.verdict is Verdict.PROVED
+        ends = cells.range(low, high, 1)
+        steepest = max(map(abs, ends))
+        assert float(steepest) <= bound.high <= 1.03 * float(steepest) + 1e-12
+        points = inside(cells, float(low), float(high))
+        chords = [abs((cells.at(q) - cells.at(p)) / (q - p)) for p, q in pairwise(points)]
+        assert max(chords) <= Fraction(bound.high)
+
+
+def test_what_a_slope_that_turns_or_rests_is_not_shown() -> None:
+    """No sign of a slope that is 0 on a piece, or changes at a kink; one where it has one."""
+    box = {X: (Fraction(0), Fraction(3))}
+    for ys, verdict in (([0, 1, 3, 4], Verdict.PROVED), ([0, 1, 1, 4], None), ([0, 2, 1, 4], None)):
+        for kind in KINDS:
+            sign = nonzero(applied(cells_of([0, 1, 2, 3], ys, kind, "t"), X).diff(X), box)
+            assert (sign.verdict is Verdict.PROVED) == (verdict is Verdict.PROVED), (ys, kind)
+    wide = {X: (Fraction(-1), Fraction(3))}  # flat beyond its ends
+    assert nonzero(applied(cells_of([0, 1, 2, 3], [0, 1, 3, 4], "linear", "t"), X).diff(X), wide).verdict is not (
+        Verdict.PROVED
+    )
+
+
+# --- graphs and emitted code --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_graphs_and_their_derivatives_are_sympy_s(kind: str) -> None:
+    """Ours, of lookups, and CasADi's own, which a user's functions have."""
+    v = sp.Symbol("v", real=True)
+    inner = hg.table(X * v, [0, 1, 2, 5, 6], [0, 1, 4, 5, -1], kind=kind, name="a")
+    rows = [inner * v + hg.table(inner, [-1, 2, 5], [0.3, 1, 0], kind=kind, name="b"), X**2 * v]
+    x, w = ca.SX.sym("x"), ca.SX.sym("v")
+    both, at = ca.vertcat(x, w), Random(8)
+    graph = ca.vertcat(*to_casadi(rows, {X: x, v: w}))
+    ours = ca.Function("ours", [x, w], [graph, jacobian(graph, both), hessian(graph[0], both)])
+    theirs = ca.Function("theirs", [x, w], [graph, ca.jacobian(graph, both), ca.hessian(graph[0], both)[0]])
+    for _ in range(60):
+        point = [at.uniform(-1, 3), at.uniform(-1, 3)]
+        where = dict(zip((X, v), map(sp.Float, point), strict=True))
+        J = [[float(row.diff(s).subs(where)) for s in (X, v)] for row in rows]
+        H = [[float(rows[0].diff(s).diff(t).subs(where)) for s in (X, v)] for t in (X, v)]
+        for computed in (ours(*point), theirs(*point)):
+            assert np.allclose(computed[0].full().ravel(), [float(row.subs(where)) for row in rows])
+            assert np.allclose(computed[1].full(), J)
+            assert np.allclose(computed[2].full(), H)
+
+
+_MAIN = """
+#include <stdio.h>
+#include <string.h>
+{text}
+int main(void)
+{{
+    {type} x;
+    while (fread(&x, sizeof x, 1, stdin) == 1) {{
+        const {type} values[3] = {{t_table_t(x), t_slope_t(x), t_slope_2_t(x)}};
+        fwrite(values, sizeof values, 1, stdout);
+    }}
+    return 0;
+}}
+"""
+
+
+def program(cells: Cells, real: str, folder: Path, *flags: str) -> Path:
+    lookups = [Lookup(cells, order) for order in range(3)]
+    text = "\n".join((tables(C, "t", real, lookups) + code("")).lines)
+    return emitted.compiled("gcc", {"main.c": _MAIN.format(text=text, type=real)}, folder, *flags)
+
+
+def numbers(cells: Cells, real: str) -> np.ndarray:
+    """Points, their neighbours, numbers between and beyond, and what is no number."""
+    kind = DTYPE[real]
+    points = np.array(list(map(float, cells.x)), kind)
+    infinite = np.array([np.inf, -np.inf, np.nan, 3e38, -3e38, 0.0, -0.0], kind)
+    around = np.concatenate([points, np.nextafter(points, kind(np.inf)), np.nextafter(points, kind(-np.inf))])
+    return np.concatenate([around, infinite, np.linspace(-7, 7, 101, dtype=kind)])
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_c_and_python_and_casadi_have_the_same_bits(kind: str, real: str, tmp_path: Path) -> None:
+    """At every number, infinite and not a number among them: those give what is no number, and nothing is read out of
+    bounds, which the sanitizers would tell."""
+    emitted.tool("gcc")
+    draw = Random(9)
+    for count in (2, 3, 4, 5, 8, 9, 200):
+        xs = sorted(draw.sample(range(-4000, 4000), count))
+        cells = cells_of([x / 700 for x in xs], [draw.uniform(-3, 3) for _ in xs], kind, "t")
+        binary = program(cells, real, tmp_path, "-O2", "-ffp-contract=off", "-fsanitize=address,undefined")
+        xs = numbers(cells, real)
+        run = emitted.subprocess.run([binary], input=xs.tobytes(), capture_output=True, check=True)
+        seen = np.frombuffer(run.stdout, DTYPE[real]).reshape(len(xs), 3)
+        x = ca.SX.sym("x")
+        for order in range(3):
+            lookup = Lookup(cells, order)
+            graph = ca.Function("f", [x], [lookup(x)])
+            with np.errstate(all="ignore"):
+                python = [evaluated(graph, real)([[v]])[0][0] for v in (xs.tolist() if real == "double" else xs)]
+            assert same(seen[:, order], np.array(python, DTYPE[real]))
+            assert np.isnan(seen[~np.isfinite(xs), order]).all()
+            finite = np.abs(xs) < 1e3
+            if real == "double":
+                values = np.array([float(graph(v)) for v in xs[finite]])
+                assert (values == seen[finite, order]).all()
+
+
+def same(a: np.ndarray, b: np.ndarray) -> bool:
+    """The same bits, of any NaN."""
+    return bool(((a.view(f"u{a.itemsize}") == b.view(f"u{b.itemsize}")) | (np.isnan(a) & np.isnan(b))).all())
+
+
+def test_a_long_table_costs_what_a_short_one_does() -> None:
+    """One operation of a program, and a search whose steps grow with the logarithm."""
+    steps = []
+    for count in (10, 1000):
+        x, y = hg.Signal("x", low=0, high=1), hg.Signal("y")
+        xs = [k / (count - 1) for k in range(count)]
+        t = hg.table(x, xs, [v**2 for v in xs], name="t")
+        plant = hg.System("one", states=(x,), outputs=(y,), flow=[-t], output=[x])
+        steps.append(hg.sample(hg.observers.high_gain(hg.forms.triangular(plant), theta=2, poles=(-1,)), dt=0.1))
+    assert cost(steps[0]) == cost(steps[1])
+    assert [len(Lookup(cells_of(range(n), range(n), "linear", "t")).probes) for n in (10, 1000)] == [4, 10]
+
+
+# --- at the door --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (([0], [1]), "has 1 point; give 2 to"),
+        (([0, 1], [1]), "has 2 xs and 1 ys; give a y for each x"),
+        (([0, 2, 1], [1, 2, 3]), "xs 2 and 3, 2 and 1, do not increase; sort them"),
+        (([0, 0], [1, 2]), "do not increase"),
+        (([0, math.nan], [1, 2]), "xs 2 is nan, no finite number"),
+        (([0, 1], [1, math.inf]), "ys 2 is inf, no finite number"),
+        (([0, 1], [1, 2j]), "no finite number"),
+        (([0, 1], [1, "2"]), "no finite number"),
+        (([0, 1], [1, True]), "no finite number"),
+        (([0, 1], [1, 10**400]), "choose other units"),
+        (([0, 5e-324], [0, 1e300]), "choose other units"),
+        (("01", [1, 2]), "give a list of numbers"),
+        (({0, 1}, [1, 2]), "give a list of numbers"),
+        ((3, [1, 2]), "give a list of numbers"),
+    ],
+)
+def test_a_bad_table_is_refused_with_its_fix(arguments: tuple[object, object], says: str) -> None:
+    with pytest.raises(BadTable, match="table 'table': ") as refused:
+        hg.table(X, *arguments)
+    assert says in str(refused.value)
+
+
+def test_a_bad_argument_kind_or_name_is_refused() -> None:
+    points = [0, 1], [0, 1]
+    for x in ("x", None, sp.I, sp.Matrix([X]), [X]):
+        with pytest.raises(BadTable, match="give"):
+            hg.table(x, *points)
+    with pytest.raises(
+        BadTable, match="is taken at 2 expressions, and a table is a function of one; write it as a sum"
+    ):
+        hg.table((X, X), *points)
+    with pytest.raises(BadTable, match='write "linear" or "monotone"'):
+        hg.table(X, *points, kind="cubic")
+    with pytest.raises(BadName):
+        hg.table(X, *points, name="a b")
+
+
+def test_a_system_tells_its_tables_by_their_names() -> None:
+    x, y = hg.Signal("x", low=0, high=1), hg.Signal("y")
+
+    def system(*flow: sp.Expr) -> hg.System:
+        return hg.System("s", states=(x,), outputs=(y,), flow=[sp.Add(*flow)], output=[x])
+
+    a, b = (hg.table(x, [0, 1], [0, k], name="t") for k in (1, 2))
+    assert system(a, a**2)
+    with pytest.raises(BadSystem, match="two tables are called 't'"):
+        system(a, b)
+    with pytest.raises(BadSystem, match="a signal and a table are called 'x'"):
+        system(hg.table(x, [0, 1], [0, 1], name="x"))
+    with pytest.raises(BadSystem, match="jumps at its points"):
+        system(a.diff(x))
+    assert system(hg.table(x, [0, 1, 2], [0, 1, 3], kind="linear", name="u"))
+
+
+# --- forms and certificates ---------------------------------------------------------------------------------
+
+
+def cart(kind: str) -> hg.System:
+    x, v = hg.Signal("x", "m", low=-1, high=3), hg.Signal("v", "m/s", low=-4, high=4)
+    u, y = hg.Signal("u", "N", low=-1, high=1), hg.Signal("y", "m")
+    friction = hg.table(v, [-5, -1, -0.1, 0, 0.1, 1, 5], [-2.3, -0.7, -1, 0, 1, 0.7, 2.3], kind=kind, name="friction")
+    spring = hg.table(x, [-2, 0, 1, 4], [-3, 0, 0.5, 2.5], kind=kind, name="spring")
+    return hg.System("cart", states=(x, v), inputs=(u,), outputs=(y,), flow=[v, u - friction - spring], output=[x])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_proved_of_a_table_is_verified_again(kind: str) -> None:
+    form = hg.forms.triangular(cart(kind))
+    assert all(check.verdict is Verdict.PROVED for check in form.checks)
+    observer = hg.observers.high_gain(form, theta=60, poles=(-1, -1))
+    content = hg.certificate(form, observer.checks, "high_gain")
+    rows = recheck(json.dumps(content)).rows
+    assert {row.id: row.found for row in rows} == dict.fromkeys(
+        (*(str(c.id) for c in form.checks), "high_gain.convergence", "high_gain.theta"), "verified"
+    )
+
+
+def test_a_certificate_holds_the_longest_table() -> None:
+    """Of numbers with all their digits."""
+    x, y, draw = hg.Signal("x", low=0, high=1), hg.Signal("y"), Random(11)
+    xs, ys = (sorted(-draw.random() for _ in range(MOST)) for _ in range(2))
+    plant = hg.System("long", states=(x,), outputs=(y,), flow=[-hg.table(x, xs, ys, name="t") - x], output=[x])
+    form = hg.forms.triangular(plant)
+    assert {row.found for row in recheck(json.dumps(hg.certificate(form, form.checks))).rows} == {"verified"}
+
+
+def test_a_certificate_of_another_table_is_not_verified() -> None:
+    """Steeper by a quarter at its steepest, with the digests made again."""
+    from hgogen.recheck.file import digest, model_digest
+
+    form = hg.forms.triangular(cart("linear"))
+    content = hg.certificate(form, form.checks)
+    text = json.dumps({key: content[key] for key in ("plant", "form", "observer")})
+    assert text.count("0.1, 1, 1") == 2  # once in the plant, once in the form
+    about = json.loads(text.replace("0.1, 1, 1", "0.1, 5/4, 1"))
+    forged = {**content, **about, "model": model_digest(about)}
+    del forged["digest"]
+    forged["digest"] = digest(forged)
+    verdicts = {row.id: row.found for row in recheck(json.dumps(forged)).rows}
+    assert verdicts.pop("triangular.lipschitz") == "fails"
+    assert set(verdicts.values()) == {"verified"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Linear(x, 0, 0, 1)",
+        "Linear(x, 0, 0, 1, 0, 2)",
+        "Linear(x, 0, 0, 1, 2)",
+        "Linear(x, 1/2, 0, 1, 2, 3)",
+        "Linear(x, 0, 0, 1, x, 2)",
+        "Linear(x)",
+        "Monotone(x, -1, 0, 1, 2, 3)",
+        "Spline(x, 0, 0, 1, 2, 3)",
+    ],
+)
+def test_the_checker_reads_no_table_that_is_none(text: str) -> None:
+    from hgogen.recheck.text import Unreadable, expression
+
+    with pytest.raises(Unreadable):
+        expression(text, {"x"})
+    assert expression("Linear(2*x, 0, 0, 1, 2, 3)", {"x"})
+
+
+def test_no_slope_is_read_at_a_point_of_a_table() -> None:
+    """By the checker, where a witness says that a slope is 0: there it is a set."""
+    from hgogen.recheck.box import NotShown
+    from hgogen.recheck.slope import differentiable
+    from hgogen.recheck.text import expression
+
+    text = expression("Linear(x**2, 0, 0, 1, 2, 1, 3, 4)", {"x"})
+    differentiable([text], {"x": Fraction(1)})
+    with pytest.raises(NotShown):
+        differentiable([text], {"x": Fraction(0)})
+
+
+def test_a_form_that_asks_for_more_smoothness_says_so() -> None:
+    """phase differentiates the output twice along the flow of two states: lines have a kink, cubics one derivative."""
+    x, v = hg.Signal("x", low=0, high=3), hg.Signal("v", low=-2, high=2)
+    u, y = hg.Signal("u", low=-1, high=1), hg.Signal("y")
+    for kind in KINDS:
+        t = hg.table(x, [0, 1, 2, 3], [0, 1, 3, 4], kind=kind, name="scale")
+        plant = hg.System("p", states=(x, v), inputs=(u,), outputs=(y,), flow=[v, u - x], output=[t])
+        assert all(check.verdict is Verdict.PROVED for check in hg.forms.uniform(plant).checks)
+        checks = {str(check.id): check for check in hg.forms.phase(plant).checks}
+        rank = checks["phase.rank"]
+        assert rank.verdict is Verdict.UNKNOWN
+        assert "has no derivative somewhere" in str(rank.reason)
+        assert rank.fix
+        assert hg.observability(plant).rank == 2  # between its ends; beyond them a table shows nothing
+
+
+# --- plain text ---------------------------------------------------------------------------------------------
+
+CELL = """
+name = "cell"
+[states.soc]
+low = 0.1
+high = 0.9
+flow = "-i/9000"
+[inputs.i]
+low = -5
+high = 5
+[tables.ocv]
+x = [0, 0.1, 0.5, 0.9, 1]
+y = [2.9, 3.42, 3.68, 4.07, 4.18]
+kind = "monotone"
+[outputs.y]
+equation = "ocv(soc) - 0.02*i"
+"""
+
+
+def cell(text: str = CELL) -> hg.System:
+    return text_model.from_table(tomllib.loads(text)).plant
+
+
+def test_a_table_in_plain_text_is_that_in_python() -> None:
+    plant = cell()
+    soc, i = plant.states[0], plant.inputs[0]
+    ocv = hg.table(soc, [0, 0.1, 0.5, 0.9, 1], [2.9, 3.42, 3.68, 4.07, 4.18], kind="monotone", name="ocv")
+    assert plant.output[0] == ocv - i / 50
+    assert cell(text_model.to_text(plant)) == plant
+    assert all(check.verdict is Verdict.PROVED for check in hg.forms.uniform(plant).checks)
+
+
+def test_a_text_about_a_plant_may_call_its_tables() -> None:
+    """ocv(soc) on [0.1, 0.9] and on [0.2, 1.8] as ocv(2 soc), which is held."""
+    at, held = hg.bound("ocv(soc)", cell()), hg.bound("ocv(2*soc)", cell())
+    assert (float(at.low), float(at.high)) == pytest.approx((3.42, 4.07), rel=1e-9)
+    assert float(held.high) == pytest.approx(4.18, rel=1e-9)
+
+
+def test_a_number_that_no_text_holds_is_refused() -> None:
+    x, y = hg.Signal("x", low=0, high=1), hg.Signal("y")
+    third = hg.table(x, [0, 1], [0, sp.Rational(1, 3)], name="t")
+    plant = hg.System("third", states=(x,), outputs=(y,), flow=[-third], output=[x])
+    with pytest.raises(text_model.NoText, match="y of the table t has a number that is no decimal"):
+        text_model.to_text(plant)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("x = [0, 0.1,", "x = [0, 0.6,", "tables.ocv: table 'ocv': xs 2 and 3, 0.6 and 0.5, do not increase"),
+        ("x = [0, ", "x = [", "has 4 xs and 5 ys"),
+        ("x = [0, 0.1, 0.5, 0.9, 1]\n", "", "tables.ocv: the key 'x' is missing; add x = [0"),
+        ('kind = "monotone"', 'kind = "spline"', 'write "linear" or "monotone"'),
+        ("y = [2.9", 'y = ["2.9"', "tables.ocv.y: is a list; write a list of numbers"),
+        ("[tables.ocv]", "[tables.exp]", "has the name of a function"),
+        ("[tables.ocv]", "[tables.ocw]", "there is no function 'ocv'; did you mean ocw?"),
+        ("[tables.ocv]", "[tables.i]\nx = [0, 1]\ny = [0, 1]\n[tables.ocv]", "a signal is called 'i' as well"),
+        ("ocv(soc)", "ocv(soc, 1)", "the table ocv of column 1 needs ')' here"),
+        ("ocv(soc)", "ocv", "the table ocv needs its argument; write ocv(...)"),
+        ("ocv(soc)", "ocv()", "stands where a number, a name or a parenthesis belongs"),
+    ],
+)
+def test_a_bad_table_in_plain_text_is_refused_with_its_place(old: str, new: str, says: str) -> None:
+    with pytest.raises(text_model.BadModelFile) as refused:
+        cell(CELL.replace(old, new))
+    assert says in str(refused.value)
+
+
+def test_the_header_says_that_static_data_do_not_change() -> None:
+    texts = {name: emitted.files(name)[f"{emitted.step(name).name}.h"] for name in ("tables", "one_state")}
+    assert "No heap, no static data that changes, no recursion" in texts["tables"]
+    assert "No heap, no static data, no recursion" in texts["one_state"]
+
+
+# --- Frama-C ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_eva_raises_no_alarm(kind: str, tmp_path: Path) -> None:
+    """Every index is shown to be in range, for any float, infinite and not a number among them."""
+    cells = cells_of([0, 0.1, 0.3, 0.7, 1.5], [0, 1, -1, 2, 3], kind, "t")
+    text = "\n".join(tables(C, "t", "float", [Lookup(cells, order) for order in range(2)]).lines)
+    main = "static volatile float any;\nint main(void) { return t_table_t(any) < t_slope_t(any); }\n"
+    hg.write({"main.c": f"{text}\n{main}"}, tmp_path)
+    options = ["-eva-precision=3", "-warn-special-float=none"]
+    said = emitted.run([emitted.tool("frama-c"), "-eva", *options, "main.c"], tmp_path)
+    assert " 0 alarms generated" in said
+    assert "NON TERMINATING" not in said
+
+
+def test_bits_are_those_of_struct() -> None:
+    """That `same` tells one bit."""
+    a = np.array([1.0, math.nan], np.float64)
+    b = np.frombuffer(struct.pack("<dd", math.nextafter(1.0, 2), math.nan), np.float64)
+    assert same(a, a)
+    assert not same(a, b)
+    assert issubclass(Stepped, Table)
