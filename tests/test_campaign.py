@@ -4,8 +4,10 @@ quantiles and the run that repeats the worst."""
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ import hgogen as hg
 from hgogen.model import load
 from hgogen.reading.given import BadGain
 from hgogen.target import CannotWrite, lines_of
-from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Sine, Trial, simulate, try_out
+from hgogen.trial import BadTrial, OrnsteinUhlenbeck, Plant, Sine, Trial, simulate, t, try_out
 from hgogen.trials.campaign import BadCampaign, Outcome, Spread, earlier, head, line, outcome, spreads
 from hgogen.trials.metrics import Metrics, Response, metrics
 from hgogen.trials.varied import BadVariation, Varied, hypercube, varied
@@ -356,6 +358,23 @@ def test_a_campaign_that_was_stopped_goes_on(tmp_path: Path) -> None:
     assert other.returncode == 2
     assert "holds the results of another campaign" in other.stderr
     assert file.read_text().splitlines(keepends=True) == after
+
+
+def test_a_truth_is_ended_by_ctrl_c_and_not_taken_for_a_failure() -> None:
+    """CasADi takes what a handler raises for a plant that cannot be integrated."""
+    long = Trial("long", 2000.0, {"x1": 1.0, "x2": 0.0}, {"u": sp.sin(t)})
+    each = Plant(PLANT, long, 0.01)
+    each.truth(long.start)
+    timer = threading.Timer(0.3, os.kill, [os.getpid(), signal.SIGINT])
+    timer.start()
+
+    def again() -> None:
+        for _ in range(200):
+            each.truth(long.start)
+
+    with pytest.raises(KeyboardInterrupt):
+        again()
+    timer.join()
 
 
 def test_observers_are_compared_on_the_same_draws(tmp_path: Path) -> None:
